@@ -1,0 +1,53 @@
+# Every target uses the virtual environment in .venv; `make venv` builds it.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.ready
+
+.PHONY: help venv system demo test lint format schemas lock bench soak clean
+
+help:  ## what can be made
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+
+venv: $(STAMP)  ## the virtual environment in .venv
+
+$(STAMP): pyproject.toml requirements.lock
+	@sh deploy/debian-packages.sh python
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --constraint requirements.lock --editable '.[demo,lab,dev]'
+	touch $(STAMP)
+
+system:  # Debian packages that the tests need
+	@sh deploy/debian-packages.sh mosquitto
+
+demo: venv  ## one round of measurements with a simulated arm
+	$(BIN)/traverse demo --once
+
+test: venv system  ## all tests
+	$(BIN)/pytest
+
+lint: venv  ## ruff, mypy --strict, import contracts
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: venv  ## put the code into its form
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+schemas: venv  ## write the message reference and JSON Schemas from protocol/messages.py
+	$(BIN)/python docs/generate_messages.py
+
+bench: venv system  ## the figures of docs/performance.md; takes minutes
+	$(BIN)/python -m benchmarks
+
+soak: venv system  ## long streams, garbage and outages; takes about half an hour
+	$(BIN)/python -m benchmarks.soak
+
+lock: venv  ## requirements.lock anew from pyproject.toml
+	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --all-extras --no-emit-index-url --no-header \
+	    --output-file requirements.lock pyproject.toml
+
+clean:  ## remove what was built
+	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

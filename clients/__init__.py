@@ -1,0 +1,1 @@
+"""What connects from outside over MQTT."""

@@ -1,0 +1,1 @@
+"""The service: pipeline, capture, publisher, health."""

@@ -1,0 +1,17 @@
+#!/bin/sh
+# Installs the Debian packages that a target needs, or says which are missing.
+# Usage: debian-packages.sh python | mosquitto
+set -eu
+case "$1" in
+    python) python3 -c 'import ensurepip, venv' 2>/dev/null && exit 0; packages="python3-venv" ;;
+    mosquitto) PATH="$PATH:/usr/sbin"; command -v mosquitto >/dev/null && exit 0; packages="mosquitto" ;;
+    *) echo "debian-packages.sh: unknown group '$1'" >&2; exit 2 ;;
+esac
+if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
+    apt-get update -qq
+    # A broker started by its package would hold port 1883; the tests start their own.
+    DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $packages >/dev/null
+else
+    echo "Missing Debian package: $packages. Install it with: sudo apt-get install $packages" >&2
+    exit 2
+fi

@@ -1,0 +1,1 @@
+"""Ports and threads: bytes in, stamped blocks of counts out."""

@@ -1,0 +1,1 @@
+"""The arm as mathematics: numpy only, millimetres and radians."""

@@ -1,0 +1,1 @@
+"""Physical effects beyond the geometry, one file each."""

@@ -1,0 +1,1 @@
+"""Off-line work on an arm: identification, diagnosis, acceptance. Needs the extra `lab`."""

@@ -1,0 +1,1 @@
+"""Standards' figures, alignment reports and charts."""

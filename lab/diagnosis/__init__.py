@@ -1,0 +1,1 @@
+"""Detect, name and adapt what the model of the arm lacks."""

@@ -1,0 +1,1 @@
+"""The least-squares adjustment of the arm's parameters."""

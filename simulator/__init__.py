@@ -1,0 +1,1 @@
+"""A virtual arm with its own physics, speaking the bytes of real devices."""
