@@ -1,0 +1,129 @@
+"""The line to a latch board: requests that are answered, reads that are decoded."""
+
+from collections.abc import Callable
+
+from drivers.serial_port import SerialPort
+from drivers.values import DeviceError, DeviceRefusedError
+from protocol import latch_board as wire
+
+ANSWER_S = 0.25  # the board answers within 0.1 s
+TRIES = 8
+SILENCE_S = 2.0  # four heartbeats
+
+Answer = wire.Hello | wire.Reply | wire.Latched
+
+
+class BoardLine:
+    """One connection to a board, from opening the port to losing it.
+
+    Args:
+        port: open port; closed by `close`.
+        monotonic_ns: the host's clock.
+        dispatch: called with every message and the time right after its read,
+            answers included.
+
+    Attributes:
+        broken: frames dropped on this line so far.
+        repeated: requests sent again because no answer came.
+        bytes_read: on this line so far.
+    """
+
+    def __init__(
+        self,
+        port: SerialPort,
+        monotonic_ns: Callable[[], int],
+        dispatch: Callable[[wire.Message, int], None],
+    ) -> None:
+        self._port = port
+        self._now_ns = monotonic_ns
+        self._dispatch = dispatch
+        self._decoder = wire.Decoder()
+        self._heard_ns = monotonic_ns()
+        self._request = 0
+        self._answer: Answer | None = None
+        self.repeated = 0
+        self.bytes_read = 0
+        port.write(b"\0")  # ends whatever the line carried before
+
+    @property
+    def broken(self) -> int:
+        """Frames dropped because they were broken."""
+        return self._decoder.faults.total()
+
+    def wait(self, seconds: float) -> bool:
+        """Wait for bytes; False after ``seconds`` or a wake-up without any."""
+        return self._port.wait(seconds)
+
+    def read(self) -> None:
+        """Read what there is and dispatch it."""
+        data = self._port.read()
+        received_ns = self._now_ns()
+        self.bytes_read += len(data)
+        messages = self._decoder.feed(data)
+        if messages:
+            self._heard_ns = received_ns
+        for message in messages:
+            if isinstance(message, Answer) and message.request == self._request:
+                self._answer = message
+            self._dispatch(message, received_ns)
+
+    def send(self, frame: bytes) -> None:
+        """Send a frame that is not answered."""
+        self._port.write(frame)
+
+    def ask(self, name: str, frame: Callable[[int], bytes]) -> Answer:
+        """Send a request until it is answered; all else is dispatched meanwhile.
+
+        Each try has a number of its own, so that a late answer is not mistaken.
+
+        Args:
+            name: of the request, for people.
+            frame: makes the request's frame from its number.
+
+        Raises:
+            DeviceRefusedError: the board says no.
+            DeviceError: no answer, or the port has gone away.
+        """
+        for attempt in range(TRIES):
+            self.repeated += attempt > 0
+            self._request = self._request % 255 + 1
+            self._answer = None
+            self._port.write(frame(self._request))
+            until_ns = self._now_ns() + int(ANSWER_S * 1e9)
+            while (left_ns := until_ns - self._now_ns()) > 0:
+                if self._port.wait(left_ns * 1e-9):
+                    self.read()
+                if (answer := self._take_answer()) is not None:
+                    return self._accepted(answer)
+        raise DeviceError(
+            f"the board on {self._port.path} does not answer {name}",
+            "check power, baud rate, and that this port is a latch board",
+        )
+
+    def check_alive(self) -> None:
+        """Raise DeviceError when nothing valid has come for `SILENCE_S`."""
+        silent_s = (self._now_ns() - self._heard_ns) * 1e-9
+        if silent_s > SILENCE_S:
+            raise DeviceError(
+                f"the board on {self._port.path} has been silent for {SILENCE_S:g} s",
+                "check power and cable of the board",
+            )
+
+    def close(self) -> None:
+        """Close the port; never raises."""
+        self._port.close()
+
+    def _take_answer(self) -> Answer | None:
+        answer, self._answer = self._answer, None
+        return answer
+
+    def _accepted(self, answer: Answer) -> Answer:
+        if isinstance(answer, wire.Reply) and answer.result:
+            asked = wire.REQUEST_NAMES.get(answer.request_type, "a request")
+            why = wire.RESULTS.get(answer.result, f"result {answer.result}")
+            raise DeviceRefusedError(
+                f"the board on {self._port.path} refused {asked}: {why} "
+                f"(value {answer.value})",
+                "change the configuration to what the board can do",
+            )
+        return answer

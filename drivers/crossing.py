@@ -1,0 +1,86 @@
+"""The one crossing from a reader thread to the event loop: bounded, values only.
+
+Timed samples are counted and dropped when the loop does not keep up; edges are
+refused instead (the device keeps them and sends again); everything else is rare
+and small, and the latest of its kind replaces an older one when the rest is full.
+"""
+
+import asyncio
+import threading
+from collections import deque
+
+from drivers.values import CountSamples, Delivery, LatchedCounts
+
+
+class Crossing:
+    """A bounded queue with one producing thread and one consuming event loop.
+
+    Args:
+        loop: the consumer's event loop.
+        max_samples: timed samples that may wait.
+        max_others: deliveries of every other kind that may wait.
+    """
+
+    def __init__(
+        self,
+        loop: asyncio.AbstractEventLoop,
+        max_samples: int = 50_000,
+        max_others: int = 256,
+    ) -> None:
+        self._loop = loop
+        self._max_samples = max_samples
+        self._max_others = max_others
+        self._lock = threading.Lock()
+        self._waiting: deque[Delivery] = deque()
+        self._waiting_samples = 0
+        self._waiting_others = 0
+        self._filled = asyncio.Event()
+        self._dropped_samples = 0
+        self._dropped_others = 0
+        self.highest_samples = 0
+
+    @property
+    def dropped_samples(self) -> int:
+        """Timed samples dropped because the loop did not keep up."""
+        return self._dropped_samples
+
+    @property
+    def dropped_others(self) -> int:
+        """Reports dropped for the same reason; edges are never among them."""
+        return self._dropped_others
+
+    def put(self, delivery: Delivery) -> bool:
+        """Hand over from the reader thread; False if there was no room."""
+        with self._lock:
+            if isinstance(delivery, CountSamples):
+                size = len(delivery.seq)
+                if self._waiting_samples + size > self._max_samples:
+                    self._dropped_samples += size
+                    return False
+                self._waiting_samples += size
+                self.highest_samples = max(self.highest_samples, self._waiting_samples)
+            else:
+                if self._waiting_others >= self._max_others:
+                    if not isinstance(delivery, LatchedCounts):
+                        self._dropped_others += 1
+                    return False
+                self._waiting_others += 1
+            wake = not self._waiting
+            self._waiting.append(delivery)
+        if wake:
+            try:
+                self._loop.call_soon_threadsafe(self._filled.set)
+            except RuntimeError:  # the loop is closed: nobody will ever read this
+                return False
+        return True
+
+    async def take(self) -> list[Delivery]:
+        """All that waits, in order; waits until there is something."""
+        await self._filled.wait()
+        with self._lock:
+            self._filled.clear()
+            taken = list(self._waiting)
+            self._waiting.clear()
+            self._waiting_samples = 0
+            self._waiting_others = 0
+        return taken

@@ -1,0 +1,148 @@
+"""What all drivers share: a reader thread that connects, serves, and comes back.
+
+A driver overrides three methods that run in its thread: `_connect`, `_serve` and
+`_disconnect`. Requests from the service are noted and carried out by the same
+thread, so that one thread alone ever touches the port. Whatever goes wrong in the
+thread reaches the consumer as a `DeviceLost`.
+"""
+
+import contextlib
+import os
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Callable
+from types import TracebackType
+from typing import Self
+
+from drivers.crossing import Crossing
+from drivers.values import (
+    DeviceCounters,
+    DeviceError,
+    DeviceFault,
+    DeviceLost,
+)
+
+FIRST_RETRY_S = 0.1
+LAST_RETRY_S = 2.0
+COUNTERS_S = 0.5
+
+
+class Driver(ABC):
+    """A device being read. Use as a context manager, or `start` and `close`.
+
+    Args:
+        device: id in the configuration.
+        crossing: where deliveries go.
+        monotonic_ns: the host's clock.
+    """
+
+    def __init__(
+        self,
+        device: str,
+        crossing: Crossing,
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self.device = device
+        self._crossing = crossing
+        self._now_ns = monotonic_ns
+        self._counters: Counter[str] = Counter()
+        self._counters_due_ns = 0
+        self._stopping = False
+        self._wake_read, self._wake_write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
+        self._thread = threading.Thread(target=self._run, name=f"driver-{device}")
+
+    def start(self) -> None:
+        """Begin to connect; the outcome is delivered, as is everything later."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread and close the port; may be called again."""
+        if self._stopping:
+            return
+        self._stopping = True
+        self._wake()
+        if self._thread.ident is not None:
+            self._thread.join()
+        os.close(self._wake_read)
+        os.close(self._wake_write)
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    @abstractmethod
+    def request_stream(self, rate_hz: float) -> None:
+        """Stream timed samples at ``rate_hz`` from now on; 0 stops the stream."""
+
+    @abstractmethod
+    def request_latch(self) -> int:
+        """Latch once, now; the returned token comes back in `LatchedCounts`."""
+
+    @abstractmethod
+    def acknowledge(self, token: int) -> None:
+        """Tell the device that the edge ``token`` has been dealt with."""
+
+    @abstractmethod
+    def _connect(self) -> None:
+        """Open the port and set the device up; raises DeviceError or OSError."""
+
+    @abstractmethod
+    def _serve(self) -> None:
+        """Read until stopped; raises DeviceError or OSError when the device is gone."""
+
+    @abstractmethod
+    def _disconnect(self) -> None:
+        """Close the port if it is open; never raises."""
+
+    def _wake(self) -> None:
+        # A full pipe is no loss: the thread wakes all the same.
+        with contextlib.suppress(BlockingIOError):
+            os.write(self._wake_write, b"\0")
+
+    def _report_counters(self) -> None:
+        now_ns = self._now_ns()
+        if now_ns < self._counters_due_ns:
+            return
+        self._counters_due_ns = now_ns + int(COUNTERS_S * 1e9)
+        self._counters["samples_dropped"] = self._crossing.dropped_samples
+        self._counters["reports_dropped"] = self._crossing.dropped_others
+        self._crossing.put(DeviceCounters(self.device, dict(self._counters)))
+
+    def _fault(self, code: str, text: str, remedy: str, count: int = 1) -> None:
+        self._counters[code] += count
+        self._crossing.put(DeviceFault(self.device, code, text, remedy, count))
+
+    def _run(self) -> None:
+        retry_s = FIRST_RETRY_S
+        told = None
+        while not self._stopping:
+            try:
+                self._connect()
+                retry_s, told = FIRST_RETRY_S, None
+                self._serve()
+            except (DeviceError, OSError) as error:
+                remedy = getattr(error, "remedy", "check cable and power")
+                lost = DeviceLost(self.device, str(error), remedy)
+                if lost != told:
+                    self._counters["lost"] += 1
+                    self._crossing.put(lost)
+                told = lost
+            finally:
+                self._disconnect()
+            self._pause(retry_s)
+            retry_s = min(2 * retry_s, LAST_RETRY_S)
+
+    def _pause(self, seconds: float) -> None:
+        until_ns = self._now_ns() + int(seconds * 1e9)
+        while not self._stopping and (left_ns := until_ns - self._now_ns()) > 0:
+            time.sleep(min(left_ns * 1e-9, 0.05))

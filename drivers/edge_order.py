@@ -1,0 +1,74 @@
+"""Takes each edge of a latch board once and in order (docs/serial-protocol.md).
+
+The board numbers its edges and repeats them until they are acknowledged; an
+acknowledgement covers all earlier edges too. So an edge that overtakes a broken one
+must wait for the repetition, unless the board itself has lost the earlier one.
+"""
+
+from typing import Literal
+
+WRAP = 1 << 32
+PATIENCE_NS = 1_000_000_000  # the board repeats every 50 ms
+
+Verdict = Literal["next", "early", "waiting", "acknowledged"]
+
+
+class EdgeOrder:
+    """The sequence of edges as the host has seen it.
+
+    Args:
+        expected: number of the next edge; None until the board tells.
+    """
+
+    def __init__(self, expected: int | None = None) -> None:
+        self._next = expected
+        self._acknowledged: int | None = None
+        self._early_since_ns: int | None = None
+
+    @property
+    def last_acknowledged(self) -> int | None:
+        """The number to repeat when the board asks again."""
+        return self._acknowledged
+
+    def expect(self, seq: int) -> None:
+        """The board says which edge comes next; believed only at the beginning."""
+        if self._next is None:
+            self._next = seq
+
+    def judge(self, seq: int, now_ns: int) -> tuple[Verdict, int]:
+        """What to do with edge ``seq``, and how many before it are lost for good.
+
+        Returns:
+            "next": deliver it, then call `delivered`. "early": an earlier one is
+            missing, wait for it. "waiting": delivered, not yet acknowledged.
+            "acknowledged": acknowledge again, the board did not hear.
+        """
+        if self._next is None:
+            self._next = seq
+        ahead = _signed(seq - self._next)
+        if ahead < 0:
+            done = self._acknowledged
+            known = done is not None and _signed(seq - done) <= 0
+            return ("acknowledged" if known else "waiting"), 0
+        if ahead == 0:
+            return "next", 0
+        if self._early_since_ns is None:
+            self._early_since_ns = now_ns
+        if now_ns - self._early_since_ns < PATIENCE_NS:
+            return "early", 0
+        return "next", ahead
+
+    def delivered(self, seq: int) -> None:
+        """Edge ``seq`` has been handed to the consumer."""
+        self._next = (seq + 1) % WRAP
+        self._early_since_ns = None
+
+    def acknowledge(self, seq: int) -> None:
+        """The consumer has dealt with all edges up to ``seq``."""
+        done = self._acknowledged
+        if done is None or _signed(seq - done) > 0:
+            self._acknowledged = seq
+
+
+def _signed(difference: int) -> int:
+    return (difference + WRAP // 2) % WRAP - WRAP // 2

@@ -1,0 +1,315 @@
+"""Driver of a latching controller board on a serial line (docs/serial-protocol.md)."""
+
+import time
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+
+from drivers.board_line import BoardLine
+from drivers.crossing import Crossing
+from drivers.driver import Driver
+from drivers.edge_order import EdgeOrder
+from drivers.serial_port import SerialPort
+from drivers.stream_sequence import StreamSequence
+from drivers.tick_clock import TickClock
+from drivers.values import (
+    CountSamples,
+    DeviceAlarm,
+    DeviceError,
+    DeviceRefusedError,
+    DeviceTemperatures,
+    DeviceUp,
+    Identity,
+    LatchedCounts,
+    StreamStarted,
+)
+from protocol import latch_board as wire
+
+ALL_INPUTS = 0xFF
+HEARTBEAT_MS = 500
+TEMPERATURE_MS = 2000
+MAX_LATCHES = 16
+FAST_STREAM_HZ = 2000.0
+COALESCE_S = 0.002  # above that rate a read takes what 2 ms bring
+
+
+class LatchBoard(Driver):
+    """A board that latches all encoders of an arm at one instant.
+
+    Args:
+        device: id in the configuration.
+        crossing: where deliveries go.
+        port: path of the serial port.
+        baud_rate: of the line.
+        debounce_us: how long an input must hold its new level.
+        monotonic_ns: the host's clock.
+    """
+
+    def __init__(
+        self,
+        device: str,
+        crossing: Crossing,
+        *,
+        port: str,
+        baud_rate: int = 1_000_000,
+        debounce_us: int = 5000,
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        super().__init__(device, crossing, monotonic_ns)
+        self._path = port
+        self._baud_rate = baud_rate
+        self._debounce_us = debounce_us
+        # Written by the service, read by the thread: what is wanted of the board.
+        self._rate_hz = 0.0
+        self._streams_wanted = 0
+        self._latches: deque[int] = deque()
+        self._latch_token = 0
+        self._edges = EdgeOrder()
+        # The thread's own.
+        self._line: BoardLine | None = None
+        self._boot_id: int | None = None
+        self._acknowledged: int | None = None
+        self._streams_begun = 0
+        self._stream = 0
+        self._stream_request = 0
+        self._sequence = StreamSequence()
+        self._clock = TickClock(1_000_000)
+
+    def request_stream(self, rate_hz: float) -> None:
+        """Stream timed samples at ``rate_hz`` from now on; 0 stops the stream."""
+        self._rate_hz = rate_hz
+        self._streams_wanted += 1
+        self._wake()
+
+    def request_latch(self) -> int:
+        """Latch once, now; the returned token comes back in `LatchedCounts`.
+
+        Raises:
+            DeviceError: too many requests are waiting already.
+        """
+        if len(self._latches) >= MAX_LATCHES:
+            raise DeviceError(
+                f"{MAX_LATCHES} latch requests wait for {self.device}", "ask less often"
+            )
+        self._latch_token += 1
+        self._latches.append(self._latch_token)
+        self._wake()
+        return self._latch_token
+
+    def acknowledge(self, token: int) -> None:
+        """Tell the board that all edges up to ``token`` have been dealt with."""
+        self._edges.acknowledge(token)
+        self._wake()
+
+    # -- in the reader thread -------------------------------------------------
+
+    def _connect(self) -> None:
+        port = SerialPort(self._path, self._baud_rate, self._wake_read)
+        line = self._line = BoardLine(port, self._now_ns, self._dispatch)
+        first = self._boot_id is None
+        self._stream_request = 0
+        flags = wire.FORGET_EDGES if first else 0
+        hello = line.ask("HELLO", lambda number: wire.hello_request(number, flags))
+        if not isinstance(hello, wire.Hello):
+            raise DeviceError(f"HELLO was answered by {hello}", "update the firmware")
+        self._check(hello)
+        restarted = not first and hello.boot_id != self._boot_id
+        self._boot_id = hello.boot_id
+        if restarted:
+            self._edges, self._acknowledged = EdgeOrder(0), None
+        self._latches.clear()  # whoever waited for them has given up
+        self._clock = TickClock(hello.tick_rate_hz)
+        line.ask(
+            "CONFIGURE",
+            lambda number: wire.configure_request(
+                number, ALL_INPUTS, HEARTBEAT_MS, TEMPERATURE_MS, self._debounce_us
+            ),
+        )
+        self._crossing.put(DeviceUp(self.device, _identity(hello), restarted))
+        self._streams_begun = 0  # what was wanted is to be asked for again
+
+    def _serve(self) -> None:
+        line, broken = self._line, 0
+        while line is not None and not self._stopping:
+            self._carry_out_requests(line)
+            if line.wait(0.1):
+                if self._rate_hz > FAST_STREAM_HZ:
+                    time.sleep(COALESCE_S)
+                line.read()
+                self._report_broken(line.broken - broken)
+                broken = line.broken
+            self._counters["bytes"] = line.bytes_read
+            self._report_counters()
+            line.check_alive()
+
+    def _disconnect(self) -> None:
+        if self._line is not None:
+            self._counters["requests_repeated"] += self._line.repeated
+            self._line.close()
+            self._line = None
+
+    def _carry_out_requests(self, line: BoardLine) -> None:
+        if (done := self._edges.last_acknowledged) != self._acknowledged:
+            self._acknowledged = done
+            if done is not None:
+                line.send(wire.edge_ack(done))
+        while self._latches:
+            line.ask("LATCH", wire.latch_request)
+            self._latches.popleft()
+        if self._streams_begun != (wanted := self._streams_wanted):
+            self._streams_begun = wanted
+            rate = round(self._rate_hz * 1000)
+            self._stream_request = 0
+            if rate:
+                line.ask("START", lambda number: wire.start_request(number, rate))
+            else:
+                line.ask("STOP", wire.stop_request)
+
+    def _dispatch(self, message: wire.Message, received_ns: int) -> None:
+        match message:
+            case wire.SampleBlock():
+                self._take_samples(message, received_ns)
+            case wire.Edge():
+                self._take_edge(message, received_ns)
+            case wire.Reply(request_type=wire.START, result=0):
+                # Its samples may stand in the same read: be ready for them now.
+                self._stream += 1
+                self._stream_request = message.request
+                self._sequence = StreamSequence()
+                rate_hz = message.value / 1000
+                self._crossing.put(StreamStarted(self.device, self._stream, rate_hz))
+            case wire.Latched() if self._latches:
+                self._deliver(message, None, self._latches[0], received_ns)
+            case wire.Heartbeat():
+                self._take_heartbeat(message)
+            case wire.Temperatures():
+                self._crossing.put(DeviceTemperatures(self.device, message.values_c))
+            case wire.Alarm():
+                self._crossing.put(self._alarm(message))
+            case _:
+                pass  # answers are the line's business
+
+    def _take_samples(self, block: wire.SampleBlock, received_ns: int) -> None:
+        if block.request != self._stream_request:
+            self._counters["samples_of_old_stream"] += len(block.seq)
+            return
+        seq, kept, lost, dropped = self._sequence.accept(block.seq)
+        self._counters["samples_repeated"] += dropped
+        self._report_lost(lost)
+        if not len(seq):
+            return
+        rows = slice(None) if kept is None else kept
+        ticks = self._clock.unwrap(block.ticks[rows])
+        self._clock.update(int(ticks[-1]), received_ns)
+        self._counters["samples"] += len(seq)
+        self._crossing.put(
+            CountSamples(
+                self.device,
+                self._stream,
+                seq,
+                ticks,
+                received_ns,
+                self._clock.to_ns_array(ticks),
+                block.inputs[rows],
+                block.counts[rows],
+                block.status[rows],
+            )
+        )
+
+    def _take_edge(self, edge: wire.Edge, received_ns: int) -> None:
+        verdict, lost = self._edges.judge(edge.seq, received_ns)
+        if lost:
+            self._fault(
+                "edges_lost",
+                f"{lost} button or probe edges were lost on the board",
+                "repeat the last points",
+                lost,
+            )
+        if verdict == "acknowledged":
+            self._acknowledged = None  # the board did not hear: say it again
+        elif verdict == "next" and self._deliver(
+            edge, edge.input, edge.seq, received_ns
+        ):
+            self._edges.delivered(edge.seq)
+
+    def _deliver(
+        self,
+        latch: wire.Edge | wire.Latched,
+        number: int | None,
+        token: int,
+        received_ns: int,
+    ) -> bool:
+        ticks = int(self._clock.unwrap(np.array([latch.ticks], np.uint32))[0])
+        self._clock.update(ticks, received_ns)
+        return self._crossing.put(
+            LatchedCounts(
+                self.device,
+                number,
+                isinstance(latch, wire.Latched) or latch.level != 0,
+                token,
+                ticks,
+                received_ns,
+                self._clock.to_ns(ticks),
+                latch.counts,
+                latch.status,
+            )
+        )
+
+    def _take_heartbeat(self, heartbeat: wire.Heartbeat) -> None:
+        if heartbeat.streaming and self._stream_request:
+            self._report_lost(self._sequence.reach(heartbeat.next_sample_seq))
+        self._edges.expect(heartbeat.next_edge_seq)
+        self._counters["board_tx_dropped"] = heartbeat.tx_dropped
+        self._counters["board_rx_rejected"] = heartbeat.rx_rejected
+        self._counters["rate_error_ppb"] = round(self._clock.rate_error_ppm * 1000)
+        self._counters["clock_steps"] = self._clock.steps
+
+    def _alarm(self, alarm: wire.Alarm) -> DeviceAlarm:
+        channel = None if alarm.channel == wire.WHOLE_BOARD else alarm.channel
+        text = wire.ALARMS.get(alarm.code, f"maker's alarm {alarm.code}")
+        return DeviceAlarm(
+            self.device, channel, alarm.raised, alarm.code, text, alarm.value
+        )
+
+    def _report_lost(self, lost: int) -> None:
+        if lost:
+            self._fault(
+                "samples_lost",
+                f"{lost} samples lost between board and host",
+                "lower the rate, or use a faster line",
+                lost,
+            )
+
+    def _report_broken(self, broken: int) -> None:
+        if broken:
+            self._fault(
+                "frames_broken",
+                f"{broken} broken frames on {self._path}",
+                "check cable, shielding and baud rate",
+                broken,
+            )
+
+    def _check(self, hello: wire.Hello) -> None:
+        if hello.version[0] != wire.MAJOR:
+            raise DeviceRefusedError(
+                f"the board on {self._path} speaks version {hello.version[0]} of its "
+                f"protocol, this driver version {wire.MAJOR}",
+                "update the board's firmware or this program",
+            )
+        if not hello.channels or not all(1 <= c.bits <= 32 for c in hello.channels):
+            raise DeviceRefusedError(
+                f"the board on {self._path} describes impossible channels: "
+                f"{hello.channels}",
+                "update the board's firmware",
+            )
+
+
+def _identity(hello: wire.Hello) -> Identity:
+    return Identity(
+        f"latch board {hello.board_id.hex()}",
+        ".".join(map(str, hello.firmware)),
+        tuple(channel.modulus for channel in hello.channels),
+        hello.n_inputs,
+        hello.max_rate_hz,
+    )

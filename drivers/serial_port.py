@@ -1,0 +1,114 @@
+"""A serial port opened for one reader alone, read as it comes.
+
+pyserial's own exclusive mode is an advisory lock; TIOCEXCL also keeps out programs
+that do not ask for it (though not root). Low latency matters for FTDI adapters,
+whose timer otherwise holds bytes back for 16 ms; ports without the knob refuse it.
+"""
+
+import contextlib
+import errno
+import fcntl
+import os
+import select
+import termios
+
+import serial
+
+from drivers.values import DeviceError, DeviceNotFoundError
+
+READ_BYTES = 65_536
+WRITE_TIMEOUT_S = 0.5
+
+
+class SerialPort:
+    """An open port.
+
+    Args:
+        path: device file, best one below /dev/serial/by-id.
+        baud_rate: bits per second; without meaning on USB-CDC and ptys.
+        wake_fd: a non-blocking pipe; bytes in it end `wait` early and are eaten.
+
+    Raises:
+        DeviceNotFoundError: it is missing, in use, or not permitted.
+    """
+
+    def __init__(self, path: str, baud_rate: int, wake_fd: int) -> None:
+        try:
+            self._port = serial.Serial(
+                path,
+                baud_rate,
+                timeout=0,
+                write_timeout=WRITE_TIMEOUT_S,
+                exclusive=True,
+            )
+        except (OSError, ValueError) as error:
+            raise _explain(path, error) from error
+        self._fd = self._port.fileno()
+        self._wake_fd = wake_fd
+        self.path = path
+        with contextlib.suppress(OSError, ValueError):
+            self._port.set_low_latency_mode(True)
+        with contextlib.suppress(OSError):
+            fcntl.ioctl(self._fd, termios.TIOCEXCL)
+        self._port.reset_input_buffer()
+
+    def wait(self, seconds: float) -> bool:
+        """Wait for bytes; False after ``seconds`` or a wake-up without any."""
+        ready, _, _ = select.select([self._fd, self._wake_fd], [], [], seconds)
+        if self._wake_fd in ready:
+            with contextlib.suppress(BlockingIOError):
+                os.read(self._wake_fd, 4096)
+        return self._fd in ready
+
+    def read(self) -> bytes:
+        """What there is, at most 64 KiB.
+
+        Raises:
+            DeviceError: the port has gone away.
+        """
+        try:
+            data = os.read(self._fd, READ_BYTES)
+        except BlockingIOError:
+            return b""
+        except OSError as error:
+            raise self._gone(error.strerror or str(error)) from error
+        if not data:
+            raise self._gone("end of file")
+        return data
+
+    def write(self, data: bytes) -> None:
+        """Send all of ``data``.
+
+        Raises:
+            DeviceError: the port has gone away or takes no bytes.
+        """
+        try:
+            self._port.write(data)
+        except (serial.SerialException, OSError) as error:
+            raise self._gone(str(error)) from error
+
+    def close(self) -> None:
+        """Close; never raises."""
+        with contextlib.suppress(OSError, termios.error):
+            fcntl.ioctl(self._fd, termios.TIOCNXCL)
+        with contextlib.suppress(OSError, serial.SerialException):
+            self._port.close()
+
+    def _gone(self, reason: str) -> DeviceError:
+        return DeviceError(
+            f"port {self.path} has gone away ({reason})", "check cable and power"
+        )
+
+
+def _explain(path: str, error: Exception) -> DeviceNotFoundError:
+    number = getattr(error, "errno", None)
+    if number == errno.ENOENT:
+        reason, remedy = "there is no such port", "plug the device in, check its name"
+    elif number in (errno.EACCES, errno.EPERM):
+        reason = "not permitted"
+        remedy = "add the service's user to the group dialout"
+    elif number in (errno.EAGAIN, errno.EBUSY):
+        reason, remedy = "in use by another program", "stop that program"
+    else:
+        reason, remedy = str(error), "check that this is a serial port"
+    return DeviceNotFoundError(f"cannot open {path}: {reason}", remedy)

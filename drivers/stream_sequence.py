@@ -1,0 +1,46 @@
+"""Follows the sequence numbers of a timed stream: what is new, lost, repeated."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+WRAP = 1 << 32
+MAX_JUMP = 1 << 20  # a hundred seconds at 10 kHz: no gap of a living stream
+
+
+class StreamSequence:
+    """Sequence numbers of one stream, 32 bits on the wire, unwrapped here."""
+
+    def __init__(self) -> None:
+        self._expected = 0
+
+    def accept(
+        self, seq: NDArray[np.uint32]
+    ) -> tuple[NDArray[np.int64], NDArray[np.bool_] | None, int, int]:
+        """Judge the numbers (n,) of a block.
+
+        Returns:
+            The unwrapped numbers of what is to be kept; a mask (n,) of what that
+            is, None for all; how many are missing before or between; how many are
+            to be dropped because they came before, or cannot be.
+        """
+        ahead = (seq.astype(np.int64) - self._expected + WRAP // 2) % WRAP - WRAP // 2
+        n = len(seq)
+        if ahead[0] == 0 and (n == 1 or bool((np.diff(ahead) == 1).all())):
+            numbers = self._expected + ahead
+            self._expected += n
+            return numbers, None, 0, 0
+        possible = np.abs(ahead) < MAX_JUMP
+        reached = np.maximum.accumulate(np.where(possible, ahead, -1))
+        before = np.concatenate(([-1], np.maximum(reached[:-1], -1)))
+        kept = possible & (ahead > before)
+        numbers = self._expected + ahead[kept]
+        lost = self.reach(int(numbers[-1]) + 1) - len(numbers) if len(numbers) else 0
+        return numbers, kept, lost, n - len(numbers)
+
+    def reach(self, next_seq: int) -> int:
+        """The board says that ``next_seq`` comes next: how many were skipped."""
+        ahead = (next_seq - self._expected + WRAP // 2) % WRAP - WRAP // 2
+        if not 0 < ahead < MAX_JUMP:
+            return 0
+        self._expected += ahead
+        return ahead

@@ -1,0 +1,123 @@
+"""Maps a device's ticks to the host's monotonic clock.
+
+A read never happens before the latch, so ``received - ticks / rate`` is the true
+offset plus a delay that is never negative. In each half second of device time the
+smallest of these is kept, and a line is fitted through the last of them: its slope
+is the rate of the device's crystal, its height the smallest delay. What remains is
+that smallest delay itself, which no one-way measurement can tell from the offset.
+"""
+
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+WRAP = 1 << 32
+BIN_S = 0.5
+BINS = 64  # half a minute: long against jitter, short against temperature
+BINS_FOR_SLOPE = 4
+MAX_RATE_ERROR = 1e-3  # a crystal is within 1e-4; beyond this it is not a clock
+MAX_EARLY_NS = 2_000_000  # received this much before it was latched: clock has stepped
+
+
+class TickClock:
+    """Regression of device ticks on host time.
+
+    Args:
+        tick_rate_hz: nominal rate of the device's counter.
+
+    Attributes:
+        steps: how often the mapping had to start afresh, because a latch seemed to
+            lie in the future (the device's counter or the host has jumped).
+    """
+
+    def __init__(self, tick_rate_hz: int) -> None:
+        self._ns_per_tick = 1e9 / tick_rate_hz
+        self._bin_ticks = max(1, round(BIN_S * tick_rate_hz))
+        self._last: int | None = None
+        self._running = False
+        self._bins: deque[tuple[int, float]] = deque(maxlen=BINS)
+        self._bin_best: tuple[int, float] | None = None
+        self._bin_index = 0
+        self._height_ns = 0.0
+        self.steps = 0
+        self._restart(0, 0)
+
+    @property
+    def rate_error_ppm(self) -> float:
+        """How much faster than nominal the device's counter runs."""
+        return -self._slope * 1e6
+
+    def unwrap(self, ticks: NDArray[np.uint32]) -> NDArray[np.int64]:
+        """Ticks without wraps, (n,) int64, relative to the last ones seen."""
+        raw = ticks.astype(np.int64)
+        if self._last is None:
+            self._last = int(raw[0])
+        steps = np.diff(raw, prepend=self._last % WRAP)
+        steps = (steps + WRAP // 2) % WRAP - WRAP // 2
+        return self._last + np.cumsum(steps)
+
+    def update(self, ticks: int, received_ns: int) -> None:
+        """Learn from a latch at ``ticks`` (unwrapped) read at ``received_ns``."""
+        self._last = ticks
+        if not self._running:
+            self._restart(ticks, received_ns)
+            self._running = True
+        elif self.to_ns(ticks) - received_ns > MAX_EARLY_NS:
+            self._restart(ticks, received_ns)
+            self.steps += 1
+        elapsed = ticks - self._anchor_ticks
+        offset_ns = received_ns - self._anchor_ns - elapsed * self._ns_per_tick
+        index = elapsed // self._bin_ticks
+        if index > self._bin_index:
+            self._finish_bin(ticks)
+            self._bin_index = index
+            self._bin_best = None
+        if self._bin_best is None or offset_ns < self._bin_best[1]:
+            self._bin_best = (elapsed, offset_ns)
+        if not self._bins and offset_ns < self._height_ns:
+            self._height_ns = offset_ns  # first half second: the smallest delay so far
+
+    def to_ns(self, ticks: int) -> int:
+        """Host monotonic time of one unwrapped tick count."""
+        return int(self.to_ns_array(np.array([ticks]))[0])
+
+    def to_ns_array(self, ticks: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Host monotonic times, (n,) int64 [ns], of unwrapped ticks (n,)."""
+        elapsed = ticks - self._anchor_ticks
+        elapsed_ns = elapsed * self._ns_per_tick
+        left = 1.0 - (elapsed - self._fit_ticks) / self._bin_ticks
+        correction_ns = (
+            self._height_ns
+            + self._slope * elapsed_ns
+            + self._jump_ns * np.clip(left, 0.0, 1.0)
+        )
+        return self._anchor_ns + np.rint(elapsed_ns + correction_ns).astype(np.int64)
+
+    def _restart(self, ticks: int, received_ns: int) -> None:
+        self._anchor_ticks, self._anchor_ns = ticks, received_ns
+        self._bins.clear()
+        self._bin_index = 0
+        self._bin_best = None
+        self._slope = 0.0
+        self._height_ns = 0.0
+        self._fit_ticks = 0
+        self._jump_ns = 0.0
+
+    def _finish_bin(self, ticks: int) -> None:
+        if self._bin_best is not None:
+            self._bins.append(self._bin_best)
+        before_ns = self.to_ns(ticks)
+        at, offsets_ns = np.array(self._bins, dtype=np.float64).T
+        if len(self._bins) < BINS_FOR_SLOPE:
+            slope, height_ns = 0.0, float(offsets_ns[-1])
+        else:
+            elapsed_ns = at * self._ns_per_tick
+            run_ns = elapsed_ns - elapsed_ns.mean()
+            slope = float(run_ns @ offsets_ns / (run_ns @ run_ns))
+            slope = min(MAX_RATE_ERROR, max(-MAX_RATE_ERROR, slope))
+            height_ns = float(np.mean(offsets_ns - slope * elapsed_ns))
+        self._slope, self._height_ns, self._jump_ns = slope, height_ns, 0.0
+        # The new line is entered gradually, so that sample times never run backwards.
+        self._fit_ticks = ticks - self._anchor_ticks
+        self._jump_ns = float(before_ns - self.to_ns(ticks))
