@@ -1,0 +1,190 @@
+"""What is wrong with a file, and where: every mistake at once, in our words.
+
+Rules of this file: no pydantic here; validation errors arrive as plain mappings
+(type, loc, msg, input, ctx) and leave as `Problem` values.
+"""
+
+import difflib
+import re
+import tomllib
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+_SHOWN_LENGTH = 60
+_SYNTAX_PLACE = re.compile(r" \(at (line \d+, column \d+|end of document)\)$")
+
+_WORDING: Mapping[str, str] = {
+    "float_type": "{found} is not a number",
+    "finite_number": "{found} is not a finite number",
+    "int_type": "{found} is not an integer",
+    "int_from_float": "{found} is not an integer",
+    "string_type": "{found} is not a string; put it in quotes",
+    "bool_type": "{found} is not true or false",
+    "tuple_type": "{found} is not a list",
+    "model_type": "{found} is not a table of keys",
+    "model_attributes_type": "{found} is not a table of keys",
+    "dict_type": "{found} is not a table of keys",
+    "datetime_type": "{found} is not a date and time such as 2026-11-20T09:00:00Z",
+    "timezone_aware": "{found} has no offset from UTC; end it with Z",
+    "literal_error": "{found} is not valid here; expected {expected}",
+    "greater_than": "{found} is too small; it must be greater than {gt}",
+    "greater_than_equal": "{found} is too small; it must be at least {ge}",
+    "less_than": "{found} is too large; it must be less than {lt}",
+    "less_than_equal": "{found} is too large; it must be at most {le}",
+    "string_too_short": "{found} is too short",
+    "string_pattern_mismatch": "{found} does not have the form {pattern}",
+    "too_short": "has {actual_length} entries; at least {min_length} are needed",
+    "too_long": "has {actual_length} entries; at most {max_length} are allowed",
+    "missing": "is missing; add it",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One mistake.
+
+    Attributes:
+        where: Key path such as `joints[2].axis`, list indices from 0 in the order
+            of the file; a line and column for syntax; empty for the whole file.
+        message: What was found there, what was expected.
+    """
+
+    where: str
+    message: str
+
+    def __str__(self) -> str:
+        return f"{self.where}: {self.message}" if self.where else self.message
+
+
+class FileError(ValueError):
+    """A file was refused; edit it. Carries all that is wrong with it."""
+
+    def __init__(self, source: str, problems: Iterable[Problem]) -> None:
+        self.source = source
+        self.problems = tuple(problems)
+        super().__init__(source, self.problems)
+
+    def __str__(self) -> str:
+        count = len(self.problems)
+        head = f"{self.source}: {count} problem{'' if count == 1 else 's'}"
+        return "\n".join([head, *(f"  {problem}" for problem in self.problems)])
+
+
+def key_path(location: Iterable[str | int]) -> str:
+    """Write ('joints', 2, 'axis') as 'joints[2].axis'."""
+    parts: list[str] = []
+    for step in location:
+        if isinstance(step, int):
+            parts.append(f"[{step}]")
+        else:
+            parts.append(f".{step}" if parts else step)
+    return "".join(parts)
+
+
+def shown(value: object) -> str:
+    """Say a value as found in a file, shortened."""
+    text = str(value).lower() if isinstance(value, bool) else repr(value)
+    return text if len(text) <= _SHOWN_LENGTH else text[: _SHOWN_LENGTH - 3] + "..."
+
+
+def unknown_name_message(what: str, name: str, known: Collection[str]) -> str:
+    """Refuse a name, of a key for example, and say the nearest one that exists."""
+    with_unit = [entry for entry in known if entry.startswith(f"{name}_")]
+    if with_unit and what == "key":
+        return (
+            f"unknown key '{name}'; did you mean '{with_unit[0]}'? "
+            "units are part of the name"
+        )
+    nearest = difflib.get_close_matches(name, known, n=1)
+    if nearest:
+        return f"unknown {what} '{name}'; did you mean '{nearest[0]}'?"
+    return f"unknown {what} '{name}'; known here: {', '.join(sorted(known))}"
+
+
+def problem_from_error(error: Mapping[str, Any], known: Collection[str]) -> Problem:
+    """Put one validation error into our words.
+
+    Args:
+        error: Type, loc, msg, input and optionally ctx of the error.
+        known: The keys that exist in the table where the error was found.
+    """
+    location: tuple[str | int, ...] = error["loc"]
+    kind: str = error["type"]
+    if kind == "extra_forbidden":
+        message = unknown_name_message("key", str(location[-1]), known)
+    elif kind == "missing" and isinstance(location[-1], int):
+        length = len(error["input"])
+        location = location[:-1]
+        message = f"has {length} entries, which is too few"
+    elif kind == "value_error":
+        message = str(error["ctx"]["error"])
+    elif kind in _WORDING:
+        found = shown(error["input"])
+        message = _WORDING[kind].format(found=found, **error.get("ctx", {}))
+    else:
+        message = f"{shown(error['input'])}: {error['msg']}"
+    return Problem(key_path(location), message)
+
+
+def in_file_order(problems: Iterable[Problem], raw: Mapping[str, Any]) -> list[Problem]:
+    """Sort problems by the table they are in, as the file has them."""
+    tables = list(raw)
+
+    def place(problem: Problem) -> tuple[int, list[tuple[int, str]]]:
+        steps = re.findall(r"[^.\[\]]+", problem.where)
+        table = tables.index(steps[0]) if steps and steps[0] in tables else len(tables)
+        return table, [(int(s), "") if s.isdigit() else (-1, s) for s in steps[:2]]
+
+    return sorted(problems, key=place)
+
+
+def toml_text(path: Path) -> str:
+    """Read a file as UTF-8 text.
+
+    Raises:
+        FileError: It cannot be read, or is not UTF-8.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise FileError(
+            str(path), [Problem("", f"cannot be read: {reason}; check the path")]
+        ) from error
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        before = content[: error.start]
+        line = before.count(b"\n") + 1
+        column = len(before) - (before.rfind(b"\n") + 1) + 1
+        raise FileError(
+            str(path),
+            [
+                Problem(
+                    f"line {line}, column {column}",
+                    f"byte 0x{content[error.start]:02x} is not UTF-8; "
+                    "save the file as UTF-8",
+                )
+            ],
+        ) from error
+
+
+def toml_table(text: str, source: str) -> dict[str, Any]:
+    """Parse TOML text into plain values.
+
+    Raises:
+        FileError: The text is not TOML; says the line and column.
+    """
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        message = str(error)
+        place = _SYNTAX_PLACE.search(message)
+        where = place.group(1) if place else ""
+        if where == "end of document":
+            lines = text.split("\n")
+            where = f"line {len(lines)}, column {len(lines[-1]) + 1}"
+        what = _SYNTAX_PLACE.sub("", message)
+        raise FileError(source, [Problem(where, f"not TOML: {what}")]) from error

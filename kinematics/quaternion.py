@@ -1,0 +1,72 @@
+"""Unit quaternions as rotations, many at once.
+
+Scalar first, component first: an array (4, ...) holds w, x, y, z as contiguous rows,
+and vectors likewise are (3, ...). Everything is elementwise, without matrix products,
+so that a sample's result does not depend on the samples beside it, bit for bit.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+def turn(axis: Floats, angles_rad: Floats) -> Floats:
+    """Make the quaternions R(axis, angle) = (cos angle/2, sin angle/2 axis).
+
+    Args:
+        axis: Unit vector, (3,).
+        angles_rad: (...).
+
+    Returns:
+        (4, ...).
+    """
+    half = 0.5 * angles_rad
+    sine = np.sin(half)
+    return np.stack([np.cos(half), sine * axis[0], sine * axis[1], sine * axis[2]])
+
+
+def multiply(p: Floats, q: Floats) -> Floats:
+    """Compose p q: first the rotation q, then p.
+
+    Args:
+        p: (4, ...).
+        q: (4, ...).
+
+    Returns:
+        (4, ...).
+    """
+    pw, px, py, pz = p
+    qw, qx, qy, qz = q
+    return np.stack(
+        [
+            pw * qw - px * qx - py * qy - pz * qz,
+            pw * qx + px * qw + py * qz - pz * qy,
+            pw * qy - px * qz + py * qw + pz * qx,
+            pw * qz + px * qy - py * qx + pz * qw,
+        ]
+    )
+
+
+def rotate(q: Floats, vectors: Floats) -> Floats:
+    """Rotate vectors: v + w t + q x t with t = 2 q x v.
+
+    Args:
+        q: (4, ...).
+        vectors: (3, ...), broadcast against the rest of q's shape.
+
+    Returns:
+        (3, ...).
+    """
+    w, x, y, z = q
+    vx, vy, vz = vectors
+    tx = 2.0 * (y * vz - z * vy)
+    ty = 2.0 * (z * vx - x * vz)
+    tz = 2.0 * (x * vy - y * vx)
+    return np.stack(
+        [
+            vx + w * tx + (y * tz - z * ty),
+            vy + w * ty + (z * tx - x * tz),
+            vz + w * tz + (x * ty - y * tx),
+        ]
+    )
