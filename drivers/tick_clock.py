@@ -76,7 +76,8 @@ class TickClock:
         if self._bin_best is None or offset_ns < self._bin_best[1]:
             self._bin_best = (elapsed, offset_ns)
         if not self._bins and offset_ns < self._height_ns:
-            self._height_ns = offset_ns  # first half second: the smallest delay so far
+            # The first half second goes by the smallest delay so far.
+            self._enter(ticks, self._slope, offset_ns)
 
     def to_ns(self, ticks: int) -> int:
         """Host monotonic time of one unwrapped tick count."""
@@ -107,7 +108,6 @@ class TickClock:
     def _finish_bin(self, ticks: int) -> None:
         if self._bin_best is not None:
             self._bins.append(self._bin_best)
-        before_ns = self.to_ns(ticks)
         at, offsets_ns = np.array(self._bins, dtype=np.float64).T
         if len(self._bins) < BINS_FOR_SLOPE:
             slope, height_ns = 0.0, float(offsets_ns[-1])
@@ -117,7 +117,11 @@ class TickClock:
             slope = float(run_ns @ offsets_ns / (run_ns @ run_ns))
             slope = min(MAX_RATE_ERROR, max(-MAX_RATE_ERROR, slope))
             height_ns = float(np.mean(offsets_ns - slope * elapsed_ns))
+        self._enter(ticks, slope, height_ns)
+
+    def _enter(self, ticks: int, slope: float, height_ns: float) -> None:
+        """Go over to a new line gradually, so that times never run backwards."""
+        before_ns = self.to_ns(ticks)
         self._slope, self._height_ns, self._jump_ns = slope, height_ns, 0.0
-        # The new line is entered gradually, so that sample times never run backwards.
         self._fit_ticks = ticks - self._anchor_ticks
         self._jump_ns = float(before_ns - self.to_ns(ticks))

@@ -1,0 +1,71 @@
+import numpy as np
+import pytest
+
+from drivers.tick_clock import WRAP, TickClock
+
+RATE_HZ = 1_000_000
+
+
+def followed(ppm: float, first_tick: int, seconds: float, largest_delay_ns: float):
+    """A clock after a stream of 500 reads a second; and the truth it mapped."""
+    rng = np.random.default_rng(3)
+    clock = TickClock(RATE_HZ)
+    true_rate = RATE_HZ * (1 + ppm * 1e-6)
+    errors_ns = []
+    host_ns = 10**12
+    for k in range(int(500 * seconds)):
+        latch_ns = host_ns + 2_000_000 * k
+        ticks = first_tick + round((latch_ns - host_ns) * true_rate * 1e-9)
+        delay_ns = 100_000 + rng.uniform(0, largest_delay_ns)
+        (unwrapped,) = clock.unwrap(np.array([ticks % WRAP], np.uint32)).tolist()
+        assert unwrapped == ticks
+        clock.update(unwrapped, int(latch_ns + delay_ns))
+        errors_ns.append(clock.to_ns(unwrapped) - latch_ns - 100_000)
+    return clock, np.array(errors_ns)
+
+
+@pytest.mark.parametrize("ppm", [0.0, 10.0, -200.0, 200.0])
+def test_jitter_and_rate_of_the_device_are_followed(ppm):
+    clock, errors_ns = followed(ppm, 12345, 40.0, 5e6)
+    settled = errors_ns[len(errors_ns) // 2 :]
+    # 250 reads per half second with up to 5 ms of jitter: the smallest delay of each
+    # is 20 us on average; the fit may be off by that.
+    assert np.abs(settled).max() < 60_000
+    assert clock.rate_error_ppm == pytest.approx(ppm, abs=5.0)
+    assert clock.steps == 0
+
+
+def test_the_counter_wraps_without_a_trace():
+    clock, errors_ns = followed(20.0, WRAP - 5_000_000, 20.0, 1e6)
+    assert np.abs(errors_ns[2500:]).max() < 30_000
+    assert clock.steps == 0
+
+
+def test_mapped_times_never_run_backwards():
+    clock = TickClock(RATE_HZ)
+    rng = np.random.default_rng(5)
+    last_ns = 0
+    for k in range(20_000):
+        ticks = k * 1000
+        clock.update(ticks, int(ticks * 1000 * 1.0002 + rng.uniform(0, 3e6)))
+        mapped = clock.to_ns_array(np.arange(ticks - 900, ticks + 1, 100))
+        assert (np.diff(mapped) > 0).all()
+        assert mapped[0] > last_ns
+        last_ns = int(mapped[-1])
+
+
+def test_a_late_edge_is_mapped_to_its_own_time():
+    clock, _ = followed(0.0, 0, 10.0, 1000)
+    now = 10 * RATE_HZ - 2000
+    late = clock.unwrap(np.array([now - 300_000], np.uint32))
+    assert late.tolist() == [now - 300_000]
+    assert clock.to_ns(now) - clock.to_ns(now - 300_000) == pytest.approx(3e8, abs=2e4)
+
+
+def test_a_counter_that_jumps_ahead_starts_the_mapping_afresh():
+    clock, _ = followed(0.0, 0, 5.0, 1000)
+    jumped = 5 * RATE_HZ + 10 * RATE_HZ
+    received_ns = 10**12 + 5 * 10**9
+    clock.update(jumped, received_ns)
+    assert clock.steps == 1
+    assert abs(clock.to_ns(jumped) - received_ns) < 1000
