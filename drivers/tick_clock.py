@@ -17,7 +17,7 @@ BIN_S = 0.5
 BINS = 64  # half a minute: long against jitter, short against temperature
 BINS_FOR_SLOPE = 4
 MAX_RATE_ERROR = 1e-3  # a crystal is within 1e-4; beyond this it is not a clock
-MAX_EARLY_NS = 2_000_000  # received this much before it was latched: clock has stepped
+MAX_EARLY_NS = 20_000_000  # more than jitter: received so long before its latch
 
 
 class TickClock:
