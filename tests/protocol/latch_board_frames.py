@@ -21,5 +21,8 @@ HEARTBEAT = (
     "03 87 01 01 03 13 27 01 02 2B 01 01 02 08 01 01 01 01 01 01 01 01 01 01 03 05 E6 "
     "00"
 )
+    "03 87 01 01 03 13 27 01 02 2B 01 01 02 08 01 01 01 01 01 01 01 01 01 01 03 05 E6 "
+    "00"
+)
     places = [0, *sorted(c % (len(data) + 1) for c in cuts), len(data)]
     return [data[a:b] for a, b in pairwise(places)]
