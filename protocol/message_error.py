@@ -1,0 +1,79 @@
+"""What is wrong with a message, said once for every way of being wrong."""
+
+import reprlib
+from dataclasses import dataclass
+from typing import Self
+
+from pydantic import ValidationError
+
+MAX_PROBLEMS = 20
+"""So many are told of one message; a hostile one could have thousands."""
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One mistake: where it stands, what was found, what was expected."""
+
+    where: str
+    what: str
+    expected: str
+
+    def __str__(self) -> str:
+        return f"{self.where}: {self.what}; expected {self.expected}"
+
+
+class MessageError(ValueError):
+    """A payload, array, argument or topic that cannot be accepted.
+
+    Remedy: the sender has to send something else; repeating it does not help.
+
+    Attributes:
+        problems: every mistake found, at least one, at most MAX_PROBLEMS.
+    """
+
+    def __init__(self, problems: tuple[Problem, ...]) -> None:
+        self.problems = problems
+        super().__init__("\n".join(map(str, problems)))
+
+    @classmethod
+    def of(cls, where: str, what: str, expected: str) -> Self:
+        """An error with a single mistake."""
+        return cls((Problem(where, what, expected),))
+
+    @classmethod
+    def from_validation(cls, name: str, error: ValidationError) -> Self:
+        """All mistakes that pydantic found, each with its key path.
+
+        Args:
+            name: what was read, the root of the key paths ("point").
+            error: pydantic's.
+        """
+        found = error.errors(include_url=False, include_context=False)
+        return cls(
+            tuple(
+                Problem(
+                    ".".join([name, *map(str, one["loc"])]),
+                    _found(one["type"], one["input"]),
+                    _expected(one["type"], one["msg"]),
+                )
+                for one in found[:MAX_PROBLEMS]
+            )
+        )
+
+
+def _found(kind: str, value: object) -> str:
+    """What stood there, shortened."""
+    if kind == "missing":
+        return "nothing"
+    if kind == "extra_forbidden":
+        return "a key that this message does not have"
+    return reprlib.repr(value)
+
+
+def _expected(kind: str, text: str) -> str:
+    """Pydantic's sentence as the end of ours."""
+    if kind == "missing":
+        return "a value"
+    if kind == "extra_forbidden":
+        return "no such key"
+    return text.removeprefix("Value error, ").removeprefix("Input should be ")

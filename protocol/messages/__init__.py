@@ -1,0 +1,88 @@
+"""All messages that travel over MQTT, defined once, here."""
+
+from protocol.messages.commands import (
+    COMMANDS,
+    AlignArgs,
+    Args,
+    Command,
+    LabelArgs,
+    PointArgs,
+    ProbeArgs,
+    ReloadArgs,
+    ResendArgs,
+    ScanArgs,
+    SessionArgs,
+    UndoArgs,
+)
+from protocol.messages.event import Event
+from protocol.messages.fields import Message, Value
+from protocol.messages.health import (
+    COUNTERS,
+    LATENCIES,
+    BrokerHealth,
+    DeviceHealth,
+    Health,
+    Latency,
+)
+from protocol.messages.live import Live
+from protocol.messages.point import Label, Point
+from protocol.messages.quality import (
+    FLAG_MEANINGS,
+    REMARKS,
+    Quality,
+    QualityFlag,
+    flag_names,
+)
+from protocol.messages.reply import Reply, ReplyError
+from protocol.messages.scan import Scan
+from protocol.messages.status import DriverStatus, Status
+
+MESSAGES: tuple[type[Message], ...] = (
+    Status,
+    Point,
+    Scan,
+    Live,
+    Event,
+    Health,
+    Command,
+    Reply,
+)
+"""Every message; their schemas are those of MESSAGES and no others."""
+
+__all__ = [
+    "COMMANDS",
+    "COUNTERS",
+    "FLAG_MEANINGS",
+    "LATENCIES",
+    "MESSAGES",
+    "REMARKS",
+    "AlignArgs",
+    "Args",
+    "BrokerHealth",
+    "Command",
+    "DeviceHealth",
+    "DriverStatus",
+    "Event",
+    "Health",
+    "Label",
+    "LabelArgs",
+    "Latency",
+    "Live",
+    "Message",
+    "Point",
+    "PointArgs",
+    "ProbeArgs",
+    "Quality",
+    "QualityFlag",
+    "ReloadArgs",
+    "Reply",
+    "ReplyError",
+    "ResendArgs",
+    "Scan",
+    "ScanArgs",
+    "SessionArgs",
+    "Status",
+    "UndoArgs",
+    "Value",
+    "flag_names",
+]

@@ -1,0 +1,224 @@
+"""Commands: one envelope, and the arguments of each command.
+
+The name of a command is in its topic, `cmd/<name>`; the payload holds the envelope.
+Optional arguments may be left out or null. The daemon reads the envelope first and the
+arguments then, so that a command with wrong arguments is answered by its `request`.
+"""
+
+import math
+from typing import Annotated, ClassVar, Literal, Self
+
+from pydantic import Field, model_validator
+
+from protocol.messages.fields import (
+    Count,
+    Message,
+    Name,
+    Plain,
+    Positive,
+    Text,
+    Value,
+    Vector,
+)
+from protocol.messages.scan import ScanMode
+
+ROTATION_TOLERANCE = 1e-6
+
+
+class Args(Value):
+    """Arguments of one command; what each key means stands beside it."""
+
+    command: ClassVar[str]
+    """Last level of the command's topic."""
+
+
+class PointArgs(Args):
+    """Take a point now: one sample, or the mean of several."""
+
+    command = "point"
+    samples: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
+    """So many samples are averaged; null: one, or as dwell_s says."""
+    dwell_s: Annotated[float, Field(gt=0, le=60)] | None = None
+    """All samples of this time are averaged; not together with samples."""
+
+    @model_validator(mode="after")
+    def _has_one_length(self) -> Self:
+        if self.samples is not None and self.dwell_s is not None:
+            message = "samples or dwell_s, not both"
+            raise ValueError(message)
+        return self
+
+
+class ScanArgs(Args):
+    """Start or stop a scan; a start replaces a running scan."""
+
+    command = "scan"
+    action: Literal["start", "stop"]
+    """With "stop" all other keys are ignored."""
+    mode: ScanMode = "time"
+    """Points by time, by distance travelled, or at crossings of parallel planes."""
+    rate_hz: Annotated[float, Field(gt=0, le=10_000)] | None = None
+    """Points per second in mode "time"; null: as configured."""
+    spacing_mm: Positive | None = None
+    """Distance between points, or between planes; needed in these two modes."""
+    normal: Vector | None = None
+    """Normal of the planes, any length above 0; needed in mode "planes"."""
+    offset_mm: float = 0.0
+    """Distance of one of the planes from the origin, along the normal."""
+    held: bool = False
+    """Only while the button is held."""
+
+    @model_validator(mode="after")
+    def _has_what_the_mode_needs(self) -> Self:
+        if self.action == "stop":
+            return self
+        if self.mode != "time" and self.spacing_mm is None:
+            message = f'spacing_mm in mode "{self.mode}"'
+            raise ValueError(message)
+        if self.mode == "planes" and not any(self.normal or ()):
+            message = 'a normal of length above 0 in mode "planes"'
+            raise ValueError(message)
+        return self
+
+
+class UndoArgs(Args):
+    """Take back the last point that is not yet taken back."""
+
+    command = "undo"
+    id: Name | None = None
+    """If given, it must be that point: a guard against undoing another's."""
+
+
+class LabelArgs(Args):
+    """Say what the next points are taken on; both null ends it."""
+
+    command = "label"
+    artefact: Name | None = None
+    """Identifier of the artefact."""
+    feature: Annotated[str, Field(max_length=64)] | None = None
+    """Feature of the artefact; null: it has only one."""
+
+    @model_validator(mode="after")
+    def _names_an_artefact(self) -> Self:
+        if self.artefact is None and self.feature is not None:
+            message = "an artefact where there is a feature"
+            raise ValueError(message)
+        return self
+
+
+class ProbeArgs(Args):
+    """Change the probe."""
+
+    command = "probe"
+    name: Name
+    """Name in the probe library."""
+
+
+class ReloadArgs(Args):
+    """Read arm file and configuration again, between two samples."""
+
+    command = "reload"
+
+
+class AlignArgs(Args):
+    """Set or clear the alignment: part = scale * rotation * arm + translation_mm."""
+
+    command = "align"
+    action: Literal["set", "clear"]
+    """With "clear" all other keys are ignored."""
+    name: Text | None = None
+    """What the alignment is called."""
+    rotation: tuple[Vector, Vector, Vector] | None = None
+    """Rows of the rotation from the arm's to the part's system; needed to set."""
+    translation_mm: Vector | None = None
+    """The arm's origin in the part's system; needed to set."""
+    scale: Positive = 1.0
+    """Scale of the part's system against the arm's."""
+
+    @model_validator(mode="after")
+    def _is_a_rigid_motion(self) -> Self:
+        if self.action == "clear":
+            return self
+        if self.rotation is None or self.translation_mm is None:
+            message = "rotation and translation_mm to set an alignment"
+            raise ValueError(message)
+        if not _is_rotation(self.rotation):
+            message = f"a proper rotation within {ROTATION_TOLERANCE}"
+            raise ValueError(message)
+        return self
+
+
+class SessionArgs(Args):
+    """Begin a new session: numbering starts again at 0."""
+
+    command = "session"
+    action: Literal["new"]
+    """The only one."""
+    note: Text | None = None
+    """For people; kept with the session."""
+
+
+class ResendArgs(Args):
+    """Send points again, from the outbox, in order, with the same ids."""
+
+    command = "resend"
+    session: Name
+    """Session of the points."""
+    from_seq: Count
+    """First number."""
+    to_seq: Count | None = None
+    """Last number, itself included; null: the newest."""
+
+    @model_validator(mode="after")
+    def _goes_upwards(self) -> Self:
+        if self.to_seq is not None and self.to_seq < self.from_seq:
+            message = "to_seq not below from_seq"
+            raise ValueError(message)
+        return self
+
+
+class Command(Message):
+    """The envelope of every command."""
+
+    schema_: Literal["traverse/command/1"] = Field(
+        default="traverse/command/1", alias="schema"
+    )
+    """Name and version of this message."""
+    request: Name
+    """Chosen by the sender, unique for it; repeated, it gets the first answer again."""
+    args: dict[Name, Plain]
+    """The arguments of the command that the topic names."""
+
+    @classmethod
+    def carrying(cls, args: Args, request: str) -> Self:
+        """The envelope around typed arguments; what is left out stays out."""
+        return cls(request=request, args=args.model_dump(exclude_unset=True))
+
+
+COMMANDS: dict[str, type[Args]] = {
+    args.command: args
+    for args in (
+        PointArgs,
+        ScanArgs,
+        UndoArgs,
+        LabelArgs,
+        ProbeArgs,
+        ReloadArgs,
+        AlignArgs,
+        SessionArgs,
+        ResendArgs,
+    )
+}
+"""The arguments of each command, by its name."""
+
+
+def _is_rotation(rows: tuple[Vector, Vector, Vector]) -> bool:
+    """Rows of length 1, and the third the cross product of the first two."""
+    (ax, ay, az), (bx, by, bz), third = rows
+    cross = (ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
+    first_two = ((ax, ay, az), (bx, by, bz))
+    return (
+        all(abs(math.hypot(*row) - 1) <= ROTATION_TOLERANCE for row in first_two)
+        and math.dist(cross, third) <= ROTATION_TOLERANCE
+        and (abs(ax * bx + ay * by + az * bz) <= ROTATION_TOLERANCE)
+    )

@@ -1,0 +1,116 @@
+"""What the fields of all messages are made of.
+
+Rules that hold everywhere: a value is frozen; unknown keys are refused; nothing is
+converted (a string is no number, 1.0 is no integer; an integer is a good float);
+NaN and infinity are refused; an integer fits into 53 bits, so that every JSON reader
+keeps it. The exception are times in nanoseconds, which need 61 bits: integers in
+MessagePack, strings of digits in JSON.
+"""
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    ValidationInfo,
+    WithJsonSchema,
+)
+from typing_extensions import TypeAliasType
+
+MAX_INTEGER = 2**53 - 1
+MAX_TIME_NS = 2**63 - 1
+MAX_TIME_DIGITS = 19
+MAX_JOINTS = 32
+
+
+class Value(BaseModel):
+    """A frozen, strict part of a message."""
+
+    model_config = ConfigDict(
+        frozen=True,
+        strict=True,
+        extra="forbid",
+        allow_inf_nan=False,
+        serialize_by_alias=True,
+        use_attribute_docstrings=True,
+    )
+
+    def __eq__(self, other: object) -> bool:
+        """Equal in type and in every field; arrays by dtype, shape and elements."""
+        if type(self) is not type(other):
+            return False
+        mine, theirs = vars(self), vars(other)
+        return all(_same(mine[name], theirs[name]) for name in mine)
+
+    def __hash__(self) -> int:
+        """Agrees with equality; a TypeError where a field is a map or an array."""
+        return hash(tuple(vars(self).values()))
+
+
+class Message(Value):
+    """What one payload holds; every one begins with its `schema`."""
+
+    schema_: str = Field(alias="schema")
+    """Name and version of this message."""
+
+
+def _same(left: object, right: object) -> bool:
+    if isinstance(left, np.ndarray) and isinstance(right, np.ndarray):
+        return left.dtype == right.dtype and np.array_equal(left, right)
+    return type(left) is type(right) and bool(left == right)
+
+
+def _digits_to_time(value: object, info: ValidationInfo) -> object:
+    """In JSON a time is a string of digits, and nothing else."""
+    if info.mode != "json":
+        return value
+    if not (
+        isinstance(value, str)
+        and value.isascii()
+        and value.isdigit()
+        and len(value) <= MAX_TIME_DIGITS
+    ):
+        message = "a time in JSON is a string of at most 19 digits"
+        raise ValueError(message)
+    return int(value)
+
+
+def _refuse_integer(value: object) -> object:
+    """Keep an integer above 53 bits from becoming a float that is another number."""
+    if isinstance(value, int):
+        message = f"an integer from -{MAX_INTEGER} to {MAX_INTEGER}"
+        raise ValueError(message)
+    return value
+
+
+TimeNs = Annotated[
+    int,
+    Field(ge=0, le=MAX_TIME_NS),
+    BeforeValidator(_digits_to_time),
+    PlainSerializer(str, return_type=str, when_used="json"),
+    WithJsonSchema({"type": "string", "pattern": "^[0-9]{1,19}$"}),
+]
+Integer = Annotated[int, Field(ge=-MAX_INTEGER, le=MAX_INTEGER)]
+Count = Annotated[int, Field(ge=0, le=MAX_INTEGER)]
+NotNegative = Annotated[float, Field(ge=0)]
+Positive = Annotated[float, Field(gt=0)]
+Vector = tuple[float, float, float]
+Angles = Annotated[tuple[float, ...], Field(max_length=MAX_JOINTS)]
+Counts = Annotated[tuple[Integer, ...], Field(max_length=MAX_JOINTS)]
+
+Name = Annotated[str, Field(min_length=1, max_length=64)]
+Text = Annotated[str, Field(max_length=2000)]
+ArmName = Annotated[str, Field(pattern=r"^[^/+#\x00]{1,64}$")]
+Word = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
+Digest = Annotated[str, Field(min_length=1, max_length=128)]
+
+Fraction = Annotated[float, BeforeValidator(_refuse_integer)]
+Plain = TypeAliasType(
+    "Plain",
+    "bool | Integer | Fraction | Text | tuple[Plain, ...] | dict[Name, Plain] | None",
+)
+"""What JSON can say, with finite numbers and integers of 53 bits."""

@@ -1,0 +1,146 @@
+"""Health: figures of the daemon, retained and sent every few seconds."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from protocol.messages.fields import (
+    ArmName,
+    Count,
+    Message,
+    Name,
+    NotNegative,
+    Text,
+    TimeNs,
+    Value,
+    Word,
+)
+
+COUNTERS = {
+    "samples_received": "sets of counts that came from the devices",
+    "samples_lost": "sets of counts missing in the devices' numbering",
+    "samples_dropped": "sets of counts dropped because a queue was full",
+    "edges_received": "input edges that came from the devices",
+    "edges_lost": "input edges missing in the devices' numbering",
+    "frames_received": "whole frames that came from the devices",
+    "frames_rejected": "frames dropped for a wrong checksum, length or type",
+    "points_captured": "points, retractions not counted",
+    "points_retracted": "points taken back",
+    "points_refused": "triggers that gave no point; an event tells why",
+    "points_published": "points acknowledged by the broker, retractions included",
+    "scan_points_published": "points of scans handed to the broker",
+    "scan_points_dropped": "points of scans dropped because a queue was full",
+    "live_published": "live poses handed to the broker",
+    "live_thinned": "live poses left out to keep to the display rate",
+    "events_published": "events handed to the broker",
+    "events_dropped": "events dropped because a queue was full",
+    "commands_received": "commands that arrived, whatever they said",
+    "commands_refused": "commands answered with an error",
+    "reconnects": "times that a device or the broker came back",
+}
+"""Names of counters since the daemon's start, or a device's opening."""
+
+LATENCIES = {
+    "capture_to_publish": "from a trigger's receipt to handing the point over",
+    "publish_to_ack": "from handing a point over to the broker's acknowledgement",
+    "sample_to_pose": "from a sample's receipt to its coordinates",
+    "queue_wait": "time of a block of samples between reader thread and pipeline",
+}
+"""Names of latencies, over the time since the previous health message."""
+
+
+class Latency(Value):
+    """Distribution of a delay since the previous health message."""
+
+    p50_us: NotNegative
+    """Median in microseconds."""
+    p99_us: NotNegative
+    """99th percentile in microseconds."""
+    max_us: NotNegative
+    """Largest in microseconds."""
+    n: Annotated[Count, Field(ge=1)]
+    """How many were measured; a delay never measured is left out."""
+
+    @model_validator(mode="after")
+    def _is_in_order(self) -> Self:
+        if not self.p50_us <= self.p99_us <= self.max_us:
+            message = "p50_us <= p99_us <= max_us"
+            raise ValueError(message)
+        return self
+
+
+class BrokerHealth(Value):
+    """The connection to the broker, as seen by the daemon."""
+
+    state: Literal["connecting", "connected", "lost"]
+    """"lost": was connected and tries again."""
+    host: Text
+    """Host name or address."""
+    port: Annotated[int, Field(ge=1, le=65535)]
+    """TCP port."""
+    reconnects: Count
+    """Times that the connection came back."""
+    queued: Count
+    """Messages waiting to be published."""
+    queue_limit: Count
+    """So many may wait."""
+    unacknowledged: Count
+    """Messages published with QoS 1 and not yet acknowledged."""
+    dropped: Count
+    """Messages dropped because the queue was full."""
+
+
+class DeviceHealth(Value):
+    """One device."""
+
+    id: Name
+    """Name of the device in the configuration."""
+    state: Literal["starting", "ready", "lost", "failed", "stopped"]
+    """As in the status message."""
+    rate_hz: NotNegative
+    """Samples received per second since the previous health message."""
+    age_s: NotNegative | None
+    """Time since the device was last heard; null if never."""
+    queued: Count
+    """Items waiting between the reader thread and the pipeline."""
+    queue_limit: Count
+    """So many may wait."""
+    counters: dict[Word, Count]
+    """Names from the table of counters."""
+    temperatures_c: dict[Name, float]
+    """The device's own sensors, by name; those without a reading are left out."""
+
+
+class Health(Message):
+    """Counters, rates, latencies, temperatures, broker and devices."""
+
+    schema_: Literal["traverse/health/1"] = Field(
+        default="traverse/health/1", alias="schema"
+    )
+    """Name and version of this message."""
+    arm: ArmName
+    """Name of the arm."""
+    session: Name | None
+    """Session that new points belong to; null before the first."""
+    time_ns: TimeNs
+    """When the figures were taken. [UTC]"""
+    uptime_s: NotNegative
+    """Time since the daemon's start."""
+    kernel: Word
+    """Variant of the kinematic computation: "numpy"."""
+    cpu_share: NotNegative
+    """CPU time over elapsed time since the previous message; 1 is one core."""
+    rss_bytes: Count
+    """Resident memory."""
+    counters: dict[Word, Count]
+    """Since the daemon's start; names from the table of counters."""
+    rates_hz: dict[Word, NotNegative]
+    """Increase per second of counters of the same name since the previous message."""
+    latencies: dict[Word, Latency]
+    """Names from the table of latencies."""
+    temperatures_c: dict[Name, float]
+    """Temperatures used by the corrections: "arm", or a joint's name."""
+    broker: BrokerHealth
+    """The connection to the broker."""
+    devices: Annotated[tuple[DeviceHealth, ...], Field(max_length=64)]
+    """All configured devices."""

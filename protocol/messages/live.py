@@ -1,0 +1,55 @@
+"""Live: the latest pose, thinned to a display rate."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from protocol.messages.fields import (
+    Angles,
+    ArmName,
+    Digest,
+    Message,
+    Name,
+    NotNegative,
+    TimeNs,
+    Vector,
+)
+from protocol.messages.point import Covariance
+from protocol.messages.quality import Quality
+
+
+class Live(Message):
+    """The latest pose, for displays: may be thinned or lost, never for measuring."""
+
+    schema_: Literal["traverse/live/1"] = Field(
+        default="traverse/live/1", alias="schema"
+    )
+    """Name and version of this message."""
+    arm: ArmName
+    """Name of the arm."""
+    model: Digest
+    """Digest of the arm file that the coordinates were computed with."""
+    session: Name | None
+    """Session that a point taken now would belong to."""
+    time_ns: TimeNs
+    """Instant of the sample. [UTC]"""
+    xyz_mm: Vector
+    """Ball centre in the arm's system."""
+    ijk: Vector
+    """Unit vector of the shank, from the wrist to the ball."""
+    part_xyz_mm: Vector | None
+    """Ball centre in the part's system; null without an alignment."""
+    covariance_mm2: Covariance | None
+    """Covariance of xyz_mm: xx, xy, xz, yy, yz, zz; null where it is not known."""
+    angles_rad: Angles
+    """Readings of the joints from the base outwards."""
+    skeleton_mm: Annotated[tuple[Vector, ...], Field(max_length=64)] | None
+    """Origins of the joints from the base outwards, then the ball; null if left out."""
+    speed_mm_s: NotNegative | None
+    """Speed of the ball; null where one sample is all there is."""
+    probe_radius_mm: NotNegative
+    """Radius of the ball."""
+    inputs: Annotated[tuple[Name, ...], Field(max_length=64)]
+    """Active inputs (buttons, switching probe) as "<device id>/<input>"."""
+    quality: Quality
+    """Whether a point taken here could be trusted."""

@@ -1,0 +1,117 @@
+"""Point: one captured point, or the retraction of one."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from protocol.messages.fields import (
+    Angles,
+    ArmName,
+    Count,
+    Counts,
+    Digest,
+    Message,
+    Name,
+    NotNegative,
+    TimeNs,
+    Value,
+    Vector,
+)
+from protocol.messages.quality import Quality
+
+Trigger = Literal["button", "switch", "timer", "command"]
+Compensation = Literal["none", "shank", "pretouch", "pulled", "inside", "outside"]
+Covariance = tuple[float, float, float, float, float, float]
+
+
+class Label(Value):
+    """What a point was taken on, as in a campaign's poses."""
+
+    artefact: Name
+    """Identifier of the artefact."""
+    feature: Annotated[str, Field(max_length=64)]
+    """Feature of the artefact; empty where it has only one."""
+
+
+class Point(Message):
+    """A captured point, or the retraction of one: counts once per `id`."""
+
+    schema_: Literal["traverse/point/1"] = Field(
+        default="traverse/point/1", alias="schema"
+    )
+    """Name and version of this message."""
+    session: Name
+    """Session of the numbering."""
+    seq: Count
+    """Number within the session, from 0, without gaps."""
+    id: Name
+    """Unique for ever; a point delivered twice has the same."""
+    retracts: Name | None
+    """Null for a capture; else the `id` of the point that is taken back by this."""
+    arm: ArmName
+    """Name of the arm."""
+    model: Digest
+    """Digest of the arm file that the coordinates were computed with."""
+    trigger: Trigger
+    """What asked for this point."""
+    time_ns: TimeNs
+    """Instant of the measurement; of the undo in a retraction. [UTC]"""
+    xyz_mm: Vector
+    """Ball centre in the arm's system."""
+    ijk: Vector
+    """Unit vector of the shank, from the wrist to the ball, in the arm's system."""
+    surface_mm: Vector | None
+    """Touched point in the arm's system; null without compensation."""
+    compensation: Compensation
+    """How the side of the material was found."""
+    part_xyz_mm: Vector | None
+    """Ball centre in the part's system; null without an alignment."""
+    covariance_mm2: Covariance | None
+    """Covariance of xyz_mm: xx, xy, xz, yy, yz, zz; null where it is not known."""
+    angles_rad: Angles
+    """Readings of the joints from the base outwards, uncorrected, unwrapped."""
+    counts: Counts
+    """Counts of the joints, unwrapped, as latched; of averaged points the last."""
+    temperature_c: float | None
+    """Temperature used for corrections; null without a sensor."""
+    probe_radius_mm: NotNegative
+    """Radius of the ball."""
+    samples: Annotated[int, Field(ge=1, le=1_000_000)]
+    """How many samples were averaged."""
+    spread_mm: NotNegative | None
+    """Root mean square distance of the samples from their mean; null for one sample."""
+    label: Label | None
+    """What was touched, where the operator or a campaign has said so."""
+    quality: Quality
+    """Whether the point may be trusted."""
+
+    def retraction(
+        self, *, seq: int, point_id: str, trigger: Trigger, time_ns: int
+    ) -> Self:
+        """The message that takes this point back; it repeats what was measured."""
+        fields: dict[str, object] = {
+            **dict(self),
+            "seq": seq,
+            "id": point_id,
+            "retracts": self.id,
+            "trigger": trigger,
+            "time_ns": time_ns,
+        }
+        fields.pop("schema_")
+        return type(self).model_validate(fields)
+
+    @model_validator(mode="after")
+    def _agrees_with_itself(self) -> Self:
+        if len(self.angles_rad) != len(self.counts):
+            message = (
+                f"as many counts as angles_rad, not {len(self.counts)} and "
+                f"{len(self.angles_rad)}"
+            )
+            raise ValueError(message)
+        if (self.surface_mm is None) != (self.compensation == "none"):
+            message = 'surface_mm null with compensation "none", given with any other'
+            raise ValueError(message)
+        if self.retracts == self.id:
+            message = "an id other than that of the retracted point"
+            raise ValueError(message)
+        return self

@@ -1,0 +1,82 @@
+"""Quality of a point or sample: the one table of flags, as bits and as names."""
+
+from enum import IntFlag
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
+
+from protocol.messages.fields import Value, Word
+
+
+class QualityFlag(IntFlag):
+    """The bits of `quality` in a scan; their names in lower case stand in points."""
+
+    ENCODER_ERROR = 1 << 0
+    ENCODER_WARNING = 1 << 1
+    LATE = 1 << 2
+    STALE = 1 << 3
+    INCOMPLETE = 1 << 4
+    OVERSPEED = 1 << 5
+    END_STOP = 1 << 6
+    SINGULAR = 1 << 7
+    TEMPERATURE = 1 << 8
+    STALE_IDENTIFICATION = 1 << 9
+    STALE_EFFECT = 1 << 10
+    NO_DIRECTION = 1 << 11
+    TIME_UNCERTAIN = 1 << 12
+    TURNS_UNCERTAIN = 1 << 13
+    INTERPOLATED = 1 << 14
+    EMPIRICAL = 1 << 15
+
+
+FLAG_MEANINGS = {
+    QualityFlag.ENCODER_ERROR: "an encoder says that its count is not valid",
+    QualityFlag.ENCODER_WARNING: "an encoder warns: valid count, weak signal",
+    QualityFlag.LATE: "a count was not latched at the common instant",
+    QualityFlag.STALE: "a count is repeated from an earlier latch",
+    QualityFlag.INCOMPLETE: "a joint's count is missing; its last one was used",
+    QualityFlag.OVERSPEED: "the probe moved faster than the configured limit",
+    QualityFlag.END_STOP: "a joint is near its end stop",
+    QualityFlag.SINGULAR: "the posture is near to losing a degree of freedom",
+    QualityFlag.TEMPERATURE: "the temperature, or its rate, is out of its band",
+    QualityFlag.STALE_IDENTIFICATION: "the identification is older than allowed",
+    QualityFlag.STALE_EFFECT: "a correction bound to time is used beyond its time",
+    QualityFlag.NO_DIRECTION: "a correction needs the surface's direction: not applied",
+    QualityFlag.TIME_UNCERTAIN: "the device's clock is not yet tied to the host's",
+    QualityFlag.TURNS_UNCERTAIN: "counts restarted; the number of turns is assumed",
+    QualityFlag.INTERPOLATED: "interpolated between samples, not latched at the edge",
+    QualityFlag.EMPIRICAL: "corrected by an empirical effect, with no known cause",
+}
+"""What each flag says."""
+
+REMARKS = QualityFlag.INTERPOLATED | QualityFlag.EMPIRICAL
+"""Flags that tell how a value came about; all others make `ok` false."""
+
+
+def flag_names(bits: int) -> tuple[str, ...]:
+    """The names of the bits that are set, lowest first; `bit_n` for unknown ones."""
+    known = {flag.value: flag.name.lower() for flag in FLAG_MEANINGS if flag.name}
+    return tuple(
+        known.get(1 << i, f"bit_{i}") for i in range(bits.bit_length()) if bits >> i & 1
+    )
+
+
+class Quality(Value):
+    """Whether a measurement may be trusted, and what there is to say about it."""
+
+    ok: bool
+    """False if any flag other than a remark is set: the accuracy is in doubt."""
+    flags: Annotated[tuple[Word, ...], Field(max_length=32)]
+    """Names from the table of quality flags; later versions may add some."""
+
+    @classmethod
+    def from_bits(cls, bits: int) -> Self:
+        """The quality that a sample's bits tell."""
+        return cls(ok=not bits & ~REMARKS.value, flags=flag_names(bits))
+
+    @model_validator(mode="after")
+    def _gives_a_reason(self) -> Self:
+        if not self.ok and not self.flags:
+            message = "a flag that says why ok is false"
+            raise ValueError(message)
+        return self

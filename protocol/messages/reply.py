@@ -1,0 +1,66 @@
+"""Reply: the answer to a command."""
+
+from typing import Any, Literal, Self
+
+from pydantic import (
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
+
+from protocol.messages.event import EventCode
+from protocol.messages.fields import Message, Name, Plain, Text, Value
+
+
+class ReplyError(Value):
+    """Why a command was not carried out."""
+
+    code: EventCode
+    """For programs, in dotted words: "command.bad_args"."""
+    text: Text
+    """For people: what, where, observed value, what was expected."""
+    remedy: Text
+    """What to do about it."""
+
+
+class Reply(Message):
+    """The answer to a command: `result` if it was done, else `error`."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "oneOf": [
+                {"properties": {"ok": {"const": True}}, "required": ["result"]},
+                {"properties": {"ok": {"const": False}}, "required": ["error"]},
+            ]
+        }
+    )
+
+    schema_: Literal["traverse/reply/1"] = Field(
+        default="traverse/reply/1", alias="schema"
+    )
+    """Name and version of this message."""
+    request: Name
+    """As in the command."""
+    ok: bool
+    """True: done."""
+    result: dict[Name, Plain] | None = None
+    """What came of it; the key is there only if ok is true."""
+    error: ReplyError | None = None
+    """Why not; the key is there only if ok is false."""
+
+    @model_validator(mode="after")
+    def _agrees_with_itself(self) -> Self:
+        if self.ok != (self.result is not None) or self.ok == (self.error is not None):
+            message = "a result where ok is true, an error where it is false"
+            raise ValueError(message)
+        return self
+
+    @model_serializer(mode="wrap")
+    def _leave_out_the_other(
+        self, write: SerializerFunctionWrapHandler
+    ) -> dict[str, Any]:
+        written: dict[str, Any] = write(self)
+        written.pop("error" if self.ok else "result")
+        return written

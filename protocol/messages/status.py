@@ -1,0 +1,68 @@
+"""Status: who is there, retained by the broker and left as the last will."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from protocol.messages.fields import (
+    ArmName,
+    Digest,
+    Message,
+    Name,
+    Plain,
+    Text,
+    TimeNs,
+    Value,
+    Word,
+)
+
+
+class DriverStatus(Value):
+    """One device of the daemon's configuration."""
+
+    id: Name
+    """Name of the device in the configuration."""
+    driver: Name
+    """Kind of driver, for example "latch-board"."""
+    port: Text
+    """Port or bus, as configured."""
+    state: Literal["starting", "ready", "lost", "failed", "stopped"]
+    """"lost": was there and is looked for again; "failed": cannot be used as it is."""
+    identity: dict[Name, Plain]
+    """What the device says of itself (board, firmware, serial numbers); else empty."""
+
+
+class Status(Message):
+    """The daemon's state: retained, sent at every change, and its last will."""
+
+    schema_: Literal["traverse/status/1"] = Field(
+        default="traverse/status/1", alias="schema"
+    )
+    """Name and version of this message."""
+    online: bool
+    """False in the last will and after an orderly stop."""
+    state: Literal["starting", "ready", "degraded", "stopping", "offline"]
+    """"degraded": something configured is missing; `drivers` and events tell what."""
+    arm: ArmName
+    """Name of the arm, as in the topic."""
+    model: Digest | None
+    """Digest of the arm file in use; null before it is read."""
+    version: Name
+    """Version of the daemon."""
+    kernel: Word
+    """Variant of the kinematic computation: "numpy"."""
+    encoding: Literal["msgpack", "json"]
+    """Encoding of all payloads of this arm."""
+    session: Name | None
+    """Session that new points belong to; null before the first."""
+    time_ns: TimeNs
+    """When this was written; in the last will, when the connection was made. [UTC]"""
+    drivers: Annotated[tuple[DriverStatus, ...], Field(max_length=64)]
+    """All configured devices."""
+
+    @model_validator(mode="after")
+    def _agrees_with_itself(self) -> Self:
+        if self.online == (self.state == "offline"):
+            message = 'online false with state "offline", true with any other'
+            raise ValueError(message)
+        return self

@@ -1,0 +1,143 @@
+"""Names of MQTT topics: `traverse/<arm>/<kind>`, and how each kind is sent."""
+
+from dataclasses import dataclass
+from typing import Final
+
+from protocol.message_error import MessageError
+
+ROOT: Final = "traverse"
+MAX_LEVEL_LENGTH: Final = 64
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """How messages of one kind are sent.
+
+    Attributes:
+        qos: MQTT quality of service.
+        retained: whether the broker keeps the last one for newcomers.
+    """
+
+    qos: int
+    retained: bool
+
+
+CHANNELS: Final = {
+    "status": Channel(qos=1, retained=True),
+    "point": Channel(qos=1, retained=False),
+    "scan": Channel(qos=0, retained=False),
+    "live": Channel(qos=0, retained=False),
+    "event": Channel(qos=1, retained=False),
+    "health": Channel(qos=0, retained=True),
+    "cmd": Channel(qos=1, retained=False),
+    "reply": Channel(qos=1, retained=False),
+}
+"""By the level after the arm; scans may be configured to QoS 1."""
+
+NAMED: Final = ("cmd", "reply")
+"""Kinds with one more level: the name of the command."""
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """A topic taken apart.
+
+    Attributes:
+        arm: name of the arm.
+        kind: a key of CHANNELS.
+        command: name of the command for "cmd" and "reply", else None.
+    """
+
+    arm: str
+    kind: str
+    command: str | None = None
+
+
+def status_topic(arm: str) -> str:
+    """Where an arm's daemon says that it is there."""
+    return _topic(arm, "status")
+
+
+def point_topic(arm: str) -> str:
+    """Where points and retractions appear."""
+    return _topic(arm, "point")
+
+
+def scan_topic(arm: str) -> str:
+    """Where blocks of scans appear."""
+    return _topic(arm, "scan")
+
+
+def live_topic(arm: str) -> str:
+    """Where the latest pose appears."""
+    return _topic(arm, "live")
+
+
+def event_topic(arm: str) -> str:
+    """Where events appear."""
+    return _topic(arm, "event")
+
+
+def health_topic(arm: str) -> str:
+    """Where the daemon's figures appear."""
+    return _topic(arm, "health")
+
+
+def command_topic(arm: str, name: str) -> str:
+    """Where a command is sent."""
+    return f"{_topic(arm, 'cmd')}/{_checked('command', name)}"
+
+
+def reply_topic(arm: str, name: str) -> str:
+    """Where a command is answered if it has no response topic."""
+    return f"{_topic(arm, 'reply')}/{_checked('command', name)}"
+
+
+def command_filter(arm: str) -> str:
+    """The subscription to all commands of an arm."""
+    return f"{_topic(arm, 'cmd')}/+"
+
+
+def kind_filter(kind: str) -> str:
+    """The subscription to one kind of message from all arms."""
+    if kind not in CHANNELS:
+        raise MessageError.of("kind", repr(kind), f"one of {', '.join(CHANNELS)}")
+    return f"{ROOT}/+/{kind}" + ("/+" if kind in NAMED else "")
+
+
+def parse_topic(topic: str) -> Topic:
+    """Take a topic apart.
+
+    Raises:
+        MessageError: it is none of ours.
+    """
+    root, *levels = topic.split("/")
+    if root == ROOT and len(levels) == 2 and levels[1] not in NAMED:
+        arm, kind, command = levels[0], levels[1], None
+    elif root == ROOT and len(levels) == 3 and levels[1] in NAMED:
+        arm, kind, command = levels[0], levels[1], _checked("command", levels[2])
+    else:
+        arm, kind, command = "", "", None
+    if kind not in CHANNELS:
+        raise MessageError.of(
+            "topic",
+            repr(topic[:200]),
+            f"{ROOT}/<arm>/ with one of {', '.join(CHANNELS)}; "
+            f"a command's name after {' and '.join(NAMED)}, nothing after the others",
+        )
+    return Topic(_checked("arm", arm), kind, command)
+
+
+def _topic(arm: str, kind: str) -> str:
+    return f"{ROOT}/{_checked('arm', arm)}/{kind}"
+
+
+def _checked(what: str, level: str) -> str:
+    """The text, if it can be one level of a topic."""
+    if not 1 <= len(level) <= MAX_LEVEL_LENGTH or set(level) & set("/+#\0"):
+        raise MessageError.of(
+            f"{what} name",
+            repr(level[:80]),
+            f"1 to {MAX_LEVEL_LENGTH} characters without / + # and NUL",
+        )
+    return level
