@@ -21,8 +21,39 @@ HEARTBEAT = (
     "03 87 01 01 03 13 27 01 02 2B 01 01 02 08 01 01 01 01 01 01 01 01 01 01 03 05 E6 "
     "00"
 )
-    "03 87 01 01 03 13 27 01 02 2B 01 01 02 08 01 01 01 01 01 01 01 01 01 01 03 05 E6 "
-    "00"
-)
+FROM_BOARD = [HELLO, REPLY, SAMPLE, EDGE, TEMPERATURES, ALARM, HEARTBEAT]
+
+
+def frame(text: str) -> bytes:
+    return bytes.fromhex(text)
+
+
+def crc_bit_by_bit(data: bytes) -> int:
+    """CRC-16/IBM-3740 by its definition, one bit at a time."""
+    crc = 0xFFFF
+    for byte in data:
+        crc ^= byte << 8
+        for _ in range(8):
+            crc = (crc << 1) ^ 0x1021 if crc & 0x8000 else crc << 1
+            crc &= 0xFFFF
+    return crc
+
+
+def stuffed(content: bytes) -> bytes:
+    """COBS by its definition, distance to the next zero; for under 254 bytes."""
+    out = bytearray(b"\0" + content + b"\0")
+    zeros = [0, *(i + 1 for i, byte in enumerate(content) if byte == 0), len(out) - 1]
+    for here, there in pairwise(zeros):
+        out[here] = there - here
+    return bytes(out)
+
+
+def framed(body: bytes) -> bytes:
+    """A whole frame, made without the code under test."""
+    return stuffed(body + crc_bit_by_bit(body).to_bytes(2, "little"))
+
+
+def cut(data: bytes, cuts: list[int]) -> list[bytes]:
+    """The same bytes as reads of any sizes."""
     places = [0, *sorted(c % (len(data) + 1) for c in cuts), len(data)]
     return [data[a:b] for a, b in pairwise(places)]
