@@ -73,6 +73,8 @@ def _value_text(value: object) -> str:
     if isinstance(value, str):
         # Strings of JSON are strings of TOML, but for the delete character.
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, bool):
+        return str(value).lower()
     if isinstance(value, int | float):
         return repr(value)
     if isinstance(value, datetime):

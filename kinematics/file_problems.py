@@ -97,9 +97,11 @@ def unknown_name_message(what: str, name: str, known: Collection[str]) -> str:
             f"unknown key '{name}'; did you mean '{with_unit[0]}'? "
             "units are part of the name"
         )
-    nearest = difflib.get_close_matches(name, known, n=1)
+    by_lower_case = {entry.lower(): entry for entry in known}
+    nearest = difflib.get_close_matches(name.lower(), by_lower_case, n=1)
     if nearest:
-        return f"unknown {what} '{name}'; did you mean '{nearest[0]}'?"
+        meant = by_lower_case[nearest[0]]
+        return f"unknown {what} '{name}'; did you mean '{meant}'?"
     return f"unknown {what} '{name}'; known here: {', '.join(sorted(known))}"
 
 

@@ -7,8 +7,6 @@ written in the base posture (Benciolini and Vitti, 2017):
     direction = P_n d                                   the shank, towards the ball
 """
 
-from collections.abc import Iterator
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +14,10 @@ from kinematics.geometry import Geometry
 from kinematics.quaternion import multiply, rotate, turn
 
 Floats = NDArray[np.float64]
+
+
+# Samples computed at a time, so that the intermediate arrays stay in the cache.
+_CHUNK_SAMPLES = 1024
 
 
 def probe_pose(geometry: Geometry, angles_rad: Floats) -> tuple[Floats, Floats]:
@@ -31,22 +33,24 @@ def probe_pose(geometry: Geometry, angles_rad: Floats) -> tuple[Floats, Floats]:
         Centres of the ball in mm and unit directions of the shank, both
         (n_samples, 3).
     """
-    positions_mm, rotations = _walk(geometry, angles_rad)
-    centres_mm = positions_mm[-1]
-    directions = rotate(rotations, geometry.probe_direction)
-    return np.ascontiguousarray(centres_mm.T), np.ascontiguousarray(directions.T)
+    angles_rad = _checked(geometry, angles_rad)
+    centres_mm = np.empty((len(angles_rad), 3))
+    directions = np.empty((len(angles_rad), 3))
+    for chunk in _chunks(len(angles_rad)):
+        rotations = _rotations(geometry, angles_rad[chunk])
+        centres_mm[chunk] = _positions_mm(geometry, rotations)[:, -1].T
+        directions[chunk] = rotate(rotations[:, -1], geometry.probe_direction).T
+    return centres_mm, directions
 
 
 def probe_centre(geometry: Geometry, angles_rad: Floats) -> Floats:
     """Compute the ball's centres in mm: (n_samples, n_joints) -> (n_samples, 3)."""
-    positions_mm, _ = _walk(geometry, angles_rad)
-    return np.ascontiguousarray(positions_mm[-1].T)
+    return probe_pose(geometry, angles_rad)[0]
 
 
 def stylus_direction(geometry: Geometry, angles_rad: Floats) -> Floats:
     """Compute the shank's unit vectors: (n_samples, n_joints) -> (n_samples, 3)."""
-    *_, rotations = _rotations(geometry, angles_rad)
-    return np.ascontiguousarray(rotate(rotations, geometry.probe_direction).T)
+    return probe_pose(geometry, angles_rad)[1]
 
 
 def joint_positions(geometry: Geometry, angles_rad: Floats) -> Floats:
@@ -59,43 +63,48 @@ def joint_positions(geometry: Geometry, angles_rad: Floats) -> Floats:
     Returns:
         Positions in mm, (n_samples, n_joints + 1, 3).
     """
-    positions_mm, _ = _walk(geometry, angles_rad)
-    return np.ascontiguousarray(np.stack(positions_mm).transpose(2, 0, 1))
+    angles_rad = _checked(geometry, angles_rad)
+    positions_mm = np.empty((len(angles_rad), geometry.n_joints + 1, 3))
+    for chunk in _chunks(len(angles_rad)):
+        rotations = _rotations(geometry, angles_rad[chunk])
+        positions_mm[chunk] = _positions_mm(geometry, rotations).transpose(2, 1, 0)
+    return positions_mm
 
 
-def _walk(geometry: Geometry, angles_rad: Floats) -> tuple[list[Floats], Floats]:
-    """Go from the base outwards.
+def _chunks(n_samples: int) -> list[slice]:
+    return [
+        slice(start, min(start + _CHUNK_SAMPLES, n_samples))
+        for start in range(0, n_samples, _CHUNK_SAMPLES)
+    ]
 
-    Returns:
-        x_0, the joints after the first and the probe in mm, each (3, n_samples),
-        and P_n, (4, n_samples).
-    """
-    n_samples = len(angles_rad)
-    position_mm = np.repeat(geometry.origin_mm[:, np.newaxis], n_samples, axis=1)
-    positions_mm = [position_mm]
+
+def _rotations(geometry: Geometry, angles_rad: Floats) -> Floats:
+    """Compute P_1 ... P_n, (4, n_joints, n_samples)."""
+    # Contiguous rows: strided ones may take another path through sin and cos.
+    turns_rad = np.ascontiguousarray((angles_rad - geometry.zeros_rad).T)
+    turns = turn(geometry.axes.T[:, :, np.newaxis], turns_rad)
+    rotations = np.empty_like(turns)
+    rotations[:, 0] = turns[:, 0]
+    for k in range(1, geometry.n_joints):
+        rotations[:, k] = multiply(rotations[:, k - 1], turns[:, k])
+    return rotations
+
+
+def _positions_mm(geometry: Geometry, rotations: Floats) -> Floats:
+    """Go from x_0 outwards: (3, n_joints + 1, n_samples), the probe last."""
     links_mm = geometry.links_mm.copy()
     links_mm[-1] += geometry.probe_vector_mm
-    rotations = np.empty((4, n_samples))
-    for link_mm, rotations in zip(
-        links_mm, _rotations(geometry, angles_rad), strict=True
-    ):
-        position_mm = position_mm + rotate(rotations, link_mm)
-        positions_mm.append(position_mm)
-    return positions_mm, rotations
+    steps_mm = np.empty((3, geometry.n_joints + 1, rotations.shape[2]))
+    steps_mm[:, 0] = geometry.origin_mm[:, np.newaxis]
+    steps_mm[:, 1:] = rotate(rotations, links_mm.T[:, :, np.newaxis])
+    return np.cumsum(steps_mm, axis=1)
 
 
-def _rotations(geometry: Geometry, angles_rad: Floats) -> Iterator[Floats]:
-    """Yield P_1 ... P_n, each (4, n_samples)."""
+def _checked(geometry: Geometry, angles_rad: Floats) -> Floats:
     expected = geometry.n_joints
     if angles_rad.ndim != 2 or angles_rad.shape[1] != expected:
         raise ValueError(
             f"angles_rad has shape {angles_rad.shape}, expected (n_samples, "
             f"{expected}): one column a joint of the arm"
         )
-    # Contiguous rows: strided ones may take another path through sin and cos.
-    turns_rad = np.ascontiguousarray((angles_rad - geometry.zeros_rad).T)
-    rotations = turn(geometry.axes[0], turns_rad[0])
-    yield rotations
-    for axis, turn_rad in zip(geometry.axes[1:], turns_rad[1:], strict=True):
-        rotations = multiply(rotations, turn(axis, turn_rad))
-        yield rotations
+    return angles_rad

@@ -31,19 +31,24 @@ class Geometry:
     probe_direction: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        n_joints = np.shape(self.axes)[0] if np.ndim(self.axes) == 2 else 0
+        axes = np.array(self.axes, dtype=np.float64)
+        if axes.ndim != 2 or axes.shape[1] != 3 or len(axes) == 0:
+            raise ValueError(
+                f"geometry: axes have shape {axes.shape}, expected (n_joints, 3) with "
+                "at least one joint"
+            )
         shapes: dict[str, tuple[int, ...]] = {
-            "axes": (n_joints, 3),
-            "links_mm": (n_joints, 3),
-            "zeros_rad": (n_joints,),
+            "axes": axes.shape,
+            "links_mm": axes.shape,
+            "zeros_rad": axes.shape[:1],
         }
         for field in fields(self):
             array = np.array(getattr(self, field.name), dtype=np.float64)
             expected = shapes.get(field.name, (3,))
-            if array.shape != expected or n_joints == 0:
+            if array.shape != expected:
                 raise ValueError(
                     f"geometry: {field.name} has shape {array.shape}, expected "
-                    f"{expected} with at least one joint"
+                    f"{expected}"
                 )
             array.setflags(write=False)
             object.__setattr__(self, field.name, array)

@@ -15,7 +15,7 @@ def turn(axis: Floats, angles_rad: Floats) -> Floats:
     """Make the quaternions R(axis, angle) = (cos angle/2, sin angle/2 axis).
 
     Args:
-        axis: Unit vector, (3,).
+        axis: Unit vectors, (3, ...), broadcast against the angles.
         angles_rad: (...).
 
     Returns:

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from kinematics.arm_file import Arm
 
 _LARGEST_COUNTS_PER_TURN = 2**32
+# Above, a float no longer holds every count.
+_LARGEST_COUNTS = 2**53
 
 Counts = NDArray[np.int64] | NDArray[np.uint32]
 
@@ -50,6 +52,12 @@ class Encoders:
             )
         if not np.all(np.abs(signs) == 1):
             raise ValueError(f"encoders: signs are {signs.tolist()}, expected 1 or -1")
+        largest = np.abs(zeros_rad) * counts_per_turn / (2.0 * np.pi)
+        if not np.all(largest < _LARGEST_COUNTS):
+            raise ValueError(
+                f"encoders: zeros_rad is {zeros_rad.tolist()}, beyond what counts can "
+                "tell apart; expected a reading within some turns of zero"
+            )
         for name, array in (
             ("counts_per_turn", counts_per_turn),
             ("signs", signs),
