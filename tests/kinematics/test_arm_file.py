@@ -110,6 +110,13 @@ def test_writing_keeps_the_layout_and_what_is_absent(tmp_path):
     assert written == without_comments
 
 
+def test_writing_adds_no_defaults(tmp_path):
+    path = tmp_path / "arm.toml"
+    text = ARM_TEXT.replace("vector_mm = [0.0, 0.0, 50.0]\n", "")
+    write_arm(path, parse_arm(text))
+    assert path.read_text() == text
+
+
 def test_written_file_is_plain_toml_to_another_reader(tmp_path):
     path = tmp_path / "arm.toml"
     arm = parse_arm(EVERYTHING.replace("arm.cov.npz", 'a\\"\\u007f\\n \\\\ ☃'))
