@@ -23,9 +23,7 @@ class BoardLine:
             answers included.
 
     Attributes:
-        broken: frames dropped on this line so far.
         repeated: requests sent again because no answer came.
-        bytes_read: on this line so far.
     """
 
     def __init__(
@@ -42,13 +40,17 @@ class BoardLine:
         self._request = 0
         self._answer: Answer | None = None
         self.repeated = 0
-        self.bytes_read = 0
         port.write(b"\0")  # ends whatever the line carried before
 
     @property
     def broken(self) -> int:
-        """Frames dropped because they were broken."""
+        """Frames dropped on this line so far because they were broken."""
         return self._decoder.faults.total()
+
+    @property
+    def accepted(self) -> int:
+        """Whole frames that have come on this line so far."""
+        return self._decoder.accepted
 
     def wait(self, seconds: float) -> bool:
         """Wait for bytes; False after ``seconds`` or a wake-up without any."""
@@ -58,7 +60,6 @@ class BoardLine:
         """Read what there is and dispatch it."""
         data = self._port.read()
         received_ns = self._now_ns()
-        self.bytes_read += len(data)
         messages = self._decoder.feed(data)
         if messages:
             self._heard_ns = received_ns

@@ -28,7 +28,7 @@ class Crossing:
         max_others: int = 256,
     ) -> None:
         self._loop = loop
-        self._max_samples = max_samples
+        self.max_samples = max_samples
         self._max_others = max_others
         self._lock = threading.Lock()
         self._waiting: deque[Delivery] = deque()
@@ -37,7 +37,11 @@ class Crossing:
         self._filled = asyncio.Event()
         self._dropped_samples = 0
         self._dropped_others = 0
-        self.highest_samples = 0
+
+    @property
+    def waiting_samples(self) -> int:
+        """Timed samples that wait now."""
+        return self._waiting_samples
 
     @property
     def dropped_samples(self) -> int:
@@ -54,11 +58,10 @@ class Crossing:
         with self._lock:
             if isinstance(delivery, CountSamples):
                 size = len(delivery.seq)
-                if self._waiting_samples + size > self._max_samples:
+                if self._waiting_samples + size > self.max_samples:
                     self._dropped_samples += size
                     return False
                 self._waiting_samples += size
-                self.highest_samples = max(self.highest_samples, self._waiting_samples)
             else:
                 if self._waiting_others >= self._max_others:
                     if not isinstance(delivery, LatchedCounts):

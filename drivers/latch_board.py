@@ -70,6 +70,7 @@ class LatchBoard(Driver):
         self._line: BoardLine | None = None
         self._boot_id: int | None = None
         self._acknowledged: int | None = None
+        self._frames_before = 0
         self._streams_begun = 0
         self._stream = 0
         self._stream_request = 0
@@ -139,13 +140,14 @@ class LatchBoard(Driver):
                 line.read()
                 self._report_broken(line.broken - broken)
                 broken = line.broken
-            self._counters["bytes"] = line.bytes_read
+            self._counters["frames_received"] = self._frames_before + line.accepted
             self._report_counters()
             line.check_alive()
 
     def _disconnect(self) -> None:
         if self._line is not None:
             self._counters["requests_repeated"] += self._line.repeated
+            self._frames_before += self._line.accepted
             self._line.close()
             self._line = None
 
@@ -202,7 +204,7 @@ class LatchBoard(Driver):
         rows = slice(None) if kept is None else kept
         ticks = self._clock.unwrap(block.ticks[rows])
         self._clock.update(int(ticks[-1]), received_ns)
-        self._counters["samples"] += len(seq)
+        self._counters["samples_received"] += len(seq)
         self._crossing.put(
             CountSamples(
                 self.device,
@@ -232,6 +234,7 @@ class LatchBoard(Driver):
             edge, edge.input, edge.seq, received_ns
         ):
             self._edges.delivered(edge.seq)
+            self._counters["edges_received"] += 1
 
     def _deliver(
         self,
@@ -262,7 +265,6 @@ class LatchBoard(Driver):
         self._edges.expect(heartbeat.next_edge_seq)
         self._counters["board_tx_dropped"] = heartbeat.tx_dropped
         self._counters["board_rx_rejected"] = heartbeat.rx_rejected
-        self._counters["rate_error_ppb"] = round(self._clock.rate_error_ppm * 1000)
         self._counters["clock_steps"] = self._clock.steps
 
     def _alarm(self, alarm: wire.Alarm) -> DeviceAlarm:
@@ -284,7 +286,7 @@ class LatchBoard(Driver):
     def _report_broken(self, broken: int) -> None:
         if broken:
             self._fault(
-                "frames_broken",
+                "frames_rejected",
                 f"{broken} broken frames on {self._path}",
                 "check cable, shielding and baud rate",
                 broken,

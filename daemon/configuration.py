@@ -1,0 +1,129 @@
+"""The daemon's configuration file: strict TOML, all mistakes at once.
+
+Every key is explained in docs/reference/configuration.md.
+"""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from kinematics.arm_file import Problem, StrictModel, read_strict
+
+INPUT_PATTERN = r"^[A-Za-z0-9_-]+/[0-7]$"
+
+
+class ArmSection(StrictModel):
+    """Which arm this is."""
+
+    file: str = Field(min_length=1)
+
+
+class BrokerSection(StrictModel):
+    """Where results go."""
+
+    host: str = Field(default="localhost", min_length=1)
+    port: int = Field(default=1883, ge=1, le=65535)
+    username: str | None = None
+    password_file: str | None = None
+    keepalive_s: int = Field(default=15, ge=1, le=600)
+    encoding: Literal["msgpack", "json"] = "msgpack"
+
+
+class DeviceSection(StrictModel):
+    """One device and the driver that reads it."""
+
+    id: str = Field(pattern=r"^[A-Za-z0-9_-]+$")
+    driver: Literal["latch-board"]
+    port: str = Field(min_length=1)
+    baud_rate: int = Field(default=1_000_000, ge=9600, le=12_000_000)
+    debounce_us: int = Field(default=5000, ge=0, le=1_000_000)
+
+
+class InputSection(StrictModel):
+    """What a digital input of a device means."""
+
+    source: str = Field(pattern=INPUT_PATTERN)
+    trigger: Literal["button", "switch"]
+
+    @property
+    def device_id(self) -> str:
+        """The device it belongs to."""
+        return self.source.partition("/")[0]
+
+    @property
+    def number(self) -> int:
+        """Its number on the device."""
+        return int(self.source.partition("/")[2])
+
+
+class CaptureSection(StrictModel):
+    """How samples become points."""
+
+    tracking_rate_hz: float = Field(default=100.0, ge=10.0, le=1000.0)
+    live_rate_hz: float = Field(default=20.0, gt=0.0, le=100.0)
+    scan_block_s: float = Field(default=0.05, ge=0.01, le=1.0)
+    scan_max_rate_hz: float = Field(default=10_000.0, gt=0.0, le=10_000.0)
+    max_waiting_points: int = Field(default=1000, ge=1, le=100_000)
+    inputs: Annotated[tuple[InputSection, ...], Field(max_length=64)] = ()
+
+
+class HealthSection(StrictModel):
+    """How often the daemon says how it is."""
+
+    period_s: float = Field(default=2.0, ge=0.2, le=3600.0)
+
+
+class Configuration(StrictModel):
+    """The whole file."""
+
+    arm: ArmSection
+    broker: BrokerSection | None = None
+    device: Annotated[tuple[DeviceSection, ...], Field(min_length=1)]
+    capture: CaptureSection = CaptureSection()
+    health: HealthSection = HealthSection()
+
+
+def read_configuration(path: Path) -> Configuration:
+    """Read and check a configuration file.
+
+    Raises:
+        FileError: with everything that is wrong with it.
+    """
+    return read_strict(path, Configuration, _cross_check)
+
+
+def _cross_check(raw: Mapping[str, Any]) -> Iterator[Problem]:
+    ids: dict[str, int] = {}
+    for index, device in enumerate(_tables(raw, "device")):
+        name = device.get("id")
+        if not isinstance(name, str):
+            continue
+        if name in ids:
+            yield Problem(
+                f"device[{index}].id",
+                f"{name!r} is also the id of device[{ids[name]}]; ids are unique",
+            )
+        ids.setdefault(name, index)
+    capture = raw.get("capture")
+    seen: set[str] = set()
+    inputs = _tables(capture, "inputs") if isinstance(capture, Mapping) else []
+    for index, table in enumerate(inputs):
+        source = table.get("source")
+        if not isinstance(source, str):
+            continue
+        where = f"capture.inputs[{index}].source"
+        if source.partition("/")[0] not in ids:
+            known = ", ".join(sorted(ids)) or "none"
+            yield Problem(where, f"{source!r} names no device; there are: {known}")
+        if source in seen:
+            yield Problem(where, f"{source!r} is given twice")
+        seen.add(source)
+
+
+def _tables(raw: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
+    value = raw.get(key)
+    if not isinstance(value, list):
+        return []
+    return [item if isinstance(item, Mapping) else {} for item in value]

@@ -1,0 +1,81 @@
+"""One device of the configuration: its driver, its state, what is known of it."""
+
+import asyncio
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from daemon.configuration import DeviceSection
+from drivers.crossing import Crossing
+from drivers.driver import Driver
+from drivers.registry import driver_class
+from drivers.values import DeviceLost, Identity
+from protocol.messages import DeviceHealth, DriverStatus
+
+DeviceStateName = Literal["starting", "ready", "lost", "failed", "stopped"]
+
+
+@dataclass(slots=True, eq=False)
+class Device:
+    """A device as the service sees it.
+
+    Attributes:
+        heard: set once the device has answered or been given up for the first time.
+    """
+
+    section: DeviceSection
+    crossing: Crossing
+    driver: Driver
+    state: DeviceStateName = "starting"
+    identity: Identity | None = None
+    lost: DeviceLost | None = None
+    problems: list[str] = field(default_factory=list)
+    heard: asyncio.Event = field(default_factory=asyncio.Event)
+    last_ns: int = 0
+    counters: Counter[str] = field(default_factory=Counter)
+    temperatures_c: tuple[float | None, ...] = ()
+    samples: int = 0
+    reconnects: int = 0
+
+    @property
+    def temperature_c(self) -> float | None:
+        """That of the first sensor which has one."""
+        return next((c for c in self.temperatures_c if c is not None), None)
+
+    def status(self) -> DriverStatus:
+        """As it stands in the status message."""
+        identity: dict[str, Any] = {}
+        if self.identity is not None:
+            identity = {"name": self.identity.name, "firmware": self.identity.firmware}
+        return DriverStatus(
+            id=self.section.id,
+            driver=self.section.driver,
+            port=self.section.port,
+            state=self.state,
+            identity=identity,
+        )
+
+    def health(self, rate_hz: float, now_ns: int) -> DeviceHealth:
+        """As it stands in the health message."""
+        return DeviceHealth(
+            id=self.section.id,
+            state=self.state,
+            rate_hz=rate_hz,
+            age_s=(now_ns - self.last_ns) * 1e-9 if self.last_ns else None,
+            queued=self.crossing.waiting_samples,
+            queue_limit=self.crossing.max_samples,
+            counters=dict(self.counters),
+            temperatures_c={
+                str(number): value
+                for number, value in enumerate(self.temperatures_c)
+                if value is not None
+            },
+        )
+
+
+def open_device(section: DeviceSection, loop: asyncio.AbstractEventLoop) -> Device:
+    """The device that a configuration asks for; its driver is not yet started."""
+    crossing = Crossing(loop)
+    options = section.model_dump(exclude={"id", "driver"})
+    driver = driver_class(section.driver)(section.id, crossing, **options)
+    return Device(section, crossing, driver)

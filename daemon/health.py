@@ -1,0 +1,109 @@
+"""Figures of the daemon, taken every few seconds."""
+
+import resource
+import time
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from daemon.clock import HostClock
+from daemon.device import Device
+from daemon.latencies import Latencies
+from protocol.messages import BrokerHealth, Health, Latency
+
+LATENCY_NAMES = ("capture_to_publish", "publish_to_ack", "sample_to_pose", "queue_wait")
+SUMMED = (
+    "samples_received",
+    "samples_lost",
+    "samples_dropped",
+    "edges_received",
+    "edges_lost",
+    "frames_received",
+    "frames_rejected",
+)
+RATES = ("samples_received", "points_captured", "scan_points_published")
+
+
+class HealthReport:
+    """Collects figures and makes the health message.
+
+    Args:
+        clock: the host's.
+    """
+
+    def __init__(self, clock: HostClock) -> None:
+        self._clock = clock
+        self._start_ns = clock.monotonic_ns()
+        self._last_ns = self._start_ns
+        self._last_cpu_s = time.process_time()
+        self._last: Counter[str] = Counter()
+        self._last_samples: Counter[str] = Counter()
+        self.latencies = {name: Latencies() for name in LATENCY_NAMES}
+
+    def message(
+        self,
+        *,
+        arm: str,
+        session: str,
+        devices: Sequence[Device],
+        broker: BrokerHealth,
+        counters: Mapping[str, int],
+        temperature_c: float | None,
+    ) -> Health:
+        """The figures since the last call."""
+        now_ns = self._clock.monotonic_ns()
+        elapsed_s = max(1e-3, (now_ns - self._last_ns) * 1e-9)
+        cpu_s = time.process_time()
+        totals = Counter(counters)
+        for device in devices:
+            for name in SUMMED:
+                totals[name] += device.counters[name]
+            totals["reconnects"] += device.reconnects
+        rates_hz = {
+            name: max(0, totals[name] - self._last[name]) / elapsed_s for name in RATES
+        }
+        message = Health(
+            arm=arm,
+            session=session,
+            time_ns=now_ns + self._clock.utc_offset_ns(),
+            uptime_s=(now_ns - self._start_ns) * 1e-9,
+            kernel="numpy",
+            cpu_share=(cpu_s - self._last_cpu_s) / elapsed_s,
+            rss_bytes=_resident_bytes(),
+            counters={name: max(0, value) for name, value in totals.items()},
+            rates_hz=rates_hz,
+            latencies=self._taken_latencies(),
+            temperatures_c={} if temperature_c is None else {"arm": temperature_c},
+            broker=broker,
+            devices=tuple(
+                device.health(self._rate_hz(device, elapsed_s), now_ns)
+                for device in devices
+            ),
+        )
+        self._last_ns, self._last_cpu_s, self._last = now_ns, cpu_s, totals
+        return message
+
+    def _rate_hz(self, device: Device, elapsed_s: float) -> float:
+        name = device.section.id
+        taken = device.samples - self._last_samples[name]
+        self._last_samples[name] = device.samples
+        return taken / elapsed_s
+
+    def _taken_latencies(self) -> dict[str, Latency]:
+        taken = {}
+        for name, latencies in self.latencies.items():
+            figures = latencies.figures_us()
+            if figures is not None:
+                p50_us, p99_us, max_us, n = figures
+                taken[name] = Latency(p50_us=p50_us, p99_us=p99_us, max_us=max_us, n=n)
+            latencies.clear()
+        return taken
+
+
+def _resident_bytes() -> int:
+    """Resident memory; the largest so far where the system does not tell."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text("ascii").split()[1])
+    except (OSError, IndexError, ValueError):
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    return pages * resource.getpagesize()

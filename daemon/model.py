@@ -1,0 +1,114 @@
+"""The arm as the pipeline needs it: geometry, encoders, and which channel is whose."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.arm_file import Arm, FileError, Problem, arm_digest, read_arm
+from kinematics.geometry import Geometry, geometry_from_arm
+from kinematics.readings import Encoders, encoders_from_arm
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmModel:
+    """One arm file, ready for the measurement path; replaced whole, never changed.
+
+    Attributes:
+        digest: of the arm file's values; every point carries it.
+        device: id of the device that latches all joints.
+        channels: (n_joints,) the channel of each joint.
+    """
+
+    name: str
+    digest: str
+    geometry: Geometry
+    encoders: Encoders
+    device: str
+    channels: NDArray[np.intp]
+    probe_radius_mm: float
+
+    def problems_with(self, moduli_counts: tuple[int, ...]) -> list[str]:
+        """What does not fit between the arm file and what the device says it has.
+
+        Args:
+            moduli_counts: per channel of the device, where its count wraps.
+        """
+        found = []
+        for joint, channel in enumerate(self.channels.tolist()):
+            turn = int(self.encoders.counts_per_turn[joint])
+            if channel >= len(moduli_counts):
+                found.append(
+                    f"joint {joint + 1} of the arm is on channel {channel}, but "
+                    f"{self.device} has {len(moduli_counts)} channels, from 0"
+                )
+            elif moduli_counts[channel] % turn:
+                found.append(
+                    f"joint {joint + 1} has {turn} counts per turn in the arm file, "
+                    f"but channel {channel} of {self.device} wraps at "
+                    f"{moduli_counts[channel]}, which is no whole number of turns"
+                )
+        return found
+
+
+def read_model(path: Path, device_ids: Mapping[str, object]) -> ArmModel:
+    """Read an arm file for measuring with the given devices.
+
+    Raises:
+        FileError: the file is wrong, or asks for what this daemon cannot do.
+    """
+    arm = read_arm(path)
+    problems = list(_unusable(arm, device_ids))
+    if problems:
+        raise FileError(str(path), problems)
+    encoders = [joint.encoder for joint in arm.joints if joint.encoder is not None]
+    return ArmModel(
+        arm.name,
+        arm_digest(arm),
+        geometry_from_arm(arm),
+        encoders_from_arm(arm),
+        encoders[0].device_id,
+        np.array([encoder.channel for encoder in encoders], dtype=np.intp),
+        arm.probe.radius_mm,
+    )
+
+
+def _unusable(arm: Arm, device_ids: Mapping[str, object]) -> list[Problem]:
+    problems = []
+    devices = set()
+    for index, joint in enumerate(arm.joints):
+        where = f"joints[{index}].encoder"
+        if joint.encoder is None:
+            problems.append(
+                Problem(where, "is missing; without it counts are not angles")
+            )
+            continue
+        devices.add(joint.encoder.device_id)
+        if joint.encoder.device_id not in device_ids:
+            known = ", ".join(sorted(device_ids)) or "none"
+            problems.append(
+                Problem(
+                    f"{where}.source",
+                    f"names device {joint.encoder.device_id!r}, which the "
+                    f"configuration does not have; it has: {known}",
+                )
+            )
+    if len(devices) > 1:
+        problems.append(
+            Problem(
+                "joints",
+                f"are on several devices ({', '.join(sorted(devices))}); this version "
+                "measures with one device that latches all joints at one instant",
+            )
+        )
+    problems.extend(
+        Problem(
+            f"effects[{index}]",
+            f"this version cannot apply {effect.kind!r}; measuring without it would "
+            "give wrong points. Remove the effect, or use a version that applies it",
+        )
+        for index, effect in enumerate(arm.effects)
+    )
+    return problems

@@ -1,0 +1,67 @@
+"""From values to messages on their way: topic, quality of service, encoding."""
+
+from collections.abc import Callable
+
+from daemon.clock import HostClock
+from daemon.events import Occurrence
+from daemon.outgoing import Outgoing, OutgoingQueue
+from protocol import topics
+from protocol.encoding import Encoding, encode
+from protocol.messages import Event, Message
+
+
+class Outlet:
+    """Encodes the arm's messages and puts them into the outgoing queue.
+
+    Args:
+        arm: name of the arm, second level of every topic.
+        encoding: of all payloads.
+        queue: where they wait for the publisher.
+        clock: the host's.
+    """
+
+    def __init__(
+        self, arm: str, encoding: Encoding, queue: OutgoingQueue, clock: HostClock
+    ) -> None:
+        self._arm = arm
+        self._encoding: Encoding = encoding
+        self._queue = queue
+        self._clock = clock
+
+    def outgoing(
+        self, kind: str, message: Message, sent: Callable[[], None] | None = None
+    ) -> Outgoing:
+        """The message as it is handed to the broker."""
+        channel = topics.CHANNELS[kind]
+        return Outgoing(
+            f"{topics.ROOT}/{self._arm}/{kind}",
+            encode(message, self._encoding),
+            qos=channel.qos,
+            retain=channel.retained,
+            sent=sent,
+        )
+
+    def publish(
+        self, kind: str, message: Message, sent: Callable[[], None] | None = None
+    ) -> bool:
+        """Queue a message; False if there was no room for it."""
+        return self._queue.offer(kind, self.outgoing(kind, message, sent))
+
+    def publish_event(self, what: Occurrence, session: str) -> None:
+        """Queue an event; its times become UTC."""
+        offset_ns = self._clock.utc_offset_ns()
+        event = Event(
+            arm=self._arm,
+            session=session,
+            severity=what.severity,
+            code=what.code,
+            text=what.text[:2000],
+            remedy=what.remedy[:2000],
+            source=what.source[:64],
+            active=what.active,
+            first_ns=what.first_ns + offset_ns,
+            last_ns=what.last_ns + offset_ns,
+            count=what.count,
+            data=dict(what.data),
+        )
+        self.publish("event", event)

@@ -1,0 +1,228 @@
+"""The connection to the broker: one method to publish, everything else by itself.
+
+MQTT 5 where the broker speaks it, else 3.1.1 (its properties are a courtesy, never
+needed to decode). TCP_NODELAY always: with Nagle's algorithm one message in a
+hundred waits 24 ms. A message leaves its queue only after the broker has taken it.
+"""
+
+import asyncio
+import contextlib
+import logging
+import random
+import socket
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import aiomqtt
+from paho.mqtt.packettypes import PacketTypes
+from paho.mqtt.properties import Properties
+from paho.mqtt.reasoncodes import ReasonCode
+
+from daemon.outgoing import Outgoing, OutgoingQueue
+from protocol.encoding import Encoding, content_type
+
+log = logging.getLogger(__name__)
+
+FIRST_RETRY_S = 0.2
+LAST_RETRY_S = 5.0
+MAX_INCOMING = 100
+UNSUPPORTED_VERSION = (132, 1)  # reason code of MQTT 5, return code of MQTT 3.1.1
+
+
+@dataclass(frozen=True, slots=True)
+class BrokerAddress:
+    """Where the broker is and how to get in."""
+
+    host: str
+    port: int
+    username: str | None = None
+    password_file: Path | None = None
+    keepalive_s: int = 15
+
+    def __str__(self) -> str:
+        return f"{self.host}:{self.port}"
+
+
+@dataclass(frozen=True, slots=True)
+class Incoming:
+    """A command as it came: topic, payload, and where its answer goes."""
+
+    topic: str
+    payload: bytes
+    retained: bool
+    response_topic: str | None
+    correlation: bytes | None
+
+
+class Publisher:
+    """Keeps a connection, sends what the queue holds, hands on what comes in.
+
+    Args:
+        address: of the broker.
+        client_id: unique for the arm; two clients with one name fight.
+        will: what the broker publishes when this client vanishes.
+        encoding: of the payloads, told as MQTT 5 content type.
+        queue: what is to be sent.
+        subscription: topic filter of the commands.
+        receive: called with each command.
+        changed: called when the connection is up (True) or lost (False, reason).
+    """
+
+    def __init__(
+        self,
+        *,
+        address: BrokerAddress,
+        client_id: str,
+        will: Outgoing,
+        encoding: Encoding,
+        queue: OutgoingQueue,
+        subscription: str,
+        receive: Callable[[Incoming], None],
+        changed: Callable[[bool, str], None],
+    ) -> None:
+        self.address = address
+        self._client_id = client_id
+        self._will = will
+        self._encoding = encoding
+        self._queue = queue
+        self._subscription = subscription
+        self._receive = receive
+        self._changed = changed
+        self._version = aiomqtt.ProtocolVersion.V5
+        self.state: Literal["connecting", "connected", "lost"] = "connecting"
+        self.reconnects = 0
+
+    @property
+    def protocol(self) -> str:
+        """The MQTT version in use."""
+        return "5" if self._version is aiomqtt.ProtocolVersion.V5 else "3.1.1"
+
+    async def probe(self) -> str | None:
+        """Connect once and leave; None, or why that was not possible."""
+        try:
+            async with self._connection(will=False):
+                return None
+        except (aiomqtt.MqttError, OSError) as error:
+            return _reason(error)
+
+    async def run(self) -> None:
+        """Connect, send and receive; come back after every loss; until cancelled."""
+        retry_s = FIRST_RETRY_S
+        connected_before = False
+        told = ""
+        while True:
+            try:
+                async with self._connection(will=True) as client:
+                    self.reconnects += connected_before
+                    connected_before, retry_s, told = True, FIRST_RETRY_S, ""
+                    await client.subscribe(self._subscription, qos=1)
+                    self.state = "connected"
+                    self._changed(True, f"broker {self.address} connected")
+                    await self._serve(client)
+            except (aiomqtt.MqttError, OSError) as error:
+                reason = _reason(error)
+                if self.state == "connected" or reason != told:
+                    self.state, told = "lost", reason
+                    self._changed(False, f"broker {self.address}: {reason}")
+            # Jitter keeps a fleet from coming back all at once.
+            await asyncio.sleep(retry_s * random.uniform(0.5, 1.0))
+            retry_s = min(2 * retry_s, LAST_RETRY_S)
+
+    async def _serve(self, client: aiomqtt.Client) -> None:
+        sending = asyncio.create_task(self._send(client))
+        receiving = asyncio.create_task(self._take(client))
+        tasks: tuple[asyncio.Task[None], ...] = (sending, receiving)
+        try:
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for task in tasks:
+                task.cancel()
+            results = await asyncio.gather(*tasks, return_exceptions=True)
+        for result in results:
+            if isinstance(result, Exception):
+                raise result
+
+    async def _send(self, client: aiomqtt.Client) -> None:
+        while True:
+            kind, message = await self._queue.next()
+            await client.publish(
+                message.topic,
+                message.payload,
+                qos=message.qos,
+                retain=message.retain,
+                properties=self._properties(message),
+            )
+            self._queue.done(kind, message)
+
+    async def _take(self, client: aiomqtt.Client) -> None:
+        async for message in client.messages:
+            properties = message.properties
+            payload = message.payload if isinstance(message.payload, bytes) else b""
+            self._receive(
+                Incoming(
+                    str(message.topic),
+                    payload,
+                    message.retain,
+                    getattr(properties, "ResponseTopic", None),
+                    getattr(properties, "CorrelationData", None),
+                )
+            )
+
+    def _properties(self, message: Outgoing) -> Properties | None:
+        if self._version is not aiomqtt.ProtocolVersion.V5:
+            return None
+        properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]  # paho's is not typed
+        properties.ContentType = content_type(self._encoding)
+        if message.correlation is not None:
+            properties.CorrelationData = message.correlation
+        return properties
+
+    @contextlib.asynccontextmanager
+    async def _connection(self, *, will: bool) -> AsyncIterator[aiomqtt.Client]:
+        """A connection in the newest version that the broker speaks."""
+        async with contextlib.AsyncExitStack() as stack:
+            try:
+                client = await stack.enter_async_context(self._client(will=will))
+            except aiomqtt.MqttCodeError as error:
+                if not _is_version_refusal(error):
+                    raise
+                self._version = aiomqtt.ProtocolVersion.V311
+                client = await stack.enter_async_context(self._client(will=will))
+            yield client
+
+    def _client(self, *, will: bool) -> aiomqtt.Client:
+        password = None
+        if self.address.password_file is not None:
+            password = self.address.password_file.read_text("utf-8").strip()
+        client = aiomqtt.Client(
+            self.address.host,
+            self.address.port,
+            username=self.address.username,
+            password=password,
+            identifier=self._client_id,
+            protocol=self._version,
+            keepalive=self.address.keepalive_s,
+            will=aiomqtt.Will(self._will.topic, self._will.payload, 1, True)
+            if will
+            else None,
+            timeout=5,
+            max_queued_incoming_messages=MAX_INCOMING,
+            socket_options=[(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)],
+        )
+        client.pending_calls_threshold = 1000
+        return client
+
+
+def _is_version_refusal(error: aiomqtt.MqttCodeError) -> bool:
+    code = error.rc.value if isinstance(error.rc, ReasonCode) else error.rc
+    return code in UNSUPPORTED_VERSION
+
+
+def _reason(error: Exception) -> str:
+    if isinstance(error, ConnectionRefusedError):
+        return "nothing listens there"
+    if isinstance(error, socket.gaierror):
+        return "no such host"
+    return str(error) or type(error).__name__

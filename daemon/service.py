@@ -1,0 +1,308 @@
+"""The daemon composed: driver -> pipeline -> MQTT, from start to orderly end."""
+
+import asyncio
+import contextlib
+import logging
+import signal
+from collections.abc import AsyncIterator
+from importlib.metadata import version
+from pathlib import Path
+
+from daemon.capture import Capture, Triggers
+from daemon.clock import HostClock
+from daemon.commands import CommandDesk
+from daemon.configuration import BrokerSection, Configuration
+from daemon.device import Device, open_device
+from daemon.embedded_broker import HOST, BrokerStartError, embedded_broker
+from daemon.events import EventLog
+from daemon.health import HealthReport
+from daemon.live import LiveView
+from daemon.measuring import Measuring
+from daemon.model import ArmModel
+from daemon.outgoing import OutgoingQueue
+from daemon.outlet import Outlet
+from daemon.pipeline import Pipeline
+from daemon.publisher import BrokerAddress, Publisher
+from daemon.requests import Requests
+from daemon.scanner import Scanner
+from daemon.startup import (
+    UNREACHABLE,
+    StartupError,
+    check_devices,
+    read_inputs,
+)
+from protocol import topics
+from protocol.encoding import Encoding
+from protocol.messages import BrokerHealth, Point, Status
+
+log = logging.getLogger(__name__)
+
+DRAIN_S = 2.0
+FLUSH_S = 0.25
+
+
+async def run_service(path: Path, *, embedded: bool, embedded_port: int = 1883) -> int:
+    """Run the daemon until SIGTERM or SIGINT.
+
+    Args:
+        path: configuration file.
+        embedded: bring an own broker on loopback.
+        embedded_port: its port; 0 takes a free one.
+
+    Returns:
+        The exit status.
+    """
+    try:
+        configuration, model = read_inputs(path, embedded)
+        async with contextlib.AsyncExitStack() as stack:
+            section = configuration.broker or BrokerSection()
+            if embedded:
+                port = await stack.enter_async_context(embedded_broker(embedded_port))
+                section = section.model_copy(update={"host": HOST, "port": port})
+                log.info("embedded broker on %s:%d", HOST, port)
+            service = Service(configuration, section, model, path.parent)
+            await service.run()
+    except BrokerStartError as error:
+        log.error("%s", StartupError([str(error)], UNREACHABLE))
+        return UNREACHABLE
+    except StartupError as error:
+        log.error("%s", error)
+        return error.status
+    return 0
+
+
+class Service:
+    """One arm, its devices and its broker."""
+
+    def __init__(
+        self,
+        configuration: Configuration,
+        broker: BrokerSection,
+        model: ArmModel,
+        folder: Path,
+    ) -> None:
+        self._configuration = configuration
+        self._encoding: Encoding = broker.encoding
+        self._arm = model.name
+        self._clock = HostClock()
+        self._stopping = asyncio.Event()
+        settings = configuration.capture
+        self._queue = OutgoingQueue(max_points=settings.max_waiting_points)
+        self._outlet = Outlet(self._arm, self._encoding, self._queue, self._clock)
+        self._events = EventLog(
+            self._clock,
+            lambda what: self._outlet.publish_event(what, self._capture.session.id),
+        )
+        self._health = HealthReport(self._clock)
+        self._capture = Capture(self._clock, self._publish_point)
+        self._scanner = Scanner(
+            self._clock,
+            lambda scan: self._outlet.publish("scan", scan),
+            settings.scan_block_s,
+        )
+        self._live = LiveView(self._clock, settings.live_rate_hz)
+        self._measuring = Measuring(
+            clock=self._clock,
+            pipeline=Pipeline(model),
+            capture=self._capture,
+            triggers=Triggers(
+                {(i.device_id, i.number): i.trigger for i in settings.inputs}
+            ),
+            scanner=self._scanner,
+            live=self._live,
+            events=self._events,
+            health=self._health,
+            offer_live=lambda live: self._outlet.publish("live", live),
+            status_changed=self._publish_status,
+        )
+        self._model = model
+        loop = asyncio.get_running_loop()
+        self._devices = [open_device(d, loop) for d in configuration.device]
+        self._latching = next(d for d in self._devices if d.section.id == model.device)
+        self._requests = Requests(
+            settings=settings,
+            model=model,
+            device=self._latching,
+            capture=self._capture,
+            scanner=self._scanner,
+            measuring=self._measuring,
+        )
+        self._commands = CommandDesk(
+            arm=model.name,
+            encoding=self._encoding,
+            offer=lambda answer: self._queue.offer("reply", answer),
+            carry_out={
+                "point": self._requests.take_point,
+                "scan": self._requests.change_scan,
+            },
+        )
+        password_file = broker.password_file
+        self._publisher = Publisher(
+            address=BrokerAddress(
+                broker.host,
+                broker.port,
+                broker.username,
+                None if password_file is None else folder / password_file,
+                broker.keepalive_s,
+            ),
+            client_id=f"traverse-{model.name}",
+            will=self._outlet.outgoing("status", self._status(online=False)),
+            encoding=self._encoding,
+            queue=self._queue,
+            subscription=topics.command_filter(model.name),
+            receive=self._commands.receive,
+            changed=self._broker_changed,
+        )
+
+    async def run(self) -> None:
+        """Start, measure until stopped, end in order.
+
+        Raises:
+            StartupError: a device or the broker could not be reached.
+        """
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGTERM, signal.SIGINT):
+            loop.add_signal_handler(number, self._stopping.set)
+        failure: StartupError | None = None
+        async with self._running_drivers(), asyncio.TaskGroup() as tasks:
+            running = [tasks.create_task(self._consume(d)) for d in self._devices]
+            try:
+                await self._check()
+                running.append(tasks.create_task(self._publisher.run()))
+                running.append(tasks.create_task(self._keep_house()))
+                self._publish_status()
+                self._requests.track()
+                log.info("arm %s, model %s", self._arm, self._model.digest[:12])
+                await self._stopping.wait()
+                await self._drain()
+            except StartupError as error:
+                failure = error  # raised outside the group, which would wrap it
+            finally:
+                await self._commands.close()
+                for task in running:
+                    task.cancel()
+        if failure is not None:
+            raise failure
+
+    async def _check(self) -> None:
+        failures = await check_devices(self._devices)
+        reason = await self._publisher.probe()
+        if reason is not None:
+            where = self._publisher.address
+            text = f"broker {where}: {reason}; start it, or correct [broker]"
+            failures.append((UNREACHABLE, text))
+        if failures:
+            texts = [text for _, text in failures]
+            raise StartupError(texts, min(status for status, _ in failures))
+
+    async def _drain(self) -> None:
+        self._scanner.stop()
+        self._outlet.publish("status", self._status(online=False))
+        log.info("stopping")
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(DRAIN_S):
+                await self._queue.empty()
+
+    @contextlib.asynccontextmanager
+    async def _running_drivers(self) -> AsyncIterator[None]:
+        try:
+            for device in self._devices:
+                device.driver.start()
+            yield
+        finally:
+            closing = (asyncio.to_thread(d.driver.close) for d in self._devices)
+            await asyncio.gather(*closing)
+
+    async def _consume(self, device: Device) -> None:
+        while True:
+            for delivery in await device.crossing.take():
+                self._measuring.take(device, delivery)
+
+    async def _keep_house(self) -> None:
+        period_s = self._configuration.health.period_s
+        due_s = 0.0
+        loop = asyncio.get_running_loop()
+        while True:
+            self._events.flush()
+            if loop.time() >= due_s:
+                due_s = loop.time() + period_s
+                self._publish_health()
+            await asyncio.sleep(min(FLUSH_S, period_s))
+
+    # -- messages -------------------------------------------------------------
+
+    def _publish_point(self, point: Point) -> bool:
+        begun_ns = self._clock.monotonic_ns()
+
+        def sent() -> None:
+            waited_ns = self._clock.monotonic_ns() - begun_ns
+            self._health.latencies["publish_to_ack"].add(waited_ns)
+
+        return self._outlet.publish("point", point, sent)
+
+    def _status(self, *, online: bool = True) -> Status:
+        ready = all(device.state == "ready" for device in self._devices)
+        return Status(
+            online=online,
+            state="offline" if not online else "ready" if ready else "degraded",
+            arm=self._arm,
+            model=self._model.digest,
+            version=version("traverse-cmm"),
+            kernel="numpy",
+            encoding=self._encoding,
+            session=self._capture.session.id,
+            time_ns=self._clock.monotonic_ns() + self._clock.utc_offset_ns(),
+            drivers=tuple(device.status() for device in self._devices),
+        )
+
+    def _publish_status(self) -> None:
+        self._outlet.publish("status", self._status())
+
+    def _publish_health(self) -> None:
+        waiting = sum(self._queue.waiting(kind) for kind in ("point", "event", "scan"))
+        dropped = self._queue.dropped
+        broker = BrokerHealth(
+            state=self._publisher.state,
+            host=self._publisher.address.host,
+            port=self._publisher.address.port,
+            reconnects=self._publisher.reconnects,
+            queued=waiting,
+            queue_limit=self._queue.limit,
+            unacknowledged=self._queue.waiting("point"),
+            dropped=dropped["event"] + dropped["scan"] + dropped["reply"],
+        )
+        counters = {
+            "points_captured": self._capture.captured,
+            "points_refused": self._capture.refused,
+            "points_published": self._queue.sent["point"],
+            "scan_points_published": self._scanner.published_points,
+            "scan_points_dropped": self._scanner.dropped_points,
+            "live_published": self._queue.sent["live"],
+            "live_thinned": self._live.thinned + dropped["live"],
+            "events_published": self._queue.sent["event"],
+            "events_dropped": dropped["event"],
+            "commands_received": self._commands.received,
+            "commands_refused": self._commands.refused,
+            "reconnects": self._publisher.reconnects,
+        }
+        message = self._health.message(
+            arm=self._arm,
+            session=self._capture.session.id,
+            devices=self._devices,
+            broker=broker,
+            counters=counters,
+            temperature_c=self._latching.temperature_c,
+        )
+        self._outlet.publish("health", message)
+
+    def _broker_changed(self, connected: bool, text: str) -> None:
+        if connected:
+            self._publish_status()
+        self._events.change(
+            not connected,
+            "error",
+            "broker.lost",
+            text,
+            source="broker",
+            remedy="" if connected else "start the broker; points are kept until then",
+        )

@@ -1,0 +1,77 @@
+"""Start-up: everything that is missing is told together, in one readable tree."""
+
+import asyncio
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from daemon.configuration import Configuration, read_configuration
+from daemon.device import Device
+from daemon.model import ArmModel, read_model
+from kinematics.arm_file import FileError, Problem
+
+DEVICES_ANSWER_S = 8.0
+
+REFUSED = 2
+UNREACHABLE = 3
+
+
+class StartupError(Exception):
+    """The daemon cannot start.
+
+    Attributes:
+        status: exit status, 2 where an input was refused, 3 where a device or the
+            broker could not be reached.
+    """
+
+    def __init__(self, failures: Sequence[str], status: int) -> None:
+        lines = ["traverse cannot start:"]
+        for failure in failures:
+            first, *rest = failure.splitlines()
+            lines += [f"  - {first}", *(f"    {line}" for line in rest)]
+        super().__init__("\n".join(lines))
+        self.status = status
+
+
+def read_inputs(path: Path, embedded: bool) -> tuple[Configuration, ArmModel]:
+    """Read the configuration and the arm file that it names.
+
+    Raises:
+        StartupError: with everything that is wrong with both.
+    """
+    try:
+        configuration = read_configuration(path)
+    except FileError as error:
+        raise StartupError([str(error)], REFUSED) from error
+    failures = []
+    if configuration.broker is None and not embedded:
+        missing = Problem(
+            "broker", "is missing; add a table [broker], or use --embedded-broker"
+        )
+        failures.append(str(FileError(str(path), [missing])))
+    ids = {device.id: device for device in configuration.device}
+    try:
+        model = read_model(path.parent / configuration.arm.file, ids)
+    except FileError as error:
+        raise StartupError([*failures, str(error)], REFUSED) from error
+    if failures:
+        raise StartupError(failures, REFUSED)
+    return configuration, model
+
+
+async def check_devices(devices: Iterable[Device]) -> list[tuple[int, str]]:
+    """Wait for all devices; what is wrong with each, with its exit status."""
+    failures = []
+    for device in devices:
+        name = f"device {device.section.id}"
+        try:
+            async with asyncio.timeout(DEVICES_ANSWER_S):
+                await device.heard.wait()
+        except TimeoutError:
+            silent = f"{name}: no answer within {DEVICES_ANSWER_S:g} s"
+            failures.append((UNREACHABLE, silent))
+            continue
+        if device.state == "starting" and device.lost is not None:
+            lost = device.lost
+            failures.append((UNREACHABLE, f"{name}: {lost.reason}; {lost.remedy}"))
+        failures += [(REFUSED, f"{name}: {text}") for text in device.problems]
+    return failures
