@@ -20,6 +20,7 @@ from protocol.messages.fields import (
     Value,
     Vector,
 )
+from protocol.messages.point import Label
 from protocol.messages.scan import ScanMode
 
 ROTATION_TOLERANCE = 1e-6
@@ -89,21 +90,10 @@ class UndoArgs(Args):
     """If given, it must be that point: a guard against undoing another's."""
 
 
-class LabelArgs(Args):
+class LabelArgs(Args, Label):
     """Say what the next points are taken on; both null ends it."""
 
     command = "label"
-    artefact: Name | None = None
-    """Identifier of the artefact."""
-    feature: Annotated[str, Field(max_length=64)] | None = None
-    """Feature of the artefact; null: it has only one."""
-
-    @model_validator(mode="after")
-    def _names_an_artefact(self) -> Self:
-        if self.artefact is None and self.feature is not None:
-            message = "an artefact where there is a feature"
-            raise ValueError(message)
-        return self
 
 
 class ProbeArgs(Args):

@@ -27,10 +27,17 @@ Covariance = tuple[float, float, float, float, float, float]
 class Label(Value):
     """What a point was taken on, as in a campaign's poses."""
 
-    artefact: Name
-    """Identifier of the artefact."""
-    feature: Annotated[str, Field(max_length=64)]
-    """Feature of the artefact; empty where it has only one."""
+    artefact: Name | None = None
+    """Identifier of the artefact; null: nobody has said."""
+    feature: Name | None = None
+    """Feature of the artefact; null where it has only one."""
+
+    @model_validator(mode="after")
+    def _names_an_artefact(self) -> Self:
+        if self.artefact is None and self.feature is not None:
+            message = "an artefact where there is a feature"
+            raise ValueError(message)
+        return self
 
 
 class Point(Message):
@@ -80,8 +87,8 @@ class Point(Message):
     """How many samples were averaged."""
     spread_mm: NotNegative | None
     """Root mean square distance of the samples from their mean; null for one sample."""
-    label: Label | None
-    """What was touched, where the operator or a campaign has said so."""
+    label: Label
+    """What was touched."""
     quality: Quality
     """Whether the point may be trusted."""
 
