@@ -1,0 +1,114 @@
+"""The simulator's configuration file (docs/reference/simulator.md)."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any, Literal
+
+from pydantic import Field
+
+from kinematics.arm_file import Problem, StrictModel
+from simulator.faults import AnyFault
+from simulator.motions import KINDS, AnyMotion
+
+
+class DeviationTable(StrictModel):
+    """Standard deviations of the truth from the arm file."""
+
+    links_mm: float = Field(default=0.0, ge=0.0)
+    axes_rad: float = Field(default=0.0, ge=0.0)
+    zeros_rad: float = Field(default=0.0, ge=0.0)
+
+
+class ArmTable(StrictModel):
+    """The virtual arm."""
+
+    file: str
+    true_file: str | None = None
+    deviations: DeviationTable = DeviationTable()
+    turn_limits_rad: tuple[tuple[float, float], ...] | None = None
+    noise_rad: float = Field(default=0.0, ge=0.0)
+
+
+class DeviceTable(StrictModel):
+    """A controller board on a pty."""
+
+    id: str = Field(min_length=1)
+    port: str = Field(min_length=1)
+    tick_rate_hz: int = Field(default=1_000_000, ge=100_000, le=100_000_000)
+    max_rate_hz: float = Field(default=10_000.0, gt=0.0, le=10_000.0)
+    clock_error_ppm: float = Field(default=0.0, ge=-1000.0, le=1000.0)
+    first_ticks: int = Field(default=0, ge=0, le=2**32 - 1)
+    encoder_turns: int = Field(default=1, ge=1)
+    inputs: tuple[Literal["button", "switch"], ...] = ("button", "switch")
+    temperatures_c: tuple[float, ...] = Field(default=(20.0,), max_length=16)
+    transmit_buffer_bytes: int = Field(default=65_536, ge=1024, le=16_777_216)
+
+
+class OperatorTable(StrictModel):
+    """How the arm is led."""
+
+    move_s: float = Field(default=0.8, gt=0.0)
+    approach_s: float = Field(default=0.4, gt=0.0)
+    dwell_s: float = Field(default=0.3, gt=0.0)
+    press_s: float = Field(default=0.1, gt=0.0)
+    clearance_mm: float = Field(default=15.0, gt=0.0)
+    switch_speed_mm_s: float = Field(default=10.0, gt=0.0)
+    overtravel_mm: float = Field(default=1.0, gt=0.0)
+    tilt_rad: float = Field(default=1.2, gt=0.0, le=3.2)
+
+
+class SimulatorConfig(StrictModel):
+    """The whole file."""
+
+    schema_: Literal["traverse/simulator/1"] = Field(alias="schema")
+    seed: int = Field(default=1, ge=0)
+    clock: Literal["real", "fast"] = "real"
+    start: Literal["power_up", "first_start"] = "power_up"
+    repeat: bool = False
+    exit_at_end: bool = False
+    truth_log: str | None = None
+    arm: ArmTable
+    operator: OperatorTable = OperatorTable()
+    device: tuple[DeviceTable, ...] = Field(min_length=1)
+    motion: tuple[AnyMotion, ...] = Field(min_length=1)
+    fault: tuple[AnyFault, ...] = ()
+
+
+def config_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
+    """Find what is wrong between keys."""
+    devices = _tables(raw, "device")
+    for key in ("id", "port"):
+        seen: set[str] = set()
+        for number, device in enumerate(devices):
+            name = str(device.get(key))
+            if key in device and name in seen:
+                where = f"device[{number}].{key}"
+                yield Problem(where, f"'{name}' is used twice; each needs its own")
+            seen.add(name)
+    ids = {str(device.get("id")) for device in devices}
+    for number, fault in enumerate(_tables(raw, "fault")):
+        named = fault.get("device")
+        if isinstance(named, str) and named not in ids:
+            where = f"fault[{number}].device"
+            yield Problem(where, f"no device '{named}'; there are {sorted(ids)}")
+    motions = _tables(raw, "motion")
+    for number, motion in enumerate(motions):
+        kind = motion.get("kind")
+        if isinstance(kind, str) and kind not in KINDS:
+            known = ", ".join(sorted(KINDS))
+            where = f"motion[{number}].kind"
+            yield Problem(where, f"unknown kind of motion '{kind}'; known: {known}")
+        if kind == "replay" and len(motions) > 1:
+            where = f"motion[{number}].kind"
+            yield Problem(where, "a replay is the whole script; remove the others")
+    arm = raw.get("arm")
+    if isinstance(arm, Mapping) and "true_file" in arm and "deviations" in arm:
+        yield Problem("arm.deviations", "true_file says the truth; remove one of them")
+    if raw.get("repeat") is True and raw.get("exit_at_end") is True:
+        yield Problem("exit_at_end", "a script that repeats has no end; remove one")
+
+
+def _tables(raw: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
+    tables = raw.get(key)
+    if not isinstance(tables, list):
+        return []
+    return [table for table in tables if isinstance(table, Mapping)]

@@ -1,0 +1,39 @@
+"""What all motions of a configuration have in common."""
+
+from collections.abc import Mapping
+from typing import Annotated
+
+from pydantic import BeforeValidator, Field, SerializeAsAny
+
+from kinematics.arm_file import StrictModel
+from simulator.motions.stage import Stage
+
+Vector = Annotated[tuple[float, float, float], Field()]
+KINDS: dict[str, type["Motion"]] = {}  # filled by simulator.motions, the only table
+
+
+class Motion(StrictModel):
+    """A motion; every kind is a class of its own in a file of its own."""
+
+    kind: str
+
+    @classmethod
+    def variant(cls, table: object) -> "type[Motion]":
+        """Say the class of a table by its kind."""
+        kind = table.get("kind") if isinstance(table, Mapping) else None
+        return KINDS.get(str(kind), Motion)
+
+    def play(self, stage: Stage) -> None:
+        """Append this motion to the course."""
+        known = ", ".join(sorted(KINDS))
+        raise ValueError(f"unknown kind of motion '{self.kind}'; known: {known}")
+
+
+def motion_from_table(table: object) -> Motion:
+    """Make a motion of the class that its kind asks for."""
+    if isinstance(table, Motion):
+        return table
+    return Motion.variant(table).model_validate(table)
+
+
+AnyMotion = Annotated[SerializeAsAny[Motion], BeforeValidator(motion_from_table)]

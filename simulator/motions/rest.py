@@ -1,0 +1,16 @@
+"""Rest: the arm stays where it is."""
+
+from pydantic import Field
+
+from simulator.motions.motion import Motion
+from simulator.motions.stage import Stage
+
+
+class Rest(Motion):
+    """Hold still for a time."""
+
+    duration_s: float = Field(gt=0.0)
+
+    def play(self, stage: Stage) -> None:
+        """Append this motion to the course."""
+        stage.rest(self.duration_s)

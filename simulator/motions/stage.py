@@ -1,0 +1,112 @@
+"""Where motions are played: a course is put together, piece by piece."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from simulator.inverse import Reach
+from simulator.physics import Floats
+from simulator.script import ScriptEvent
+from simulator.trajectory import (
+    Trajectory,
+    move_pieces,
+    rest_pieces,
+    spline_pieces,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Operator:
+    """How the arm is led.
+
+    Attributes:
+        move_s: From one target to the next.
+        approach_s: From the clearance to the contact.
+        dwell_s: In contact, besides the press.
+        press_s: How long the button is held down.
+        clearance_mm: Where an approach begins.
+        switch_speed_mm_s: Of a switching probe at the contact.
+        overtravel_mm: Of a switching probe beyond the contact.
+        tilt_rad: How far the shank may lean from the normal.
+    """
+
+    move_s: float
+    approach_s: float
+    dwell_s: float
+    press_s: float
+    clearance_mm: float
+    switch_speed_mm_s: float
+    overtravel_mm: float
+    tilt_rad: float
+
+
+class UnreachableError(ValueError):
+    """Targets of a motion that the arm cannot reach."""
+
+
+@dataclass(slots=True)
+class Stage:
+    """The course so far.
+
+    Attributes:
+        reach: The arm.
+        radius_mm: Of the probe's ball.
+        switching: The probe has a switch.
+        operator: Who leads it.
+        posture_rad: (n_joints,) where the arm is now.
+        time_s: Now.
+        events: What happened to the inputs.
+    """
+
+    reach: Reach
+    radius_mm: float
+    switching: bool
+    operator: Operator
+    posture_rad: Floats
+    time_s: float = 0.0
+    events: list[ScriptEvent] = field(default_factory=list)
+    _ends_s: list[float] = field(default_factory=list)
+    _pieces: list[Floats] = field(default_factory=list)
+
+    def trajectory(self) -> Trajectory:
+        """The whole course."""
+        breaks_s = np.array([0.0, *self._ends_s])
+        return Trajectory(breaks_s, np.concatenate(self._pieces))
+
+    def rest(self, duration_s: float) -> None:
+        """Hold still."""
+        self._append([self.time_s + duration_s], rest_pieces(self.posture_rad))
+
+    def move(self, posture_rad: Floats, duration_s: float) -> None:
+        """Go to a posture on the smoothest way of the joints."""
+        pieces = move_pieces(self.posture_rad, posture_rad)
+        self._append([self.time_s + duration_s], pieces)
+        self.posture_rad = posture_rad
+
+    def follow(self, postures_rad: Floats, times_s: Floats) -> None:
+        """Pass through postures (n, n_joints), the first is the present one.
+
+        Args:
+            postures_rad: (n, n_joints)
+            times_s: (n,) from now, beginning with 0.
+        """
+        pieces = spline_pieces(times_s, postures_rad)
+        self._append([self.time_s + float(t) for t in times_s[1:]], pieces)
+        self.posture_rad = postures_rad[-1]
+
+    def press(self, change: Callable[[float, str, int], ScriptEvent]) -> None:
+        """Press and release the button while the arm rests in contact.
+
+        The instant of the press is drawn, so that it falls between samples.
+        """
+        dwell_s, press_s = self.operator.dwell_s, self.operator.press_s
+        pressed_s = self.time_s + dwell_s * float(self.reach.rng.uniform(0.4, 0.6))
+        self.events.append(change(pressed_s, "button", 1))
+        self.events.append(change(pressed_s + press_s, "button", 0))
+        self.rest(dwell_s + press_s)
+
+    def _append(self, ends_s: list[float], pieces: Floats) -> None:
+        self._ends_s += ends_s
+        self._pieces.append(pieces)
+        self.time_s = ends_s[-1]

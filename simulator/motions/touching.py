@@ -1,0 +1,157 @@
+"""Touches surfaces, with a hard probe and a button or with a switching probe."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simulator.motions.stage import Stage, UnreachableError
+from simulator.physics import Floats
+from simulator.script import ScriptEvent
+
+N_APPROACH_KNOTS = 17
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """A place on a surface.
+
+    Attributes:
+        artefact: Its name.
+        feature: Of the artefact.
+        surface_mm: (3,)
+        normal: (3,) out of the material.
+    """
+
+    artefact: str
+    feature: str
+    surface_mm: Floats
+    normal: Floats
+
+    def change(self, time_s: float, input_name: str, level: int) -> ScriptEvent:
+        """An input changes while the ball is here."""
+        return ScriptEvent(
+            time_s,
+            input_name,
+            level,
+            self.artefact,
+            self.feature,
+            _triple(self.surface_mm),
+            _triple(self.normal),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Approach:
+    """Distances from the contact over time; the way back is the same reversed.
+
+    Attributes:
+        times_s: (n,) from 0.
+        distances_mm: (n,) along the normal, the clearance first.
+        contact: Index of the knot with distance 0.
+    """
+
+    times_s: Floats
+    distances_mm: Floats
+    contact: int
+
+
+def touch(stage: Stage, contacts: list[Contact]) -> None:
+    """Go to every contact in turn.
+
+    Raises:
+        UnreachableError: Naming the contacts that cannot be reached.
+    """
+    normals = np.array([contact.normal for contact in contacts])
+    centres_mm = np.array([contact.surface_mm for contact in contacts])
+    centres_mm = centres_mm + stage.radius_mm * normals
+    postures, reached = stage.reach.postures(
+        centres_mm, -normals, stage.operator.tilt_rad
+    )
+    if not np.all(reached):
+        missed = [_shown(centres_mm[i]) for i in np.flatnonzero(~reached)]
+        raise UnreachableError(
+            f"{len(missed)} of {len(contacts)} contacts cannot be reached: ball "
+            f"centres {', '.join(missed[:4])} mm; bring them nearer, or allow the "
+            "shank to lean more (operator.tilt_rad)"
+        )
+    approach = _switch_approach(stage) if stage.switching else _hard_approach(stage)
+    paths = _paths(stage, approach, postures, centres_mm, normals)
+    for contact, path in zip(contacts, paths, strict=True):
+        stage.move(path[0], stage.operator.move_s)
+        if stage.switching:
+            _touch_with_switch(stage, contact, approach, path)
+        else:
+            stage.follow(path, approach.times_s)
+            stage.press(contact.change)
+            stage.follow(path[::-1], approach.times_s)
+
+
+def _touch_with_switch(
+    stage: Stage, contact: Contact, approach: Approach, path: Floats
+) -> None:
+    times_s = approach.times_s
+    back_s = times_s[-1] - times_s[::-1]
+    closed_s = stage.time_s + float(times_s[approach.contact])
+    stage.follow(path, times_s)
+    opened_s = stage.time_s + float(back_s[len(back_s) - 1 - approach.contact])
+    stage.follow(path[::-1], back_s)
+    stage.events.append(contact.change(closed_s, "switch", 1))
+    stage.events.append(contact.change(opened_s, "switch", 0))
+
+
+def _hard_approach(stage: Stage) -> Approach:
+    """Come to rest exactly in contact, with least jerk."""
+    u = np.linspace(0.0, 1.0, N_APPROACH_KNOTS)
+    come = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+    return Approach(
+        stage.operator.approach_s * u,
+        stage.operator.clearance_mm * (1.0 - come),
+        N_APPROACH_KNOTS - 1,
+    )
+
+
+def _switch_approach(stage: Stage) -> Approach:
+    """Speed up over half the clearance, cross at constant speed, brake beyond."""
+    speed = stage.operator.switch_speed_mm_s
+    half_mm, over_mm = 0.5 * stage.operator.clearance_mm, stage.operator.overtravel_mm
+    u = np.linspace(0.0, 1.0, 9)
+    faster_s, steady_s, brake_s = (
+        2 * half_mm / speed,
+        half_mm / speed,
+        2 * over_mm / speed,
+    )
+    times_s = [
+        faster_s * u,
+        faster_s + steady_s * u[1:],
+        faster_s + steady_s + brake_s * u[1:],
+    ]
+    distances_mm = [
+        2 * half_mm - half_mm * u**2,
+        half_mm * (1.0 - u[1:]),
+        over_mm * (u[1:] ** 2 - 2.0 * u[1:]),
+    ]
+    return Approach(np.concatenate(times_s), np.concatenate(distances_mm), 16)
+
+
+def _paths(
+    stage: Stage,
+    approach: Approach,
+    postures: Floats,
+    centres_mm: Floats,
+    normals: Floats,
+) -> Floats:
+    """Postures (n_contacts, n_knots, n_joints), exact at the contact."""
+    targets = centres_mm + approach.distances_mm[:, None, None] * normals
+    at = approach.contact
+    outwards = stage.reach.along(postures, targets[at::-1])[::-1]
+    inwards = stage.reach.along(postures, targets[at + 1 :])
+    return np.concatenate([outwards, inwards]).transpose(1, 0, 2)
+
+
+def _triple(vector: Floats) -> tuple[float, float, float]:
+    x, y, z = (float(component) for component in vector)
+    return x, y, z
+
+
+def _shown(vector: Floats) -> str:
+    return "(" + ", ".join(f"{component:.0f}" for component in vector) + ")"

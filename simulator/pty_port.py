@@ -1,0 +1,118 @@
+"""A pty that looks like a serial port at a fixed path."""
+
+import os
+import select
+import tty
+from collections import deque
+from pathlib import Path
+
+from simulator.board import Frame
+
+RESERVE_BYTES = 262_144  # for frames that may not be dropped
+
+
+class PtyPort:
+    """The board's end of a pty; whole frames go out or none of them.
+
+    Nothing is sent while no host holds the other end, as on a USB line.
+
+    Args:
+        path: Where the host finds it: a symlink, made anew.
+        buffer_bytes: How much waits for a host that reads slowly.
+    """
+
+    def __init__(self, path: Path, buffer_bytes: int) -> None:
+        self.path = path
+        self._buffer_bytes = buffer_bytes
+        self._waiting: deque[bytes] = deque()
+        self._n_waiting_bytes = 0
+        self._held = False
+        self.descriptor, other = os.openpty()
+        try:
+            tty.setraw(other)
+            os.set_blocking(self.descriptor, False)
+            self._target = os.ttyname(other)
+            _link(path, self._target)
+        finally:
+            os.close(other)
+        self._poll = select.poll()
+        self._poll.register(self.descriptor, select.POLLIN)
+
+    def close(self) -> None:
+        """Take the port away, symlink first."""
+        if self.descriptor < 0:
+            return
+        if self.path.is_symlink() and str(self.path.readlink()) == self._target:
+            self.path.unlink()
+        os.close(self.descriptor)
+        self.descriptor = -1
+
+    @property
+    def backlog(self) -> bool:
+        """Bytes wait for the host to read."""
+        return bool(self._waiting)
+
+    @property
+    def held(self) -> bool:
+        """A host holds the other end, as far as was last seen."""
+        return self._held
+
+    def host_changed(self) -> bool:
+        """Look whether a host took or let go of the other end."""
+        state = self._poll.poll(0)
+        held = not any(flags & select.POLLHUP for _, flags in state)
+        changed, self._held = held != self._held, held
+        if changed:
+            self._waiting.clear()
+            self._n_waiting_bytes = 0
+        return changed
+
+    def read(self) -> bytes:
+        """Take what the host has sent."""
+        try:
+            return os.read(self.descriptor, 65536)
+        except OSError:
+            return b""  # nothing there, or nobody: `host_changed` tells
+
+    def write(self, frames: list[Frame]) -> int:
+        """Send frames as far as the line takes them.
+
+        Returns:
+            How many samples had to be dropped.
+        """
+        n_dropped = 0
+        most_bytes = self._buffer_bytes + RESERVE_BYTES
+        for frame in frames:
+            size = len(frame.data)
+            full = self._n_waiting_bytes + size > self._buffer_bytes
+            if frame.is_sample and (full or not self._held):
+                n_dropped += 1
+            elif self._held and self._n_waiting_bytes + size < most_bytes:
+                self._waiting.append(frame.data)
+                self._n_waiting_bytes += size
+        self.flush()
+        return n_dropped
+
+    def flush(self) -> None:
+        """Send what waits."""
+        while self._waiting and self._held:
+            chunk = b"".join(self._waiting)
+            try:
+                n_sent = os.write(self.descriptor, chunk)
+            except OSError:
+                return  # full, or the host has just gone
+            self._waiting.clear()
+            if n_sent < len(chunk):
+                self._waiting.append(chunk[n_sent:])
+            self._n_waiting_bytes = len(chunk) - n_sent
+
+
+def _link(path: Path, target: str) -> None:
+    """Make a symlink, in the place of one that an earlier run left behind."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.exists() and not path.is_symlink():
+        raise FileExistsError(f"{path} exists and is no symlink; choose another port")
+    fresh = path.with_name(f".{path.name}.{os.getpid()}")
+    fresh.unlink(missing_ok=True)
+    fresh.symlink_to(target)
+    fresh.replace(path)

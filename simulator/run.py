@@ -1,0 +1,102 @@
+"""The program: reads its configuration, makes the devices, lives until told to end."""
+
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from threading import Event
+from types import FrameType
+
+import numpy as np
+
+from kinematics.arm_file import FileError, Problem, read_strict
+from simulator.clock import MonotonicClock
+from simulator.config import SimulatorConfig, config_problems
+from simulator.device import Device
+from simulator.edges import LatchedEdge
+from simulator.faults import of_device
+from simulator.pacing import live_fast, live_real
+from simulator.script import ScriptEvent
+from simulator.truth_log import TruthLog
+from simulator.virtual_arm import build_arm, build_script
+from simulator.wiring import ScriptClock, ScriptedCounts
+
+DONE, REFUSED = 0, 2
+
+
+def run_simulator(config_path: str | Path) -> int:
+    """Run until the script ends or a signal comes; the exit status.
+
+    0 done, 2 a file was refused.
+    """
+    try:
+        return _run(Path(config_path))
+    except FileError as error:
+        print(error, file=sys.stderr)  # noqa: T201 - how a command refuses a file
+        return REFUSED
+
+
+def _run(path: Path) -> int:
+    config = read_strict(path, SimulatorConfig, config_problems)
+    folder = path.parent
+    arm = build_arm(config, folder, str(path))
+    script = build_script(config, arm, str(path))
+    clock = ScriptClock(0.0 if config.start == "power_up" else None)
+    log_path = None if config.truth_log is None else folder / config.truth_log
+    with ExitStack() as life:
+        stopped = life.enter_context(_signals())
+        log = life.enter_context(TruthLog(log_path, arm.truth))
+
+        def note(
+            device: str, seq: int, edge: LatchedEdge, event: ScriptEvent | None
+        ) -> None:
+            script_s = clock.script_s(edge.time_s)
+            turns = script.turns(np.array([script_s]))[0]
+            log.edge(device, seq, edge, event, script_s, turns)
+
+        devices = []
+        for number, (table, encoders) in enumerate(
+            zip(config.device, arm.encoders, strict=True)
+        ):
+            try:
+                device = Device(
+                    table,
+                    folder / table.port,
+                    encoders,
+                    ScriptedCounts(script, arm.truth.zeros_rad, encoders),
+                    script,
+                    clock,
+                    of_device(config.fault, table.id),
+                    (config.seed, number),
+                    note,
+                )
+            except OSError as error:
+                where = f"device[{number}].port"
+                raise FileError(str(path), [Problem(where, str(error))]) from error
+            life.callback(device.close)
+            devices.append(device)
+        for device in devices:
+            print(f"ready {device.id} {device.path}", flush=True)  # noqa: T201 - parents wait for this line
+        end_s = script.duration_s if config.exit_at_end else None
+        pace = live_fast if config.clock == "fast" else live_real
+        pace(devices, MonotonicClock(), clock, end_s, stopped.is_set)
+        log.summary({device.id: device.totals() for device in devices})
+    return DONE
+
+
+@contextmanager
+def _signals() -> Iterator[Event]:
+    """Turn SIGTERM and SIGINT into an event while the program runs."""
+    stopped = Event()
+
+    def stop(_number: int, _frame: FrameType | None) -> None:
+        stopped.set()
+
+    numbers = (signal.SIGTERM, signal.SIGINT)
+    before = {number: signal.signal(number, stop) for number in numbers}
+    try:
+        yield stopped
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,191 @@
+"""The virtual arm of a configuration: its truth, its script, its encoders."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from kinematics.arm_file import Arm, FileError, Problem, read_arm
+from simulator.config import DeviceTable, SimulatorConfig
+from simulator.encoder import EncoderSet
+from simulator.inverse import Reach
+from simulator.motions.stage import Operator, Stage, UnreachableError
+from simulator.script import Script
+from simulator.truth import Deviations, TrueArm, true_arm
+
+LIMIT_RAD = 2.9  # of every turn, where the configuration gives none
+WIDEST_WORD = 2**32
+
+
+@dataclass(frozen=True, slots=True)
+class VirtualArm:
+    """What is simulated.
+
+    Attributes:
+        truth: Geometry as it really is.
+        limits_rad: (n_joints, 2)
+        encoders: Of each device, in the order of the configuration.
+    """
+
+    truth: TrueArm
+    limits_rad: np.ndarray[tuple[int, int], np.dtype[np.float64]]
+    encoders: tuple[EncoderSet, ...]
+
+
+def build_arm(config: SimulatorConfig, folder: Path, source: str) -> VirtualArm:
+    """Make the virtual arm.
+
+    Args:
+        config: Of the simulator.
+        folder: Paths in the configuration are relative to it.
+        source: Of the configuration, for messages.
+
+    Raises:
+        FileError: With all that does not fit together.
+    """
+    nominal = read_arm(folder / config.arm.file)
+    problems = _effect_problems("arm.file", nominal)
+    really = nominal
+    if config.arm.true_file is not None:
+        really = read_arm(folder / config.arm.true_file)
+        problems += _effect_problems("arm.true_file", really)
+        if [j.name for j in really.joints] != [j.name for j in nominal.joints]:
+            problems.append(
+                Problem("arm.true_file", "its joints are not those of arm.file")
+            )
+    limits = config.arm.turn_limits_rad
+    limits = (
+        ((-LIMIT_RAD, LIMIT_RAD),) * len(nominal.joints) if limits is None else limits
+    )
+    if len(limits) != len(nominal.joints) or any(low >= high for low, high in limits):
+        message = (
+            f"{len(limits)} pairs given; needs one [low, high] for each of the "
+            f"{len(nominal.joints)} joints, low below high"
+        )
+        problems.append(Problem("arm.turn_limits_rad", message))
+    problems += _source_problems(config.device, nominal)
+    encoders = []
+    if not problems:
+        for number, device in enumerate(config.device):
+            encoders.append(encoders_of(device, nominal, config.arm.noise_rad))
+            if np.any(encoders[-1].moduli > WIDEST_WORD):
+                message = (
+                    f"{device.encoder_turns} turns make counts wider than 32 bits; "
+                    "take fewer"
+                )
+                problems.append(Problem(f"device[{number}].encoder_turns", message))
+        problems += _fault_problems(config, encoders)
+    if problems:
+        raise FileError(source, problems)
+    table = config.arm.deviations
+    deviations = Deviations(table.links_mm, table.axes_rad, table.zeros_rad)
+    truth = true_arm(really, deviations, config.seed)
+    return VirtualArm(truth, np.array(limits, dtype=np.float64), tuple(encoders))
+
+
+def build_script(config: SimulatorConfig, arm: VirtualArm, source: str) -> Script:
+    """Play all motions into one course.
+
+    Raises:
+        FileError: Naming the motions with targets that the arm cannot reach.
+    """
+    stage = Stage(
+        Reach(
+            arm.truth.mechanism,
+            arm.limits_rad,
+            np.random.default_rng([config.seed, 0x6D6F]),
+        ),
+        arm.truth.radius_mm,
+        arm.truth.switching,
+        Operator(**config.operator.model_dump()),
+        np.zeros(len(arm.limits_rad)),
+    )
+    start_rad = stage.posture_rad
+    problems = []
+    for number, motion in enumerate(config.motion):
+        try:
+            motion.play(stage)
+        except UnreachableError as error:
+            problems.append(Problem(f"motion[{number}] ({motion.kind})", str(error)))
+    if problems:
+        raise FileError(source, problems)
+    if config.repeat and not np.array_equal(start_rad, stage.posture_rad):
+        stage.move(start_rad, stage.operator.move_s)
+    events = tuple(sorted(stage.events, key=lambda event: event.time_s))
+    return Script(stage.trajectory(), events, config.repeat)
+
+
+def encoders_of(device: DeviceTable, arm: Arm, noise_rad: float) -> EncoderSet:
+    """The encoders on a device, in the order of its channels."""
+    wired = [
+        (joint.encoder.channel, number, joint.encoder)
+        for number, joint in enumerate(arm.joints)
+        if joint.encoder is not None and joint.encoder.device_id == device.id
+    ]
+    wired.sort(key=lambda entry: entry[0])
+    per_turn = np.array([entry[2].counts_per_turn for entry in wired], dtype=np.int64)
+    return EncoderSet(
+        joints=np.array([entry[1] for entry in wired], dtype=np.int64),
+        counts_per_turn=per_turn,
+        signs=np.array([entry[2].sign for entry in wired], dtype=np.int64),
+        moduli=per_turn * device.encoder_turns,
+        noise_rad=noise_rad,
+    )
+
+
+def _effect_problems(where: str, arm: Arm) -> list[Problem]:
+    return [
+        Problem(
+            f"{where} effects[{number}]",
+            f"'{effect.kind}' cannot be played by this simulator; remove it",
+        )
+        for number, effect in enumerate(arm.effects)
+    ]
+
+
+def _source_problems(devices: Sequence[DeviceTable], arm: Arm) -> list[Problem]:
+    problems = []
+    ids = [device.id for device in devices]
+    for joint in arm.joints:
+        if joint.encoder is None:
+            message = f"joint {joint.name} has no encoder; add [joints.encoder]"
+            problems.append(Problem("arm.file", message))
+        elif joint.encoder.device_id not in ids:
+            message = (
+                f"joint {joint.name} is read at '{joint.encoder.source}', but the "
+                f"devices are {ids}"
+            )
+            problems.append(Problem("device", message))
+    for number, device in enumerate(devices):
+        channels = sorted(
+            joint.encoder.channel
+            for joint in arm.joints
+            if joint.encoder is not None and joint.encoder.device_id == device.id
+        )
+        if channels != list(range(len(channels))) or not 1 <= len(channels) <= 32:
+            message = (
+                f"the arm file uses the channels {channels} of '{device.id}'; "
+                "expected 0, 1, 2, ... without a gap, 1 to 32 of them"
+            )
+            problems.append(Problem(f"device[{number}].id", message))
+    return problems
+
+
+def _fault_problems(
+    config: SimulatorConfig, encoders: Sequence[EncoderSet]
+) -> list[Problem]:
+    problems = []
+    n_channels = {
+        device.id: len(encoder.joints)
+        for device, encoder in zip(config.device, encoders, strict=True)
+    }
+    for number, fault in enumerate(config.fault):
+        channel = getattr(fault, "channel", None)
+        most = max(
+            n_channels[name] for name in n_channels if fault.device in {None, name}
+        )
+        if channel is not None and channel >= most:
+            message = f"channel {channel}, but there are {most}, counted from 0"
+            problems.append(Problem(f"fault[{number}].channel", message))
+    return problems
