@@ -92,7 +92,7 @@ TimeNs = Annotated[
     Field(ge=0, le=MAX_TIME_NS),
     BeforeValidator(_digits_to_time),
     PlainSerializer(str, return_type=str, when_used="json"),
-    WithJsonSchema({"type": "string", "pattern": "^[0-9]{1,19}$"}),
+    WithJsonSchema({"type": "string", "format": "time-ns", "pattern": "^[0-9]{1,19}$"}),
 ]
 Integer = Annotated[int, Field(ge=-MAX_INTEGER, le=MAX_INTEGER)]
 Count = Annotated[int, Field(ge=0, le=MAX_INTEGER)]

@@ -213,7 +213,7 @@ REFUSAL = Reply(
 ARGS = (
     PointArgs(samples=25),
     ScanArgs(action="start", mode="time", rate_hz=1000.0),
-    UndoArgs(),
+    UndoArgs(id="4f1a-17"),
     LabelArgs(artefact="bar", feature="1"),
     ProbeArgs(name="ruby-6"),
     ReloadArgs(),

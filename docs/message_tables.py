@@ -1,0 +1,107 @@
+"""Tables of fields: name, type, unit and meaning, from a JSON Schema."""
+
+import json
+from typing import Any
+
+UNITS = {
+    "_mm2": "mm²",
+    "_mm_s": "mm/s",
+    "_mm": "mm",
+    "_rad": "rad",
+    "_ns": "ns",
+    "_us": "µs",
+    "_s": "s",
+    "_hz": "Hz",
+    "_c": "°C",
+    "_bytes": "byte",
+}
+"""By the end of the name, longer ends first."""
+
+Schema = dict[str, Any]
+
+
+def field_table(schema: Schema) -> list[str]:
+    """A Markdown table of the properties of an object."""
+    rows = ["| field | type | unit | meaning |", "|---|---|---|---|"]
+    for key, field in schema.get("properties", {}).items():
+        meaning = " ".join(str(field.get("description", "")).split())
+        if "default" in field and key != "schema":
+            meaning += f" May be left out: {_default_text(field['default'])}."
+        rows.append(f"| `{key}` | {type_text(field)} | {unit(key)} | {meaning} |")
+    return rows if len(rows) > 2 else ["No fields."]
+
+
+def unit(key: str) -> str:
+    """The unit that a name carries."""
+    for end, text in UNITS.items():
+        if key.endswith(end):
+            return text
+    return {"counts": "count", "ijk": "1"}.get(key, "")
+
+
+def type_text(schema: Schema) -> str:
+    """A type in words that fit both encodings."""
+    if "anyOf" in schema:
+        return " or ".join(type_text(one) for one in schema["anyOf"])
+    if "$ref" in schema:
+        target = schema["$ref"].rsplit("/", 1)[-1]
+        return "any value" if target == "Plain" else f"[{target}](#{target.lower()})"
+    if "const" in schema:
+        return f'`"{schema["const"]}"`'
+    if "enum" in schema:
+        return ", ".join(f'`"{value}"`' for value in schema["enum"])
+    return _structure_text(schema)
+
+
+def _structure_text(schema: Schema) -> str:
+    """What is made of elements, and what is a single value."""
+    if "x-dtype" in schema:
+        shape = ", ".join(map(str, schema["x-shape"]))
+        return f"array {schema['x-dtype']} ({shape})"
+    kind = schema.get("type")
+    if kind == "array":
+        return _list_text(schema)
+    if kind == "object":
+        values = schema.get("additionalProperties")
+        return f"map of names to {type_text(values)}" if values else "map"
+    if schema.get("format") == "time-ns":
+        return "time"
+    if schema.get("minLength") == 1 and schema["maxLength"] == 64:
+        return "name"
+    return f"{_KINDS[str(kind)]}{_limits(schema)}"
+
+
+_KINDS = {
+    "string": "text",
+    "number": "number",
+    "integer": "integer",
+    "boolean": "bool",
+    "null": "null",
+}
+
+
+def _list_text(schema: Schema) -> str:
+    if "prefixItems" in schema:
+        items = schema["prefixItems"]
+        return f"[{len(items)}] {type_text(items[0])}"
+    return f"list of {type_text(schema['items'])}"
+
+
+def _limits(schema: Schema) -> str:
+    """Only limits that say something: not those of 53 bits."""
+    if schema.get("maximum", 0) >= 2**53 - 1:
+        return " from 0" if schema.get("minimum") == 0 else ""
+    texts = []
+    if "exclusiveMinimum" in schema:
+        texts.append(f"above {schema['exclusiveMinimum']:g}")
+    if "minimum" in schema:
+        texts.append(f"from {schema['minimum']}")
+    if "maximum" in schema:
+        texts.append(f"to {schema['maximum']}")
+    if "maxLength" in schema:
+        texts.append(f"up to {schema['maxLength']} characters")
+    return " " + " ".join(texts) if texts else ""
+
+
+def _default_text(value: object) -> str:
+    return json.dumps(value)

@@ -1,0 +1,80 @@
+"""The generated reference page and JSON Schemas agree with the definitions."""
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.protocol.message_examples import EXAMPLES, GOLDEN
+
+DOCS = Path(__file__).parents[2] / "docs"
+SCHEMAS = DOCS / "reference" / "schemas"
+
+
+def check(docs: Path) -> subprocess.CompletedProcess[str]:
+    """Run the generator's comparison."""
+    return subprocess.run(
+        [sys.executable, docs / "generate_messages.py", "--check"],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+
+
+@pytest.fixture
+def copied_docs(tmp_path):
+    for path in DOCS.glob("*.py"):
+        (tmp_path / "docs").mkdir(exist_ok=True)
+        shutil.copy(path, tmp_path / "docs")
+    shutil.copytree(DOCS / "reference", tmp_path / "docs" / "reference")
+    shutil.copytree(GOLDEN, tmp_path / "tests" / "protocol" / "golden")
+    return tmp_path / "docs"
+
+
+def test_reference_on_disk_is_what_the_definitions_say():
+    run = check(DOCS)
+    assert (run.returncode, run.stdout, run.stderr) == (0, "", "")
+
+
+def test_a_changed_page_is_shown_as_a_difference(copied_docs):
+    page = copied_docs / "reference" / "mqtt-messages.md"
+    page.write_text(page.read_text().replace("Ball centre", "Ball center", 1))
+    run = check(copied_docs)
+    assert run.returncode == 1
+    assert "-| `xyz_mm` | [3] number | mm | Ball center" in run.stdout
+    assert "+| `xyz_mm` | [3] number | mm | Ball centre" in run.stdout
+    assert "1 files differ: run `make schemas`" in run.stdout
+
+
+def test_missing_and_surplus_schemas_are_told(copied_docs):
+    schemas = copied_docs / "reference" / "schemas"
+    (schemas / "point.schema.json").rename(schemas / "spot.schema.json")
+    run = check(copied_docs)
+    assert run.returncode == 1
+    assert "spot.schema.json: no message has this schema" in run.stdout
+    assert "2 files differ" in run.stdout
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_schema_lists_the_keys_of_the_golden_example(name):
+    kind = name if name.startswith("command-") else name.split("-")[0]
+    schema = json.loads((SCHEMAS / f"{kind}.schema.json").read_text())
+    golden = json.loads((GOLDEN / f"{name}.json").read_text())
+    assert set(schema["required"]) <= set(golden) <= set(schema["properties"])
+    assert schema["additionalProperties"] is False
+    assert schema["properties"]["schema"]["const"] == golden["schema"]
+    if kind.startswith("command-"):
+        args = schema["properties"]["args"]
+        assert set(args.get("required", [])) <= set(golden["args"])
+        assert set(golden["args"]) <= set(args["properties"])
+
+
+def test_every_reference_inside_a_schema_leads_somewhere():
+    for path in SCHEMAS.iterdir():
+        schema = json.loads(path.read_text())
+        used = {part.split('"')[0] for part in path.read_text().split('"#/$defs/')[1:]}
+        assert used <= set(schema.get("$defs", {})), path.name
