@@ -71,7 +71,8 @@ asks `cmd/resend`.
 """
 COMMAND_HEAD = """\
 A command is answered on the MQTT 5 response topic if it has one, else on
-`reply/<name>`; a repeated `request` gets the first answer again. What `args` holds depends on the name:
+`reply/<name>`; a repeated `request` gets the first answer again. What `args` holds
+depends on the name:
 """
 
 
@@ -142,7 +143,7 @@ def _inner_tables(schema: Schema) -> list[str]:
     lines: list[str] = []
     for key, inner in schema.get("$defs", {}).items():
         # Quality stands with the point; the live message has the same.
-        if key == "Plain" or (key == "Quality" and schema["title"] != "Point"):
+        if key == "Quality" and schema["title"] != "Point":
             continue
         lines += [f"### {key}", "", inner["description"], "", *field_table(inner), ""]
     return lines

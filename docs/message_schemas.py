@@ -42,6 +42,4 @@ def command_schema(args: type[Args]) -> Schema:
     schema["title"] = args.__name__.removesuffix("Args") + "Command"
     schema["description"] = inner["description"]
     schema["$id"] += f"/{args.command}"
-    if "#/$defs/Plain" not in str(schema):
-        definitions.pop("Plain", None)
     return schema | ({"$defs": definitions} if definitions else {})

@@ -45,7 +45,7 @@ def type_text(schema: Schema) -> str:
         return " or ".join(type_text(one) for one in schema["anyOf"])
     if "$ref" in schema:
         target = schema["$ref"].rsplit("/", 1)[-1]
-        return "any value" if target == "Plain" else f"[{target}](#{target.lower()})"
+        return f"[{target}](#{target.lower()})"
     if "const" in schema:
         return f'`"{schema["const"]}"`'
     if "enum" in schema:
@@ -63,7 +63,11 @@ def _structure_text(schema: Schema) -> str:
         return _list_text(schema)
     if kind == "object":
         values = schema.get("additionalProperties")
-        return f"map of names to {type_text(values)}" if values else "map"
+        return (
+            f"map of names to {type_text(values)}"
+            if values
+            else "map of names to any value"
+        )
     if schema.get("format") == "time-ns":
         return "time"
     if schema.get("minLength") == 1 and schema["maxLength"] == 64:

@@ -15,6 +15,7 @@ from pydantic import ValidationError
 from protocol.arrays import ARRAY_CODE, array_to_bytes, bytes_to_array
 from protocol.message_error import MessageError, Problem
 from protocol.messages import COMMANDS, Args, Message
+from protocol.messages.plain import MAX_LENGTH
 
 __all__ = [
     "Encoding",
@@ -31,7 +32,7 @@ Encoding = Literal["msgpack", "json"]
 MAX_BYTES = 1 << 20
 MAX_DEPTH = 16
 """Maps and arrays inside each other, the message itself counted."""
-MAX_ELEMENTS = 4096
+MAX_ELEMENTS = MAX_LENGTH
 """Of one MessagePack array or map: the decoder reserves what a header announces."""
 
 # Possessive, and an unclosed text runs to the end: one pass whatever the bytes.

@@ -14,12 +14,12 @@ from protocol.messages.fields import (
     Count,
     Message,
     Name,
-    Plain,
     Positive,
     Text,
     Value,
     Vector,
 )
+from protocol.messages.plain import PlainMap
 from protocol.messages.point import Label
 from protocol.messages.scan import ScanMode
 
@@ -176,7 +176,7 @@ class Command(Message):
     """Name and version of this message."""
     request: Name
     """Chosen by the sender, unique for it; repeated, it gets the first answer again."""
-    args: dict[Name, Plain]
+    args: PlainMap
     """The arguments of the command that the topic names."""
 
     @classmethod

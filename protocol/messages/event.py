@@ -9,10 +9,10 @@ from protocol.messages.fields import (
     Count,
     Message,
     Name,
-    Plain,
     Text,
     TimeNs,
 )
+from protocol.messages.plain import PlainMap
 
 Severity = Literal["info", "warning", "error"]
 EventCode = Annotated[
@@ -54,7 +54,7 @@ class Event(Message):
     """When it happened last. [UTC]"""
     count: Annotated[Count, Field(ge=1)]
     """How often it happened from first_ns to last_ns."""
-    data: dict[Name, Plain]
+    data: PlainMap
     """Values that belong to the code; names carry their units."""
 
     @model_validator(mode="after")

@@ -19,7 +19,6 @@ from pydantic import (
     ValidationInfo,
     WithJsonSchema,
 )
-from typing_extensions import TypeAliasType
 
 MAX_INTEGER = 2**53 - 1
 MAX_TIME_NS = 2**63 - 1
@@ -79,14 +78,6 @@ def _digits_to_time(value: object, info: ValidationInfo) -> object:
     return int(value)
 
 
-def _refuse_integer(value: object) -> object:
-    """Keep an integer above 53 bits from becoming a float that is another number."""
-    if isinstance(value, int):
-        message = f"an integer from -{MAX_INTEGER} to {MAX_INTEGER}"
-        raise ValueError(message)
-    return value
-
-
 TimeNs = Annotated[
     int,
     Field(ge=0, le=MAX_TIME_NS),
@@ -107,10 +98,3 @@ Text = Annotated[str, Field(max_length=2000)]
 ArmName = Annotated[str, Field(pattern=r"^[^/+#\x00]{1,64}$")]
 Word = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
 Digest = Annotated[str, Field(min_length=1, max_length=128)]
-
-Fraction = Annotated[float, BeforeValidator(_refuse_integer)]
-Plain = TypeAliasType(
-    "Plain",
-    "bool | Integer | Fraction | Text | tuple[Plain, ...] | dict[Name, Plain] | None",
-)
-"""What JSON can say, with finite numbers and integers of 53 bits."""

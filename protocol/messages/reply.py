@@ -11,7 +11,8 @@ from pydantic import (
 )
 
 from protocol.messages.event import EventCode
-from protocol.messages.fields import Message, Name, Plain, Text, Value
+from protocol.messages.fields import Message, Name, Text, Value
+from protocol.messages.plain import PlainMap
 
 
 class ReplyError(Value):
@@ -45,7 +46,7 @@ class Reply(Message):
     """As in the command."""
     ok: bool
     """True: done."""
-    result: dict[Name, Plain] | None = None
+    result: PlainMap | None = None
     """What came of it; the key is there only if ok is true."""
     error: ReplyError | None = None
     """Why not; the key is there only if ok is false."""

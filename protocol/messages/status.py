@@ -9,12 +9,12 @@ from protocol.messages.fields import (
     Digest,
     Message,
     Name,
-    Plain,
     Text,
     TimeNs,
     Value,
     Word,
 )
+from protocol.messages.plain import PlainMap
 
 
 class DriverStatus(Value):
@@ -28,7 +28,7 @@ class DriverStatus(Value):
     """Port or bus, as configured."""
     state: Literal["starting", "ready", "lost", "failed", "stopped"]
     """"lost": was there and is looked for again; "failed": cannot be used as it is."""
-    identity: dict[Name, Plain]
+    identity: PlainMap
     """What the device says of itself (board, firmware, serial numbers); else empty."""
 
 

@@ -20,6 +20,7 @@ from protocol.encoding import (
     parse_args,
 )
 from protocol.messages import MESSAGES, Command, Event, Message, Point, Scan
+from protocol.messages.plain import MAX_LEVELS
 from tests.protocol.message_examples import EVENT, EXAMPLES, POINT, SCAN
 from tests.protocol.message_strategies import messages
 
@@ -135,7 +136,9 @@ def test_malformed_payload_is_refused_with_what_was_expected(kind):
 
 @pytest.mark.parametrize("encoding", ["msgpack", "json"])
 def test_the_deepest_allowed_nesting_is_read(encoding):
-    assert decode(Command, nested(MAX_DEPTH, encoding)).args["a"]
+    assert decode(Command, nested(MAX_LEVELS + 1, encoding)).args["a"]
+    with pytest.raises(MessageError, match=f"at most {MAX_LEVELS} levels"):
+        decode(Command, nested(MAX_LEVELS + 2, encoding))
 
 
 def test_a_payload_that_is_too_long_is_refused_unread():
@@ -152,6 +155,17 @@ def test_the_other_encoding_is_refused_when_one_is_demanded(encoding):
     other = {"msgpack": "json", "json": "msgpack"}[encoding]
     with pytest.raises(MessageError):
         decode(Event, encode(EVENT, other), encoding)
+
+
+def test_a_hundred_thousand_mistakes_are_told_as_few():
+    infinities = b",".join([b"1e999"] * 100_000)
+    with pytest.raises(MessageError) as refusal:
+        decode(Command, JSON_HEAD + b'{"a": [' + infinities + b"]}}")
+    assert len(refusal.value.problems) == 1
+    keys = b",".join(b'"%d": 1' % i for i in range(50_000))
+    with pytest.raises(MessageError) as refusal:
+        decode(Command, JSON_HEAD + b"{}, " + keys + b"}")
+    assert len(refusal.value.problems) == 20
 
 
 def test_white_space_before_json_is_recognised():

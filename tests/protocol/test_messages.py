@@ -229,3 +229,29 @@ def test_every_field_of_every_value_is_described():
     for kind in kinds:
         for name, field in kind.model_fields.items():
             assert field.description, f"{kind.__name__}.{name}"
+
+
+@pytest.mark.parametrize(
+    ("data", "phrase"),
+    [
+        ({"": 1}, "keys of 1 to 64 characters"),
+        ({1: 1}, "keys of 1 to 64 characters"),
+        ({"a": {"b" * 65: 1}}, r"in 'a\.' keys of 1 to 64"),
+        ({"a": (1, (2, float("nan")))}, r"in 'a\.1\.1' a finite number"),
+        ({"a": -(2**53)}, "in 'a' an integer from -9007199254740991"),
+        ({"a": "x" * 2001}, "at most 2000 characters"),
+        ({"a": "\ud800"}, "characters of Unicode"),
+        ({"a": (0,) * 4097}, "at most 4096 elements"),
+        ({"a": {str(i): 0 for i in range(4097)}}, "at most 4096 keys"),
+        ({"a": b"x"}, "not bytes"),
+        ({"a": {1, 2}}, "not set"),
+        ("text", "a map, not str"),
+    ],
+)
+def test_data_that_json_cannot_say_is_refused(data, phrase):
+    with pytest.raises(ValidationError, match=phrase):
+        changed(EVENT, data=data)
+
+
+def test_lists_in_data_become_tuples():
+    assert changed(EVENT, data={"a": [1, [2.5, None]]}).data == {"a": (1, (2.5, None))}
