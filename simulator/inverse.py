@@ -62,7 +62,8 @@ class Reach:
             if len(missing) == 0:
                 break
             starts = self.rng.uniform(low, high, (len(missing), len(low)))
-            turns = self._search(starts, targets_mm[missing], shanks[missing])
+            leans = np.cos(tilt_rad * self.rng.uniform(0.1, 0.95, len(missing)))
+            turns = self._search(starts, targets_mm[missing], shanks[missing], leans)
             centres, directions = probe_pose(self.mechanism, turns)
             misses = np.linalg.norm(centres - targets_mm[missing], axis=1)
             upright = np.sum(directions * shanks[missing], axis=1) >= np.cos(tilt_rad)
@@ -92,6 +93,28 @@ class Reach:
             postures[knot] = turns
         return postures
 
+    def nearest(self, starts_rad: Floats, wishes_rad: Floats, at_mm: Floats) -> Floats:
+        """Stay at a place and be as near to wished postures as that allows.
+
+        Args:
+            starts_rad: (n, n_joints) postures with the ball there.
+            wishes_rad: (n_knots, n, n_joints), close to each other.
+            at_mm: (n, 3)
+
+        Returns:
+            (n_knots, n, n_joints)
+        """
+        postures = np.empty_like(wishes_rad)
+        turns = starts_rad
+        for knot, wishes in enumerate(wishes_rad):
+            _, _, rates, _ = probe_rates(self.mechanism, turns)
+            lacking = wishes - turns
+            moved = np.einsum("mij,mj->mi", rates, lacking)
+            turns = turns + lacking - _least_step(rates, moved, 1e-6)
+            turns = self.exact(turns, at_mm)
+            postures[knot] = turns
+        return postures
+
     def exact(self, turns_rad: Floats, targets_mm: Floats) -> Floats:
         """Bring the ball (n, 3) exactly to targets that are near."""
         for _ in range(N_EXACT_STEPS):
@@ -102,12 +125,24 @@ class Reach:
             turns_rad = turns_rad + _least_step(rates, misses, 1e-6)
         return turns_rad
 
-    def _search(self, turns: Floats, targets_mm: Floats, shanks: Floats) -> Floats:
+    def _search(
+        self, turns: Floats, targets_mm: Floats, shanks: Floats, leans: Floats
+    ) -> Floats:
+        """Search from starts; the shank is turned only until it leans little enough.
+
+        Args:
+            turns: (n, n_joints) starts.
+            targets_mm: (n, 3)
+            shanks: (n, 3) wanted.
+            leans: (n,) cosines of the angles at which that is good enough.
+        """
         low, high = self.limits_rad[:, 0], self.limits_rad[:, 1]
         for _ in range(N_SEARCH_STEPS):
-            centres, _, rates, shank_rates = probe_rates(self.mechanism, turns)
+            centres, directions, rates, shank_rates = probe_rates(self.mechanism, turns)
+            leaning = np.sum(directions * shanks, axis=1) < leans
             steps = _least_step(rates, targets_mm - centres, DAMPING_MM)
             wish = SHANK_GAIN * np.einsum("mij,mi->mj", shank_rates, shanks)
+            wish *= leaning[:, None]
             moved = np.einsum("mij,mj->mi", rates, wish)
             steps += wish - _least_step(rates, moved, 1e-3 * DAMPING_MM)
             lengths = np.linalg.norm(steps, axis=1, keepdims=True)

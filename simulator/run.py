@@ -41,7 +41,7 @@ def _run(path: Path) -> int:
     config = read_strict(path, SimulatorConfig, config_problems)
     folder = path.parent
     arm = build_arm(config, folder, str(path))
-    script = build_script(config, arm, str(path))
+    script = build_script(config, arm, folder, str(path))
     clock = ScriptClock(0.0 if config.start == "power_up" else None)
     log_path = None if config.truth_log is None else folder / config.truth_log
     with ExitStack() as life:

@@ -84,8 +84,16 @@ def build_arm(config: SimulatorConfig, folder: Path, source: str) -> VirtualArm:
     return VirtualArm(truth, np.array(limits, dtype=np.float64), tuple(encoders))
 
 
-def build_script(config: SimulatorConfig, arm: VirtualArm, source: str) -> Script:
+def build_script(
+    config: SimulatorConfig, arm: VirtualArm, folder: Path, source: str
+) -> Script:
     """Play all motions into one course.
+
+    Args:
+        config: Of the simulator.
+        arm: That moves.
+        folder: Paths in the configuration are relative to it.
+        source: Of the configuration, for messages.
 
     Raises:
         FileError: Naming the motions with targets that the arm cannot reach.
@@ -99,6 +107,7 @@ def build_script(config: SimulatorConfig, arm: VirtualArm, source: str) -> Scrip
         arm.truth.radius_mm,
         arm.truth.switching,
         Operator(**config.operator.model_dump()),
+        folder,
         np.zeros(len(arm.limits_rad)),
     )
     start_rad = stage.posture_rad

@@ -1,11 +1,16 @@
 """Sphere: points spread over a cap of a sphere are touched from outside."""
 
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from simulator.motions.motion import Motion, Vector
 from simulator.motions.spread import cap_directions, unit
 from simulator.motions.stage import Stage
 from simulator.motions.touching import Contact, touch
+from simulator.physics import Floats
 
 
 class Sphere(Motion):
@@ -20,10 +25,38 @@ class Sphere(Motion):
 
     def play(self, stage: Stage) -> None:
         """Append this motion to the course."""
-        centre_mm = self.centre_mm
-        directions = cap_directions(unit(self.pole), self.opening_rad, self.points)
-        contacts = [
-            Contact(self.artefact, "", centre_mm + self.radius_mm * normal, normal)
-            for normal in directions
-        ]
-        touch(stage, contacts)
+        contacts, is_clear = sphere_contacts(
+            (self.artefact, ""),
+            np.array(self.centre_mm),
+            self.radius_mm,
+            (unit(self.pole), self.opening_rad, self.points),
+        )
+        touch(stage, contacts, is_clear)
+
+
+def sphere_contacts(
+    names: tuple[str, str],
+    centre_mm: Floats,
+    radius_mm: float,
+    cap: tuple[Floats, float, int],
+) -> tuple[list[Contact], Callable[[Floats, float], NDArray[np.bool_]]]:
+    """Contacts over a cap of a sphere.
+
+    Args:
+        names: Artefact and feature.
+        centre_mm: (3,)
+        radius_mm: Of the sphere.
+        cap: Pole (3,), opening angle, number of points.
+
+    Returns:
+        The contacts, and whether balls at places (n, 3) of some radius are outside.
+    """
+
+    def is_clear(places_mm: Floats, ball_mm: float) -> NDArray[np.bool_]:
+        return np.linalg.norm(places_mm - centre_mm, axis=1) > radius_mm + ball_mm
+
+    contacts = [
+        Contact(*names, centre_mm + radius_mm * normal, normal)
+        for normal in cap_directions(*cap)
+    ]
+    return contacts, is_clear

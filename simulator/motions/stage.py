@@ -2,11 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simulator.inverse import Reach
-from simulator.physics import Floats
+from simulator.physics import Floats, probe_pose
 from simulator.script import ScriptEvent
 from simulator.trajectory import (
     Trajectory,
@@ -14,6 +16,9 @@ from simulator.trajectory import (
     rest_pieces,
     spline_pieces,
 )
+
+IsClear = Callable[[Floats, float], NDArray[np.bool_]]
+N_DETOURS = 40
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +59,7 @@ class Stage:
         radius_mm: Of the probe's ball.
         switching: The probe has a switch.
         operator: Who leads it.
+        folder: Files are named relative to it.
         posture_rad: (n_joints,) where the arm is now.
         time_s: Now.
         events: What happened to the inputs.
@@ -63,6 +69,7 @@ class Stage:
     radius_mm: float
     switching: bool
     operator: Operator
+    folder: Path
     posture_rad: Floats
     time_s: float = 0.0
     events: list[ScriptEvent] = field(default_factory=list)
@@ -83,6 +90,25 @@ class Stage:
         pieces = move_pieces(self.posture_rad, posture_rad)
         self._append([self.time_s + duration_s], pieces)
         self.posture_rad = posture_rad
+
+    def move_clear(self, posture_rad: Floats, is_clear: IsClear) -> None:
+        """Go to a posture, past a drawn one if the ball would hit on the way.
+
+        If no way around is found the direct one is taken: surfaces are not solid here.
+        """
+        limits, here = self.reach.limits_rad, self.posture_rad
+        duration_s = self.operator.move_s
+        if not self._is_free(here, posture_rad, is_clear):
+            for _ in range(N_DETOURS):
+                bend = self.reach.rng.uniform(-0.8, 0.8, len(here))
+                past = np.clip(0.5 * (here + posture_rad) + bend, *limits.T)
+                if self._is_free(here, past, is_clear) and self._is_free(
+                    past, posture_rad, is_clear
+                ):
+                    duration_s *= 0.5
+                    self.move(past, duration_s)
+                    break
+        self.move(posture_rad, duration_s)
 
     def follow(self, postures_rad: Floats, times_s: Floats) -> None:
         """Pass through postures (n, n_joints), the first is the present one.
@@ -105,6 +131,12 @@ class Stage:
         self.events.append(change(pressed_s, "button", 1))
         self.events.append(change(pressed_s + press_s, "button", 0))
         self.rest(dwell_s + press_s)
+
+    def _is_free(self, start_rad: Floats, end_rad: Floats, is_clear: IsClear) -> bool:
+        between = np.linspace(0.0, 1.0, 16)[1:-1, None]
+        turns_rad = start_rad + between * (end_rad - start_rad)
+        places_mm, _ = probe_pose(self.reach.mechanism, turns_rad)
+        return bool(np.all(is_clear(places_mm, self.radius_mm)))
 
     def _append(self, ends_s: list[float], pieces: Floats) -> None:
         self._ends_s += ends_s

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simulator.motions.stage import Stage, UnreachableError
+from simulator.motions.stage import IsClear, Stage, UnreachableError
 from simulator.physics import Floats
 from simulator.script import ScriptEvent
 
@@ -55,15 +55,37 @@ class Approach:
     contact: int
 
 
-def touch(stage: Stage, contacts: list[Contact]) -> None:
+def touch(stage: Stage, contacts: list[Contact], is_clear: IsClear) -> None:
     """Go to every contact in turn.
+
+    Args:
+        stage: The course so far.
+        contacts: In order.
+        is_clear: Whether balls at places (n, 3) of some radius are off the surface.
 
     Raises:
         UnreachableError: Naming the contacts that cannot be reached.
     """
-    normals = np.array([contact.normal for contact in contacts])
-    centres_mm = np.array([contact.surface_mm for contact in contacts])
-    centres_mm = centres_mm + stage.radius_mm * normals
+    postures = solve_contacts(stage, contacts)
+    approach = _switch_approach(stage) if stage.switching else hard_approach(stage)
+    paths = _paths(stage, approach, postures, contacts)
+    for contact, path in zip(contacts, paths, strict=True):
+        stage.move_clear(path[0], is_clear)
+        if stage.switching:
+            _touch_with_switch(stage, contact, approach, path)
+        else:
+            stage.follow(path, approach.times_s)
+            stage.press(contact.change)
+            stage.follow(path[::-1], approach.times_s)
+
+
+def solve_contacts(stage: Stage, contacts: list[Contact]) -> Floats:
+    """Find postures (n, n_joints) with the ball exactly in contact.
+
+    Raises:
+        UnreachableError: Naming the contacts that cannot be reached.
+    """
+    centres_mm, normals = _ball_places(stage, contacts)
     postures, reached = stage.reach.postures(
         centres_mm, -normals, stage.operator.tilt_rad
     )
@@ -74,16 +96,7 @@ def touch(stage: Stage, contacts: list[Contact]) -> None:
             f"centres {', '.join(missed[:4])} mm; bring them nearer, or allow the "
             "shank to lean more (operator.tilt_rad)"
         )
-    approach = _switch_approach(stage) if stage.switching else _hard_approach(stage)
-    paths = _paths(stage, approach, postures, centres_mm, normals)
-    for contact, path in zip(contacts, paths, strict=True):
-        stage.move(path[0], stage.operator.move_s)
-        if stage.switching:
-            _touch_with_switch(stage, contact, approach, path)
-        else:
-            stage.follow(path, approach.times_s)
-            stage.press(contact.change)
-            stage.follow(path[::-1], approach.times_s)
+    return postures
 
 
 def _touch_with_switch(
@@ -99,7 +112,7 @@ def _touch_with_switch(
     stage.events.append(contact.change(opened_s, "switch", 0))
 
 
-def _hard_approach(stage: Stage) -> Approach:
+def hard_approach(stage: Stage) -> Approach:
     """Come to rest exactly in contact, with least jerk."""
     u = np.linspace(0.0, 1.0, N_APPROACH_KNOTS)
     come = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
@@ -137,15 +150,22 @@ def _paths(
     stage: Stage,
     approach: Approach,
     postures: Floats,
-    centres_mm: Floats,
-    normals: Floats,
+    contacts: list[Contact],
 ) -> Floats:
     """Postures (n_contacts, n_knots, n_joints), exact at the contact."""
+    centres_mm, normals = _ball_places(stage, contacts)
     targets = centres_mm + approach.distances_mm[:, None, None] * normals
     at = approach.contact
     outwards = stage.reach.along(postures, targets[at::-1])[::-1]
     inwards = stage.reach.along(postures, targets[at + 1 :])
     return np.concatenate([outwards, inwards]).transpose(1, 0, 2)
+
+
+def _ball_places(stage: Stage, contacts: list[Contact]) -> tuple[Floats, Floats]:
+    """Ball centres in contact and normals, (n, 3) each."""
+    normals = np.array([contact.normal for contact in contacts])
+    surfaces_mm = np.array([contact.surface_mm for contact in contacts])
+    return surfaces_mm + stage.radius_mm * normals, normals
 
 
 def _triple(vector: Floats) -> tuple[float, float, float]:

@@ -1,0 +1,89 @@
+"""Cone: the ball sits in a seat while the arm articulates around it."""
+
+import numpy as np
+from pydantic import Field
+
+from simulator.inverse import TOLERANCE_MM
+from simulator.motions.motion import Motion, Vector
+from simulator.motions.spread import unit
+from simulator.motions.stage import Stage, UnreachableError
+from simulator.motions.touching import hard_approach
+from simulator.physics import Floats, probe_pose
+from simulator.script import ScriptEvent
+
+N_KNOTS = 49
+N_TRIES = 8
+SHORTEST_RAD = 0.3  # of all joints together, else it is hardly another posture
+LONGEST_STEP_RAD = 0.4  # between knots; more is a jump to another branch
+
+
+class Cone(Motion):
+    """Press the button in many postures with the ball at one place."""
+
+    artefact: str = "cone"
+    seat_mm: Vector
+    axis: Vector = (0.0, 0.0, 1.0)
+    postures: int = Field(ge=1)
+
+    def play(self, stage: Stage) -> None:
+        """Append this motion to the course."""
+        axis = unit(self.axis)
+        seats_mm = np.tile(np.array(self.seat_mm), (self.postures, 1))
+        shanks = np.tile(-axis, (self.postures, 1))
+        seated, reached = stage.reach.postures(
+            seats_mm, shanks, stage.operator.tilt_rad
+        )
+        if not np.all(reached):
+            raise UnreachableError(
+                f"{np.sum(~reached)} of {self.postures} postures were not found with "
+                f"the ball at {self.seat_mm} mm; move the seat, or allow the shank to "
+                "lean more (operator.tilt_rad)"
+            )
+        approach = hard_approach(stage)
+        targets = seats_mm + approach.distances_mm[:, None, None] * axis
+        entries = stage.reach.along(seated, targets[::-1])[::-1]
+        times_s = stage.operator.move_s * np.linspace(0.0, 1.0, N_KNOTS)
+        for number in range(self.postures):
+            path = _articulation(stage, seats_mm[0], -axis) if number else None
+            if path is not None:
+                stage.follow(path, times_s)
+            else:  # in from outside, as at the beginning
+                if number:
+                    stage.follow(_way_out(stage, targets[:, 0]), approach.times_s)
+                stage.move(entries[0, number], stage.operator.move_s)
+                stage.follow(entries[:, number], approach.times_s)
+            stage.press(self._change)
+        stage.follow(_way_out(stage, targets[:, 0]), approach.times_s)
+
+    def _change(self, time_s: float, input_name: str, level: int) -> ScriptEvent:
+        return ScriptEvent(time_s, input_name, level, self.artefact)
+
+
+def _articulation(stage: Stage, seat_mm: Floats, shank: Floats) -> Floats | None:
+    """Draw ways to other postures, the ball staying in its seat; take the longest.
+
+    Returns:
+        (N_KNOTS, n_joints), or None if every way hits a limit.
+    """
+    u = np.linspace(0.0, 1.0, N_KNOTS)
+    fractions = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+    reach, here = stage.reach, stage.posture_rad
+    low, high = reach.limits_rad.T
+    wished = reach.rng.uniform(low, high, (N_TRIES, len(here)))
+    pull = reach.rng.uniform(0.3, 1.0, (N_TRIES, 1))
+    starts = np.tile(here, (N_TRIES, 1))
+    wishes = starts + fractions[:, None, None] * (pull * (wished - starts))
+    ways = reach.nearest(starts, wishes, np.tile(seat_mm, (N_TRIES, 1)))
+    centres_mm, shanks = probe_pose(reach.mechanism, ways[-1])
+    good = np.linalg.norm(centres_mm - seat_mm, axis=1) < TOLERANCE_MM
+    good &= shanks @ shank >= np.cos(stage.operator.tilt_rad)
+    good &= np.all((ways >= low) & (ways <= high), axis=(0, 2))
+    good &= np.max(np.abs(np.diff(ways, axis=0)), axis=(0, 2)) < LONGEST_STEP_RAD
+    lengths = np.linalg.norm(ways[-1] - here, axis=1) * good
+    best = int(np.argmax(lengths))
+    return ways[:, best] if lengths[best] > SHORTEST_RAD else None
+
+
+def _way_out(stage: Stage, targets_mm: Floats) -> Floats:
+    """Postures (n_knots, n_joints) from the seat back along the approach."""
+    return stage.reach.along(stage.posture_rad[None, :], targets_mm[::-1, None])[:, 0]

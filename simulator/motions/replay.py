@@ -1,0 +1,21 @@
+"""Replay: recorded counts in the place of a moving arm."""
+
+from simulator.motions.motion import Motion
+from simulator.motions.stage import Stage
+from simulator.recording_csv import read_recording
+from simulator.script import ScriptEvent
+
+
+class Replay(Motion):
+    """Play the counts of a CSV file; the inputs change as its columns say."""
+
+    file: str
+
+    def play(self, stage: Stage) -> None:
+        """Append this motion to the course: its duration, and its inputs."""
+        recording = read_recording(stage.folder / self.file)
+        stage.events += [
+            ScriptEvent(time_s, name, level)
+            for time_s, name, level in recording.input_changes()
+        ]
+        stage.rest(recording.duration_s)
