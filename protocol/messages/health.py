@@ -142,5 +142,5 @@ class Health(Message):
     """Temperatures used by the corrections: "arm", or a joint's name."""
     broker: BrokerHealth
     """The connection to the broker."""
-    devices: Annotated[tuple[DeviceHealth, ...], Field(max_length=64)]
+    devices: Annotated[tuple[DeviceHealth, ...], Field(max_length=64, fail_fast=True)]
     """All configured devices."""

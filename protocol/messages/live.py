@@ -43,7 +43,9 @@ class Live(Message):
     """Covariance of xyz_mm: xx, xy, xz, yy, yz, zz; null where it is not known."""
     angles_rad: Angles
     """Readings of the joints from the base outwards."""
-    skeleton_mm: Annotated[tuple[Vector, ...], Field(max_length=64)] | None
+    skeleton_mm: (
+        Annotated[tuple[Vector, ...], Field(max_length=64, fail_fast=True)] | None
+    )
     """Origins of the joints from the base outwards, then the ball; null if left out."""
     speed_mm_s: NotNegative | None
     """Speed of the ball; null where one sample is all there is."""

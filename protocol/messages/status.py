@@ -57,7 +57,7 @@ class Status(Message):
     """Session that new points belong to; null before the first."""
     time_ns: TimeNs
     """When this was written; in the last will, when the connection was made. [UTC]"""
-    drivers: Annotated[tuple[DriverStatus, ...], Field(max_length=64)]
+    drivers: Annotated[tuple[DriverStatus, ...], Field(max_length=64, fail_fast=True)]
     """All configured devices."""
 
     @model_validator(mode="after")

@@ -19,9 +19,9 @@ from protocol.encoding import (
     encode,
     parse_args,
 )
-from protocol.messages import MESSAGES, Command, Event, Message, Point, Scan
+from protocol.messages import MESSAGES, Command, Event, Health, Message, Point, Scan
 from protocol.messages.plain import MAX_LEVELS
-from tests.protocol.message_examples import EVENT, EXAMPLES, POINT, SCAN
+from tests.protocol.message_examples import EVENT, EXAMPLES, HEALTH, POINT, SCAN
 from tests.protocol.message_strategies import messages
 
 COMMAND = Command(request="r", args={})
@@ -166,6 +166,14 @@ def test_a_hundred_thousand_mistakes_are_told_as_few():
     with pytest.raises(MessageError) as refusal:
         decode(Command, JSON_HEAD + b"{}, " + keys + b"}")
     assert len(refusal.value.problems) == 20
+
+
+def test_a_long_list_of_bad_devices_ends_at_the_first():
+    values = json.loads(encode(HEALTH, "json")) | {"devices": [{}] * 100_000}
+    with pytest.raises(MessageError) as refusal:
+        decode(Health, json.dumps(values).encode())
+    places = {problem.where.rsplit(".", 1)[0] for problem in refusal.value.problems}
+    assert places == {"health.devices.0"}
 
 
 def test_white_space_before_json_is_recognised():
