@@ -1,0 +1,52 @@
+"""Entry point: the console script `traverse`, and `python -m traverse`."""
+
+from importlib.metadata import version
+from typing import Annotated
+
+import typer
+
+from traverse.check import check
+from traverse.demo import demo
+from traverse.run import run
+from traverse.simulate import simulate
+from traverse.watch import watch
+
+app = typer.Typer(
+    name="traverse",
+    help="Measurement daemon of an articulated-arm coordinate measuring machine.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+for command in (demo, run, simulate, watch, check):
+    app.command()(command)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"traverse {version('traverse-cmm')} (kernel: numpy)")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    _version: Annotated[
+        bool,
+        typer.Option(
+            "--version",
+            callback=_show_version,
+            is_eager=True,
+            help="Show the version and which kernel computes, then exit.",
+        ),
+    ] = False,
+) -> None:
+    """Measurement daemon of an articulated-arm coordinate measuring machine."""
+
+
+def main() -> None:
+    """Run the command line."""
+    app()
+
+
+if __name__ == "__main__":
+    main()

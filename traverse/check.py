@@ -1,0 +1,60 @@
+"""`traverse check`: everything that is wrong with a file."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def check(
+    file: Annotated[Path, typer.Argument(help="An arm file or a configuration.")],
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Report as JSON on standard output.")
+    ] = False,
+) -> None:
+    """Check an arm file, a daemon's or a simulator's configuration.
+
+    Says everything that is wrong with it, at once. Exit status 2 if anything is.
+    """
+    from kinematics.arm_file import FileError  # noqa: PLC0415 - keeps --help quick
+
+    kind, read = _reader(file)
+    try:
+        read(file)
+    except FileError as error:
+        if as_json:
+            problems = [
+                {"where": p.where, "message": p.message} for p in error.problems
+            ]
+            report = {"file": str(file), "kind": kind, "problems": problems}
+            typer.echo(json.dumps(report, indent=1))
+        else:
+            typer.echo(str(error), err=True)
+        raise typer.Exit(2) from error
+    if as_json:
+        typer.echo(json.dumps({"file": str(file), "kind": kind, "problems": []}))
+    else:
+        typer.echo(f"{file}: a good {kind}")
+
+
+def _reader(file: Path) -> tuple[str, Callable[[Path], object]]:
+    """What the file is, by its tables, and what reads it."""
+    import tomllib  # noqa: PLC0415
+
+    from daemon.configuration import read_configuration  # noqa: PLC0415
+    from kinematics.arm_file import read_arm, read_strict  # noqa: PLC0415
+    from simulator.config import SimulatorConfig, config_problems  # noqa: PLC0415
+
+    try:
+        tables = tomllib.loads(file.read_text("utf-8"))
+    except (OSError, ValueError):
+        return "arm file", read_arm  # whose reader says what is wrong
+    if "motion" in tables or "truth" in tables:
+        return "simulator's configuration", lambda path: read_strict(
+            path, SimulatorConfig, config_problems
+        )
+    if "broker" in tables or "capture" in tables or "device" in tables:
+        return "daemon's configuration", read_configuration
+    return "arm file", read_arm

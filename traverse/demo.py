@@ -1,0 +1,198 @@
+"""`traverse demo`: a whole measuring arm on this machine, nothing to configure.
+
+Starts the simulated arm and the daemon as programs of their own, follows them over
+MQTT like any client, and judges what it received against the certificates.
+"""
+
+import asyncio
+import contextlib
+import sys
+import tempfile
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    import aiomqtt
+
+    from traverse.demo_round import Round
+
+READY_S = 30.0
+STOP_S = 10.0
+ARM = "demo-7"
+
+
+class DemoError(Exception):
+    """The demonstration cannot go on; text says why."""
+
+
+def demo(
+    once: Annotated[
+        bool, typer.Option("--once", help="End after one round of measurements.")
+    ] = False,
+    for_s: Annotated[
+        float | None,
+        typer.Option("--for", min=1.0, help="End after so many seconds."),
+    ] = None,
+    broker: Annotated[
+        str | None,
+        typer.Option(help="Use this MQTT broker instead of an embedded one."),
+    ] = None,
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Its port.")] = 1883,
+    rate_hz: Annotated[
+        float,
+        typer.Option("--rate", min=1.0, max=10_000.0, help="Rate of the scan in Hz."),
+    ] = 1000.0,
+) -> None:
+    """Watch a simulated arm measure a ball bar, a sphere and a cone.
+
+    Prints the points as they come, then length, form and spread beside the
+    certificates. Ends on Ctrl-C, after --for seconds, or after one round with --once.
+    """
+    try:
+        asyncio.run(_demonstrate(once, for_s, broker, port, rate_hz))
+    except DemoError as error:
+        typer.echo(str(error), err=True)
+        raise typer.Exit(3) from error
+
+
+async def _demonstrate(
+    once: bool, for_s: float | None, broker: str | None, port: int, rate_hz: float
+) -> None:
+    from daemon.embedded_broker import HOST, free_port  # noqa: PLC0415 - quick --help
+    from traverse.demo_round import Round, write_files  # noqa: PLC0415
+
+    host, number = (broker, port) if broker else (HOST, free_port())
+    own = [] if broker else ["--embedded-broker", "--embedded-port", str(number)]
+    measured = Round()
+    with tempfile.TemporaryDirectory(prefix="traverse-demo-") as name:
+        folder = Path(name)
+        write_files(folder, host, number)
+        simulator = ["simulate", "--config", str(folder / "simulator.toml")]
+        daemon = ["run", "--config", str(folder / "daemon.toml"), *own]
+        async with (
+            _program(folder / "simulator.log", *simulator) as hardware,
+            _programs_line(hardware, b"ready", folder / "simulator.log"),
+            _program(folder / "daemon.log", *daemon) as service,
+        ):
+            following = asyncio.create_task(
+                _follow(host, number, measured, once, rate_hz)
+            )
+            ended = asyncio.create_task(service.wait())
+            try:
+                await asyncio.wait(
+                    (following, ended),
+                    timeout=for_s,
+                    return_when=asyncio.FIRST_COMPLETED,
+                )
+                if ended.done():
+                    log = (folder / "daemon.log").read_text("utf-8")
+                    raise DemoError(f"the daemon ended:\n{log}")
+                if following.done():
+                    following.result()
+            except asyncio.CancelledError:
+                pass  # Ctrl-C: what was measured is still worth telling
+            finally:
+                for task in (following, ended):
+                    task.cancel()
+                await asyncio.gather(following, ended, return_exceptions=True)
+    typer.echo("")
+    for text in measured.summary():
+        typer.echo(text)
+
+
+@contextlib.asynccontextmanager
+async def _program(
+    log: Path, *arguments: str
+) -> AsyncIterator[asyncio.subprocess.Process]:
+    """Run a command of this program beside us; it ends with the block."""
+    with log.open("wb") as errors:
+        process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "traverse", *arguments),
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=errors,
+            start_new_session=True,  # Ctrl-C is ours to pass on
+        )
+    try:
+        yield process
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            process.terminate()
+        try:
+            async with asyncio.timeout(STOP_S):
+                await process.communicate()
+        except TimeoutError:
+            process.kill()
+            await process.communicate()
+
+
+@contextlib.asynccontextmanager
+async def _programs_line(
+    process: asyncio.subprocess.Process, beginning: bytes, log: Path
+) -> AsyncIterator[None]:
+    """Wait until the program has printed a line with this beginning."""
+    line = b""
+    if process.stdout is not None:
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(READY_S):
+                line = await process.stdout.readline()
+    if not line.startswith(beginning):
+        raise DemoError(f"the simulated arm did not start:\n{log.read_text('utf-8')}")
+    yield
+
+
+async def _follow(
+    host: str, port: int, measured: "Round", once: bool, rate_hz: float
+) -> None:
+    """Print and note what the arm says, until a round is complete."""
+    from clients.subscription import received, subscribe  # noqa: PLC0415
+    from protocol.encoding import encode  # noqa: PLC0415
+    from protocol.messages import Command, Event, Point, Scan, ScanArgs  # noqa: PLC0415
+    from protocol.topics import command_topic  # noqa: PLC0415
+    from traverse.lines import line  # noqa: PLC0415
+
+    async with _patient_connection(host, port) as client:
+        await subscribe(client, ARM, ("point", "scan", "event", "status"))
+        start = ScanArgs(action="start", rate_hz=rate_hz)
+        command = Command.carrying(start, request="demo-scan")
+        scanning = False
+        async for item in received(client):
+            message = item.message
+            if isinstance(message, Point):
+                on = measured.add_point(message, item.received_ns)
+                what = f"{on.artefact} {on.feature}".strip()
+                typer.echo(f"{line(item.arm, message)}   {what}")
+                if once and measured.rounds:
+                    return
+            elif isinstance(message, Scan):
+                measured.add_scan(message)
+            elif isinstance(message, Event) and message.severity != "info":
+                typer.echo(line(item.arm, message))
+            elif not scanning and message is not None:
+                scanning = True
+                topic = command_topic(ARM, "scan")
+                await client.publish(topic, encode(command, "msgpack"), qos=1)
+
+
+@contextlib.asynccontextmanager
+async def _patient_connection(host: str, port: int) -> "AsyncIterator[aiomqtt.Client]":
+    """A connection to a broker that may still be starting."""
+    import aiomqtt  # noqa: PLC0415
+
+    from clients.subscription import connection  # noqa: PLC0415
+
+    loop = asyncio.get_running_loop()
+    until = loop.time() + READY_S
+    async with contextlib.AsyncExitStack() as stack:
+        while True:
+            try:
+                client = await stack.enter_async_context(connection(host, port))
+                break
+            except (aiomqtt.MqttError, OSError) as error:
+                if loop.time() > until:
+                    raise DemoError(f"broker {host}:{port}: {error}") from error
+                await asyncio.sleep(0.1)
+        yield client
