@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from simulator import wire
-from simulator.board import Board, Frame
+from simulator.board import Board
 from simulator.config import DeviceTable
 from simulator.edges import LatchedEdge
 from simulator.encoder import EncoderSet
 from simulator.faults import DisturbedLine, EncoderFault, Fault
+from simulator.latched import Frame
 from simulator.pty_port import PtyPort
 from simulator.script import Script, ScriptEvent
 from simulator.ticks import TickCounter
@@ -41,6 +42,7 @@ class Device:
         self,
         table: DeviceTable,
         path: Path,
+        *,
         encoders: EncoderSet,
         source: CountSource,
         script: Script,
@@ -94,7 +96,7 @@ class Device:
         """When to call `live` next, samples gathered in blocks."""
         if self.port is None:
             return float("inf")
-        sample_s = self.board.next_sample_s()
+        sample_s = self.board.sampler.next_s()
         return min(self.board.next_due_s(), sample_s + block_s)
 
     def totals(self) -> dict[str, Any]:
@@ -109,7 +111,7 @@ class Device:
 
     def _counted(self) -> dict[str, int]:
         return {
-            "samples": self.board.n_samples,
+            "samples": self.board.sampler.n_samples,
             "tx_dropped": self.board.tx_dropped,
             "rx_rejected": self.board.rx_rejected,
             "edges": self.board.edges.next_seq,
@@ -153,11 +155,11 @@ class Device:
             self._source,
             self._script,
             self._clock,
-            table.inputs,
-            [f for f in self._faults if isinstance(f, EncoderFault)],
-            moduli,
-            (*self._seed, self.n_power_ups),
-            self._clock.script_s(now_s),
+            inputs=table.inputs,
+            faults=[f for f in self._faults if isinstance(f, EncoderFault)],
+            moduli=moduli,
+            seed=(*self._seed, self.n_power_ups),
+            from_script_s=self._clock.script_s(now_s),
         )
         identity = wire.Identity(
             board_id=b"SIM"
@@ -177,7 +179,12 @@ class Device:
             table.tick_rate_hz, table.clock_error_ppm, table.first_ticks, now_s
         )
         self.board = Board(
-            identity, ticks, self.wiring, table.temperatures_c, now_s, self._note_edge
+            identity,
+            ticks,
+            self.wiring,
+            temperatures_c=table.temperatures_c,
+            power_up_s=now_s,
+            on_edge=self._note_edge,
         )
         self.port = PtyPort(self.path, table.transmit_buffer_bytes)
 

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator import wire
+
 AGAIN_AFTER_S = 0.050
 MOST_WAITING = 16
 
@@ -27,7 +29,6 @@ class LatchedEdge:
     ticks: int
     counts: NDArray[np.uint32]
     status: NDArray[np.uint8]
-    held_at_s: float
 
 
 @dataclass(slots=True)
@@ -53,16 +54,23 @@ class EdgeQueue:
     def __len__(self) -> int:
         return len(self._waiting)
 
-    def take_seq(self) -> tuple[int, bool]:
-        """Use up a sequence number; say also whether there is room to keep it."""
+    def report(self, edge: LatchedEdge, now_s: float) -> bytes | None:
+        """Give the frame of an edge and keep it; None if there is no room."""
         seq, self.next_seq = self.next_seq, self.next_seq + 1
-        room = len(self._waiting) < MOST_WAITING
-        self.n_lost += not room
-        return seq, room
-
-    def keep(self, seq: int, data: bytes, now_s: float) -> None:
-        """Keep an edge that is being sent."""
+        if len(self._waiting) >= MOST_WAITING:
+            self.n_lost += 1
+            return None
+        data = wire.edge(
+            edge.input_number,
+            edge.level,
+            edge.inputs,
+            seq=seq & 0xFFFFFFFF,
+            ticks=edge.ticks,
+            counts=edge.counts,
+            status=edge.status,
+        )
         self._waiting.append(_Waiting(seq, data, now_s))
+        return data
 
     def acknowledge(self, seq_shown: int) -> None:
         """Forget every edge up to and including the one with these 32 bits."""

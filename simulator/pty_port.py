@@ -6,7 +6,7 @@ import tty
 from collections import deque
 from pathlib import Path
 
-from simulator.board import Frame
+from simulator.latched import Frame
 
 RESERVE_BYTES = 262_144  # for frames that may not be dropped
 

@@ -62,15 +62,15 @@ class RecordedCounts:
     moduli: NDArray[np.int64]
     repeat: bool
 
-    def counts(
-        self, script_s: Floats, _noise: np.random.Generator
-    ) -> NDArray[np.int64]:
+    def counts(self, script_s: Floats, noise: np.random.Generator) -> NDArray[np.int64]:
         """Counts (n, n_channels) at times (n,) of the script."""
+        del noise  # a recording has its own
         if self.repeat:
             script_s = script_s % self.times_s[-1]
         between = [np.interp(script_s, self.times_s, c) for c in self.unwrapped.T]
         counts = np.rint(np.stack(between, axis=1)).astype(np.int64)
-        return counts % self.moduli
+        wrapped: NDArray[np.int64] = counts % self.moduli
+        return wrapped
 
 
 def recorded_counts(

@@ -16,11 +16,12 @@ from simulator.config import SimulatorConfig, config_problems
 from simulator.device import Device
 from simulator.edges import LatchedEdge
 from simulator.faults import of_device
+from simulator.motions import Replay
 from simulator.pacing import live_fast, live_real
 from simulator.script import ScriptEvent
 from simulator.truth_log import TruthLog
-from simulator.virtual_arm import build_arm, build_script
-from simulator.wiring import ScriptClock, ScriptedCounts
+from simulator.virtual_arm import build_arm, build_script, build_sources
+from simulator.wiring import ScriptClock
 
 DONE, REFUSED = 0, 2
 
@@ -42,6 +43,8 @@ def _run(path: Path) -> int:
     folder = path.parent
     arm = build_arm(config, folder, str(path))
     script = build_script(config, arm, folder, str(path))
+    replayed = isinstance(config.motion[0], Replay)
+    sources = build_sources(config, arm, script, folder)
     clock = ScriptClock(0.0 if config.start == "power_up" else None)
     log_path = None if config.truth_log is None else folder / config.truth_log
     with ExitStack() as life:
@@ -53,23 +56,30 @@ def _run(path: Path) -> int:
         ) -> None:
             script_s = clock.script_s(edge.time_s)
             turns = script.turns(np.array([script_s]))[0]
-            log.edge(device, seq, edge, event, script_s, turns)
+            log.edge(
+                device,
+                seq,
+                edge,
+                event=event,
+                script_s=script_s,
+                turns_rad=None if replayed else turns,
+            )
 
         devices = []
-        for number, (table, encoders) in enumerate(
-            zip(config.device, arm.encoders, strict=True)
+        for number, (table, encoders, source) in enumerate(
+            zip(config.device, arm.encoders, sources, strict=True)
         ):
             try:
                 device = Device(
                     table,
                     folder / table.port,
-                    encoders,
-                    ScriptedCounts(script, arm.truth.zeros_rad, encoders),
-                    script,
-                    clock,
-                    of_device(config.fault, table.id),
-                    (config.seed, number),
-                    note,
+                    encoders=encoders,
+                    source=source,
+                    script=script,
+                    clock=clock,
+                    faults=of_device(config.fault, table.id),
+                    seed=(config.seed, number),
+                    on_edge=note,
                 )
             except OSError as error:
                 where = f"device[{number}].port"

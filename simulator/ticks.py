@@ -3,6 +3,11 @@
 import math
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
+ROUNDING = 1e-6  # of a tick: `at` of `time_s` must be the same tick again
+
 
 @dataclass(frozen=True, slots=True)
 class TickCounter:
@@ -25,10 +30,14 @@ class TickCounter:
 
     def at(self, time_s: float) -> int:
         """Ticks that have passed at a time."""
-        return math.floor((time_s - self.power_up_s) * self._true_rate_hz)
+        return math.floor((time_s - self.power_up_s) * self._true_rate_hz + ROUNDING)
 
     def time_s(self, ticks: int) -> float:
         """True time of a tick."""
+        return self.power_up_s + ticks / self._true_rate_hz
+
+    def times_s(self, ticks: NDArray[np.int64]) -> NDArray[np.float64]:
+        """True times (n,) of ticks (n,)."""
         return self.power_up_s + ticks / self._true_rate_hz
 
     def shown(self, ticks: int) -> int:

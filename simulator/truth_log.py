@@ -43,6 +43,7 @@ class TruthLog:
         device: str,
         seq: int,
         edge: LatchedEdge,
+        *,
         event: ScriptEvent | None,
         script_s: float,
         turns_rad: Floats | None,

@@ -10,9 +10,12 @@ from kinematics.arm_file import Arm, FileError, Problem, read_arm
 from simulator.config import DeviceTable, SimulatorConfig
 from simulator.encoder import EncoderSet
 from simulator.inverse import Reach
+from simulator.motions import Replay
 from simulator.motions.stage import Operator, Stage, UnreachableError
+from simulator.recording_csv import read_recording, recorded_counts
 from simulator.script import Script
 from simulator.truth import Deviations, TrueArm, true_arm
+from simulator.wiring import CountSource, ScriptedCounts
 
 LIMIT_RAD = 2.9  # of every turn, where the configuration gives none
 WIDEST_WORD = 2**32
@@ -123,6 +126,34 @@ def build_script(
         stage.move(start_rad, stage.operator.move_s)
     events = tuple(sorted(stage.events, key=lambda event: event.time_s))
     return Script(stage.trajectory(), events, config.repeat)
+
+
+def build_sources(
+    config: SimulatorConfig, arm: VirtualArm, script: Script, folder: Path
+) -> list[CountSource]:
+    """Say where the counts of each device come from.
+
+    Raises:
+        FileError: A recording that has not what the devices have.
+    """
+    first = config.motion[0]
+    if not isinstance(first, Replay):
+        zeros_rad = arm.truth.zeros_rad
+        return [ScriptedCounts(script, zeros_rad, e) for e in arm.encoders]
+    recording = read_recording(folder / first.file)
+    names = [
+        [f"{device.id}/{channel}" for channel in range(len(encoders.joints))]
+        for device, encoders in zip(config.device, arm.encoders, strict=True)
+    ]
+    missing = [n for own in names for n in own if n not in recording.columns]
+    if missing:
+        message = f"no column {', '.join(missing)}; columns are named after the "
+        message += "encoders' sources in the arm file"
+        raise FileError(str(folder / first.file), [Problem("line 1", message)])
+    return [
+        recorded_counts(recording, own, encoders.moduli, config.repeat)
+        for own, encoders in zip(names, arm.encoders, strict=True)
+    ]
 
 
 def encoders_of(device: DeviceTable, arm: Arm, noise_rad: float) -> EncoderSet:

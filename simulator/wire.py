@@ -144,6 +144,7 @@ def samples(
     cause: int,
     request: int,
     inputs: int,
+    *,
     seqs: NDArray[np.uint32],
     ticks: NDArray[np.uint32],
     counts: NDArray[np.uint32],
@@ -182,6 +183,7 @@ def edge(
     input_number: int,
     level: int,
     inputs: int,
+    *,
     seq: int,
     ticks: int,
     counts: NDArray[np.uint32],
@@ -199,7 +201,7 @@ def temperatures(ticks: int, values_c: Sequence[float | None]) -> bytes:
 
 
 def alarm(
-    channel: int, state: int, code: int, seq: int, ticks: int, value: int
+    channel: int, state: int, code: int, *, seq: int, ticks: int, value: int
 ) -> bytes:
     """Write an alarm; channel 255 is the board itself."""
     return frame(struct.pack("<BBBHIIi", 0x86, channel, state, code, seq, ticks, value))
@@ -209,6 +211,7 @@ def heartbeat(
     state: int,
     inputs: int,
     ticks: int,
+    *,
     next_sample_seq: int,
     next_edge_seq: int,
     tx_dropped: int,

@@ -7,9 +7,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.board import AlarmChange, InputChange
 from simulator.encoder import EncoderSet
 from simulator.faults import EncoderFault, JumpFault, StatusFault
+from simulator.latched import AlarmChange, InputChange
 from simulator.physics import Floats
 from simulator.script import Script, ScriptEvent
 
@@ -76,6 +76,7 @@ class Wiring:
         source: CountSource,
         script: Script,
         clock: ScriptClock,
+        *,
         inputs: Sequence[str],
         faults: Sequence[EncoderFault],
         moduli: NDArray[np.int64],

@@ -53,7 +53,8 @@ def sphere_contacts(
     """
 
     def is_clear(places_mm: Floats, ball_mm: float) -> NDArray[np.bool_]:
-        return np.linalg.norm(places_mm - centre_mm, axis=1) > radius_mm + ball_mm
+        distances_mm: Floats = np.linalg.norm(places_mm - centre_mm, axis=1)
+        return distances_mm > radius_mm + ball_mm
 
     contacts = [
         Contact(*names, centre_mm + radius_mm * normal, normal)

@@ -16,7 +16,8 @@ def crossed(normal: Floats) -> tuple[Floats, Floats]:
 def unit(vector: tuple[float, float, float]) -> Floats:
     """The direction of a vector."""
     whole = np.array(vector, dtype=np.float64)
-    return whole / np.linalg.norm(whole)
+    direction: Floats = whole / np.linalg.norm(whole)
+    return direction
 
 
 def cap_directions(pole: Floats, opening_rad: float, n_points: int) -> Floats:
@@ -25,8 +26,9 @@ def cap_directions(pole: Floats, opening_rad: float, n_points: int) -> Floats:
     around = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(n_points)
     radii = np.sqrt(np.maximum(0.0, 1.0 - heights**2))
     first, second = crossed(pole)
-    return (
+    directions: Floats = (
         (radii * np.cos(around))[:, None] * first
         + (radii * np.sin(around))[:, None] * second
         + heights[:, None] * pole
     )
+    return directions

@@ -1,0 +1,50 @@
+"""Values that cross the board's border: what it is wired to, what it sends."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True)
+class InputChange:
+    """An input takes a new level (1 active, 0 not)."""
+
+    time_s: float
+    input_number: int
+    level: int
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmChange:
+    """An encoder begins or ends to complain."""
+
+    time_s: float
+    channel: int
+    state: int
+    code: int
+    value: int
+
+
+class Latched(Protocol):
+    """What the board is wired to."""
+
+    def latch(
+        self, times_s: NDArray[np.float64], edge: bool
+    ) -> tuple[NDArray[np.uint32], NDArray[np.uint8]]:
+        """Counts and status (n, n_channels) at times (n,)."""
+
+    def peek_change(self) -> InputChange | AlarmChange | None:
+        """The change that comes next, if any is known yet."""
+
+    def take_change(self) -> None:
+        """Go on to the one after it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """A frame on its way out; only samples may be dropped."""
+
+    is_sample: bool
+    data: bytes
