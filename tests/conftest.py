@@ -1,0 +1,105 @@
+"""What all tests share: nothing survives a test, and a real broker."""
+
+import asyncio
+import inspect
+import threading
+import time
+from collections.abc import AsyncIterator, Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.mosquitto import Mosquitto, find_mosquitto
+
+GRACE_S = 2.0
+
+
+def _children() -> set[int]:
+    found = set()
+    for task in Path("/proc/self/task").iterdir():
+        try:
+            found.update(map(int, (task / "children").read_text().split()))
+        except OSError:  # that thread has just ended
+            continue
+    return found
+
+
+def _command_of(pid: int) -> str:
+    try:
+        words = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
+    except OSError:
+        words = []
+    return f"{pid}: {b' '.join(words).decode() or 'ended, nobody waited for it'}"
+
+
+def _left_after_grace(left: Callable[[], set[object]]) -> set[object]:
+    until_s = time.monotonic() + GRACE_S
+    while (found := left()) and time.monotonic() < until_s:
+        time.sleep(0.01)
+    return found
+
+
+@pytest.fixture(autouse=True)
+def no_thread_or_process_is_left() -> Iterator[None]:
+    threads, children = set(threading.enumerate()), _children()
+    yield
+    left = _left_after_grace(lambda: {*set(threading.enumerate()) - threads})
+    assert not left, f"the test left threads behind: {left}"
+    left = _left_after_grace(lambda: {*_children() - children})
+    commands = [_command_of(pid) for pid in left if isinstance(pid, int)]
+    assert not left, f"the test left processes behind: {commands}"
+
+
+@pytest.fixture
+async def _no_task() -> AsyncIterator[None]:
+    before = asyncio.all_tasks()
+    yield
+    left = asyncio.all_tasks() - before - {asyncio.current_task()}
+    assert not left, f"the test left tasks behind: {left}"
+
+
+@pytest.fixture(autouse=True)
+def no_task_is_left(
+    request: pytest.FixtureRequest, no_thread_or_process_is_left: None
+) -> None:
+    function = getattr(request, "function", None)
+    if inspect.iscoroutinefunction(function):
+        request.getfixturevalue("_no_task")
+
+
+@pytest.fixture(scope="session")
+def mosquitto_program() -> str:
+    """Path of mosquitto; the test is skipped where there is none."""
+    program = find_mosquitto()
+    if program is None:
+        pytest.skip("needs a mosquitto on this machine")
+    return program
+
+
+@pytest.fixture(scope="session")
+def mosquitto(
+    mosquitto_program: str, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Mosquitto]:
+    """A broker for all tests that do not disturb it; mark them `broker`."""
+    broker = Mosquitto(mosquitto_program, tmp_path_factory.mktemp("mosquitto"))
+    broker.start()
+    yield broker
+    broker.stop()
+
+
+@pytest.fixture
+def make_mosquitto(
+    mosquitto_program: str, tmp_path: Path
+) -> Iterator[Callable[..., Mosquitto]]:
+    """Makes brokers that a test may stop, kill and start again as it likes."""
+    made: list[Mosquitto] = []
+
+    def make(passwords: dict[str, str] | None = None) -> Mosquitto:
+        broker = Mosquitto(mosquitto_program, tmp_path, passwords)
+        made.append(broker)
+        broker.start()
+        return broker
+
+    yield make
+    for broker in made:
+        broker.stop()

@@ -1,0 +1,87 @@
+"""A real mosquitto on loopback, started and stopped by tests."""
+
+import os
+import pwd
+import shutil
+import socket
+import subprocess
+import time
+from pathlib import Path
+
+HOST = "127.0.0.1"
+START_S = 10.0
+
+
+def find_mosquitto() -> str | None:
+    """The program, which Debian keeps where ordinary users do not look."""
+    return shutil.which("mosquitto", path=f"{os.environ['PATH']}:/usr/sbin:/sbin")
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind((HOST, 0))
+        return int(probe.getsockname()[1])
+
+
+class Mosquitto:
+    """A broker with a port of its own, kept over stops and starts.
+
+    Args:
+        program: path of mosquitto.
+        folder: for its configuration and log.
+        passwords: user names and passwords; empty: everybody may come in.
+    """
+
+    host = HOST
+
+    def __init__(
+        self, program: str, folder: Path, passwords: dict[str, str] | None = None
+    ) -> None:
+        self._program = program
+        self.port = free_port()
+        self._log = folder / f"mosquitto-{self.port}.log"
+        self._config = folder / f"mosquitto-{self.port}.conf"
+        lines = [
+            f"listener {self.port} {HOST}",
+            "persistence false",
+            f"user {pwd.getpwuid(os.getuid()).pw_name}",
+            f"allow_anonymous {'false' if passwords else 'true'}",
+        ]
+        if passwords:
+            file = folder / f"passwords-{self.port}"
+            text = "".join(f"{name}:{word}\n" for name, word in passwords.items())
+            file.write_text(text)
+            hashing = [shutil.which("mosquitto_passwd") or "mosquitto_passwd"]
+            subprocess.run([*hashing, "-U", str(file)], check=True)
+            lines.append(f"password_file {file}")
+        self._config.write_text("\n".join(lines) + "\n")
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def start(self) -> None:
+        """Start it and wait until it listens."""
+        with self._log.open("ab") as log:
+            self._process = subprocess.Popen(
+                [self._program, "-c", str(self._config)], stdout=log, stderr=log
+            )
+        until_s = time.monotonic() + START_S
+        while time.monotonic() < until_s and self._process.poll() is None:
+            with socket.socket() as probe:
+                if probe.connect_ex((HOST, self.port)) == 0:
+                    return
+            time.sleep(0.02)
+        self.kill()
+        raise AssertionError(f"mosquitto did not start: {self._log.read_text()}")
+
+    def stop(self) -> None:
+        """End it in order; may be called again."""
+        if self._process is not None:
+            self._process.terminate()
+            self._process.wait()
+            self._process = None
+
+    def kill(self) -> None:
+        """End it as a power cut would."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+            self._process = None
