@@ -1,0 +1,114 @@
+"""A timed stream over a pty to an MQTT subscriber: complete, and at what cost."""
+
+import asyncio
+import subprocess
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import aiomqtt
+
+from benchmarks import rig
+from clients.subscription import connection, received, subscribe
+from protocol.encoding import encode
+from protocol.messages import Command, Event, Health, Scan, ScanArgs
+from protocol.topics import command_topic
+
+ARM = "demo-7"
+
+
+@dataclass
+class Followed:
+    """What a subscriber saw of one scan."""
+
+    samples: int = 0
+    expected_seq: int = 0
+    gaps: list[tuple[int, int]] = field(default_factory=list)
+    repeated_blocks: int = 0
+    first_ns: int = 0
+    last_ns: int = 0
+    lost: int = 0
+    dropped: int = 0
+    events: list[str] = field(default_factory=list)
+    health: Health | None = None
+
+    def add(self, scan: Scan) -> None:
+        """Note a block."""
+        n = len(scan.dtime_ns)
+        if not n:
+            return
+        if scan.seq < self.expected_seq:
+            self.repeated_blocks += 1
+            return
+        if scan.seq > self.expected_seq:
+            self.gaps.append((self.expected_seq, scan.seq))
+        self.expected_seq = scan.seq + n
+        self.samples += n
+        self.first_ns = self.first_ns or scan.time_ns
+        self.last_ns = scan.time_ns + int(scan.dtime_ns[-1])
+        self.lost, self.dropped = scan.lost, scan.dropped
+
+
+async def order_scan(client: aiomqtt.Client, action: str, rate_hz: float) -> None:
+    """Send the command that starts or stops a scan."""
+    args = ScanArgs(action="start", rate_hz=rate_hz)
+    if action == "stop":
+        args = ScanArgs(action="stop")
+    command = Command.carrying(args, request=f"{action}-{time.monotonic_ns()}")
+    await client.publish(command_topic(ARM, "scan"), encode(command, "msgpack"), qos=1)
+
+
+async def follow_scan(
+    port: int, rate_hz: float, n_samples: int, process: "subprocess.Popen[bytes]"
+) -> tuple[Followed, float, float]:
+    """Scan until ``n_samples`` instants have passed.
+
+    Returns:
+        What came, the daemon's CPU share of one core, and seconds it was taken over.
+    """
+    followed = Followed()
+    async with connection("127.0.0.1", port) as client:
+        await subscribe(client, ARM, ("scan", "event", "health"))
+        await order_scan(client, "start", rate_hz)
+        begun_s, begun_cpu_s = 0.0, 0.0
+        async for item in received(client):
+            message = item.message
+            if isinstance(message, Scan):
+                if not begun_s:
+                    begun_s, begun_cpu_s = time.monotonic(), rig.cpu_s(process)
+                followed.add(message)
+                if followed.expected_seq >= n_samples:
+                    break
+            elif isinstance(message, Health):
+                followed.health = message
+            elif isinstance(message, Event):
+                followed.events.append(f"{message.code}: {message.text}")
+        taken_s = time.monotonic() - begun_s
+        share = (rig.cpu_s(process) - begun_cpu_s) / taken_s
+        await order_scan(client, "stop", rate_hz)
+    return followed, share, taken_s
+
+
+def stream(folder: Path, rate_hz: float, seconds: float) -> str:
+    """One line of the table: a stream of ``seconds`` at ``rate_hz``."""
+    port = rig.free_port()
+    with (
+        rig.mosquitto(folder, port),
+        rig.simulator(folder) as board,
+        rig.daemon(folder, port) as process,
+    ):
+        n_samples = round(rate_hz * seconds)
+        begun = rig.cpu_s(board)
+        followed, share, taken_s = asyncio.run(
+            follow_scan(port, rate_hz, n_samples, process)
+        )
+        board_share = (rig.cpu_s(board) - begun) / taken_s
+        memory_mb = rig.rss_mb(process)
+    achieved_hz = (followed.samples - 1) / (followed.last_ns - followed.first_ns) * 1e9
+    return (
+        f"{rate_hz:6.0f} Hz for {seconds:g} s: {followed.samples} samples, "
+        f"{len(followed.gaps)} gaps, {followed.lost} lost on the line, "
+        f"{followed.dropped} dropped, {achieved_hz:.1f} Hz achieved; "
+        f"daemon {share:.1%} of a core, {memory_mb:.0f} MB; "
+        f"simulator {board_share:.1%}"
+    )
