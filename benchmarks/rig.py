@@ -57,7 +57,9 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def wait_for(condition: Callable[[], bool], what: str, seconds: float = READY_S) -> None:
+def wait_for(
+    condition: Callable[[], bool], what: str, seconds: float = READY_S
+) -> None:
     """Wait until the condition holds; raises TimeoutError."""
     until = time.monotonic() + seconds
     while not condition():
