@@ -7,6 +7,7 @@ here: `advance` moves the board's time, `receive` happens at a given time.
 from collections.abc import Callable, Sequence
 
 from simulator import wire
+from simulator.alarms import Alarms
 from simulator.edges import EdgeQueue, LatchedEdge
 from simulator.inputs import InputLevels
 from simulator.latched import AlarmChange, Frame, InputChange, Latched
@@ -23,10 +24,6 @@ from simulator.settings import (
     Settings,
 )
 from simulator.ticks import TickCounter
-
-BOARD_ITSELF = 0xFF
-FRAMES_DROPPED, EDGES_LOST = 6, 7
-DROPPING_ENDS_S = 1.0  # so long without a loss, and alarm 6 is cleared
 
 
 class Board:
@@ -53,7 +50,7 @@ class Board:
     ) -> None:
         self.identity = identity
         self.edges = EdgeQueue()
-        self.tx_dropped = 0
+        self.alarms = Alarms(ticks)
         self._on_edge = on_edge
         self._rejected = 0
         self._segments = wire.Segments()
@@ -66,9 +63,6 @@ class Board:
         self._refused = False
         self._inputs = InputLevels()
         self.sampler = Sampler(identity.tick_rate_hz, ticks, latched, self._inputs)
-        self._alarm_seq = 0
-        self._dropped_at_s: float | None = None
-        self._losing_edges = False
         self._heartbeat_s = power_up_s
         self._temperature_s = power_up_s
 
@@ -118,10 +112,8 @@ class Board:
 
     def count_dropped(self, n_dropped: int) -> list[Frame]:
         """Count samples that the line did not take, and complain once."""
-        self.tx_dropped += n_dropped
-        begins = self._dropped_at_s is None
-        self._dropped_at_s = self._now_s
-        return [Frame(False, self._own_alarm(FRAMES_DROPPED, 1))] if begins else []
+        alarms = self.alarms.drop(n_dropped, self._now_s)
+        return [Frame(False, data) for data in alarms]
 
     def _agenda(self) -> list[tuple[float, Callable[[float], list[bytes]]]]:
         """What comes next of everything but samples: when, and what to do then."""
@@ -130,13 +122,11 @@ class Board:
             (self._temperature_s, self._show_temperatures),
             (self.edges.next_due_s(), self.edges.due_again),
             (self._inputs.next_held_s(), self._report_held),
+            (self.alarms.next_due_s(), self.alarms.end_dropping),
         ]
         change = self._latched.peek_change()
         if change is not None:
             agenda.append((change.time_s, self._take_change))
-        if self._dropped_at_s is not None:
-            ends_s = self._dropped_at_s + DROPPING_ENDS_S
-            agenda.append((ends_s, self._end_dropping))
         return agenda
 
     def _beat(self, now_s: float) -> list[bytes]:
@@ -149,7 +139,7 @@ class Board:
                 self._shown(now_s),
                 next_sample_seq=self.sampler.next_seq,
                 next_edge_seq=self.edges.next_seq,
-                tx_dropped=self.tx_dropped,
+                tx_dropped=self.alarms.tx_dropped,
                 rx_rejected=self.rx_rejected,
             )
         ]
@@ -165,9 +155,7 @@ class Board:
         change = self._latched.peek_change()
         self._latched.take_change()
         if isinstance(change, AlarmChange):
-            return [
-                self._alarm(change.channel, change.state, change.code, change.value)
-            ]
+            return [self.alarms.of_encoder(change)]
         if isinstance(change, InputChange) and self._inputs.change(
             change.input_number, change.level
         ):
@@ -181,28 +169,8 @@ class Board:
             if self._settings.edge_mask >> edge.input_number & 1:
                 self._on_edge(self.edges.next_seq, edge)
                 kept = self.edges.report(edge, now_s)
-                self._losing_edges |= kept is None
-                data.append(kept or self._own_alarm(EDGES_LOST, 1))
+                data.append(kept or self.alarms.lose_edge(self.edges.n_lost, now_s))
         return data
-
-    def _end_dropping(self, _now_s: float) -> list[bytes]:
-        self._dropped_at_s = None
-        return [self._own_alarm(FRAMES_DROPPED, 0)]
-
-    def _own_alarm(self, code: int, state: int) -> bytes:
-        n_lost = self.tx_dropped if code == FRAMES_DROPPED else self.edges.n_lost
-        return self._alarm(BOARD_ITSELF, state, code, min(n_lost, 0x7FFFFFFF))
-
-    def _alarm(self, channel: int, state: int, code: int, value: int) -> bytes:
-        seq, self._alarm_seq = self._alarm_seq, self._alarm_seq + 1
-        return wire.alarm(
-            channel,
-            state,
-            code,
-            seq=seq,
-            ticks=self._shown(self._now_s),
-            value=value,
-        )
 
     def _shown(self, time_s: float) -> int:
         return self._ticks.shown(self._ticks.at(time_s))
@@ -240,15 +208,14 @@ class Board:
         self._greeted = True
         if flags & 1:
             self.edges.forget()
-            self._losing_edges = False
         return wire.hello(request, self.identity)
 
     def _acknowledge(self, seq: int) -> list[Frame]:
         self.edges.acknowledge(seq)
-        if not self._losing_edges or len(self.edges):
+        if len(self.edges):
             return []
-        self._losing_edges = False
-        return [Frame(False, self._own_alarm(EDGES_LOST, 0))]
+        cleared = self.alarms.end_losing_edges(self.edges.n_lost, self._now_s)
+        return [Frame(False, data) for data in cleared]
 
     def _set(self, kind: int, values: tuple[int, ...]) -> tuple[int, int]:
         """Set what CONFIGURE, START or STOP ask for; result and value of the REPLY."""

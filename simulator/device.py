@@ -112,7 +112,7 @@ class Device:
     def _counted(self) -> dict[str, int]:
         return {
             "samples": self.board.sampler.n_samples,
-            "tx_dropped": self.board.tx_dropped,
+            "tx_dropped": self.board.alarms.tx_dropped,
             "rx_rejected": self.board.rx_rejected,
             "edges": self.board.edges.next_seq,
         }

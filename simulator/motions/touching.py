@@ -9,6 +9,7 @@ from simulator.physics import Floats
 from simulator.script import ScriptEvent
 
 N_APPROACH_KNOTS = 17
+N_SWITCH_KNOTS = 8  # in each of the four parts of a way
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,26 +125,30 @@ def hard_approach(stage: Stage) -> Approach:
 
 
 def _switch_approach(stage: Stage) -> Approach:
-    """Speed up over half the clearance, cross at constant speed, brake beyond."""
+    """Speed up, cross the contact at constant speed, brake beyond.
+
+    Half the clearance and half the overtravel are crossed at constant speed.
+    """
     speed = stage.operator.switch_speed_mm_s
-    half_mm, over_mm = 0.5 * stage.operator.clearance_mm, stage.operator.overtravel_mm
-    u = np.linspace(0.0, 1.0, 9)
-    faster_s, steady_s, brake_s = (
-        2 * half_mm / speed,
-        half_mm / speed,
-        2 * over_mm / speed,
+    half_mm, past_mm = (
+        0.5 * stage.operator.clearance_mm,
+        0.5 * stage.operator.overtravel_mm,
     )
-    times_s = [
-        faster_s * u,
-        faster_s + steady_s * u[1:],
-        faster_s + steady_s + brake_s * u[1:],
-    ]
+    u = np.linspace(0.0, 1.0, N_SWITCH_KNOTS + 1)
+    lengths_s = np.array([2.0 * half_mm, half_mm, past_mm, 2.0 * past_mm]) / speed
+    starts_s = np.concatenate([[0.0], np.cumsum(lengths_s)])
     distances_mm = [
-        2 * half_mm - half_mm * u**2,
-        half_mm * (1.0 - u[1:]),
-        over_mm * (u[1:] ** 2 - 2.0 * u[1:]),
+        2.0 * half_mm - half_mm * u**2,
+        half_mm * (1.0 - u),
+        -past_mm * u,
+        -past_mm * (1.0 + 2.0 * u - u**2),
     ]
-    return Approach(np.concatenate(times_s), np.concatenate(distances_mm), 16)
+    times_s = [starts_s[i] + lengths_s[i] * u[1:] for i in range(4)]
+    return Approach(
+        np.concatenate([[0.0], *times_s]),
+        np.concatenate([[2.0 * half_mm], *(d[1:] for d in distances_mm)]),
+        2 * N_SWITCH_KNOTS,
+    )
 
 
 def _paths(
