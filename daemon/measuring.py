@@ -121,6 +121,8 @@ class Measuring:
             return
         trigger = self._triggers.trigger_of(device.section.id, latch.input)
         if trigger is not None:
+            if latch.active:  # the point first: somebody waits for it
+                self._captured(device, latch, trigger)
             self._events.report(
                 "info",
                 f"{trigger}.{'pressed' if latch.active else 'released'}",
@@ -128,8 +130,6 @@ class Measuring:
                 source=f"{device.section.id}/{latch.input}",
                 distinct=True,
             )
-            if latch.active:
-                self._captured(device, latch, trigger)
         # Only now may the board forget it.
         device.driver.acknowledge(latch.token)
 
