@@ -1,0 +1,150 @@
+"""A subscriber that keeps all that an arm says."""
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator
+from typing import Any
+
+import numpy as np
+
+from clients.subscription import KINDS, connection, received, subscribe
+from protocol import topics
+from protocol.encoding import encode
+from protocol.messages import Args, Command, Event, Health, Point, Reply, Scan, Status
+from tests.end_to_end.programs import PATIENCE_S, until
+
+
+class Listener:
+    """Messages in the order in which they came, by kind."""
+
+    def __init__(self, client: Any, arm: str) -> None:
+        self.client = client
+        self._arm = arm
+        self._requests = 0
+        self.points: list[Point] = []
+        self.scans: list[Scan] = []
+        self.events: list[Event] = []
+        self.statuses: list[Status] = []
+        self.healths: list[Health] = []
+        self.replies: dict[str, Reply] = {}
+        self.errors: list[str] = []
+
+    def take(self, message: object) -> None:
+        """Keep one message."""
+        match message:
+            case Point():
+                self.points.append(message)
+            case Scan():
+                self.scans.append(message)
+            case Event():
+                self.events.append(message)
+            case Status():
+                self.statuses.append(message)
+            case Health():
+                self.healths.append(message)
+            case Reply():
+                self.replies[message.request] = message
+
+    async def command(self, args: Args, request: str = "") -> Reply:
+        """Send a command and wait for its answer on reply/<name>."""
+        self._requests += 1
+        command = Command.carrying(args, request or f"test-{self._requests}")
+        topic = topics.command_topic(self._arm, args.command)
+        await self.client.publish(topic, encode(command, "msgpack"), qos=1)
+        await until(
+            lambda: command.request in self.replies, f"an answer to {args.command}"
+        )
+        return self.replies[command.request]
+
+    async def ready(self) -> None:
+        """Wait until the daemon is online with all its devices."""
+        await until(
+            lambda: self.statuses and self.statuses[-1].state == "ready",
+            "a status that is ready",
+        )
+
+    async def n_points(self, n: int, timeout_s: float = PATIENCE_S) -> None:
+        """Wait for so many points."""
+        what = f"{n} points"
+        await until(lambda: len(self.points) >= n, what, timeout_s)
+
+    async def event(
+        self, code: str, active: bool | None = None, timeout_s: float = PATIENCE_S
+    ) -> Event:
+        """Wait for an event of a code, raised or cleared."""
+        await until(lambda: self.told(code, active), f"event {code}", timeout_s)
+        return self.told(code, active)[-1]
+
+    def told(self, code: str, active: bool | None = None) -> list[Event]:
+        """Events of a code so far."""
+        return [e for e in self.events if e.code == code and e.active is active]
+
+    async def scan_points(
+        self, scan: str, n: int, timeout_s: float = PATIENCE_S
+    ) -> None:
+        """Wait until a scan has reached number n."""
+        await until(
+            lambda: any(
+                s.scan == scan and s.seq + len(s.dtime_ns) >= n for s in self.scans
+            ),
+            f"point {n} of scan {scan}",
+            timeout_s,
+        )
+
+    async def scan_ended(self, scan: str) -> list[Scan]:
+        """Wait for the last block of a scan; gives all its blocks."""
+        await until(
+            lambda: any(s.scan == scan and s.last for s in self.scans),
+            f"the end of scan {scan}",
+        )
+        return [s for s in self.scans if s.scan == scan]
+
+
+@contextlib.asynccontextmanager
+async def listening(
+    host: str, port: int, arm: str, kinds: tuple[str, ...] = tuple(KINDS)
+) -> AsyncIterator[Listener]:
+    """Follow an arm while the block lasts; comes back when the broker does.
+
+    ``client`` of the listener is that of the present connection.
+    """
+    listener = Listener(None, arm)
+    subscribed = asyncio.Event()
+
+    async def follow() -> None:
+        import aiomqtt  # noqa: PLC0415
+
+        while True:
+            try:
+                async with connection(host, port) as client:
+                    await subscribe(client, arm, kinds)
+                    listener.client = client
+                    subscribed.set()
+                    async for item in received(client):
+                        if item.error is not None:
+                            listener.errors.append(f"{item.kind}: {item.error}")
+                        listener.take(item.message)
+            except (aiomqtt.MqttError, OSError):
+                await asyncio.sleep(0.05)  # until the broker is back
+
+    following = asyncio.create_task(follow())
+    try:
+        async with asyncio.timeout(PATIENCE_S):
+            await subscribed.wait()
+        yield listener
+        if following.done():
+            following.result()
+    finally:
+        following.cancel()
+        await asyncio.gather(following, return_exceptions=True)
+    assert listener.errors == []
+
+
+def numbers(blocks: list[Scan]) -> np.ndarray:
+    """Numbers of all points of some blocks, in their order."""
+    return np.concatenate([s.seq + np.arange(len(s.dtime_ns)) for s in blocks])
+
+
+def times_ns(blocks: list[Scan]) -> np.ndarray:
+    """Times of all points of some blocks [UTC]."""
+    return np.concatenate([s.time_ns + np.asarray(s.dtime_ns) for s in blocks])

@@ -1,0 +1,27 @@
+"""A whole arm at work, for the length of a block."""
+
+import contextlib
+from collections.abc import AsyncIterator
+
+from tests.end_to_end.listener import Listener, listening
+from tests.end_to_end.programs import Program
+from tests.end_to_end.workbench import Workbench
+
+
+@contextlib.asynccontextmanager
+async def measuring(
+    bench: Workbench,
+) -> AsyncIterator[tuple[Listener, Program, Program]]:
+    """Simulator and daemon as they are written, and somebody who listens.
+
+    The script begins when the daemon first starts a stream: nothing is missed. Both
+    programs must end in order.
+    """
+    async with listening(bench.host, bench.port, bench.arm) as listener:
+        with bench.simulator() as simulator:
+            await simulator.says("ready base")
+            with bench.daemon() as daemon:
+                await listener.ready()
+                yield listener, simulator, daemon
+                assert await daemon.stop() == 0
+            assert await simulator.stop() == 0

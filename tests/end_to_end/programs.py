@@ -1,0 +1,90 @@
+"""Real programs as processes: started, watched through their logs, always reaped."""
+
+import asyncio
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from pathlib import Path
+
+PATIENCE_S = 20.0
+LOOK_S = 0.01
+
+
+async def until(
+    condition: Callable[[], object], what: str, timeout_s: float = PATIENCE_S
+) -> None:
+    """Let the loop run until a condition holds; fail with ``what`` if it never does."""
+    end_s = time.monotonic() + timeout_s
+    while not condition():
+        if time.monotonic() > end_s:
+            raise AssertionError(f"not within {timeout_s:g} s: {what}")
+        await asyncio.sleep(LOOK_S)
+
+
+class Program(AbstractContextManager["Program"]):
+    """`python -m traverse ...`, its output in files; ends with its block.
+
+    Args:
+        folder: where it runs and where its output goes.
+        name: of the output's files.
+        arguments: after `python -m traverse`.
+    """
+
+    def __init__(self, folder: Path, name: str, *arguments: str) -> None:
+        self.name = name
+        self._out, self._err = folder / f"{name}.out", folder / f"{name}.err"
+        with self._out.open("wb") as out, self._err.open("wb") as err:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "traverse", *arguments],
+                cwd=folder,
+                env={**os.environ, "PYTHONUNBUFFERED": "1"},
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=err,
+                start_new_session=True,
+            )
+
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait(PATIENCE_S)
+        if kind is not None:  # pytest shows what was printed with the failure
+            print(f"--- {self.name} (status {self.process.returncode})")  # noqa: T201
+            print(self.output[-6000:], self.log[-6000:], sep="\n")  # noqa: T201
+
+    @property
+    def output(self) -> str:
+        """Standard output so far."""
+        return self._out.read_text("utf-8")
+
+    @property
+    def log(self) -> str:
+        """Standard error so far."""
+        return self._err.read_text("utf-8")
+
+    async def says(self, text: str, timeout_s: float = PATIENCE_S) -> None:
+        """Wait until the output or the log contains a text."""
+
+        def said() -> bool:
+            if text in self.output or text in self.log:
+                return True
+            assert self.process.poll() is None, f"{self.name} ended without {text!r}"
+            return False
+
+        await until(said, f"{self.name} says {text!r}", timeout_s)
+
+    async def ended(self, timeout_s: float = PATIENCE_S) -> int:
+        """Wait until it has ended by itself; its exit status."""
+        await until(
+            lambda: self.process.poll() is not None, f"{self.name} ends", timeout_s
+        )
+        return int(self.process.returncode)
+
+    async def stop(self, number: int = signal.SIGTERM) -> int:
+        """Ask it to end; its exit status."""
+        self.process.send_signal(number)
+        return await self.ended()

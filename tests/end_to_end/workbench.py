@@ -1,0 +1,113 @@
+"""Files of a simulated arm and its daemon in a folder, and programs that use them."""
+
+import json
+import uuid
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import traverse
+from tests.end_to_end.programs import Program
+
+DEMO_ARM = Path(traverse.__file__).parent / "demo_data" / "arm.toml"
+QUICK = (
+    "move_s = 0.1\napproach_s = 0.05\ndwell_s = 0.06\npress_s = 0.03\n"
+    "switch_speed_mm_s = 150.0"
+)
+REST = '[[motion]]\nkind = "rest"\nduration_s = 1000.0'
+SPHERE = (
+    '[[motion]]\nkind = "sphere"\nartefact = "ball"\n'
+    "centre_mm = [700.0, 100.0, 120.0]\nradius_mm = 50.8\npoints = {points}"
+)
+CONE = (
+    '[[motion]]\nkind = "cone"\nartefact = "seat"\n'
+    "seat_mm = [600.0, -150.0, 60.0]\npostures = {postures}"
+)
+SWEEP = (
+    '[[motion]]\nkind = "sweep"\nover = "sphere"\nartefact = "swept"\n'
+    "centre_mm = [700.0, 100.0, 120.0]\nradius_mm = 50.8\nspeed_mm_s = 200.0"
+)
+
+
+@dataclass
+class Workbench:
+    """An arm on a pty and a daemon, as files; `simulator` and `daemon` start them.
+
+    Attributes:
+        folder: where everything is.
+        host, port: of the broker; port 0 leaves the table out.
+        arm: name of the arm, unique so that retained messages do not mix.
+    """
+
+    folder: Path
+    host: str
+    port: int
+    arm: str = field(default_factory=lambda: f"arm-{uuid.uuid4().hex[:8]}")
+
+    def __post_init__(self) -> None:
+        text = DEMO_ARM.read_text("utf-8").replace('"demo-7"', f'"{self.arm}"')
+        self.arm_file.write_text(text, "utf-8")
+
+    @property
+    def arm_file(self) -> Path:
+        """The arm file."""
+        return self.folder / "arm.toml"
+
+    @property
+    def pty(self) -> Path:
+        """Where the simulated board is plugged in."""
+        return self.folder / "board.pty"
+
+    def write_simulator(
+        self,
+        *motions: str,
+        arm: str = "",
+        board: str = "",
+        faults: str = "",
+        top: str = "",
+    ) -> None:
+        """Write the simulator's configuration; arguments are TOML of its tables."""
+        parts = [
+            'schema = "traverse/simulator/1"\nseed = 11\nstart = "first_start"',
+            f'truth_log = "truth.jsonl"\n{top}',
+            f'[arm]\nfile = "arm.toml"\n{arm}',
+            f"[operator]\n{QUICK}",
+            f'[[device]]\nid = "base"\nport = "board.pty"\n{board}',
+            *motions,
+            faults,
+        ]
+        (self.folder / "simulator.toml").write_text("\n".join(parts), "utf-8")
+
+    def write_daemon(
+        self, *, broker: str = "", capture: str = "", trigger: str = "button"
+    ) -> None:
+        """Write the daemon's configuration; arguments are TOML inside its tables."""
+        parts = [
+            '[arm]\nfile = "arm.toml"',
+            f'[[device]]\nid = "base"\ndriver = "latch-board"\nport = "{self.pty}"',
+            f'[broker]\nhost = "{self.host}"\nport = {self.port}\n{broker}'
+            if self.port
+            else "",
+            f"[capture]\n{capture}",
+            f'inputs = [{{ source = "base/{int(trigger == "switch")}", '
+            f'trigger = "{trigger}" }}]',
+            "[health]\nperiod_s = 0.2",
+        ]
+        (self.folder / "daemon.toml").write_text("\n".join(parts), "utf-8")
+
+    def simulator(self, name: str = "simulator") -> Program:
+        """Start the simulator; wait until it says "ready base"."""
+        return Program(self.folder, name, "simulate", "--config", "simulator.toml")
+
+    def daemon(self, *options: str, name: str = "daemon") -> Program:
+        """Start the daemon."""
+        return Program(self.folder, name, "run", "--config", "daemon.toml", *options)
+
+    def truth(self) -> list[dict[str, Any]]:
+        """Lines of the simulator's truth log: edges, then at the end a summary."""
+        text = (self.folder / "truth.jsonl").read_text("utf-8")
+        return [json.loads(line) for line in text.splitlines(keepends=True)]
+
+    def presses(self) -> list[dict[str, Any]]:
+        """Edges of the truth log at which an input became active."""
+        return [e for e in self.truth() if e["event"] == "edge" and e["level"] == 1]
