@@ -10,9 +10,11 @@ from simulator.motions.stage import Stage, UnreachableError
 from simulator.motions.touching import hard_approach
 from simulator.physics import Floats, probe_pose
 from simulator.script import ScriptEvent
+from simulator.trajectory import spline_pieces
 
 N_KNOTS = 49
 N_TRIES = 8
+MOST_PLAY_MM = 0.05  # of the ball in its seat between knots
 SHORTEST_RAD = 0.3  # of all joints together, else it is hardly another posture
 LONGEST_STEP_RAD = 0.4  # between knots; more is a jump to another branch
 
@@ -80,8 +82,21 @@ def _articulation(stage: Stage, seat_mm: Floats, shank: Floats) -> Floats | None
     good &= np.all((ways >= low) & (ways <= high), axis=(0, 2))
     good &= np.max(np.abs(np.diff(ways, axis=0)), axis=(0, 2)) < LONGEST_STEP_RAD
     lengths = np.linalg.norm(ways[-1] - here, axis=1) * good
-    best = int(np.argmax(lengths))
-    return ways[:, best] if lengths[best] > SHORTEST_RAD else None
+    for best in np.argsort(-lengths):
+        if lengths[best] < SHORTEST_RAD:
+            break
+        if _stays_seated(stage, ways[:, best], seat_mm):
+            return ways[:, best]
+    return None
+
+
+def _stays_seated(stage: Stage, way_rad: Floats, seat_mm: Floats) -> bool:
+    """Look between the knots, where the course is only interpolated."""
+    pieces = spline_pieces(np.linspace(0.0, 1.0, N_KNOTS), way_rad)
+    between = np.einsum("p,npj->nj", 0.5 ** np.arange(6), pieces)
+    centres_mm, _ = probe_pose(stage.reach.mechanism, between)
+    off_mm = np.linalg.norm(centres_mm - seat_mm, axis=1)
+    return bool(np.max(off_mm) < MOST_PLAY_MM)
 
 
 def _way_out(stage: Stage, targets_mm: Floats) -> Floats:

@@ -1,5 +1,6 @@
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from kinematics.arm_file import FileError, parse_strict
 from simulator.config import SimulatorConfig, config_problems
 from simulator.recording_csv import read_recording, recorded_counts
 from simulator.run import run_simulator
-from simulator.virtual_arm import build_arm
+from simulator.virtual_arm import build_arm, build_script
 from tests.simulator.conftest import arm_text, config_text
 
 REST = '[[motion]]\nkind = "rest"\nduration_s = 0.01\n'
@@ -144,3 +145,32 @@ def test_the_simulator_runs_without_scipy_and_the_code_under_test():
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
     )
     assert done.stdout.strip() == "[]"
+
+
+REFERENCE = Path(__file__).parents[2] / "docs" / "reference" / "simulator.md"
+
+
+def reference_example():
+    return REFERENCE.read_text().split("```toml\n")[1].split("```")[0]
+
+
+def test_the_reference_shows_a_configuration_that_runs(folder):
+    config = parse(reference_example())
+    arm = build_arm(config, folder, "sim.toml")
+    script = build_script(config, arm, folder, "sim.toml")
+    assert len(script.events) == 2 * (12 + 12 + 12 + 16 + 1)
+
+
+def test_the_reference_names_every_key_with_its_default():
+    config = parse(reference_example())
+    for part, required in (
+        (config.operator, set()),
+        (config.arm, {"file", "turn_limits_rad"}),
+        (config.device[0], {"id", "port"}),
+        *((motion, {"kind"}) for motion in config.motion),
+    ):
+        for name, field in type(part).model_fields.items():
+            written = name in part.model_fields_set
+            assert written or name in {"true_file", "deviations"}, name
+            if not field.is_required() and name not in required and written:
+                assert getattr(part, name) == field.default, name

@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -88,6 +90,18 @@ def test_a_cone_is_always_the_same_point_in_other_postures(stage):
     np.testing.assert_allclose(centres - [480.0, 50.0, 20.0], 0.0, atol=1e-9)
     turns = script.turns(np.array(times_s))
     assert np.min(np.linalg.norm(np.diff(turns, axis=0), axis=1)) > 0.2
+
+
+def test_the_ball_stays_in_its_seat_or_is_taken_out_altogether(stage):
+    arm, script = stage(CONE.replace("postures = 6", "postures = 20"))
+    pressed = [e.time_s for e in presses(script)]
+    seated = 0
+    for start_s, end_s in pairwise(pressed):
+        centres = centres_at(arm, script, np.linspace(start_s, end_s, 500))
+        play = np.max(np.linalg.norm(centres - [480.0, 50.0, 20.0], axis=1))
+        assert play < 0.1 or play > 14.9
+        seated += play < 0.1
+    assert seated > 10
 
 
 def test_a_switching_probe_closes_at_contact_while_it_moves(stage):
