@@ -6,7 +6,13 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
-from pydantic import BeforeValidator, Field, SerializeAsAny
+from pydantic import (
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    SerializeAsAny,
+    field_validator,
+)
 
 from kinematics.arm_file import StrictModel
 
@@ -34,14 +40,15 @@ class Fault(StrictModel):
 
 
 class UnknownFault(Fault):
-    """Refused whatever its keys are."""
+    """What is of no known kind: refused for that alone, not for its other keys."""
 
-    kind: Annotated[
-        str,
-        Field(
-            pattern="^(lost|corrupted|repeated|garbage|stuck|jump|status|gone|silent)$"
-        ),
-    ]
+    model_config = ConfigDict(extra="ignore")
+
+    @field_validator("kind")
+    @classmethod
+    def _refuse(cls, kind: str) -> str:
+        known = ", ".join(sorted(FAULTS))
+        raise ValueError(f"unknown kind of fault '{kind}'; known: {known}")
 
 
 class LineFault(Fault):

@@ -3,7 +3,7 @@
 import numpy as np
 from pydantic import Field
 
-from simulator.motions.motion import Motion, Vector
+from simulator.motions.motion import Direction, Motion, Vector
 from simulator.motions.sphere import sphere_contacts
 from simulator.motions.spread import unit
 from simulator.motions.stage import Stage
@@ -15,11 +15,11 @@ class BallBar(Motion):
 
     artefact: str = "bar"
     centre_mm: Vector
-    direction: Vector
+    direction: Direction
     distance_mm: float = Field(default=800.0, gt=0.0)
     radius_mm: float = Field(default=25.4, gt=0.0)
     points: int = Field(ge=1)
-    pole: Vector = (0.0, 0.0, 1.0)
+    pole: Direction = (0.0, 0.0, 1.0)
     opening_rad: float = Field(default=1.4, gt=0.0, le=3.0)
 
     def play(self, stage: Stage) -> None:

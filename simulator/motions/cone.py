@@ -4,7 +4,7 @@ import numpy as np
 from pydantic import Field
 
 from simulator.inverse import TOLERANCE_MM
-from simulator.motions.motion import Motion, Vector
+from simulator.motions.motion import Direction, Motion, Vector
 from simulator.motions.spread import unit
 from simulator.motions.stage import Stage, UnreachableError
 from simulator.motions.touching import hard_approach
@@ -24,7 +24,7 @@ class Cone(Motion):
 
     artefact: str = "cone"
     seat_mm: Vector
-    axis: Vector = (0.0, 0.0, 1.0)
+    axis: Direction = (0.0, 0.0, 1.0)
     postures: int = Field(ge=1)
 
     def play(self, stage: Stage) -> None:

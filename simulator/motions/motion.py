@@ -3,12 +3,27 @@
 from collections.abc import Mapping
 from typing import Annotated
 
-from pydantic import BeforeValidator, Field, SerializeAsAny
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    ConfigDict,
+    SerializeAsAny,
+    field_validator,
+)
 
 from kinematics.arm_file import StrictModel
 from simulator.motions.stage import Stage
 
-Vector = Annotated[tuple[float, float, float], Field()]
+Vector = tuple[float, float, float]
+
+
+def _pointing(direction: Vector) -> Vector:
+    if not any(direction):
+        raise ValueError("[0, 0, 0] points nowhere; give a direction of any length")
+    return direction
+
+
+Direction = Annotated[Vector, AfterValidator(_pointing)]
 KINDS: dict[str, type["Motion"]] = {}  # filled by simulator.motions, the only table
 
 
@@ -21,12 +36,23 @@ class Motion(StrictModel):
     def variant(cls, table: object) -> "type[Motion]":
         """Say the class of a table by its kind."""
         kind = table.get("kind") if isinstance(table, Mapping) else None
-        return KINDS.get(str(kind), Motion)
+        return KINDS.get(str(kind), UnknownMotion)
 
     def play(self, stage: Stage) -> None:
         """Append this motion to the course."""
+        raise NotImplementedError(self.kind)
+
+
+class UnknownMotion(Motion):
+    """What is of no known kind: refused for that alone, not for its other keys."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    @field_validator("kind")
+    @classmethod
+    def _refuse(cls, kind: str) -> str:
         known = ", ".join(sorted(KINDS))
-        raise ValueError(f"unknown kind of motion '{self.kind}'; known: {known}")
+        raise ValueError(f"unknown kind of motion '{kind}'; known: {known}")
 
 
 def motion_from_table(table: object) -> Motion:

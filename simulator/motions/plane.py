@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from simulator.motions.motion import Motion, Vector
+from simulator.motions.motion import Direction, Motion, Vector
 from simulator.motions.spread import crossed, unit
 from simulator.motions.stage import Stage
 from simulator.motions.touching import Contact, touch
@@ -17,7 +17,7 @@ class Plane(Motion):
     artefact: str = "plane"
     feature: str = ""
     centre_mm: Vector
-    normal: Vector = (0.0, 0.0, 1.0)
+    normal: Direction = (0.0, 0.0, 1.0)
     width_mm: float = Field(default=200.0, gt=0.0)
     depth_mm: float = Field(default=200.0, gt=0.0)
     columns: int = Field(default=4, ge=1)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from simulator.motions.motion import Motion, Vector
+from simulator.motions.motion import Direction, Motion, Vector
 from simulator.motions.spread import cap_directions, unit
 from simulator.motions.stage import Stage
 from simulator.motions.touching import Contact, touch
@@ -20,7 +20,7 @@ class Sphere(Motion):
     centre_mm: Vector
     radius_mm: float = Field(gt=0.0)
     points: int = Field(ge=1)
-    pole: Vector = (0.0, 0.0, 1.0)
+    pole: Direction = (0.0, 0.0, 1.0)
     opening_rad: float = Field(default=1.4, gt=0.0, le=3.0)
 
     def play(self, stage: Stage) -> None:

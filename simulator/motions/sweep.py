@@ -5,7 +5,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from simulator.motions.motion import Motion, Vector
+from simulator.motions.motion import Direction, Motion, Vector
 from simulator.motions.spread import crossed, unit
 from simulator.motions.stage import Stage
 from simulator.motions.touching import Contact, hard_approach, solve_contacts
@@ -26,7 +26,7 @@ class Sweep(Motion):
     artefact: str = "sweep"
     centre_mm: Vector
     radius_mm: float = Field(gt=0.0)
-    normal: Vector = (0.0, 0.0, 1.0)
+    normal: Direction = (0.0, 0.0, 1.0)
     opening_rad: float = Field(default=1.0, gt=0.0, le=2.0)
     windings: float = Field(default=3.0, gt=0.0, le=50.0)
     speed_mm_s: float = Field(default=20.0, gt=0.0)

@@ -44,6 +44,32 @@ def test_all_mistakes_are_said_at_once():
         assert part in said, said
 
 
+def test_an_unknown_kind_is_refused_for_that_alone():
+    text = config_text(
+        REST + '[[motion]]\nkind = "spere"\npoints = 3\n',
+        faults='[[fault]]\nkind = "lots"\nprobability = 0.1\n',
+    )
+    with pytest.raises(FileError) as caught:
+        parse(text)
+    where = [problem.where for problem in caught.value.problems]
+    assert where == ["motion[1].kind", "fault[0].kind"]
+
+
+def test_no_motion_is_too_few():
+    with pytest.raises(FileError) as caught:
+        parse("motion = []\n" + config_text(""))
+    assert [problem.where for problem in caught.value.problems] == ["motion"]
+
+
+def test_directions_must_point_somewhere():
+    text = config_text(
+        '[[motion]]\nkind = "plane"\ncentre_mm = [1, 2, 3]\nnormal = [0, 0, 0]'
+    )
+    with pytest.raises(FileError) as caught:
+        parse(text)
+    assert [problem.where for problem in caught.value.problems] == ["motion[0].normal"]
+
+
 def refuse(folder, capsys, text):
     (folder / "sim.toml").write_text(text)
     assert run_simulator(folder / "sim.toml") == 2
