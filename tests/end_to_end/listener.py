@@ -5,6 +5,7 @@ import contextlib
 from collections.abc import AsyncIterator
 from typing import Any
 
+import aiomqtt
 import numpy as np
 
 from clients.subscription import KINDS, connection, received, subscribe
@@ -21,6 +22,7 @@ class Listener:
         self.client = client
         self._arm = arm
         self._requests = 0
+        self.connected = False
         self.points: list[Point] = []
         self.scans: list[Scan] = []
         self.events: list[Event] = []
@@ -109,28 +111,25 @@ async def listening(
     ``client`` of the listener is that of the present connection.
     """
     listener = Listener(None, arm)
-    subscribed = asyncio.Event()
 
     async def follow() -> None:
-        import aiomqtt  # noqa: PLC0415
-
         while True:
             try:
                 async with connection(host, port) as client:
                     await subscribe(client, arm, kinds)
                     listener.client = client
-                    subscribed.set()
+                    listener.connected = True
                     async for item in received(client):
                         if item.error is not None:
                             listener.errors.append(f"{item.kind}: {item.error}")
                         listener.take(item.message)
             except (aiomqtt.MqttError, OSError):
+                listener.connected = False
                 await asyncio.sleep(0.05)  # until the broker is back
 
     following = asyncio.create_task(follow())
     try:
-        async with asyncio.timeout(PATIENCE_S):
-            await subscribed.wait()
+        await until(lambda: listener.connected, f"a broker on {host}:{port}")
         yield listener
         if following.done():
             following.result()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from protocol.messages import Point
+from tests.end_to_end.agreement import assert_one_point_an_edge, delays_s
 from tests.end_to_end.arm_matrices import MatrixArm
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.workbench import CONE, SPHERE, Workbench
@@ -22,34 +23,6 @@ async def measured(
         await listener.n_points(n)
     truth = [e for e in bench.presses() if e["input_name"] == trigger]
     return listener.points, truth
-
-
-def assert_one_point_an_edge(
-    bench: Workbench, points: list[Point], truth: list[dict[str, Any]]
-) -> None:
-    """Numbered from 0, each with the counts and the time of its edge."""
-    assert [p.seq for p in points] == list(range(len(truth)))
-    assert len({p.id for p in points}) == len(points)
-    assert {(p.arm, len(p.session)) for p in points} == {(bench.arm, 32)}
-    arm = MatrixArm(bench.arm_file)
-    turns = np.array([2**23] * 4 + [2**22] * 3)
-    for point, edge in zip(points, truth, strict=True):
-        counts = np.array(edge["counts"])
-        assert ((np.array(point.counts) - counts) % turns == 0).all()
-        xyz_mm, shank = arm.pose(counts)
-        assert np.abs(np.array(point.xyz_mm) - xyz_mm).max() < 1e-9
-        assert np.abs(np.array(point.ijk) - shank).max() < 1e-12
-        assert point.angles_rad == pytest.approx(arm.angles_rad(point.counts), 1e-14)
-        assert point.quality.ok
-    # A slow stream reaches the host in bursts of up to 2 ms, and the first points are
-    # taken before the host has seen the shortest delay.
-    assert np.ptp(delays_s(points, truth)) < 4e-3
-
-
-def delays_s(points: list[Point], truth: list[dict[str, Any]]) -> np.ndarray:
-    """Times of points against those of the truth, up to a constant."""
-    taken_s = np.array([p.time_ns - points[0].time_ns for p in points]) * 1e-9
-    return taken_s - np.array([edge["time_s"] for edge in truth])
 
 
 async def test_every_press_is_one_point_where_the_ball_truly_was(
