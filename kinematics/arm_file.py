@@ -266,16 +266,28 @@ def parse_strict(
 def write_arm(path: str | Path, arm: Arm) -> None:
     """Write an arm file in place of an old one, whole or not at all.
 
+    Comments of the old file stay, and so do the lines whose values do not change.
+
     Raises:
         FileError: The arm breaks a rule of arm files; the old file stays.
         OSError: The folder cannot be written.
     """
-    text = arm_text(arm.model_dump(by_alias=True, exclude_unset=True))
+    values = arm.model_dump(by_alias=True, exclude_unset=True)
+    text = arm_text(values, _text_before(Path(path)))
     if parse_arm(text, str(path)) != arm:
         raise FileError(
             str(path), [Problem("", "would not hold all values of this arm")]
         )
     write_whole(Path(path), text)
+
+
+def _text_before(path: Path) -> str | None:
+    """The file that is about to be replaced, if it is an arm file."""
+    try:
+        parse_arm(text := toml_text(path), str(path))
+    except FileError:
+        return None
+    return text
 
 
 def arm_digest(arm: Arm) -> str:

@@ -1,19 +1,31 @@
 """The text of an arm file from its plain values, in the layout people know.
 
-Numbers are written in the shortest decimals that give back the same bits.
+Numbers are written in the shortest decimals that give back the same bits. The only
+module beside `arm_file`, whose part it is, that knows tomlkit.
 """
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, MutableMapping, Sequence
 from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any
 
+import tomlkit
+from tomlkit.items import AoT, Item
 
-def arm_text(values: Mapping[str, Any]) -> str:
-    """Write the values of an arm as TOML; keys that are None are left out."""
-    return "\n".join(_table_lines(values, ())).lstrip("\n") + "\n"
+
+def arm_text(values: Mapping[str, Any], before: str | None = None) -> str:
+    """Write the values of an arm as TOML; keys that are None are left out.
+
+    Args:
+        values: Plain values: tables, sequences, numbers, texts.
+        before: Text of the file that this one replaces: its comments stay, and so does
+            every line whose value does not change.
+    """
+    document = tomlkit.document() if before is None else tomlkit.parse(before)
+    _fill(document, values)
+    return tomlkit.dumps(document)
 
 
 def canonical_text(values: object) -> str:
@@ -42,22 +54,45 @@ def write_whole(path: Path, text: str) -> None:
         os.close(folder)
 
 
-def _table_lines(table: Mapping[str, Any], path: tuple[str, ...]) -> list[str]:
-    """Write a table: first its own keys, then the tables in it."""
-    lines: list[str] = []
-    inner: list[str] = []
-    for key, value in table.items():
-        here = (*path, key)
+def _fill(table: MutableMapping[str, Any], values: Mapping[str, Any]) -> None:
+    """Make a table hold just these values; what holds already is not touched."""
+    wanted = {key: value for key, value in values.items() if value is not None}
+    for key in [key for key in table if key not in wanted]:
+        del table[key]
+    for key, value in wanted.items():
         if isinstance(value, Mapping):
-            # A table inside an entry of a list stands close to its owner.
-            gap = [""] if len(here) == 1 else []
-            inner += [*gap, f"[{'.'.join(here)}]", *_table_lines(value, here)]
+            known = isinstance(table.get(key), MutableMapping)
+            inner = table[key] if known else tomlkit.table()
+            _fill(inner, value)
+            if not known:
+                table[key] = inner
         elif _is_list_of_tables(value):
-            for entry in value:
-                inner += ["", f"[[{'.'.join(here)}]]", *_table_lines(entry, here)]
-        elif value is not None:
-            lines.append(f"{key} = {_value_text(value)}")
-    return lines + inner
+            _fill_list(table, key, value)
+        elif key not in table or _differ(table[key], value):
+            table[key] = list(value) if isinstance(value, tuple) else value
+
+
+def _fill_list(
+    table: MutableMapping[str, Any], key: str, values: Sequence[Mapping[str, Any]]
+) -> None:
+    known = isinstance(table.get(key), AoT)
+    tables = table[key] if known else tomlkit.aot()
+    while len(tables) > len(values):
+        del tables[len(tables) - 1]
+    for number, entry in enumerate(values):
+        fresh = number == len(tables)
+        inner = tomlkit.table() if fresh else tables[number]
+        _fill(inner, entry)
+        if fresh:
+            tables.append(inner)
+    if not known:
+        table[key] = tables
+
+
+def _differ(left: object, right: object) -> bool:
+    """Whether two values differ in anything that a reader would see."""
+    plain = left.unwrap() if isinstance(left, Item) else left
+    return canonical_text(plain) != canonical_text(right)
 
 
 def _is_list_of_tables(value: object) -> bool:
@@ -67,23 +102,6 @@ def _is_list_of_tables(value: object) -> bool:
         and len(value) > 0
         and all(isinstance(entry, Mapping) for entry in value)
     )
-
-
-def _value_text(value: object) -> str:
-    if isinstance(value, str):
-        # Strings of JSON are strings of TOML, but for the delete character.
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, int | float):
-        return repr(value)
-    if isinstance(value, datetime):
-        return value.isoformat().replace("+00:00", "Z")
-    if isinstance(value, date):
-        return value.isoformat()
-    if isinstance(value, Sequence):
-        return f"[{', '.join(_value_text(entry) for entry in value)}]"
-    raise TypeError(f"an arm file cannot hold {value!r}, a {type(value).__name__}")
 
 
 def _canonical(value: object) -> object:

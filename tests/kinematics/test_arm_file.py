@@ -107,14 +107,47 @@ def test_writing_keeps_the_layout_and_what_is_absent(tmp_path):
     without_comments = EVERYTHING.replace("3.1e-5", "3.1e-05")
     without_comments = without_comments.replace("-1.2e-5", "-1.2e-05")
     without_comments = without_comments.replace("00.25Z", "00.250000Z")
-    assert written == without_comments
+    assert filled_lines(written) == filled_lines(without_comments)
+
+
+def filled_lines(text: str) -> list[str]:
+    return [line for line in text.splitlines() if line]
 
 
 def test_writing_adds_no_defaults(tmp_path):
     path = tmp_path / "arm.toml"
     text = ARM_TEXT.replace("vector_mm = [0.0, 0.0, 50.0]\n", "")
     write_arm(path, parse_arm(text))
-    assert path.read_text() == text
+    assert filled_lines(path.read_text()) == filled_lines(text)
+
+
+def test_writing_keeps_comments_and_the_lines_that_do_not_change(tmp_path):
+    path = tmp_path / "arm.toml"
+    commented = "# serial number 17\n" + ARM_TEXT.replace(
+        'name = "J1"', 'name = "J1"  # the base'
+    ).replace("zero_rad = 1.234", "zero_rad = 1.2340  # read on the bench")
+    path.write_text(commented)
+    arm = parse_arm(commented)
+    write_arm(path, arm)
+    assert path.read_text() == commented
+    moved = arm.model_copy(update={"origin_mm": (0.5, 0.0, 0.0), "effects": ()})
+    write_arm(path, moved)
+    text = path.read_text()
+    assert "# serial number 17" in text
+    assert 'name = "J1"  # the base' in text
+    assert "origin_mm = [0.5, 0.0, 0.0]" in text
+    assert parse_arm(text) == moved
+
+
+def test_writing_removes_what_the_new_arm_does_not_have(tmp_path):
+    path = tmp_path / "arm.toml"
+    arm = parse_arm(EVERYTHING)
+    path.write_text(EVERYTHING)
+    shorter = arm.model_copy(
+        update={"effects": arm.effects[1:], "identification": None}
+    )
+    write_arm(path, shorter)
+    assert parse_arm(path.read_text()) == shorter
 
 
 def test_written_file_is_plain_toml_to_another_reader(tmp_path):
