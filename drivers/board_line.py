@@ -17,10 +17,11 @@ class BoardLine:
     """One connection to a board, from opening the port to losing it.
 
     Args:
-        port: open port; closed by `close`.
+        port: open port; whoever opened it closes it.
         monotonic_ns: the host's clock.
         dispatch: called with every message and the time right after its read,
             answers included.
+        stopping: asked between waits; True ends an unanswered request.
 
     Attributes:
         repeated: requests sent again because no answer came.
@@ -31,16 +32,22 @@ class BoardLine:
         port: SerialPort,
         monotonic_ns: Callable[[], int],
         dispatch: Callable[[wire.Message, int], None],
+        stopping: Callable[[], bool],
     ) -> None:
         self._port = port
         self._now_ns = monotonic_ns
         self._dispatch = dispatch
+        self._stopping = stopping
         self._decoder = wire.Decoder()
         self._heard_ns = monotonic_ns()
         self._request = 0
         self._answer: Answer | None = None
         self.repeated = 0
-        port.write(b"\0")  # ends whatever the line carried before
+
+    @property
+    def heard_ns(self) -> int:
+        """Time right after the last read that brought a message."""
+        return self._heard_ns
 
     @property
     def broken(self) -> int:
@@ -68,6 +75,10 @@ class BoardLine:
                 self._answer = message
             self._dispatch(message, received_ns)
 
+    def begin(self) -> None:
+        """End whatever the line carried before."""
+        self._port.write(b"\0")
+
     def send(self, frame: bytes) -> None:
         """Send a frame that is not answered."""
         self._port.write(frame)
@@ -83,7 +94,7 @@ class BoardLine:
 
         Raises:
             DeviceRefusedError: the board says no.
-            DeviceError: no answer, or the port has gone away.
+            DeviceError: no answer, the port has gone away, or the driver is closed.
         """
         for attempt in range(TRIES):
             self.repeated += attempt > 0
@@ -94,6 +105,8 @@ class BoardLine:
             while (left_ns := until_ns - self._now_ns()) > 0:
                 if self._port.wait(left_ns * 1e-9):
                     self.read()
+                if self._stopping():
+                    raise DeviceError(f"closed while asking {name}", "start again")
                 if (answer := self._take_answer()) is not None:
                     return self._accepted(answer)
         raise DeviceError(
@@ -109,10 +122,6 @@ class BoardLine:
                 f"the board on {self._port.path} has been silent for {SILENCE_S:g} s",
                 "check power and cable of the board",
             )
-
-    def close(self) -> None:
-        """Close the port; never raises."""
-        self._port.close()
 
     def _take_answer(self) -> Answer | None:
         answer, self._answer = self._answer, None

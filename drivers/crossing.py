@@ -2,7 +2,8 @@
 
 Timed samples are counted and dropped when the loop does not keep up; edges are
 refused instead (the device keeps them and sends again); everything else is rare
-and small, and is counted when it is dropped.
+and small, and is counted when it is dropped. Changes of state, which nothing repeats,
+have some room of their own.
 
 Waking the loop costs more than a sample does. So timed samples wake it at most once
 in `GATHER_NS`; an edge, or anything else, wakes it at once.
@@ -14,10 +15,17 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-from drivers.values import CountSamples, Delivery, LatchedCounts
-
+from drivers.values import (
+    CountSamples,
+    Delivery,
+    DeviceLost,
+    DeviceUp,
+    LatchedCounts,
+    StreamStarted,
+)
 
 GATHER_NS = 8_000_000
+ROOM_FOR_STATES = 64
 
 
 class Crossing:
@@ -62,7 +70,7 @@ class Crossing:
 
     @property
     def dropped_others(self) -> int:
-        """Reports dropped for the same reason; edges are never among them."""
+        """Reports dropped for the same reason; latches are never among them."""
         return self._dropped_others
 
     def put(self, delivery: Delivery) -> bool:
@@ -76,7 +84,9 @@ class Crossing:
                 self._waiting_samples += size
                 wake = self._now_ns() - self._woken_ns >= GATHER_NS
             else:
-                if self._waiting_others >= self._max_others:
+                state = isinstance(delivery, (DeviceUp, DeviceLost, StreamStarted))
+                room = self._max_others + ROOM_FOR_STATES * state
+                if self._waiting_others >= room:
                     if not isinstance(delivery, LatchedCounts):
                         self._dropped_others += 1
                     return False

@@ -7,6 +7,7 @@ thread reaches the consumer as a `DeviceLost`.
 """
 
 import contextlib
+import logging
 import os
 import threading
 import time
@@ -22,7 +23,11 @@ from drivers.values import (
     DeviceError,
     DeviceFault,
     DeviceLost,
+    DeviceUp,
+    StreamStarted,
 )
+
+log = logging.getLogger(__name__)
 
 FIRST_RETRY_S = 0.1
 LAST_RETRY_S = 2.0
@@ -50,6 +55,8 @@ class Driver(ABC):
         self._counters: Counter[str] = Counter()
         self._counters_due_ns = 0
         self._stopping = False
+        self._wake_lock = threading.Lock()
+        self._closed = False
         self._wake_read, self._wake_write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
         self._thread = threading.Thread(target=self._run, name=f"driver-{device}")
 
@@ -65,8 +72,10 @@ class Driver(ABC):
         self._wake()
         if self._thread.ident is not None:
             self._thread.join()
-        os.close(self._wake_read)
-        os.close(self._wake_write)
+        with self._wake_lock:
+            self._closed = True
+            os.close(self._wake_read)
+            os.close(self._wake_write)
 
     def __enter__(self) -> Self:
         self.start()
@@ -105,9 +114,12 @@ class Driver(ABC):
         """Close the port if it is open; never raises."""
 
     def _wake(self) -> None:
-        # A full pipe is no loss: the thread wakes all the same.
-        with contextlib.suppress(BlockingIOError):
-            os.write(self._wake_write, b"\0")
+        # Once closed, the pipe's number may already be that of another file.
+        with self._wake_lock:
+            if not self._closed:
+                # A full pipe is no loss: the thread wakes all the same.
+                with contextlib.suppress(BlockingIOError):
+                    os.write(self._wake_write, b"\0")
 
     def _report_counters(self) -> None:
         now_ns = self._now_ns()
@@ -122,10 +134,22 @@ class Driver(ABC):
         self._counters[code] += count
         self._crossing.put(DeviceFault(self.device, code, text, remedy, count))
 
+    def _tell(self, state: DeviceUp | StreamStarted) -> None:
+        """Deliver what the consumer must not miss.
+
+        Raises:
+            DeviceError: there was no room; connecting again tells it anew.
+        """
+        if not self._crossing.put(state):
+            raise DeviceError(
+                f"nobody takes what {self.device} delivers", "the daemon is overloaded"
+            )
+
     def _run(self) -> None:
         retry_s = FIRST_RETRY_S
         told = None
         while not self._stopping:
+            lost = None
             try:
                 self._connect()
                 retry_s, told = FIRST_RETRY_S, None
@@ -133,12 +157,20 @@ class Driver(ABC):
             except (DeviceError, OSError) as error:
                 remedy = getattr(error, "remedy", "check cable and power")
                 lost = DeviceLost(self.device, str(error), remedy)
-                if lost != told:
-                    self._counters["lost"] += 1
-                    self._crossing.put(lost)
-                told = lost
+            except Exception as error:
+                log.exception("fault in the driver of %s", self.device)
+                text = f"fault in the driver: {error!r}"
+                lost = DeviceLost(self.device, text, "report it with the log")
             finally:
                 self._disconnect()
+            if (
+                lost is not None
+                and lost != told
+                and not self._stopping
+                and self._crossing.put(lost)  # else it is told after the next try
+            ):
+                self._counters["lost"] += 1
+                told = lost
             self._pause(retry_s)
             retry_s = min(2 * retry_s, LAST_RETRY_S)
 

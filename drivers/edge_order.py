@@ -22,6 +22,7 @@ class EdgeOrder:
 
     def __init__(self, expected: int | None = None) -> None:
         self._next = expected
+        self._begun = False
         self._acknowledged: int | None = None
         self._early_since_ns: int | None = None
 
@@ -43,7 +44,9 @@ class EdgeOrder:
             missing, wait for it. "waiting": delivered, not yet acknowledged.
             "acknowledged": acknowledge again, the board did not hear.
         """
-        if self._next is None:
+        if self._next is None or (
+            not self._begun and _signed(seq - self._next) < 0
+        ):  # it came about before the board told what comes next
             self._next = seq
         ahead = _signed(seq - self._next)
         if ahead < 0:
@@ -61,10 +64,17 @@ class EdgeOrder:
     def delivered(self, seq: int) -> None:
         """Edge ``seq`` has been handed to the consumer."""
         self._next = (seq + 1) % WRAP
+        self._begun = True
         self._early_since_ns = None
 
     def acknowledge(self, seq: int) -> None:
-        """The consumer has dealt with all edges up to ``seq``."""
+        """The consumer has dealt with all edges up to ``seq``.
+
+        One that was not delivered here is ignored: it is of a board that has been
+        restarted since, and would acknowledge new edges unseen.
+        """
+        if self._next is None or _signed(seq - self._next) >= 0:
+            return
         done = self._acknowledged
         if done is None or _signed(seq - done) > 0:
             self._acknowledged = seq

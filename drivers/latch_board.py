@@ -2,11 +2,11 @@
 
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sized
 
 import numpy as np
 
-from drivers.board_line import BoardLine
+from drivers.board_line import Answer, BoardLine
 from drivers.crossing import Crossing
 from drivers.driver import Driver
 from drivers.edge_order import EdgeOrder
@@ -30,6 +30,7 @@ ALL_INPUTS = 0xFF
 HEARTBEAT_MS = 500
 TEMPERATURE_MS = 2000
 MAX_LATCHES = 16
+MIN_TICK_RATE_HZ, MAX_TICK_RATE_HZ = 100_000, 100_000_000
 FAST_STREAM_HZ = 2000.0
 COALESCE_S = 0.002  # above that rate a read takes what 2 ms bring
 
@@ -67,8 +68,10 @@ class LatchBoard(Driver):
         self._latch_token = 0
         self._edges = EdgeOrder()
         # The thread's own.
+        self._port: SerialPort | None = None
         self._line: BoardLine | None = None
         self._boot_id: int | None = None
+        self._n_channels = 0
         self._acknowledged: int | None = None
         self._frames_before = 0
         self._streams_begun = 0
@@ -106,15 +109,20 @@ class LatchBoard(Driver):
     # -- in the reader thread -------------------------------------------------
 
     def _connect(self) -> None:
-        port = SerialPort(self._path, self._baud_rate, self._wake_read)
-        line = self._line = BoardLine(port, self._now_ns, self._dispatch)
+        self._port = SerialPort(self._path, self._baud_rate, self._wake_read)
+        line = self._line = BoardLine(
+            self._port, self._now_ns, self._dispatch, lambda: self._stopping
+        )
+        line.begin()
         first = self._boot_id is None
+        self._n_channels = 0
         self._stream_request = 0
         flags = wire.FORGET_EDGES if first else 0
         hello = line.ask("HELLO", lambda number: wire.hello_request(number, flags))
         if not isinstance(hello, wire.Hello):
             raise DeviceError(f"HELLO was answered by {hello}", "update the firmware")
         self._check(hello)
+        self._n_channels = len(hello.channels)
         restarted = not first and hello.boot_id != self._boot_id
         self._boot_id = hello.boot_id
         if restarted:
@@ -127,7 +135,7 @@ class LatchBoard(Driver):
                 number, ALL_INPUTS, HEARTBEAT_MS, TEMPERATURE_MS, self._debounce_us
             ),
         )
-        self._crossing.put(DeviceUp(self.device, _identity(hello), restarted))
+        self._tell(DeviceUp(self.device, _identity(hello), restarted))
         self._streams_begun = 0  # what was wanted is to be asked for again
 
     def _serve(self) -> None:
@@ -148,8 +156,10 @@ class LatchBoard(Driver):
         if self._line is not None:
             self._counters["requests_repeated"] += self._line.repeated
             self._frames_before += self._line.accepted
-            self._line.close()
             self._line = None
+        if self._port is not None:
+            self._port.close()
+            self._port = None
 
     def _carry_out_requests(self, line: BoardLine) -> None:
         if (done := self._edges.last_acknowledged) != self._acknowledged:
@@ -157,19 +167,48 @@ class LatchBoard(Driver):
             if done is not None:
                 line.send(wire.edge_ack(done))
         while self._latches:
-            line.ask("LATCH", wire.latch_request)
-            self._latches.popleft()
+            # Its answer is taken here and not when it is dispatched, so that a late
+            # answer to an earlier try is not a second latch.
+            answer = self._ask_or_fault(line, "LATCH", wire.latch_request)
+            token = self._latches.popleft()
+            if isinstance(answer, wire.Latched) and self._fits(answer.counts):
+                self._deliver(answer, None, token, line.heard_ns)
         if self._streams_begun != (wanted := self._streams_wanted):
             self._streams_begun = wanted
             rate = round(self._rate_hz * 1000)
             self._stream_request = 0
             if rate:
-                line.ask("START", lambda number: wire.start_request(number, rate))
+                self._ask_or_fault(
+                    line, "START", lambda number: wire.start_request(number, rate)
+                )
             else:
-                line.ask("STOP", wire.stop_request)
+                self._ask_or_fault(line, "STOP", wire.stop_request)
+
+    def _ask_or_fault(
+        self, line: BoardLine, name: str, frame: Callable[[int], bytes]
+    ) -> Answer | None:
+        """The answer; None where the board refused, which connecting cannot mend."""
+        try:
+            return line.ask(name, frame)
+        except DeviceRefusedError as error:
+            self._fault("request_refused", str(error), error.remedy)
+            return None
+
+    def _fits(self, counts: Sized) -> bool:
+        """Whether a latch has the channels that HELLO told; else it is counted."""
+        if len(counts) == self._n_channels:
+            return True
+        self._fault(
+            "channels_changed",
+            f"{len(counts)} channels in a frame of a board with {self._n_channels}",
+            "update the board's firmware",
+        )
+        return False
 
     def _dispatch(self, message: wire.Message, received_ns: int) -> None:
         match message:
+            case wire.Edge() | wire.Heartbeat() if not self._n_channels:
+                pass  # it may be of another board; both come again after HELLO
             case wire.SampleBlock():
                 self._take_samples(message, received_ns)
             case wire.Edge():
@@ -180,11 +219,9 @@ class LatchBoard(Driver):
                 self._stream_request = message.request
                 self._sequence = StreamSequence()
                 rate_hz = message.value / 1000
-                self._crossing.put(StreamStarted(self.device, self._stream, rate_hz))
-            case wire.Latched() if self._latches:
-                self._deliver(message, None, self._latches[0], received_ns)
+                self._tell(StreamStarted(self.device, self._stream, rate_hz))
             case wire.Heartbeat():
-                self._take_heartbeat(message)
+                self._take_heartbeat(message, received_ns)
             case wire.Temperatures():
                 self._crossing.put(DeviceTemperatures(self.device, message.values_c))
             case wire.Alarm():
@@ -195,6 +232,8 @@ class LatchBoard(Driver):
     def _take_samples(self, block: wire.SampleBlock, received_ns: int) -> None:
         if block.request != self._stream_request:
             self._counters["samples_of_old_stream"] += len(block.seq)
+            return
+        if not self._fits(block.counts[0]):
             return
         seq, kept, lost, dropped = self._sequence.accept(block.seq)
         self._counters["samples_repeated"] += dropped
@@ -220,6 +259,8 @@ class LatchBoard(Driver):
         )
 
     def _take_edge(self, edge: wire.Edge, received_ns: int) -> None:
+        if not self._clock.running or not self._fits(edge.counts):
+            return  # the board sends it again; until then it has no time
         verdict, lost = self._edges.judge(edge.seq, received_ns)
         if lost:
             self._fault(
@@ -259,9 +300,16 @@ class LatchBoard(Driver):
             )
         )
 
-    def _take_heartbeat(self, heartbeat: wire.Heartbeat) -> None:
-        if heartbeat.streaming and self._stream_request:
+    def _take_heartbeat(self, heartbeat: wire.Heartbeat, received_ns: int) -> None:
+        if self._stream_request and not heartbeat.streaming:
+            raise DeviceError(
+                f"the board on {self._path} has stopped its stream by itself",
+                "check its power: it has probably been restarted",
+            )
+        if self._stream_request:
             self._report_lost(self._sequence.reach(heartbeat.next_sample_seq))
+        ticks = self._clock.unwrap(np.array([heartbeat.ticks], np.uint32))
+        self._clock.update(int(ticks[0]), received_ns)
         self._edges.expect(heartbeat.next_edge_seq)
         self._counters["board_tx_dropped"] = heartbeat.tx_dropped
         self._counters["board_rx_rejected"] = heartbeat.rx_rejected
@@ -303,6 +351,13 @@ class LatchBoard(Driver):
             raise DeviceRefusedError(
                 f"the board on {self._path} describes impossible channels: "
                 f"{hello.channels}",
+                "update the board's firmware",
+            )
+        if not MIN_TICK_RATE_HZ <= hello.tick_rate_hz <= MAX_TICK_RATE_HZ:
+            raise DeviceRefusedError(
+                f"the counter of the board on {self._path} runs at "
+                f"{hello.tick_rate_hz} Hz, expected {MIN_TICK_RATE_HZ} to "
+                f"{MAX_TICK_RATE_HZ} Hz",
                 "update the board's firmware",
             )
 

@@ -50,7 +50,11 @@ class SerialPort:
             self._port.set_low_latency_mode(True)
         with contextlib.suppress(OSError):
             fcntl.ioctl(self._fd, termios.TIOCEXCL)
-        self._port.reset_input_buffer()
+        try:
+            self._port.reset_input_buffer()
+        except (OSError, termios.error) as error:
+            self.close()
+            raise _explain(path, error) from error
 
     def wait(self, seconds: float) -> bool:
         """Wait for bytes; False after ``seconds`` or a wake-up without any."""

@@ -27,6 +27,7 @@ class TickClock:
         tick_rate_hz: nominal rate of the device's counter.
 
     Attributes:
+        running: something has been learned, so that times are not idle talk.
         steps: how often the mapping had to start afresh, because a latch seemed to
             lie in the future (the device's counter or the host has jumped).
     """
@@ -35,7 +36,7 @@ class TickClock:
         self._ns_per_tick = 1e9 / tick_rate_hz
         self._bin_ticks = max(1, round(BIN_S * tick_rate_hz))
         self._last: int | None = None
-        self._running = False
+        self.running = False
         self._bins: deque[tuple[int, float]] = deque(maxlen=BINS)
         self._bin_best: tuple[int, float] | None = None
         self._bin_index = 0
@@ -60,9 +61,9 @@ class TickClock:
     def update(self, ticks: int, received_ns: int) -> None:
         """Learn from a latch at ``ticks`` (unwrapped) read at ``received_ns``."""
         self._last = ticks
-        if not self._running:
+        if not self.running:
             self._restart(ticks, received_ns)
-            self._running = True
+            self.running = True
         elif self.to_ns(ticks) - received_ns > MAX_EARLY_NS:
             self._restart(ticks, received_ns)
             self.steps += 1

@@ -94,3 +94,18 @@ def test_edge_numbers_wrap():
     edges.acknowledge(WRAP - 1)
     assert edges.judge(0, 0) == ("next", 0)
     assert edges.judge(WRAP - 1, 0) == ("acknowledged", 0)
+
+
+def test_edges_from_before_the_first_heartbeat_are_taken():
+    edges = EdgeOrder()
+    edges.expect(12)  # the heartbeat counts 10 and 11, which are still to come
+    assert edges.judge(10, 0) == ("next", 0)
+    edges.delivered(10)
+    assert edges.judge(11, 0) == ("next", 0)
+
+
+def test_an_acknowledgement_from_before_a_restart_is_ignored():
+    edges = EdgeOrder(0)
+    edges.acknowledge(40)  # of the board's former life
+    assert edges.last_acknowledged is None
+    assert edges.judge(0, 0) == ("next", 0)

@@ -1,0 +1,47 @@
+"""What a driver has delivered, and waiting for more of it."""
+
+import asyncio
+from collections.abc import Callable
+from typing import TypeVar
+
+from drivers.crossing import Crossing
+from drivers.values import CountSamples, Delivery
+
+LIMIT_S = 8.0
+
+Kind = TypeVar("Kind")
+
+
+async def until(condition: Callable[[], object], what: str) -> None:
+    """Wait until a condition holds; looked at often, given up after `LIMIT_S`."""
+    try:
+        async with asyncio.timeout(LIMIT_S):
+            while not condition():  # noqa: ASYNC110 - another thread's doing
+                await asyncio.sleep(0.005)
+    except TimeoutError:
+        raise AssertionError(f"not within {LIMIT_S} s: {what}") from None
+
+
+class Taken:
+    """Deliveries of one crossing, in order."""
+
+    def __init__(self, crossing: Crossing) -> None:
+        self._crossing = crossing
+        self.all: list[Delivery] = []
+
+    def of(self, kind: type[Kind]) -> list[Kind]:
+        return [one for one in self.all if isinstance(one, kind)]
+
+    def seqs(self) -> list[int]:
+        blocks = [block for block in self.all if isinstance(block, CountSamples)]
+        return [int(seq) for block in blocks for seq in block.seq]
+
+    async def until(self, condition: Callable[[], object], what: str) -> None:
+        try:
+            async with asyncio.timeout(LIMIT_S):
+                while not condition():
+                    self.all += await self._crossing.take()
+        except TimeoutError:
+            raise AssertionError(
+                f"not delivered within {LIMIT_S} s: {what}; there came {self.all}"
+            ) from None
