@@ -15,7 +15,7 @@ async def measuring(
     """Simulator and daemon as they are written, and somebody who listens.
 
     The script begins when the daemon first starts a stream: nothing is missed. Both
-    programs must end in order, a simulator that the test has killed excepted.
+    programs must end in order, those that the test itself has ended excepted.
     """
     async with listening(bench.host, bench.port, bench.arm) as listener:
         with bench.simulator() as simulator:
@@ -23,6 +23,10 @@ async def measuring(
             with bench.daemon() as daemon:
                 await listener.ready()
                 yield listener, simulator, daemon
-                assert await daemon.stop() == 0
-            if simulator.process.poll() is None:
-                assert await simulator.stop() == 0
+                await _end(daemon)
+            await _end(simulator)
+
+
+async def _end(program: Program) -> None:
+    if program.process.poll() is None:
+        assert await program.stop() == 0, f"{program.name} did not end in order"
