@@ -1,0 +1,78 @@
+"""The pages of the documentation, taken apart."""
+
+import re
+from pathlib import Path
+
+CHECKOUT = Path(__file__).parents[2]
+PAGES = sorted(
+    [CHECKOUT / "README.md", CHECKOUT / "CHANGELOG.md", *CHECKOUT.glob("docs/**/*.md")]
+)
+
+_EXAMPLE = re.compile(
+    r"<!-- example: (?P<kind>\w+) -->\n```(?P<language>\w+)\n(?P<text>.*?)^```$",
+    re.DOTALL | re.MULTILINE,
+)
+_CODE = re.compile(r"^```.*?^```$|`[^`\n]*`", re.DOTALL | re.MULTILINE)
+_LINK = re.compile(r"\]\(([^)\s]+)\)")
+_HEADING = re.compile(r"^(?P<level>#+) (?P<text>.*)$", re.MULTILINE)
+
+
+def name_of(page: Path) -> str:
+    """How a page is called in the names of tests."""
+    return str(page.relative_to(CHECKOUT))
+
+
+def text_of(name: str) -> str:
+    """The text of a page by its path in the checkout."""
+    return (CHECKOUT / name).read_text("utf-8")
+
+
+def examples(kind: str) -> list[tuple[str, str]]:
+    """All examples of a kind: name of the page, text."""
+    return [
+        (name_of(page), match["text"])
+        for page in PAGES
+        for match in _EXAMPLE.finditer(page.read_text("utf-8"))
+        if match["kind"] == kind
+    ]
+
+
+def kinds_of_examples() -> set[str]:
+    """Every kind of example that the documentation has."""
+    return {
+        match["kind"]
+        for page in PAGES
+        for match in _EXAMPLE.finditer(page.read_text("utf-8"))
+    }
+
+
+def relative_links(page: Path) -> list[str]:
+    """The links of a page to files of the checkout."""
+    prose = _CODE.sub("", page.read_text("utf-8"))
+    return [link for link in _LINK.findall(prose) if "://" not in link]
+
+
+def anchors(page: Path) -> set[str]:
+    """What a link into a page may name, as GitHub makes it of the headings."""
+    text = re.sub(r"^```.*?^```$", "", page.read_text("utf-8"), flags=re.S | re.M)
+    plain = (match["text"].lower() for match in _HEADING.finditer(text))
+    return {re.sub(r"[^\w\- ]", "", heading).replace(" ", "-") for heading in plain}
+
+
+def tables(name: str) -> dict[str, list[list[str]]]:
+    """The first table below each heading of a page: rows of cells, without the head."""
+    text = text_of(name)
+    headings = list(_HEADING.finditer(text))
+    ends = [*(heading.start() for heading in headings[1:]), len(text)]
+    found = {}
+    for heading, end in zip(headings, ends, strict=True):
+        table = re.search(r"(?:^\|.*\|\n)+", text[heading.end() : end], re.MULTILINE)
+        if table:
+            rows = [line[1:-1].split("|") for line in table[0].splitlines()]
+            found[heading["text"]] = [[cell.strip() for cell in r] for r in rows[2:]]
+    return found
+
+
+def code_words(cell: str) -> list[str]:
+    """What stands in code style in a cell."""
+    return re.findall(r"`([^`]+)`", cell)

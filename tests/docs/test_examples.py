@@ -1,0 +1,124 @@
+"""The examples of the documentation are read and run as a reader would."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import paho.mqtt.publish
+import pytest
+
+from daemon.configuration import read_configuration
+from kinematics.arm_file import parse_arm, read_strict
+from simulator.config import SimulatorConfig, config_problems
+from tests.docs.pages import CHECKOUT, examples, kinds_of_examples, text_of
+from tests.mosquitto import Mosquitto
+from tests.protocol.message_examples import GOLDEN
+
+END_S = 30.0
+
+
+def read_simulator(path: Path) -> object:
+    return read_strict(path, SimulatorConfig, config_problems)
+
+
+READERS: dict[str, Callable[[Path], object]] = {
+    "arm": lambda path: parse_arm(path.read_text("utf-8")),
+    "daemon": read_configuration,
+    "simulator": read_simulator,
+}
+FILES = [(kind, *example) for kind in READERS for example in examples(kind)]
+
+
+def test_every_kind_of_example_is_known_here() -> None:
+    assert kinds_of_examples() == {*READERS, "output", "points", "arrays"}
+
+
+@pytest.mark.parametrize(
+    ("kind", "page", "text"),
+    FILES,
+    ids=[f"{kind} in {page}" for kind, page, _ in FILES],
+)
+def test_files_shown_are_good(kind: str, page: str, text: str, tmp_path: Path) -> None:
+    file = tmp_path / f"{kind}.toml"
+    file.write_text(text, "utf-8")
+    READERS[kind](file)
+
+
+@pytest.mark.parametrize(("page", "text"), examples("output"))
+def test_programs_print_what_the_page_shows(page: str, text: str) -> None:
+    after = text_of(page).partition(text)[2]
+    shown = re.search(r"```text\n(.*?)```", after, re.DOTALL)
+    assert shown is not None
+    ran = subprocess.run(
+        [sys.executable, "-W", "error", "-c", text],
+        capture_output=True,
+        text=True,
+        timeout=END_S,
+        check=True,
+        cwd=CHECKOUT,
+    )
+    assert ran.stdout == shown[1]
+
+
+def test_array_reader_reads_a_scan() -> None:
+    ((_, text),) = examples("arrays")
+    names: dict[str, Any] = {}
+    exec(compile(text, "example", "exec"), names)
+    payload = bytes.fromhex((GOLDEN / "scan.msgpack.hex").read_text("ascii"))
+    scan = names["decoded"](payload)
+    expected = json.loads((GOLDEN / "scan.json").read_text("utf-8"))
+    for name in ("dtime_ns", "xyz_mm", "counts", "quality"):
+        np.testing.assert_array_equal(scan[name], expected[name])
+
+
+@contextmanager
+def running(program: str) -> Iterator[subprocess.Popen[str]]:
+    """A Python program beside us, ended with the block."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", program],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@pytest.mark.broker
+def test_point_reader_prints_a_point(mosquitto: Mosquitto) -> None:
+    ((_, text),) = examples("points")
+    assert "1883" in text
+    payload = bytes.fromhex((GOLDEN / "point.msgpack.hex").read_text("ascii"))
+    expected = json.loads((GOLDEN / "point.json").read_text("utf-8"))
+    topic = "traverse/documentation/point"
+    # Retained, so that the reader may subscribe before or after it.
+    with running(text.replace("1883", str(mosquitto.port))) as reader:
+        publish(mosquitto, topic, payload)
+        assert reader.stdout is not None
+        line = reader.stdout.readline()
+    publish(mosquitto, topic, b"")
+    words = [expected["arm"], expected["seq"], *expected["xyz_mm"]]
+    assert line.split() == [*map(str, words), str(expected["quality"]["ok"])]
+
+
+def publish(mosquitto: Mosquitto, topic: str, payload: bytes) -> None:
+    """Leave a retained message at a broker."""
+    paho.mqtt.publish.single(
+        topic,
+        payload,
+        qos=1,
+        retain=True,
+        hostname=mosquitto.host,
+        port=mosquitto.port,
+    )

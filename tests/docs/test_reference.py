@@ -1,0 +1,109 @@
+"""The tables of the reference against the code that they describe."""
+
+import re
+import tomllib
+from importlib import import_module
+from typing import Any
+
+import pytest
+import typer.main
+from pydantic import BaseModel
+from pydantic_core import PydanticUndefined
+
+from daemon import configuration
+from kinematics import arm_file
+from kinematics.arm_file import EFFECT_KINDS
+from tests.docs.pages import code_words, tables
+from traverse.__main__ import app
+
+SECTIONS: dict[str, list[tuple[str, type[BaseModel]]]] = {
+    "docs/reference/configuration.md": [
+        ("`[arm]`", configuration.ArmSection),
+        ("`[broker]`", configuration.BrokerSection),
+        ("`[[device]]`", configuration.DeviceSection),
+        ("`[capture]`", configuration.CaptureSection),
+        ("`[[capture.inputs]]`", configuration.InputSection),
+        ("`[health]`", configuration.HealthSection),
+    ],
+    "docs/reference/arm-file.md": [
+        ("Top level", arm_file.Arm),
+        ("`[[joints]]`", arm_file.Joint),
+        ("`[joints.encoder]`", arm_file.Encoder),
+        ("`[probe]`", arm_file.Probe),
+        ("`[reference]`", arm_file.Reference),
+        ("`[identification]`", arm_file.Identification),
+    ],
+}
+DEFAULT_COLUMN = 3
+COMMANDS = typer.main.get_command(app)
+NAMES = ["", *sorted(COMMANDS.commands)]  # type: ignore[attr-defined]  # a group
+
+
+@pytest.mark.parametrize(
+    ("page", "heading", "model"),
+    [(page, *section) for page, sections in SECTIONS.items() for section in sections],
+)
+def test_every_key_stands_there_with_its_default(
+    page: str, heading: str, model: type[BaseModel]
+) -> None:
+    rows = {code_words(row[0])[0]: row for row in tables(page)[heading]}
+    fields = {field.alias or name: field for name, field in model.model_fields.items()}
+    assert set(rows) == set(fields)
+    for name, field in fields.items():
+        said = shown_default(rows[name][DEFAULT_COLUMN])
+        default = "required" if field.default is PydanticUndefined else field.default
+        assert said == (None if default == () else default), name
+
+
+def shown_default(cell: str) -> Any:
+    """What a cell says: "required", None, or a value in TOML."""
+    if cell == "required":
+        return cell
+    if cell == "none":
+        return None
+    value = tomllib.loads(f"value = {code_words(cell)[0]}")["value"]
+    return tuple(value) if isinstance(value, list) else value
+
+
+def test_effects_are_all_there_with_class_joint_and_keys() -> None:
+    rows = {
+        code_words(row[0])[0]: row
+        for row in tables("docs/reference/arm-file.md")["`[[effects]]`"]
+    }
+    assert set(rows) == set(EFFECT_KINDS)
+    for name, kind in EFFECT_KINDS.items():
+        _, effect_class, joint, keys, _ = rows[name]
+        assert (effect_class, joint) == (kind.effect_class, kind.joint), name
+        said = [word for word in code_words(keys) if not word.startswith('"')]
+        assert said == list(kind.keys), name
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_options_are_those_of_help(name: str) -> None:
+    command: Any = COMMANDS
+    if name:
+        command = command.commands[name]
+    heading = f"`traverse {name}`".replace(" `", "`")
+    rows = tables("docs/reference/commands.md")[heading]
+    said = {word for row in rows for word in code_words(row[0])}
+    options = {
+        option
+        for parameter in command.params
+        if parameter.param_type_name == "option"
+        for option in parameter.opts
+    }
+    assert said == options - {"--help", "-h"}
+
+
+def test_bounds_named_in_the_architecture_hold() -> None:
+    heading = "Every bound, and what happens at it"
+    checked = 0
+    for _, bound, where, _ in tables("docs/explanation/architecture.md")[heading]:
+        named = re.fullmatch(r"`([a-z_.]+)\.([A-Z_]+)`", where)
+        if named:
+            value = getattr(import_module(named[1]), named[2])
+            said = re.match(r"[\d ]+", bound)
+            assert said is not None
+            assert int(said[0].replace(" ", "")) == value, where
+            checked += 1
+    assert checked > 8
