@@ -13,7 +13,7 @@ from pydantic_core import PydanticUndefined
 from daemon import configuration
 from kinematics import arm_file
 from kinematics.arm_file import EFFECT_KINDS
-from tests.docs.pages import code_words, tables
+from tests.docs.pages import code_words, tables, text_of
 from traverse.__main__ import app
 
 SECTIONS: dict[str, list[tuple[str, type[BaseModel]]]] = {
@@ -35,8 +35,17 @@ SECTIONS: dict[str, list[tuple[str, type[BaseModel]]]] = {
     ],
 }
 DEFAULT_COLUMN = 3
-COMMANDS = typer.main.get_command(app)
-NAMES = ["", *sorted(COMMANDS.commands)]  # type: ignore[attr-defined]  # a group
+
+
+def commands(command: Any, name: str = "traverse") -> dict[str, Any]:
+    """Every command by its full name, groups first."""
+    found = {name: command}
+    for word, inner in getattr(command, "commands", {}).items():
+        found |= commands(inner, f"{name} {word}")
+    return found
+
+
+COMMANDS = commands(typer.main.get_command(app))
 
 
 @pytest.mark.parametrize(
@@ -78,21 +87,24 @@ def test_effects_are_all_there_with_class_joint_and_keys() -> None:
         assert said == list(kind.keys), name
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", COMMANDS)
 def test_options_are_those_of_help(name: str) -> None:
-    command: Any = COMMANDS
-    if name:
-        command = command.commands[name]
-    heading = f"`traverse {name}`".replace(" `", "`")
-    rows = tables("docs/reference/commands.md")[heading]
+    rows = tables("docs/reference/commands.md").get(f"`{name}`", [])
     said = {word for row in rows for word in code_words(row[0])}
     options = {
         option
-        for parameter in command.params
+        for parameter in COMMANDS[name].params
         if parameter.param_type_name == "option"
-        for option in parameter.opts
+        for option in (*parameter.opts, *parameter.secondary_opts)
     }
     assert said == options - {"--help", "-h"}
+
+
+def test_every_command_has_a_section() -> None:
+    sections = re.findall(
+        r"^## `(traverse.*)`$", text_of("docs/reference/commands.md"), re.M
+    )
+    assert set(sections) == set(COMMANDS)
 
 
 def test_bounds_named_in_the_architecture_hold() -> None:
