@@ -41,7 +41,7 @@ class Program(AbstractContextManager["Program"]):
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "traverse", *arguments],
                 cwd=folder,
-                env={**os.environ, "PYTHONUNBUFFERED": "1"},
+                env={**os.environ, "PYTHONUNBUFFERED": "1", "TMPDIR": str(folder)},
                 stdin=subprocess.DEVNULL,
                 stdout=out,
                 stderr=err,

@@ -1,0 +1,71 @@
+"""`traverse watch` with its output in a pipe or file: whole lines, at once."""
+
+import signal
+
+import pytest
+
+from protocol.encoding import decode
+from protocol.messages import Point, PointArgs, Status
+from tests.end_to_end.measuring import measuring
+from tests.end_to_end.programs import Program
+from tests.end_to_end.workbench import REST, Workbench
+from tests.mosquitto import HOST, free_port
+
+
+@pytest.fixture
+def resting(bench: Workbench) -> Workbench:
+    """An arm at rest."""
+    bench.write_simulator(REST)
+    bench.write_daemon()
+    return bench
+
+
+def watch(bench: Workbench, *options: str) -> Program:
+    """Follow the bench's arm."""
+    where = ("--broker", bench.host, "--port", str(bench.port), "--arm", bench.arm)
+    return Program(bench.folder, "watch", "watch", *where, *options)
+
+
+@pytest.mark.broker
+async def test_lines_tell_status_health_and_points_with_units(
+    resting: Workbench,
+) -> None:
+    async with measuring(resting) as (listener, _, _):
+        with watch(resting) as watching:
+            await watching.says("status ready; base ready")
+            await watching.says("samples/s, broker connected")
+            await listener.command(PointArgs())
+            await watching.says("point     0")
+            assert await watching.stop(signal.SIGINT) == 0
+            lines = watching.output.splitlines()
+            assert all(line.startswith(f"{resting.arm}  ") for line in lines)
+            (point,) = [line for line in lines if " point " in line]
+            assert point.endswith(" mm")
+            assert watching.log == ""
+
+
+@pytest.mark.broker
+async def test_json_lines_are_messages(resting: Workbench) -> None:
+    async with measuring(resting) as (listener, _, _):
+        with watch(resting, "--json", "--kinds", "status,point") as watching:
+            await watching.says("traverse/status/1")
+            await listener.command(PointArgs())
+            await watching.says("traverse/point/1")
+            assert await watching.stop(signal.SIGINT) == 0
+            first, *_, last = watching.output.splitlines()
+    assert decode(Status, first.encode(), "json").arm == resting.arm
+    assert decode(Point, last.encode(), "json") == listener.points[0]
+
+
+async def test_a_broker_that_is_not_there_is_told(resting: Workbench) -> None:
+    resting.host, resting.port = HOST, free_port()
+    with watch(resting) as watching:
+        assert await watching.ended() == 3
+        assert f"broker {HOST}:{resting.port}" in watching.log
+        assert "Traceback" not in watching.log
+
+
+async def test_an_unknown_kind_is_refused(resting: Workbench) -> None:
+    with watch(resting, "--kinds", "points") as watching:
+        assert await watching.ended() == 2
+        assert "points is none of" in watching.log
