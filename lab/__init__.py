@@ -1,1 +1,1 @@
-"""Off-line work on an arm: identification, diagnosis, acceptance. Needs the extra `lab`."""
+"""Off-line work on an arm; needs the extra `lab`."""
