@@ -3,7 +3,7 @@
 import csv
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import (
     AwareDatetime,
@@ -25,6 +25,17 @@ from lab.identification.artefacts.points import Points
 _POINT_COLUMNS = ["feature", "x_mm", "y_mm", "z_mm"]
 
 
+class KeysByKind:
+    """Stands beside a list of artefacts: where errors look up the keys of a kind."""
+
+    model_fields: ClassVar[Mapping[str, object]] = {}
+
+    @staticmethod
+    def variant(table: object) -> type[StrictModel]:
+        """Say the class of a table by its kind."""
+        return ArtefactTable.variant(table)
+
+
 class Noise(StrictModel):
     """A-priori standard deviations; what is absent is estimated."""
 
@@ -41,8 +52,7 @@ class CampaignFile(StrictModel):
     gravity_m_s2: Vector | None = None
     noise: Noise = Noise()
     artefacts: tuple[
-        # ArtefactTable last: where error messages look up the keys of a kind.
-        Annotated[Artefact, PlainValidator(artefact_from_table), ArtefactTable], ...
+        Annotated[Artefact, PlainValidator(artefact_from_table), KeysByKind()], ...
     ] = Field(min_length=1)
 
 
