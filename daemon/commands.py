@@ -104,7 +104,7 @@ class CommandDesk:
         reply = await asyncio.shield(task)
         self._offer(
             Outgoing(
-                incoming.response_topic or reply_topic(self._arm, name),
+                _answer_topic(incoming) or reply_topic(self._arm, name),
                 encode(reply, self._encoding),
                 qos=1,
                 correlation=incoming.correlation,
@@ -124,6 +124,11 @@ class CommandDesk:
             )
         except CommandError as error:
             problem = error
+        except Exception as error:
+            log.exception("fault in command %s", name)
+            problem = CommandError(
+                "command.failed", repr(error), "report it with the daemon's log"
+            )
         self.refused += 1
         log.warning("command %s refused: %s", name, problem)
         return Reply(
@@ -133,6 +138,12 @@ class CommandDesk:
                 code=problem.code, text=str(problem)[:2000], remedy=problem.remedy
             ),
         )
+
+
+def _answer_topic(incoming: Incoming) -> str | None:
+    """The response topic, if one can publish to it."""
+    topic = incoming.response_topic
+    return None if topic is None or set(topic) & set("+#\0") else topic
 
 
 def _not_available(name: str, available: list[str]) -> CommandError:

@@ -13,6 +13,8 @@ import subprocess
 import sys
 from collections.abc import AsyncIterator
 
+log = logging.getLogger(__name__)
+
 HOST = "127.0.0.1"
 START_S = 20.0
 
@@ -38,12 +40,16 @@ async def embedded_broker(port: int) -> AsyncIterator[int]:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
     )
+    complaints = None
     try:
         await _wait_until_ready(process, number)
+        complaints = asyncio.create_task(_log_complaints(process))
         yield number
     finally:
         with contextlib.suppress(ProcessLookupError):
             process.terminate()
+        if complaints is not None:
+            await complaints
         await process.communicate()
 
 
@@ -70,6 +76,12 @@ async def _wait_until_ready(process: asyncio.subprocess.Process, port: int) -> N
             f"the embedded broker did not start on port {port}: {last}. Install it "
             "with `pip install 'traverse-cmm[demo]'`, or choose another port"
         )
+
+
+async def _log_complaints(process: asyncio.subprocess.Process) -> None:
+    """Empty the pipe as long as the broker lives: it would wait on a full one."""
+    while process.stderr is not None and (text := await process.stderr.read(4096)):
+        log.warning("embedded broker: %s", text.decode(errors="replace").strip())
 
 
 async def _serve(port: int) -> None:

@@ -102,9 +102,15 @@ class EventLog:
         remedy: str = "",
         data: Mapping[str, int | float | str] | None = None,
     ) -> None:
-        """A lasting condition begins or ends; told once each way."""
+        """A lasting condition begins or ends; told once each way.
+
+        With more conditions than anybody can read it is told as a momentary one.
+        """
         key = (code, source)
         if active == (key in self._active):
+            return
+        if active and len(self._active) >= MAX_KINDS:
+            self.report(severity, code, text, source=source, remedy=remedy, data=data)
             return
         (self._active.add if active else self._active.discard)(key)
         now_ns = self._clock.monotonic_ns()

@@ -100,6 +100,8 @@ class Measuring:
 
     def _take_samples(self, device: Device, samples: CountSamples) -> None:
         device.samples += len(samples.seq)
+        if not self._measures(device):
+            return
         waited_ns = self._clock.monotonic_ns() - samples.received_ns
         self._health.latencies["queue_wait"].add(waited_ns)
         model = self._pipeline.model
@@ -114,10 +116,10 @@ class Measuring:
 
     def _take_latch(self, device: Device, latch: LatchedCounts) -> None:
         if latch.input is None:
-            point = self._captured(device, latch, "command")
             waiting = self.latches.pop(latch.token, None)
+            # Whoever asked and was told "no answer" must not find a point later.
             if waiting is not None and not waiting.done():
-                waiting.set_result(point)
+                waiting.set_result(self._captured(device, latch, "command"))
             return
         trigger = self._triggers.trigger_of(device.section.id, latch.input)
         if trigger is not None:
@@ -136,23 +138,40 @@ class Measuring:
     def _captured(
         self, device: Device, latch: LatchedCounts, trigger: Trigger
     ) -> Point | None:
+        if not self._measures(device):
+            text = f"{device.section.id} does not fit the arm file"
+            self._refused(text, "see the event device.mismatch")
+            return None
         pose = self._pipeline.latched_pose(latch)
         point = self._capture.take(
             self._pipeline.model, pose, trigger, device.temperature_c
         )
         if point is None:
-            self._events.report(
-                "error",
-                "capture.refused",
+            self._refused(
                 "the queue of points is full: the broker has not taken them",
-                source="capture",
-                remedy="wait until the broker is back, then take the point again",
+                "wait until the broker is back, then take the point again",
             )
+        else:
+            taken_ns = self._clock.monotonic_ns() - latch.received_ns
+            self._health.latencies["capture_to_publish"].add(taken_ns)
         return point
+
+    def _measures(self, device: Device) -> bool:
+        """Whether this device's counts are the arm's, as the arm file describes it."""
+        own = device.section.id == self._pipeline.model.device
+        return own and not device.problems
+
+    def _refused(self, text: str, remedy: str) -> None:
+        self._events.report(
+            "error", "capture.refused", text, source="capture", remedy=remedy
+        )
 
     def _take_up(self, device: Device, up: DeviceUp) -> None:
         device.identity = up.identity
-        device.problems = self._pipeline.model.problems_with(up.identity.moduli_counts)
+        model = self._pipeline.model
+        device.problems = []
+        if device.section.id == model.device:
+            device.problems = model.problems_with(up.identity.moduli_counts)
         for problem in device.problems:
             self._events.report(
                 "error",

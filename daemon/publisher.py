@@ -221,8 +221,9 @@ def _is_version_refusal(error: aiomqtt.MqttCodeError) -> bool:
 
 
 def _reason(error: Exception) -> str:
-    if isinstance(error, ConnectionRefusedError):
+    cause = error.__context__ or error  # aiomqtt hides what the system said
+    if isinstance(cause, ConnectionRefusedError):
         return "nothing listens there"
-    if isinstance(error, socket.gaierror):
+    if isinstance(cause, socket.gaierror):
         return "no such host"
     return str(error) or type(error).__name__

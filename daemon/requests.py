@@ -111,8 +111,9 @@ class Requests:
             async with asyncio.timeout(STREAM_S):
                 await self._measuring.stream_started.wait()
         except TimeoutError as error:
-            self._scanner.stop()
-            self.track()
+            if self._scanner.plan is plan:  # else another command has had its way
+                self._scanner.stop()
+                self.track()
             raise CommandError(
                 "device.no_answer",
                 f"{device.section.id} did not begin to stream within {STREAM_S:g} s",

@@ -1,0 +1,112 @@
+import pytest
+
+from daemon.configuration import read_configuration
+from kinematics.arm_file import FileError
+
+GOOD = """\
+[arm]
+file = "arm.toml"
+[broker]
+host = "broker.local"
+[[device]]
+id = "base"
+driver = "latch-board"
+port = "/dev/ttyACM0"
+[capture]
+[[capture.inputs]]
+source = "base/0"
+trigger = "button"
+[[capture.inputs]]
+source = "base/1"
+trigger = "switch"
+"""
+
+
+def read(tmp_path, text):
+    path = tmp_path / "traverse.toml"
+    path.write_text(text)
+    return read_configuration(path)
+
+
+def problems(tmp_path, text):
+    with pytest.raises(FileError) as caught:
+        read(tmp_path, text)
+    return str(caught.value)
+
+
+def test_what_is_left_out_has_its_documented_value(tmp_path):
+    configuration = read(tmp_path, GOOD)
+    assert configuration.broker.port == 1883
+    assert configuration.broker.encoding == "msgpack"
+    assert configuration.capture.tracking_rate_hz == 100.0
+    assert configuration.health.period_s == 2.0
+    button, switch = configuration.capture.inputs
+    assert (button.device_id, button.number, button.trigger) == ("base", 0, "button")
+    assert (switch.device_id, switch.number, switch.trigger) == ("base", 1, "switch")
+
+
+def test_everything_wrong_is_told_at_once(tmp_path):
+    text = problems(
+        tmp_path,
+        """\
+[arm]
+flie = "arm.toml"
+[broker]
+port = 70000
+encoding = "xml"
+[[device]]
+id = "base"
+driver = "latchboard"
+port = ""
+[[device]]
+id = "base"
+driver = "latch-board"
+port = "/dev/ttyACM1"
+[capture]
+tracking_rate_hz = "fast"
+live_rate_hz = 0
+[[capture.inputs]]
+source = "handle/0"
+trigger = "button"
+[[capture.inputs]]
+source = "base/9"
+trigger = "lever"
+[[capture.inputs]]
+source = "handle/0"
+trigger = "button"
+[helth]
+period_s = 1
+""",
+    )
+    for where in (
+        "arm.flie",
+        "arm.file",
+        "broker.port",
+        "broker.encoding",
+        "device[0].driver",
+        "device[0].port",
+        "device[1].id",
+        "capture.tracking_rate_hz",
+        "capture.live_rate_hz",
+        "capture.inputs[0].source",
+        "capture.inputs[1].source",
+        "capture.inputs[1].trigger",
+        "capture.inputs[2].source",
+        "helth",
+    ):
+        assert where in text, f"{where} is not told in:\n{text}"
+    assert "names no device; there are: base" in text
+    assert "is given twice" in text
+
+
+def test_a_configuration_without_devices_is_refused(tmp_path):
+    assert "device" in problems(tmp_path, '[arm]\nfile = "arm.toml"\n')
+
+
+def test_a_device_that_is_no_table_is_refused(tmp_path):
+    assert "device" in problems(tmp_path, 'device = [1]\n[arm]\nfile = "a.toml"\n')
+
+
+def test_a_missing_file_is_told_by_its_name(tmp_path):
+    with pytest.raises(FileError, match=r"nowhere\.toml"):
+        read_configuration(tmp_path / "nowhere.toml")

@@ -1,0 +1,156 @@
+"""Clocks, arms and samples that the tests of the daemon share."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from daemon.clock import HostClock
+from daemon.model import ArmModel, read_model
+from daemon.poses import PoseBlock
+from drivers.values import CountSamples, LatchedCounts
+
+UTC_OFFSET_NS = 1_700_000_000_000_000_000
+MODULI = (1 << 32, 1 << 23, 1 << 20)
+
+# Three joints on channels 2, 0 and 1 of a board; one of them turns the other way.
+ARM = """\
+schema = "traverse/arm/1"
+name = "bench-7"
+origin_mm = [1.0, -2.0, 3.5]
+
+[[joints]]
+name = "J1"
+axis = [0.0, 0.0, 2.0]
+link_mm = [0.0, 10.0, 250.0]
+zero_rad = 1.234
+[joints.encoder]
+counts_per_turn = 65536
+sign = 1
+source = "base/2"
+
+[[joints]]
+name = "J2"
+axis = [0.0, 1.0, 0.0]
+link_mm = [0.0, 0.0, 300.0]
+zero_rad = -0.5
+[joints.encoder]
+counts_per_turn = 1048576
+sign = -1
+source = "base/0"
+
+[[joints]]
+name = "J3"
+axis = [1.0, 0.0, 0.0]
+link_mm = [0.0, 20.0, 200.0]
+zero_rad = 0.25
+[joints.encoder]
+counts_per_turn = 8388608
+sign = 1
+source = "base/1"
+
+[probe]
+radius_mm = 3.0
+kind = "hard"
+vector_mm = [0.0, 0.0, 50.0]
+direction = [0.0, 0.0, 1.0]
+
+[reference]
+temperature_c = 20.0
+gravity_m_s2 = [0.0, 0.0, -9.80665]
+"""
+
+
+class SetClock(HostClock):
+    """Stands until a test moves it."""
+
+    def __init__(self) -> None:
+        self.now_ns = 10**12
+        self.offset_ns = UTC_OFFSET_NS
+
+    def monotonic_ns(self) -> int:
+        return self.now_ns
+
+    def utc_offset_ns(self) -> int:
+        return self.offset_ns
+
+
+def arm_file(folder: Path, text: str = ARM) -> Path:
+    path = folder / "arm.toml"
+    path.write_text(text)
+    return path
+
+
+def arm_model(folder: Path, text: str = ARM) -> ArmModel:
+    return read_model(arm_file(folder, text), {"base": None})
+
+
+def count_samples(
+    counts: np.ndarray, *, first: int = 0, stream: int = 1, start_ns: int = 10**12
+) -> CountSamples:
+    """Samples of (n, n_channels) counts, 10 ms apart."""
+    n = len(counts)
+    seq = np.arange(first, first + n, dtype=np.int64)
+    times_ns = start_ns + seq * 10_000_000
+    return CountSamples(
+        "base",
+        stream,
+        seq,
+        times_ns // 1000,
+        int(times_ns[-1]) + 1_000_000,
+        times_ns,
+        np.zeros(n, np.uint8),
+        counts.astype(np.uint32),
+        np.zeros(counts.shape, np.uint8),
+    )
+
+
+def latch(
+    counts: tuple[int, ...],
+    *,
+    number: int | None = 0,
+    active: bool = True,
+    token: int = 0,
+    status: tuple[int, ...] | None = None,
+    now_ns: int = 10**12,
+) -> LatchedCounts:
+    return LatchedCounts(
+        "base",
+        number,
+        active,
+        token,
+        now_ns // 1000,
+        now_ns,
+        now_ns - 400_000,
+        counts,
+        (0,) * len(counts) if status is None else status,
+    )
+
+
+@dataclass(frozen=True)
+class PoseMaker:
+    """Blocks of poses whose coordinates tell their sampling instant."""
+
+    model: ArmModel
+    period_ns: int
+    start_ns: int = 10**12
+
+    def block(
+        self, seq: list[int] | range, *, stream: int = 1, at: int | None = None
+    ) -> PoseBlock:
+        """Poses numbered ``seq``; the first was latched at instant ``at``."""
+        numbers = np.array(seq, dtype=np.int64)
+        instants = numbers if at is None else numbers - numbers[0] + at
+        n, joints = len(numbers), self.model.encoders.n_joints
+        return PoseBlock(
+            stream,
+            numbers,
+            self.start_ns + instants * self.period_ns,
+            self.start_ns,
+            np.zeros(n, np.uint8),
+            np.zeros((n, joints), np.int64),
+            np.zeros((n, joints)),
+            np.repeat(instants[:, np.newaxis].astype(float), 3, axis=1),
+            np.tile([0.0, 0.0, 1.0], (n, 1)),
+            np.zeros(n, np.uint16),
+        )
