@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from traverse.arm import arm
 from traverse.check import check
 from traverse.demo import demo
 from traverse.run import run
@@ -20,6 +21,7 @@ app = typer.Typer(
 )
 for command in (demo, run, simulate, watch, check):
     app.command()(command)
+app.add_typer(arm, name="arm")
 
 
 def _show_version(wanted: bool) -> None:
