@@ -1,0 +1,104 @@
+import pytest
+
+from daemon.events import MAX_KINDS, QUIET_NS, EventLog
+from daemon.latencies import KEPT, Latencies
+from tests.daemon.values import SetClock
+
+
+class Bench:
+    def __init__(self) -> None:
+        self.clock = SetClock()
+        self.told = []
+        self.log = EventLog(self.clock, self.told.append)
+
+    def lost(self, count=1, source="base"):
+        text = f"{count} lost"
+        self.log.report("warning", "device.lost", text, source=source, count=count)
+
+
+@pytest.fixture
+def bench():
+    return Bench()
+
+
+def test_the_first_is_told_at_once_and_repetitions_together(bench):
+    start_ns = bench.clock.now_ns
+    bench.lost()
+    assert [one.count for one in bench.told] == [1]
+    for k in range(1, 4):
+        bench.clock.now_ns = start_ns + k * 100
+        bench.lost(count=k)
+        bench.log.flush()
+    assert len(bench.told) == 1
+    bench.clock.now_ns = start_ns + QUIET_NS
+    bench.log.flush()
+    joined = bench.told[1]
+    assert (joined.count, joined.text) == (6, "3 lost")
+    assert (joined.first_ns, joined.last_ns) == (start_ns + 100, start_ns + 300)
+    bench.log.flush()
+    assert len(bench.told) == 2
+
+
+def test_different_sources_do_not_wait_for_each_other(bench):
+    bench.lost(source="base")
+    bench.lost(source="wrist")
+    assert [one.source for one in bench.told] == ["base", "wrist"]
+
+
+def test_after_a_quiet_time_the_next_is_told_at_once(bench):
+    bench.lost()
+    bench.clock.now_ns += QUIET_NS
+    bench.lost()
+    assert len(bench.told) == 2
+
+
+def test_buttons_are_told_one_by_one(bench):
+    for _ in range(5):
+        bench.log.report("info", "button.pressed", "", source="base/0", distinct=True)
+    assert [one.count for one in bench.told] == [1] * 5
+
+
+def test_a_lasting_condition_is_raised_once_and_cleared_once(bench):
+    change = bench.log.change
+    change(False, "error", "broker.lost", "there", source="broker")
+    assert bench.told == []  # it was never raised
+    for _ in range(3):
+        change(True, "error", "broker.lost", "gone", source="broker", remedy="start it")
+    for _ in range(3):
+        change(False, "error", "broker.lost", "there", source="broker")
+    assert [(e.active, e.severity, e.text) for e in bench.told] == [
+        (True, "error", "gone"),
+        (False, "info", "there"),
+    ]
+
+
+def test_endlessly_many_kinds_take_no_endless_memory(bench):
+    for k in range(5 * MAX_KINDS):
+        bench.log.change(True, "error", f"alarm.{k}", "", source="base")
+        bench.log.report("warning", f"device.{k}", "", source="base")
+    assert len(bench.told) == 10 * MAX_KINDS
+    sizes = (bench.log._told_ns, bench.log._held, bench.log._active)
+    assert all(len(kept) <= MAX_KINDS for kept in sizes)
+
+
+def test_events_are_logged_with_their_remedy(bench, caplog):
+    bench.log.report("error", "some.thing", "text", source="x", remedy="do this")
+    assert "some.thing: text; do this" in caplog.text
+
+
+def test_percentiles_of_latencies_are_those_of_the_definition():
+    latencies = Latencies()
+    assert latencies.figures_us() is None
+    for k in range(1, 102):
+        latencies.add(k * 1000)
+    assert latencies.figures_us() == (51.0, 100.0, 101.0, 101)
+    latencies.clear()
+    assert latencies.figures_us() is None
+
+
+def test_of_very_many_latencies_the_last_are_kept():
+    latencies = Latencies()
+    latencies.add(10**9)
+    for _ in range(KEPT):
+        latencies.add(1000)
+    assert latencies.figures_us() == (1.0, 1.0, 1.0, KEPT)
