@@ -173,8 +173,11 @@ def _field_value(
     if quantity is None and column.factor == 1.0 and is_angle:
         quantity = _part_of_pi(value)
     if quantity is None:
-        hint = " or a part of pi such as -pi/2" if is_angle else ""
-        return _Refused(f"{shown(value)} is not a finite number{hint}")
+        why = f"{shown(value)} is not a finite number"
+        if is_angle:
+            in_rad = column.factor == 1.0
+            why += " or a part of pi such as -pi/2" if in_rad else " of degrees"
+        return _Refused(why)
     return quantity * column.factor
 
 

@@ -40,7 +40,7 @@ def check(
 
 
 def _reader(file: Path) -> tuple[str, Callable[[Path], object]]:
-    """What the file is, by its tables, and what reads it."""
+    """What the file is, by its schema or its tables, and what reads it."""
     import tomllib  # noqa: PLC0415
 
     from daemon.configuration import read_configuration  # noqa: PLC0415
@@ -51,10 +51,11 @@ def _reader(file: Path) -> tuple[str, Callable[[Path], object]]:
         tables = tomllib.loads(file.read_text("utf-8"))
     except (OSError, ValueError):
         return "arm file", read_arm  # whose reader says what is wrong
-    if "motion" in tables or "truth" in tables:
+    schema = str(tables.get("schema", ""))
+    if schema.startswith("traverse/simulator/") or "motion" in tables:
         return "simulator's configuration", lambda path: read_strict(
             path, SimulatorConfig, config_problems
         )
-    if "broker" in tables or "capture" in tables or "device" in tables:
+    if "arm" in tables or "broker" in tables or "device" in tables:
         return "daemon's configuration", read_configuration
     return "arm file", read_arm

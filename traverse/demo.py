@@ -50,6 +50,7 @@ def demo(
 
     Prints the points as they come, then length, form and spread beside the
     certificates. Ends on Ctrl-C, after --for seconds, or after one round with --once.
+    Exit status 3: the simulated arm or the broker did not start.
     """
     try:
         asyncio.run(_demonstrate(once, for_s, broker, port, rate_hz))
@@ -88,8 +89,8 @@ async def _demonstrate(
                     return_when=asyncio.FIRST_COMPLETED,
                 )
                 if ended.done():
-                    log = (folder / "daemon.log").read_text("utf-8")
-                    raise DemoError(f"the daemon ended:\n{log}")
+                    log = folder / "daemon.log"
+                    raise DemoError(f"the daemon ended:\n{_said_in(log)}")
                 if following.done():
                     following.result()
             except asyncio.CancelledError:
@@ -140,8 +141,12 @@ async def _programs_line(
             async with asyncio.timeout(READY_S):
                 line = await process.stdout.readline()
     if not line.startswith(beginning):
-        raise DemoError(f"the simulated arm did not start:\n{log.read_text('utf-8')}")
+        raise DemoError(f"the simulated arm did not start:\n{_said_in(log)}")
     yield
+
+
+def _said_in(log: Path) -> str:
+    return log.read_text("utf-8", "replace")
 
 
 async def _follow(

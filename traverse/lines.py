@@ -26,11 +26,13 @@ def _content(message: Message) -> str:
             what = f"retracts {message.retracts}" if message.retracts else _xyz(message)
             text = f"{_time(message.time_ns)} point {message.seq:5d}  {what}{flags}"
         case Scan():
-            last = message.seq + len(message.dtime_ns) - 1
+            n = len(message.dtime_ns)
+            numbers = f"points {message.seq} to {message.seq + n - 1}"
             ended = f", ended with {message.total}" if message.last else ""
             text = (
-                f"{_time(message.time_ns)} scan {message.scan} points {message.seq} to "
-                f"{last}, lost {message.lost}, dropped {message.dropped}{ended}"
+                f"{_time(message.time_ns)} scan {message.scan} "
+                f"{numbers if n else 'no points'}, lost {message.lost}, "
+                f"dropped {message.dropped}{ended}"
             )
         case Live():
             text = f"{_time(message.time_ns)} live         {_xyz(message)}"
@@ -43,7 +45,9 @@ def _content(message: Message) -> str:
             )
         case Status():
             drivers = ", ".join(f"{d.id} {d.state}" for d in message.drivers)
-            text = f"{_time(message.time_ns)} status {message.state}; {drivers}"
+            text = f"{_time(message.time_ns)} status {message.state}; {drivers}".rstrip(
+                "; "
+            )
         case Health():
             rate = message.rates_hz.get("samples_received", 0.0)
             text = (
@@ -65,5 +69,5 @@ def _xyz(message: Point | Live) -> str:
 
 
 def _time(time_ns: int) -> str:
-    moment = datetime.fromtimestamp(time_ns * 1e-9, UTC)
+    moment = datetime.fromtimestamp(time_ns // 1_000_000_000, UTC)
     return f"{moment:%H:%M:%S}.{time_ns // 1_000_000 % 1000:03d}"

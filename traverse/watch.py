@@ -59,6 +59,8 @@ async def _follow(
                         typer.echo(encode(item.message, "json").decode())
                     else:
                         typer.echo(line(item.arm, item.message))
+        except BrokenPipeError:
+            raise  # nobody reads our lines any more; typer ends without a word
         except (aiomqtt.MqttError, OSError) as error:
             typer.echo(f"broker {broker}:{port}: {error}", err=True)
             if not reached:
