@@ -1,13 +1,17 @@
 """`traverse watch` with its output in a pipe or file: whole lines, at once."""
 
+import asyncio
+import shlex
 import signal
+import subprocess
+import sys
 
 import pytest
 
 from protocol.encoding import decode
 from protocol.messages import Point, PointArgs, Status
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.programs import Program
+from tests.end_to_end.programs import PATIENCE_S, Program
 from tests.end_to_end.workbench import REST, Workbench
 from tests.mosquitto import HOST, free_port
 
@@ -24,6 +28,20 @@ def watch(bench: Workbench, *options: str) -> Program:
     """Follow the bench's arm."""
     where = ("--broker", bench.host, "--port", str(bench.port), "--arm", bench.arm)
     return Program(bench.folder, "watch", "watch", *where, *options)
+
+
+def watched_by_head(bench: Workbench) -> tuple[str, str]:
+    """Output and errors of a pipeline whose second program takes one line."""
+    where = ("--broker", bench.host, "--port", str(bench.port))
+    command = shlex.join((sys.executable, "-m", "traverse", "watch", *where))
+    ended = subprocess.run(
+        ["sh", "-c", f"{command} | head -n 1"],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+    return ended.stdout, ended.stderr
 
 
 @pytest.mark.broker
@@ -69,3 +87,13 @@ async def test_an_unknown_kind_is_refused(resting: Workbench) -> None:
     with watch(resting, "--kinds", "points") as watching:
         assert await watching.ended() == 2
         assert "points is none of" in watching.log
+
+
+@pytest.mark.broker
+async def test_it_ends_when_nobody_reads_its_lines_any_more(
+    resting: Workbench,
+) -> None:
+    async with measuring(resting):
+        out, err = await asyncio.to_thread(watched_by_head, resting)
+    assert len(out.splitlines()) == 1
+    assert err == ""

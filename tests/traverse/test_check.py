@@ -1,0 +1,92 @@
+"""`traverse check`: tells what a file is and everything that is wrong with it."""
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import Result
+from typer.testing import CliRunner
+
+import traverse
+from traverse.__main__ import app
+
+DATA = Path(traverse.__file__).parent / "demo_data"
+DAEMON = '[arm]\nfile = "arm.toml"\n[[device]]\nid = "base"\n{rest}'
+DEVICE = 'driver = "latch-board"\nport = "/dev/null"\n'
+
+
+def check(text: str | bytes, folder: Path, *options: str) -> Result:
+    """Check a file with some content."""
+    path = folder / "checked.toml"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return CliRunner().invoke(app, ["check", *options, str(path)])
+
+
+@pytest.mark.parametrize(
+    ("text", "kind"),
+    [
+        ((DATA / "arm.toml").read_text("utf-8"), "arm file"),
+        ((DATA / "simulator.toml").read_text("utf-8"), "simulator's configuration"),
+        (DAEMON.format(rest=DEVICE), "daemon's configuration"),
+    ],
+)
+def test_good_files_are_told_by_what_they_are(
+    text: str, kind: str, tmp_path: Path
+) -> None:
+    said = check(text, tmp_path)
+    assert (said.exit_code, said.stderr) == (0, "")
+    assert said.stdout.endswith(f"checked.toml: a good {kind}\n")
+    report = json.loads(check(text, tmp_path, "--json").stdout)
+    assert report == {
+        "file": str(tmp_path / "checked.toml"),
+        "kind": kind,
+        "problems": [],
+    }
+
+
+def test_all_mistakes_of_an_arm_file_are_told_at_once(tmp_path: Path) -> None:
+    text = (DATA / "arm.toml").read_text("utf-8")
+    text = text.replace("radius_mm = 3.0", "radius = 3.0")
+    text = text.replace("axis = [0.0, 0.0, 1.0]", "axis = [0.0, 0.0, 0.0]")
+    text = text.replace('name = "J3"', 'name = "J2"').replace("2.10", "nan")
+    expected = {
+        "probe.radius",
+        "probe.radius_mm",
+        "joints[0].axis",
+        "joints[1].zero_rad",
+        "joints[2].name",
+    }
+    said = check(text, tmp_path)
+    assert (said.exit_code, said.stdout) == (2, "")
+    assert all(f"  {where}: " in said.stderr for where in expected)
+    report = json.loads(check(text, tmp_path, "--json").stdout)
+    assert {problem["where"] for problem in report["problems"]} == expected
+    assert all(problem["message"] for problem in report["problems"])
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (b"\xff\xfe", "UTF-8"),
+        ("a = ", "line 1"),
+        ("", "schema: is missing"),
+        ('schema = "traverse/simulator/1"', "motion: is missing"),
+        ("[arm]\nfile = 1", "arm.file: 1 is not a string"),
+        (DAEMON.format(rest=""), "device[0].driver: is missing"),
+    ],
+)
+def test_a_bad_file_is_refused_as_what_it_was_meant_to_be(
+    text: str | bytes, said: str, tmp_path: Path
+) -> None:
+    result = check(text, tmp_path)
+    assert result.exit_code == 2
+    assert said in result.stderr
+    report = json.loads(check(text, tmp_path, "--json").stdout)
+    assert report["problems"]
+
+
+@pytest.mark.parametrize("name", ["missing.toml", "."])
+def test_what_cannot_be_read_is_refused(name: str, tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["check", str(tmp_path / name)])
+    assert result.exit_code == 2
+    assert "cannot be read" in result.stderr
