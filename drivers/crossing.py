@@ -13,7 +13,8 @@ import asyncio
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from itertools import groupby
 
 from drivers.values import (
     CountSamples,
@@ -24,7 +25,7 @@ from drivers.values import (
     StreamStarted,
 )
 
-GATHER_NS = 8_000_000
+GATHER_NS = 20_000_000
 ROOM_FOR_STATES = 64
 
 
@@ -103,7 +104,10 @@ class Crossing:
         return True
 
     async def take(self) -> list[Delivery]:
-        """All that waits, in order; waits until there is something."""
+        """All that waits, in order; waits until there is something.
+
+        Samples of one stream that follow one another come as one block.
+        """
         await self._filled.wait()
         with self._lock:
             self._filled.clear()
@@ -111,4 +115,17 @@ class Crossing:
             self._waiting.clear()
             self._waiting_samples = 0
             self._waiting_others = 0
-        return taken
+        return [
+            delivery
+            for stream, run in groupby(taken, key=_stream)
+            for delivery in ([CountSamples.joined(_samples(run))] if stream else run)
+        ]
+
+
+def _stream(delivery: Delivery) -> int:
+    """The stream of samples, which begins at 1; 0 for everything else."""
+    return delivery.stream if isinstance(delivery, CountSamples) else 0
+
+
+def _samples(run: Iterable[Delivery]) -> list[CountSamples]:
+    return [delivery for delivery in run if isinstance(delivery, CountSamples)]

@@ -1,6 +1,6 @@
 """What a driver delivers: frozen values, one for each thing that can happen."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -52,6 +52,23 @@ class CountSamples:
     inputs: NDArray[np.uint8]
     counts: NDArray[np.uint32]
     status: NDArray[np.uint8]
+
+    @classmethod
+    def joined(cls, blocks: Sequence["CountSamples"]) -> "CountSamples":
+        """Blocks of one stream that follow one another; received as the last."""
+        if len(blocks) == 1:
+            return blocks[0]
+        return cls(
+            blocks[-1].device,
+            blocks[-1].stream,
+            np.concatenate([block.seq for block in blocks]),
+            np.concatenate([block.device_ticks for block in blocks]),
+            blocks[-1].received_ns,
+            np.concatenate([block.sample_time_ns for block in blocks]),
+            np.concatenate([block.inputs for block in blocks]),
+            np.concatenate([block.counts for block in blocks]),
+            np.concatenate([block.status for block in blocks]),
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -130,12 +130,15 @@ class Reference(StrictModel):
     gravity_m_s2: Vector
 
 
+Moment = datetime | date | str
+
+
 class Identification(StrictModel):
     """Provenance and quality of an identified arm."""
 
     sigma0: float | None = Field(default=None, ge=0.0)
     redundancy: int | None = None
-    date: datetime | date | str | None = None
+    date: Moment | None = None  # no plain `date`: this key would hide the type
     campaign_digest: str | None = None
     parameters: tuple[str, ...] | None = None
     covariance_file: str | None = None

@@ -34,6 +34,8 @@ def model_problems(
     keys = {problem.where for problem in reported}
     for error in errors:
         location = _location_in_file(error["loc"], raw)
+        if error["type"] == "too_short" and not _is_short(raw, location, error["ctx"]):
+            continue  # it is long enough; its entries are wrong, which is told
         known = _known_keys(model, raw, location[:-1])
         problem = problem_from_error({**error, "loc": location}, known)
         if problem.where not in keys:
@@ -62,6 +64,16 @@ def _location_in_file(
         else:
             return location[:depth]
     return location
+
+
+def _is_short(
+    raw: Mapping[str, Any], location: tuple[str | int, ...], limits: Mapping[str, Any]
+) -> bool:
+    """Whether the list at a place of the file has too few entries."""
+    value: Any = raw
+    for step in location:
+        value = value[step]
+    return not isinstance(value, list) or len(value) < limits["min_length"]
 
 
 def _known_keys(

@@ -8,7 +8,7 @@ import json
 import re
 from typing import Any, Literal, Never, TypeVar
 
-import msgpack  # type: ignore[import-untyped]  # ships no types
+import msgpack
 import numpy as np
 from pydantic import ValidationError
 

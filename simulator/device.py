@@ -1,11 +1,10 @@
 """One device of the simulation: a board, its port, its faults, its power."""
 
+import secrets
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from simulator import wire
 from simulator.board import Board
@@ -59,7 +58,6 @@ class Device:
         self._table, self._encoders = table, encoders
         self._source, self._script, self._clock = source, script, clock
         self._faults, self._seed, self._on_edge = faults, seed, on_edge
-        self._boot_ids = np.random.default_rng([*seed, 3])
         self._sent_before = {
             "samples": 0,
             "tx_dropped": 0,
@@ -171,7 +169,8 @@ class Device:
             n_temperatures=len(table.temperatures_c),
             tick_rate_hz=table.tick_rate_hz,
             max_rate_millihz=round(1000.0 * table.max_rate_hz),
-            boot_id=int(self._boot_ids.integers(2**32)),
+            # Not from the seed: two starts of this program are two power-ups.
+            boot_id=secrets.randbits(32),
             bits=tuple(max(1, int(m - 1).bit_length()) for m in moduli),
             moduli=tuple(int(m) for m in moduli),
         )
