@@ -1,0 +1,271 @@
+"""General least squares: iterated Gauss-Newton on condition equations.
+
+Condition equations w(l, p, z) = 0 with noisy readings and contacts l, the arm's
+parameters p and the stations' unknowns z are linearised at the observed l; with
+B = dw/dl and Q the dispersion of l the steps minimise
+
+    sum over poses (w + A_p dp + A_z dz)^T (B Q B^T)^-1 (w + A_p dp + A_z dz)
+
+Per station z is eliminated by QR; what is left is stacked and split by rank. A step
+is halved until it does not raise the weighted sum of squares.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.identification.network import (
+    Network,
+    State,
+    Station,
+    station_centres,
+    white_rows,
+)
+from lab.identification.parameters import ArmValues
+from lab.identification.rank import Split, split
+from lab.identification.triangle import Elimination, eliminate, triangle
+
+Floats = NDArray[np.float64]
+
+_MOST_ITERATIONS = 50
+_MOST_HALVINGS = 12
+# Of a whitened step: what is left after it is far below a picometre.
+_CONVERGED = 1e-7
+# A sum of squares may rise by this much of itself from rounding.
+_ROUNDING = 1e-9
+# From here on the rank stays, so that it cannot alternate.
+_RANK_SETTLES_AT = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Iteration:
+    """How far an adjustment has come.
+
+    Attributes:
+        number: From 1.
+        sum_of_squares: Weighted, before the step.
+        step: Length of the whitened step, in standard deviations.
+        fraction: Of the step that was taken.
+        n_determined: Directions of the arm's parameters that count.
+    """
+
+    number: int
+    sum_of_squares: float
+    step: float
+    fraction: float
+    n_determined: int
+
+
+Progress = Callable[[Iteration], None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class System:
+    """The linearised, whitened, reduced system at some state.
+
+    Attributes:
+        eliminations: Of every station.
+        upper: Of the arm's free parameters and the right side.
+        whiteners: Of every station, (n_poses, n_rows, n_rows).
+        sum_of_squares: Weighted misclosures and certificates.
+    """
+
+    eliminations: tuple[Elimination, ...]
+    upper: Floats
+    whiteners: tuple[Floats, ...]
+    sum_of_squares: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Adjustment:
+    """The result of one adjustment.
+
+    Attributes:
+        network: What was adjusted.
+        state: The estimates.
+        system: Linearised there.
+        split: Of the arm's parameters there.
+        iterations: What happened.
+        converged: Whether the last step was negligible.
+        redundancy: Equations and certificates less determined unknowns.
+    """
+
+    network: Network
+    state: State
+    system: System
+    split: Split
+    iterations: tuple[Iteration, ...]
+    converged: bool
+    redundancy: int
+
+    @property
+    def sigma0(self) -> float:
+        """A-posteriori standard deviation of unit weight."""
+        if self.redundancy <= 0:
+            return 1.0
+        return float(np.sqrt(self.system.sum_of_squares / self.redundancy))
+
+
+def adjust(
+    network: Network,
+    start: State,
+    design: ArmValues,
+    progress: Progress | None = None,
+    most_iterations: int = _MOST_ITERATIONS,
+) -> Adjustment:
+    """Adjust a network.
+
+    Args:
+        network: Observations, free parameters, noise.
+        start: Where to begin.
+        design: Where undetermined directions are held.
+        progress: Told of every iteration.
+        most_iterations: Before giving up.
+    """
+    parameters = network.parameters
+    tolerances = parameters.free_tolerances
+    state = start
+    system = linearise(network, state)
+    iterations: list[Iteration] = []
+    n_determined: int | None = None
+    converged = False
+    while not converged and len(iterations) < most_iterations:
+        number = len(iterations) + 1
+        parts = split(system.upper, tolerances, n_determined)
+        if number >= _RANK_SETTLES_AT:
+            n_determined = parts.n_determined
+        to_design = parameters.coordinates(design, state.arm)[parameters.free]
+        step, cost = parts.step(to_design)
+        state, size, fraction = _stepped(network, state, system, step, cost)
+        converged = size < _CONVERGED and fraction > 0.0
+        found = Iteration(
+            number, system.sum_of_squares, size, fraction, parts.n_determined
+        )
+        iterations.append(found)
+        if progress is not None:
+            progress(found)
+        if fraction == 0.0:
+            break
+        system = linearise(network, state)
+    parts = split(system.upper, tolerances, n_determined)
+    return Adjustment(
+        network=network,
+        state=state,
+        system=system,
+        split=parts,
+        iterations=tuple(iterations),
+        converged=converged,
+        redundancy=_redundancy(network, state, system, parts),
+    )
+
+
+def linearise(network: Network, state: State) -> System:
+    """Set up, whiten and reduce all equations at a state."""
+    n_free = network.parameters.n_free
+    eliminations, all_whiteners = [], []
+    total = 0.0
+    for station, unknowns in zip(network.stations, state.unknowns, strict=True):
+        n_unknowns = len(station.scales)
+        n_columns = n_unknowns + n_free + 1
+        blocks, whiteners = [_certified(station, unknowns, n_free)], []
+        upper = np.empty((0, n_columns))
+        total += float(np.sum(blocks[0][:, -1] ** 2))
+        for rows in white_rows(network, station, state.arm, unknowns):
+            total += float(np.sum(rows.misclosures**2))
+            whiteners.append(rows.whiteners)
+            joined = np.concatenate(
+                [
+                    rows.by_unknowns,
+                    rows.by_parameters,
+                    -rows.misclosures[:, :, np.newaxis],
+                ],
+                axis=2,
+            )
+            blocks.append(joined.reshape(-1, n_columns))
+            if len(blocks) >= 4:
+                upper = triangle([upper, *blocks], n_columns)
+                blocks = []
+        upper = triangle([upper, *blocks], n_columns)
+        eliminations.append(eliminate(upper, station.scales))
+        all_whiteners.append(np.concatenate(whiteners))
+    reduced = triangle([found.reduced for found in eliminations], n_free + 1)
+    return System(tuple(eliminations), reduced, tuple(all_whiteners), total)
+
+
+def sum_of_squares(network: Network, state: State, system: System) -> float:
+    """Weigh the misclosures of a state with the weights of a system."""
+    total = 0.0
+    for station, unknowns, whiteners in zip(
+        network.stations, state.unknowns, system.whiteners, strict=True
+    ):
+        centres_mm = station_centres(network, station, state.arm)
+        equations = station.artefact.equations(unknowns, centres_mm, station.touches)
+        white = whiteners @ equations.misclosures_mm[:, :, np.newaxis]
+        certified = _certified(station, unknowns, 0)[:, -1]
+        total += float(np.sum(white**2) + np.sum(certified**2))
+    return total
+
+
+def _stepped(
+    network: Network, state: State, system: System, step: Floats, cost: float
+) -> tuple[State, float, float]:
+    """Take as much of a step as does not raise the sum of squares.
+
+    Returns:
+        The state, the length of the whole step in standard deviations, the fraction.
+    """
+    unknown_steps = [found.step(step) for found in system.eliminations]
+    whitened = system.upper[:, :-1] @ step
+    size = float(np.linalg.norm(whitened))
+    for found in system.eliminations:
+        size = float(np.hypot(size, np.linalg.norm(found.right - found.left @ step)))
+    limit = system.sum_of_squares * (1.0 + _ROUNDING) + 1.5 * cost
+    fraction = 1.0
+    for _ in range(_MOST_HALVINGS):
+        trial = _moved(network, state, fraction * step, unknown_steps, fraction)
+        if size < _CONVERGED or sum_of_squares(network, trial, system) <= limit:
+            return trial, size, fraction
+        fraction *= 0.5
+    return state, size, 0.0
+
+
+def _moved(
+    network: Network,
+    state: State,
+    step: Floats,
+    unknown_steps: list[Floats],
+    fraction: float,
+) -> State:
+    unknowns = tuple(
+        station.artefact.moved(values, fraction * unknown_step)
+        for station, values, unknown_step in zip(
+            network.stations, state.unknowns, unknown_steps, strict=True
+        )
+    )
+    return replace(
+        state, arm=network.parameters.moved(state.arm, step), unknowns=unknowns
+    )
+
+
+def _certified(station: Station, unknowns: Floats, n_free: int) -> Floats:
+    """Whiten a station's certificate: unknowns, parameters (zero), right side."""
+    certificate = station.artefact.certificate(unknowns, station.touches)
+    inverse = 1.0 / certificate.std_mm[:, np.newaxis]
+    return np.hstack(
+        [
+            certificate.by_unknowns * inverse,
+            np.zeros((len(inverse), n_free)),
+            -certificate.misclosures_mm[:, np.newaxis] * inverse,
+        ]
+    )
+
+
+def _redundancy(network: Network, state: State, system: System, parts: Split) -> int:
+    certified = sum(
+        len(_certified(station, unknowns, 0))
+        for station, unknowns in zip(network.stations, state.unknowns, strict=True)
+    )
+    determined = sum(len(found.right) for found in system.eliminations)
+    return network.n_rows + certified - determined - parts.n_determined

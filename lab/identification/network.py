@@ -1,0 +1,197 @@
+"""The network of observations: every artefact with the poses that touched it."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.derivatives import ProbeDerivatives, probe_derivatives
+from kinematics.forward import probe_centre
+from lab.campaign import Campaign
+from lab.identification.artefacts.artefact import Artefact, Equations, Touches
+from lab.identification.noise import Noise
+from lab.identification.parameters import ArmValues, Parameters
+from lab.identification.whitening import whiteners
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_CHUNK_POSES = 2048
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Station:
+    """One artefact and the poses that touched it.
+
+    Attributes:
+        artefact: With its equations.
+        index: Of the artefact in the campaign.
+        poses: Indices of the campaign's poses, (n_poses,).
+        touches: How it was touched in these poses.
+        scales: Hopeless standard deviations of its unknowns, (n_unknowns,).
+    """
+
+    artefact: Artefact
+    index: int
+    poses: Integers
+    touches: Touches
+    scales: Floats
+
+    @property
+    def n_rows(self) -> int:
+        """The number of condition equations."""
+        return len(self.poses) * self.artefact.rows_per_pose
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class State:
+    """Everything that is estimated: the arm, and the unknowns of each station."""
+
+    arm: ArmValues
+    unknowns: tuple[Floats, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WhiteRows:
+    """Linearised equations of some poses, whitened: L^-1 ..., n_rows (1 or 3) a pose.
+
+    Attributes:
+        part: Which poses of the station.
+        misclosures: (n_poses, n_rows).
+        by_unknowns: (n_poses, n_rows, n_unknowns).
+        by_parameters: (n_poses, n_rows, n_free).
+        by_readings: By readings in units of their noise, (n_poses, n_rows, n_joints).
+        by_contact: By contacts in units of their noise, (n_poses, n_rows, 3).
+        whiteners: L^-1, (n_poses, n_rows, n_rows) [1/mm].
+        misclosures_mm: As they are, (n_poses, n_rows).
+    """
+
+    part: slice
+    misclosures: Floats
+    by_unknowns: Floats
+    by_parameters: Floats
+    by_readings: Floats
+    by_contact: Floats
+    whiteners: Floats
+    misclosures_mm: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Network:
+    """What is adjusted: observations, parameters, noise.
+
+    Attributes:
+        campaign: All poses.
+        stations: The artefacts that were touched.
+        parameters: Which parameters are free.
+        noise: The stochastic model.
+        weights: Factors of the weights of all the campaign's poses, (n_poses,); all
+            ones, but for a robust start.
+    """
+
+    campaign: Campaign
+    stations: tuple[Station, ...]
+    parameters: Parameters
+    noise: Noise
+    weights: Floats
+
+    @property
+    def n_rows(self) -> int:
+        """The number of condition equations."""
+        return sum(station.n_rows for station in self.stations)
+
+
+def stations(
+    campaign: Campaign, radius_mm: float, included: NDArray[np.bool_]
+) -> tuple[Station, ...]:
+    """Sort the included poses by artefact; artefacts without any are left out."""
+    order = np.argsort(campaign.poses.artefacts, kind="stable")
+    order = order[included[order]]
+    indices = campaign.poses.artefacts[order]
+    found = []
+    for index, artefact in enumerate(campaign.artefacts):
+        first, last = np.searchsorted(indices, (index, index + 1))
+        if first == last:
+            continue
+        poses = order[first:last]
+        touches = campaign.touches(index, poses, radius_mm)
+        scales = artefact.unknown_scales(touches)
+        found.append(Station(artefact, index, poses, touches, scales))
+    return tuple(found)
+
+
+def start_state(network: Network, arm: ArmValues) -> State:
+    """Find every station's unknowns in closed form from an arm."""
+    unknowns = tuple(
+        station.artefact.start(station_centres(network, station, arm), station.touches)
+        for station in network.stations
+    )
+    return State(arm, unknowns)
+
+
+def station_centres(network: Network, station: Station, arm: ArmValues) -> Floats:
+    """Compute the ball centres of a station's poses in mm, (n_poses, 3)."""
+    if not network.parameters.terms:
+        angles_rad = network.campaign.poses.angles_rad[station.poses]
+        return probe_centre(arm.geometry, angles_rad)
+    chunks = _chunks(network, station, arm)
+    return np.concatenate([centres_mm for _, centres_mm, _ in chunks])
+
+
+def white_rows(
+    network: Network, station: Station, arm: ArmValues, unknowns: Floats
+) -> Iterator[WhiteRows]:
+    """Linearise and whiten a station's equations, a bounded part at a time.
+
+    The misclosures of a pose have the dispersion B Q B^T: the readings' noise through
+    dx/dalpha, and the contact's, both through dw/dx.
+    """
+    noise, parameters = network.noise, network.parameters
+    contact_mm = float(noise.contact_mm[station.index])
+    for part, centres_mm, derivatives in _chunks(network, station, arm):
+        equations = station.artefact.equations(
+            unknowns, centres_mm, station.touches.part(part)
+        )
+        rows = station.poses[part]
+        by_centre = equations.by_centre
+        by_readings = by_centre @ (derivatives.by_angles * noise.encoder_rad)
+        by_contact = by_centre * contact_mm
+        roots = np.sqrt(network.weights[rows])[:, np.newaxis, np.newaxis]
+        whitener = roots * whiteners(by_readings, by_contact)
+        columns = parameters.columns(
+            arm, derivatives, network.campaign.poses.part(rows)
+        )
+        yield WhiteRows(
+            part=part,
+            misclosures=_whitened(whitener, equations),
+            by_unknowns=whitener @ equations.by_unknowns,
+            by_parameters=whitener @ (by_centre @ columns),
+            by_readings=whitener @ by_readings,
+            by_contact=whitener @ by_contact,
+            whiteners=whitener,
+            misclosures_mm=equations.misclosures_mm,
+        )
+
+
+def _chunks(
+    network: Network, station: Station, arm: ArmValues
+) -> Iterator[tuple[slice, Floats, ProbeDerivatives]]:
+    """Go through a station's poses: which, ball centres, derivatives."""
+    poses = network.campaign.poses
+    for first in range(0, len(station.poses), _CHUNK_POSES):
+        part = slice(first, min(first + _CHUNK_POSES, len(station.poses)))
+        rows = station.poses[part]
+        derivatives = probe_derivatives(arm.geometry, poses.angles_rad[rows])
+        centres_mm, at = derivatives.centres_mm, 0
+        for term in network.parameters.terms:
+            amplitudes = arm.amplitudes[at : at + len(term.names)]
+            columns = term.columns(arm.geometry, derivatives, poses.part(rows))
+            centres_mm = centres_mm + columns @ amplitudes
+            at += len(term.names)
+        yield part, centres_mm, derivatives
+
+
+def _whitened(whitener: Floats, equations: Equations) -> Floats:
+    white: Floats = (whitener @ equations.misclosures_mm[:, :, np.newaxis])[:, :, 0]
+    return white

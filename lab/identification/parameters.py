@@ -1,0 +1,226 @@
+"""The named parameters of an arm: which there are, which are free, how they move.
+
+Joint k has four: its axis turns by a_k v_k + b_k w_k and its link changes by
+c_k v_k + d_k w_k, with v_k, w_k across u_k. The component of a link along its axis
+is left alone, because x does not change when a hinge slides along its own axis.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.derivatives import ProbeDerivatives
+from kinematics.geometry import Geometry, unit_vectors
+from lab.campaign import Poses
+from lab.identification.terms import ProbeTerm
+
+Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
+
+# Plausible deviations from the design, which are the units of rank decisions.
+AXIS_TOLERANCE_RAD = 0.02
+LINK_TOLERANCE_MM = 5.0
+ORIGIN_TOLERANCE_MM = 100.0
+ZERO_TOLERANCE_RAD = 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmValues:
+    """Values of all parameters: the geometry and the amplitudes of the terms.
+
+    Attributes:
+        geometry: The arm in its base posture.
+        amplitudes: Of all terms' parameters in order, (n_amplitudes,).
+    """
+
+    geometry: Geometry
+    amplitudes: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Parameters:
+    """All parameters of an arm, and which of them are free.
+
+    Attributes:
+        names: `J3.axis.v`, ..., `origin.x`, ..., `probe.vector.x`, ..., `J3.zero`,
+            ..., and those of the terms, (n_all,).
+        units: "" for axes (radians of a small turn), mm, rad; as the terms say.
+        tolerances: Plausible deviations from the design, (n_all,).
+        free: Which are estimated, (n_all,).
+        smallest: The component of each design axis that v_k is built from.
+        terms: Beyond the geometry.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    tolerances: Floats
+    free: Booleans
+    smallest: tuple[int, ...]
+    terms: tuple[ProbeTerm, ...] = ()
+
+    @property
+    def n_joints(self) -> int:
+        """The number of joints."""
+        return len(self.smallest)
+
+    @property
+    def n_free(self) -> int:
+        """The number of free parameters."""
+        return int(np.count_nonzero(self.free))
+
+    @property
+    def free_names(self) -> tuple[str, ...]:
+        """Names of the free ones, in the order of the columns."""
+        return tuple(n for n, free in zip(self.names, self.free, strict=True) if free)
+
+    @property
+    def free_units(self) -> tuple[str, ...]:
+        """Units of the free ones."""
+        return tuple(u for u, free in zip(self.units, self.free, strict=True) if free)
+
+    @property
+    def free_tolerances(self) -> Floats:
+        """Tolerances of the free ones, (n_free,)."""
+        return self.tolerances[self.free]
+
+    def with_free(self, free: Booleans) -> "Parameters":
+        """Free other ones."""
+        return replace(self, free=free)
+
+    def basis(self, geometry: Geometry) -> Floats:
+        """Build (v_k, w_k) across every axis as it is now, (n_joints, 2, 3)."""
+        axes = geometry.axes
+        unit = np.eye(3)[list(self.smallest)]
+        along = np.einsum("ki,ki->k", unit, axes)[:, np.newaxis]
+        v = unit_vectors(unit - along * axes)
+        return np.stack([v, np.cross(axes, v)], axis=1)
+
+    def columns(
+        self, values: ArmValues, derivatives: ProbeDerivatives, poses: Poses
+    ) -> Floats:
+        """Compute dx for the free parameters, (n_poses, 3, n_free)."""
+        basis = self.basis(values.geometry)
+        n_poses, n = len(derivatives.centres_mm), self.n_joints
+        all_columns = np.empty((n_poses, 3, len(self.names)))
+        joints = all_columns[:, :, : 4 * n].reshape(n_poses, 3, n, 4)
+        # One batch of small products a joint is faster than a general einsum.
+        for k in range(n):
+            joints[:, :, k, :2] = derivatives.by_axes[:, :, k] @ basis[k].T
+            joints[:, :, k, 2:] = derivatives.by_links[:, :, k] @ basis[k].T
+        all_columns[:, :, 4 * n : 4 * n + 3] = derivatives.by_origin
+        all_columns[:, :, 4 * n + 3 : 4 * n + 6] = derivatives.by_probe_vector
+        all_columns[:, :, 4 * n + 6 : 5 * n + 6] = derivatives.by_zeros
+        at = 5 * n + 6
+        for term in self.terms:
+            width = len(term.names)
+            all_columns[:, :, at : at + width] = term.columns(
+                values.geometry, derivatives, poses
+            )
+            at += width
+        return all_columns[:, :, self.free]
+
+    def moved(self, values: ArmValues, step: Floats) -> ArmValues:
+        """Apply a step of the free parameters, (n_free,); axes stay unit vectors."""
+        full = np.zeros(len(self.names))
+        full[self.free] = step
+        geometry, n = values.geometry, self.n_joints
+        basis = self.basis(geometry)
+        joints = full[: 4 * n].reshape(n, 4)
+        rest = full[4 * n :]
+        return ArmValues(
+            replace(
+                geometry,
+                axes=unit_vectors(
+                    geometry.axes + np.einsum("kb,kbi->ki", joints[:, :2], basis)
+                ),
+                links_mm=geometry.links_mm
+                + np.einsum("kb,kbi->ki", joints[:, 2:], basis),
+                origin_mm=geometry.origin_mm + rest[:3],
+                probe_vector_mm=geometry.probe_vector_mm + rest[3:6],
+                zeros_rad=geometry.zeros_rad + rest[6 : 6 + n],
+            ),
+            values.amplitudes + rest[6 + n :],
+        )
+
+    def coordinates(self, to: ArmValues, at: ArmValues) -> Floats:
+        """Say by which step of all parameters `at` would come to `to`, (n_all,)."""
+        here, there = at.geometry, to.geometry
+        basis = self.basis(here)
+        joints = np.concatenate(
+            [
+                np.einsum("kbi,ki->kb", basis, there.axes - here.axes),
+                np.einsum("kbi,ki->kb", basis, there.links_mm - here.links_mm),
+            ],
+            axis=1,
+        )
+        return np.concatenate(
+            [
+                joints.ravel(),
+                there.origin_mm - here.origin_mm,
+                there.probe_vector_mm - here.probe_vector_mm,
+                there.zeros_rad - here.zeros_rad,
+                to.amplitudes - at.amplitudes,
+            ]
+        )
+
+
+def arm_parameters(
+    geometry: Geometry, joint_names: Sequence[str], terms: tuple[ProbeTerm, ...] = ()
+) -> Parameters:
+    """List the parameters of an arm; axes, links and terms are free."""
+    joints = [
+        f"{name}.{what}.{component}"
+        for name in joint_names
+        for what in ("axis", "link")
+        for component in "vw"
+    ]
+    rest = [f"{of}.{axis}" for of in ("origin", "probe.vector") for axis in "xyz"]
+    zeros = [f"{name}.zero" for name in joint_names]
+    n = len(joint_names)
+    tolerances = [
+        *([AXIS_TOLERANCE_RAD] * 2 + [LINK_TOLERANCE_MM] * 2) * n,
+        *[ORIGIN_TOLERANCE_MM] * 3,
+        *[LINK_TOLERANCE_MM] * 3,
+        *[ZERO_TOLERANCE_RAD] * n,
+        *(value for term in terms for value in term.tolerances),
+    ]
+    extra = [name for term in terms for name in term.names]
+    free = np.ones(len(tolerances), dtype=np.bool_)
+    free[4 * n : 5 * n + 6] = False
+    return Parameters(
+        names=(*joints, *rest, *zeros, *extra),
+        units=(
+            *(["rad"] * 2 + ["mm"] * 2) * n,
+            *["mm"] * 6,
+            *["rad"] * n,
+            *(unit for term in terms for unit in term.units),
+        ),
+        tolerances=np.array(tolerances),
+        free=free,
+        smallest=tuple(int(at) for at in np.argmin(np.abs(geometry.axes), axis=1)),
+        terms=terms,
+    )
+
+
+def masked(
+    parameters: Parameters, hold: Sequence[str], free: Sequence[str]
+) -> Booleans:
+    """Free and then hold parameters by patterns such as `J3.*`, (n_all,).
+
+    Raises:
+        ValueError: A pattern fits no parameter.
+    """
+    mask = parameters.free.copy()
+    for patterns, value in ((free, True), (hold, False)):
+        for pattern in patterns:
+            fits = np.array([fnmatchcase(name, pattern) for name in parameters.names])
+            if not np.any(fits):
+                raise ValueError(
+                    f"'{pattern}' fits no parameter; there are "
+                    f"{', '.join(parameters.names)}"
+                )
+            mask[fits] = value
+    return mask

@@ -1,0 +1,257 @@
+"""Simulated campaigns for the tests: an arm of 3 x 3 matrices, no code under test.
+
+Rodrigues' formula as matrices, inverse kinematics by differences, noise added to
+readings and contacts.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from kinematics.arm_file import Arm, parse_arm
+from kinematics.geometry import Geometry
+from lab.campaign import Campaign, Poses
+from lab.identification.artefacts import artefact_from_table
+
+PROBE_RADIUS_MM = 3.0
+
+
+def rotations(axis, angles):
+    """R(axis, angle) as matrices, (n, 3, 3)."""
+    x, y, z = axis
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    sines, cosines = np.sin(angles)[:, None, None], np.cos(angles)[:, None, None]
+    return np.eye(3) + sines * cross + (1 - cosines) * (cross @ cross)
+
+
+@dataclass(frozen=True)
+class TrueArm:
+    """u_k, r_k and zeros; x_0 is given too."""
+
+    axes: np.ndarray
+    links_mm: np.ndarray
+    zeros_rad: np.ndarray
+    origin_mm: np.ndarray
+
+    def centres(self, angles_rad):
+        turned = np.broadcast_to(np.eye(3), (len(angles_rad), 3, 3))
+        centres = np.tile(self.origin_mm, (len(angles_rad), 1))
+        for k in range(len(self.axes)):
+            angle = angles_rad[:, k] - self.zeros_rad[k]
+            turned = turned @ rotations(self.axes[k], angle)
+            centres = centres + turned @ self.links_mm[k]
+        return centres
+
+    def geometry(self) -> Geometry:
+        return Geometry(
+            self.origin_mm,
+            self.axes,
+            self.links_mm,
+            self.zeros_rad,
+            np.zeros(3),
+            self.links_mm[-1] / np.linalg.norm(self.links_mm[-1]),
+        )
+
+
+def seven_joints() -> TrueArm:
+    """Roll, hinge, roll, hinge, roll, hinge, roll; 1.2 m, the probe off its axis."""
+    z, y, x = np.eye(3)[[2, 1, 0]]
+    return TrueArm(
+        axes=np.array([z, y, x, y, x, y, x]),
+        links_mm=np.array(
+            [
+                [0, 0, 220.0],
+                [60, 0, 0],
+                [500, 0, 0],
+                [50, 0, 0],
+                [440, 0, 0],
+                [40, 0, 0],
+                [145, 0, -60.0],
+            ]
+        ),
+        zeros_rad=np.array([0.35, 2.1, -0.8, 1.57, 0.05, -1.2, 0.6]),
+        origin_mm=np.array([10.0, -20.0, 30.0]),
+    )
+
+
+def disturbed(arm: TrueArm, seed: int, link_mm=1.0, axis_rad=0.005) -> TrueArm:
+    """The same arm as built, with errors."""
+    rng = np.random.default_rng(seed)
+    axes = arm.axes + rng.normal(size=arm.axes.shape) * axis_rad
+    return TrueArm(
+        axes / np.linalg.norm(axes, axis=1, keepdims=True),
+        arm.links_mm + rng.normal(size=arm.links_mm.shape) * link_mm,
+        arm.zeros_rad,
+        arm.origin_mm,
+    )
+
+
+def postures(arm: TrueArm, targets_mm, rng, travel_rad):
+    """Find random postures that bring the ball to each target, (n, n_joints)."""
+    n_joints = len(arm.axes)
+    found = np.empty((len(targets_mm), n_joints))
+    missing = np.arange(len(targets_mm))
+    for _ in range(60):
+        if len(missing) == 0:
+            return found
+        turns = rng.uniform(-1, 1, (len(missing), n_joints)) * travel_rad
+        angles = arm.zeros_rad + turns
+        for _ in range(25):
+            away = targets_mm[missing] - arm.centres(angles)
+            slopes = np.stack(
+                [
+                    (arm.centres(angles + 1e-6 * unit) - arm.centres(angles)) / 1e-6
+                    for unit in np.eye(n_joints)
+                ],
+                axis=2,
+            )
+            square = slopes @ slopes.swapaxes(1, 2) + 10.0 * np.eye(3)
+            step = slopes.swapaxes(1, 2) @ np.linalg.solve(square, away[:, :, None])
+            angles = angles + np.clip(step[:, :, 0], -0.3, 0.3)
+        away = np.linalg.norm(targets_mm[missing] - arm.centres(angles), axis=1)
+        within = np.all(np.abs(angles - arm.zeros_rad) <= travel_rad + 1e-3, axis=1)
+        good = (away < 1e-6) & within
+        found[missing[good]] = angles[good]
+        missing = missing[~good]
+    raise RuntimeError(f"{len(missing)} targets were not reached")
+
+
+@dataclass(frozen=True)
+class Noise:
+    encoder_rad: float = 5e-6
+    contact_mm: float = 0.005
+
+
+def random_directions(rng, n):
+    vectors = rng.normal(size=(n, 3))
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
+def targets_of(table, rng, n, place_mm):
+    """Choose ball centres for one artefact: targets, features, and its table."""
+    kind = table["kind"]
+    features = np.array([""] * n, dtype=object)
+    if kind == "cone":
+        return np.tile(place_mm, (n, 1)), features
+    if kind == "sphere":
+        radius = table.get("radius_mm", 25.4)
+        sign = 1 if table.get("side", "outside") == "outside" else -1
+        reach = radius + sign * PROBE_RADIUS_MM
+        return place_mm + reach * random_directions(rng, n), features
+    if kind == "ball_bar":
+        along = random_directions(rng, 1)[0] * table["distance_mm"] / 2
+        which = np.arange(n) % 2
+        features[:] = np.array(["1", "2"], dtype=object)[which]
+        middle = np.where(which[:, None] == 0, place_mm - along, place_mm + along)
+        reach = np.broadcast_to(table["radius_mm"], (2,))[which] + PROBE_RADIUS_MM
+        return middle + reach[:, None] * random_directions(rng, n), features
+    normal = random_directions(rng, 1)[0]
+    first = np.cross(normal, random_directions(rng, 1)[0])
+    first /= np.linalg.norm(first)
+    second = np.cross(normal, first)
+    plate = rng.uniform(-150, 150, (n, 2)) @ np.stack([first, second])
+    if kind == "plane":
+        return place_mm + plate + PROBE_RADIUS_MM * normal, features
+    if kind == "parallel_planes":
+        which = np.arange(n) % 2
+        features[:] = np.array(["1", "2"], dtype=object)[which]
+        sign = 1 if table.get("side", "outside") == "outside" else -1
+        half = table["distance_mm"] / 2 + sign * PROBE_RADIUS_MM
+        return place_mm + plate + (2 * which - 1)[:, None] * half * normal, features
+    assert kind == "points"
+    names = list(table["points_mm"])
+    which = np.arange(n) % len(names)
+    features[:] = np.array(names, dtype=object)[which]
+    known = np.array([table["points_mm"][name] for name in names])[which]
+    if table["frame"] == "arm":
+        return known, features
+    turned = rotations(random_directions(rng, 1)[0], rng.uniform(1, 2, 1))[0]
+    return place_mm + known @ turned.T * table.get("true_scale", 1.0), features
+
+
+def simulate(
+    arm: TrueArm, tables, n_each, seed, noise=None, travel_rad=np.pi, radius_mm=650.0
+) -> Campaign:
+    """Measure artefacts placed at random around the arm.
+
+    `tables` are those of a campaign file; `place_mm` in one puts it somewhere.
+    """
+    noise = noise or Noise()
+    rng = np.random.default_rng(seed)
+    travel_rad = np.broadcast_to(travel_rad, (len(arm.axes),))
+    artefacts, all_angles, indices, features, names = [], [], [], [], []
+    for index, given in enumerate(tables):
+        table = dict(given)
+        height = rng.uniform(-150, 400)
+        around = rng.uniform(-np.pi, np.pi)
+        place = arm.origin_mm + [
+            radius_mm * np.cos(around), radius_mm * np.sin(around), height
+        ]
+        place = np.array(table.pop("place_mm", place))
+        targets, touched = targets_of(table, rng, n_each, place)
+        table.pop("true_scale", None)
+        artefact = artefact_from_table(table)
+        artefacts.append(artefact)
+        angles = postures(
+            arm,
+            targets + rng.normal(size=targets.shape) * noise.contact_mm,
+            rng,
+            travel_rad,
+        )
+        all_angles.append(angles + rng.normal(size=angles.shape) * noise.encoder_rad)
+        listed = artefact.features or ("",)
+        names.append(listed)
+        features.append([listed.index(name) for name in touched])
+        indices.append(np.full(n_each, index))
+    n_poses = n_each * len(tables)
+    return Campaign(
+        artefacts=tuple(artefacts),
+        feature_names=tuple(names),
+        joint_names=tuple(f"J{k + 1}" for k in range(len(arm.axes))),
+        poses=Poses(
+            lines=np.arange(2, n_poses + 2),
+            time_s=np.arange(n_poses, dtype=float),
+            artefacts=np.concatenate(indices),
+            features=np.concatenate(features).astype(np.int64),
+            angles_rad=np.concatenate(all_angles),
+        ),
+        encoder_rad=noise.encoder_rad or None,
+        contact_mm=noise.contact_mm or None,
+    )
+
+
+def arm_value(arm: TrueArm, name="bench") -> Arm:
+    """The arm as an arm file's value."""
+    joints = "".join(
+        f"""
+[[joints]]
+name = "J{k + 1}"
+axis = {arm.axes[k].tolist()}
+link_mm = {arm.links_mm[k].tolist()}
+zero_rad = {float(arm.zeros_rad[k])}
+"""
+        for k in range(len(arm.axes))
+    )
+    return parse_arm(
+        f"""schema = "traverse/arm/1"
+name = "{name}"
+origin_mm = {arm.origin_mm.tolist()}
+{joints}
+[probe]
+radius_mm = {PROBE_RADIUS_MM}
+kind = "hard"
+[reference]
+temperature_c = 20.0
+gravity_m_s2 = [0.0, 0.0, -9.80665]
+"""
+    )
+
+
+def cones(n, **more):
+    return [{"id": f"cone-{i}", "kind": "cone", **more} for i in range(n)]
+
+
+def bar(**more):
+    return {
+        "id": "bar", "kind": "ball_bar", "radius_mm": 12.7, "distance_mm": 400.0, **more
+    }
