@@ -70,10 +70,10 @@ async def test_full_queues_drop_scans_with_a_visible_gap_and_refuse_points(
     bench.write_simulator(SPHERE.format(points=4), top="repeat = true")
     bench.write_daemon(capture="max_waiting_points = 3\nscan_block_s = 0.01")
     async with measuring(bench) as (listener, simulator, daemon):
-        started = await listener.command(ScanArgs(action="start", rate_hz=200.0))
+        started = await listener.command(ScanArgs(action="start", rate_hz=100.0))
         scan = str((started.result or {})["scan"])
         await listener.n_points(2)
-        await outage(broker, daemon, listener, 5.0)
+        await outage(broker, daemon, listener, 5.5)
         await listener.n_points(8)
         await listener.command(ScanArgs(action="stop"))
         blocks = await listener.scan_ended(scan)

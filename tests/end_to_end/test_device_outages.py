@@ -72,22 +72,22 @@ async def test_a_killed_board_leaves_the_right_gap_and_comes_back(
 
 
 async def test_a_board_that_is_unplugged_for_a_while_goes_on(bench: Workbench) -> None:
-    gone = '[[fault]]\nkind = "gone"\nat_s = 2.0\nduration_s = 1.5'
+    gone = '[[fault]]\nkind = "gone"\nat_s = 1.6\nduration_s = 1.2'
     bench.write_simulator(REST, faults=gone)
     bench.write_daemon()
     async with measuring(bench) as (listener, _, _):
         scan = await start_scan(listener)
         await listener.event("device.lost", active=True)
         await listener.event("device.lost", active=False)
-        after = max(int(s.seq) for s in listener.scans) + 1000
+        after = max(int(s.seq) for s in listener.scans) + 800
         await listener.scan_points(scan, after)
         await listener.command(ScanArgs(action="stop"))
         blocks = await listener.scan_ended(scan)
-    assert_gap_is_the_outage(blocks, 1.4)
+    assert_gap_is_the_outage(blocks, 1.1)
 
 
 async def test_a_silent_board_is_noticed(bench: Workbench) -> None:
-    silent = '[[fault]]\nkind = "silent"\nat_s = 1.0\nduration_s = 4.0'
+    silent = '[[fault]]\nkind = "silent"\nat_s = 1.0\nduration_s = 2.5'
     bench.write_simulator(REST, faults=silent)
     bench.write_daemon()
     async with measuring(bench) as (listener, _, _):
