@@ -103,6 +103,13 @@ class OutgoingQueue:
         if message.sent is not None:
             message.sent()
 
+    def drop(self, kind: str, message: Outgoing) -> None:
+        """``message`` cannot be sent: forget it and count that."""
+        queue = self._waiting[kind]
+        if queue and queue[0] is message:
+            queue.popleft()
+        self.dropped[kind] += 1
+
     async def empty(self) -> None:
         """Wait until everything has been sent."""
         await self._emptied.wait()

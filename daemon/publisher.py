@@ -20,6 +20,7 @@ from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
+from daemon.broker_client import BrokerClient
 from daemon.outgoing import Outgoing, OutgoingQueue
 from protocol.encoding import Encoding, content_type
 
@@ -130,7 +131,7 @@ class Publisher:
             await asyncio.sleep(retry_s * random.uniform(0.5, 1.0))
             retry_s = min(2 * retry_s, LAST_RETRY_S)
 
-    async def _serve(self, client: aiomqtt.Client) -> None:
+    async def _serve(self, client: BrokerClient) -> None:
         sending = asyncio.create_task(self._send(client))
         receiving = asyncio.create_task(self._take(client))
         tasks: tuple[asyncio.Task[None], ...] = (sending, receiving)
@@ -144,7 +145,8 @@ class Publisher:
             if isinstance(result, Exception):
                 raise result
 
-    async def _send(self, client: aiomqtt.Client) -> None:
+    async def _send(self, client: BrokerClient) -> None:
+        refused_before = False
         while True:
             kind, message = await self._queue.next()
             await client.publish(
@@ -154,7 +156,21 @@ class Publisher:
                 retain=message.retain,
                 properties=self._properties(message),
             )
-            self._queue.done(kind, message)
+            refusal = client.take_refusal()
+            if refusal is None:
+                self._queue.done(kind, message)
+                if refused_before:
+                    refused_before = False
+                    self._changed(True, f"broker {self.address} takes points again")
+                continue
+            text = f"broker {self.address} refuses {message.topic}: {refusal}"
+            if kind == "point":  # kept: somebody may correct the access list
+                refused_before = True
+                self._changed(False, text)
+                await asyncio.sleep(LAST_RETRY_S)
+            else:
+                log.warning("%s; dropped", text)
+                self._queue.drop(kind, message)
 
     async def _take(self, client: aiomqtt.Client) -> None:
         async for message in client.messages:
@@ -180,7 +196,7 @@ class Publisher:
         return properties
 
     @contextlib.asynccontextmanager
-    async def _connection(self, *, will: bool) -> AsyncIterator[aiomqtt.Client]:
+    async def _connection(self, *, will: bool) -> AsyncIterator[BrokerClient]:
         """A connection in the newest version that the broker speaks."""
         async with contextlib.AsyncExitStack() as stack:
             try:
@@ -192,11 +208,11 @@ class Publisher:
                 client = await stack.enter_async_context(self._client(will=will))
             yield client
 
-    def _client(self, *, will: bool) -> aiomqtt.Client:
+    def _client(self, *, will: bool) -> BrokerClient:
         password = None
         if self.address.password_file is not None:
             password = self.address.password_file.read_text("utf-8").strip()
-        client = aiomqtt.Client(
+        client = BrokerClient(
             self.address.host,
             self.address.port,
             username=self.address.username,

@@ -304,5 +304,5 @@ class Service:
             "broker.lost",
             text,
             source="broker",
-            remedy="" if connected else "start the broker; points are kept until then",
+            remedy="" if connected else "start or correct the broker; points are kept",
         )

@@ -54,8 +54,18 @@ class Mosquitto:
             hashing = [shutil.which("mosquitto_passwd") or "mosquitto_passwd"]
             subprocess.run([*hashing, "-U", str(file)], check=True)
             lines.append(f"password_file {file}")
+        self._acl = folder / f"acl-{self.port}"
+        self.allow_writing("#")
+        lines.append(f"acl_file {self._acl}")
         self._config.write_text("\n".join(lines) + "\n")
         self._process: subprocess.Popen[bytes] | None = None
+
+    def allow_writing(self, *topics: str) -> None:
+        """What may be published, from the next start on; all may be read."""
+        may = ["topic read #", *(f"topic write {topic}" for topic in topics)]
+        # Without a user's name they hold for nobody; as patterns for everybody.
+        text = "\n".join(line.replace("topic", "pattern") for line in may)
+        self._acl.write_text(text + "\n")
 
     def start(self) -> None:
         """Start it and wait until it listens."""

@@ -239,6 +239,28 @@ async def test_retained_commands_are_told_as_such(mosquitto):
         await witness.client.publish(topic, b"", 1, retain=True)
 
 
+async def test_a_point_that_the_broker_refuses_is_kept_and_told(make_mosquitto):
+    broker = make_mosquitto()
+    broker.stop()
+    broker.allow_writing(STATUS)
+    broker.start()
+    async with Bench(address(broker)).running() as bench:
+        bench.queue.offer("reply", Outgoing("not/mine", b"", qos=1))
+        bench.point("0")
+        await until(lambda: len(bench.changes) == 2, "the refusal")
+        up, text = bench.changes[1]
+        assert not up
+        assert "refuses traverse/bench-7/point" in text
+        assert bench.queue.waiting("point") == 1
+        assert bench.queue.sent["point"] == 0
+        assert bench.queue.dropped["reply"] == 1
+        broker.stop()
+        broker.allow_writing("#")
+        broker.start()
+        await bench.all_sent()
+        await until(lambda: bench.queue.sent["point"], "the point")
+
+
 async def test_a_broker_that_is_not_there_is_told(make_mosquitto):
     broker = make_mosquitto()
     broker.stop()
