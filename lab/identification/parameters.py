@@ -90,6 +90,17 @@ class Parameters:
         """Free other ones."""
         return replace(self, free=free)
 
+    def without_terms(self) -> "Parameters":
+        """Keep the geometry only."""
+        n_kept = 5 * self.n_joints + 6
+        return Parameters(
+            self.names[:n_kept],
+            self.units[:n_kept],
+            self.tolerances[:n_kept],
+            self.free[:n_kept],
+            self.smallest,
+        )
+
     def basis(self, geometry: Geometry) -> Floats:
         """Build (v_k, w_k) across every axis as it is now, (n_joints, 2, 3)."""
         axes = geometry.axes

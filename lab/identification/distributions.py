@@ -1,0 +1,56 @@
+"""Tails of distributions: the only place of the package that meets scipy."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special  # type: ignore[import-untyped] # scipy ships no types
+
+Floats = NDArray[np.float64]
+
+
+def chi_square_p_value(statistic: float, degrees: int) -> float:
+    """Say how likely a sum of squares is at least this large."""
+    return float(special.chdtrc(degrees, statistic))
+
+
+def chi_square_log_tail(statistics: Floats, degrees: Floats) -> Floats:
+    """Compute log P(chi^2 > statistic), also where P underflows, (n,)."""
+    with np.errstate(divide="ignore"):
+        log_tails = np.log(special.chdtrc(degrees, statistics))
+    half = 0.5 * np.maximum(statistics, 1.0)
+    far = -half + (0.5 * degrees - 1.0) * np.log(half) - special.gammaln(0.5 * degrees)
+    tails: Floats = np.where(statistics > 1000.0, far, log_tails)
+    return tails
+
+
+def equivalent_normal(statistics: Floats, degrees: Floats) -> Floats:
+    """Turn chi-square statistics into |w| of a normal with the same p-value, (n,).
+
+    With one degree of freedom this is the square root. Without any: zero.
+    """
+    safe = np.maximum(degrees, 1.0)
+    log_tails = chi_square_log_tail(statistics, safe)
+    # Near one the tail cannot be told from one; w is next to nothing there.
+    normal = -special.ndtri_exp(np.minimum(log_tails - np.log(2.0), -np.log(2.0)))
+    w: Floats = np.where(degrees == 1.0, np.sqrt(np.maximum(statistics, 0.0)), normal)
+    return np.where(degrees > 0.0, w, 0.0)
+
+
+def normal_quantile(probability: float) -> float:
+    """Say below which value a standard normal lies with this probability."""
+    return float(special.ndtri(probability))
+
+
+def tau_critical(alpha: float, redundancy: int) -> float:
+    """Compute Pope's critical |tau| of two-sided level alpha.
+
+    tau = t sqrt(r) / sqrt(r - 1 + t^2) with Student's t of r - 1 degrees.
+    """
+    if redundancy <= 1:
+        return float("inf")
+    t = float(special.stdtrit(redundancy - 1, 1.0 - 0.5 * alpha))
+    return float(t * np.sqrt(redundancy) / np.sqrt(redundancy - 1 + t * t))
+
+
+def median_of_chi_square(degrees: int) -> float:
+    """Say the median of chi-square."""
+    return float(special.chdtri(degrees, 0.5))

@@ -1,0 +1,186 @@
+"""Reliability of every pose: tests, controllability, what would stay undetected.
+
+With whitened rows A = [A_z, A_p] of a pose, and Y = A T^-1 for the triangle T of the
+whole system, the pose's block of the projector on residuals is M = I - Y Y^T. Then
+
+    statistic       v^T M^+ v, chi-square with rank(M) degrees of freedom
+    controllability trace(M) / n_rows, the redundancy numbers' mean
+    detectable      delta_0 / sqrt(smallest eigenvalue of L^-T M L^-1) [mm]
+    influence       delta_0 sqrt(h / r) of the worst direction: by how many of its
+                    standard deviations an undetected error may move the arm
+
+A pose that took no part in the adjustment has M = I + Y Y^T instead.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.identification.adjustment import Adjustment
+from lab.identification.artefacts.artefact import Integers
+from lab.identification.distributions import equivalent_normal
+from lab.identification.network import Network, Station, WhiteRows, white_rows
+from lab.identification.triangle import Elimination
+
+Floats = NDArray[np.float64]
+
+# Non-centrality for a level of 0.1 % and a power of 80 %.
+DETECTABLE = 4.13
+_UNCONTROLLED = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseStatistics:
+    """One entry a pose of the campaign, NaN for poses that were not looked at.
+
+    Attributes:
+        misclosures_mm: (n_poses, 3); surfaces have only the first.
+        statistics: Chi-square statistics, (n_poses,).
+        w: |w| of a normal with the same p-value, (n_poses,).
+        degrees: Of freedom, (n_poses,).
+        controllability: Between 0 and 1, (n_poses,).
+        detectable_mm: Smallest contact error that the test finds, (n_poses,).
+        influence: Of an error that is just not found, (n_poses,).
+        corrections_rad: Of the readings, (n_poses, n_joints).
+        variances: Sums for the variance components.
+    """
+
+    misclosures_mm: Floats
+    statistics: Floats
+    w: Floats
+    degrees: Floats
+    controllability: Floats
+    detectable_mm: Floats
+    influence: Floats
+    corrections_rad: Floats
+    variances: "VarianceSums"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VarianceSums:
+    """Squares of residuals and redundancies by source of noise.
+
+    Attributes:
+        encoder_squares: In units of the noise, (n_joints,).
+        encoder_redundancies: (n_joints,).
+        contact_squares: (n_artefacts,).
+        contact_redundancies: (n_artefacts,).
+    """
+
+    encoder_squares: Floats
+    encoder_redundancies: Floats
+    contact_squares: Floats
+    contact_redundancies: Floats
+
+
+def pose_statistics(adjustment: Adjustment) -> PoseStatistics:
+    """Compute the statistics of all poses that took part."""
+    return _statistics(adjustment, adjustment.network.stations, -1.0)
+
+
+def outsiders_statistics(
+    adjustment: Adjustment, outsiders: Sequence[Station]
+) -> PoseStatistics:
+    """Compute those of poses that took no part, at the same artefacts."""
+    return _statistics(adjustment, outsiders, 1.0)
+
+
+def _statistics(
+    adjustment: Adjustment, stations: Sequence[Station], sign: float
+) -> PoseStatistics:
+    network = adjustment.network
+    found = _empty(network)
+    places = {station.index: at for at, station in enumerate(network.stations)}
+    inverse = adjustment.split.inverse
+    for station in stations:
+        at = places.get(station.index)
+        if at is None:
+            continue
+        elimination = adjustment.system.eliminations[at]
+        unknowns = adjustment.state.unknowns[at]
+        arm = adjustment.state.arm
+        for rows in white_rows(network, station, arm, unknowns):
+            _add(found, station, rows, elimination, inverse, sign)
+            block, by_arm = _blocks(rows, elimination, inverse, sign)
+            poses = station.poses[rows.part]
+            corrections = np.einsum("nij,ni->nj", rows.by_readings, rows.misclosures)
+            found.corrections_rad[poses] = -corrections * network.noise.encoder_rad
+            _add_tests(found, poses, rows, block, by_arm)
+            _add_variances(found.variances, station.index, rows, block)
+    return found
+
+
+def _blocks(
+    rows: WhiteRows, elimination: Elimination, inverse: Floats, sign: float
+) -> tuple[Floats, Floats]:
+    """Compute I + sign Y Y^T of every pose, and the arm's part of Y Y^T."""
+    own = rows.by_unknowns @ elimination.gain
+    arm = (rows.by_parameters - own @ elimination.left) @ inverse
+    by_own, by_arm = own @ own.swapaxes(1, 2), arm @ arm.swapaxes(1, 2)
+    return np.eye(by_own.shape[1]) + sign * (by_own + by_arm), by_arm
+
+
+def _add_tests(
+    found: PoseStatistics,
+    poses: Integers,
+    rows: WhiteRows,
+    block: Floats,
+    by_arm: Floats,
+) -> None:
+    n_rows = rows.misclosures.shape[1]
+    values, vectors = np.linalg.eigh(block)
+    good = values > _UNCONTROLLED
+    along = np.einsum("nij,ni->nj", vectors, rows.misclosures)
+    safe = np.where(good, values, 1.0)
+    found.statistics[poses] = np.sum(np.where(good, along**2 / safe, 0.0), axis=1)
+    found.degrees[poses] = np.count_nonzero(good, axis=1)
+    found.w[poses] = equivalent_normal(found.statistics[poses], found.degrees[poses])
+    found.controllability[poses] = np.clip(np.mean(values, axis=1), 0.0, 1.0)
+    found.misclosures_mm[poses, :n_rows] = rows.misclosures_mm
+    weakest = vectors[:, :, 0]
+    least = np.maximum(values[:, 0], _UNCONTROLLED)
+    leverage = np.einsum("ni,nij,nj->n", weakest, by_arm, weakest)
+    found.influence[poses] = DETECTABLE * np.sqrt(np.maximum(leverage, 0.0) / least)
+    in_mm = rows.whiteners.swapaxes(1, 2) @ block @ rows.whiteners
+    smallest = np.linalg.eigvalsh(in_mm)[:, 0]
+    floor = _UNCONTROLLED * np.einsum("nij,nij->n", rows.whiteners, rows.whiteners)
+    found.detectable_mm[poses] = DETECTABLE / np.sqrt(np.maximum(smallest, floor))
+
+
+def _add_variances(
+    sums: VarianceSums, artefact: int, rows: WhiteRows, block: Floats
+) -> None:
+    readings = np.einsum("nij,ni->nj", rows.by_readings, rows.misclosures)
+    sums.encoder_squares[:] += np.sum(readings**2, axis=0)
+    sums.encoder_redundancies[:] += np.einsum(
+        "nij,nij->j", block @ rows.by_readings, rows.by_readings
+    )
+    contacts = np.einsum("nij,ni->nj", rows.by_contact, rows.misclosures)
+    sums.contact_squares[artefact] += np.sum(contacts**2)
+    sums.contact_redundancies[artefact] += np.einsum(
+        "nij,nij->", block @ rows.by_contact, rows.by_contact
+    )
+
+
+def _empty(network: Network) -> PoseStatistics:
+    campaign = network.campaign
+    n_poses, n_joints = len(campaign.poses), len(campaign.joint_names)
+    n_artefacts = len(campaign.artefacts)
+    return PoseStatistics(
+        misclosures_mm=np.full((n_poses, 3), np.nan),
+        statistics=np.full(n_poses, np.nan),
+        w=np.full(n_poses, np.nan),
+        degrees=np.full(n_poses, np.nan),
+        controllability=np.full(n_poses, np.nan),
+        detectable_mm=np.full(n_poses, np.nan),
+        influence=np.full(n_poses, np.nan),
+        corrections_rad=np.full((n_poses, n_joints), np.nan),
+        variances=VarianceSums(
+            np.zeros(n_joints),
+            np.zeros(n_joints),
+            np.zeros(n_artefacts),
+            np.zeros(n_artefacts),
+        ),
+    )

@@ -1,0 +1,229 @@
+"""What the data do not say, or hardly, in words: combinations of named parameters.
+
+The reason is looked for in the campaign: no length, a joint that hardly turned, a
+probe on the last axis; else the poses as a whole are to blame.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.geometry import Geometry
+from lab.identification.adjustment import Adjustment
+from lab.identification.coverage import JointCoverage, joint_coverage
+from lab.identification.datum import rigid_motions
+from lab.identification.network import Network
+from lab.identification.parameters import Parameters
+from lab.identification.probe_effect import probe_effects_mm
+
+Floats = NDArray[np.float64]
+
+# Components smaller than this part of the largest are not named.
+_NAMED = 0.1
+# Below this travel a joint is blamed for what cannot be told.
+_SMALL_TRAVEL_RAD = np.radians(20.0)
+# A direction known worse than this part of its tolerance is called weak.
+_WEAK = 0.2
+_SCALE_EXPLAINED = 0.99
+_ON_THE_AXIS_MM = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Undetermined:
+    """A combination of parameters that the data do not determine.
+
+    Attributes:
+        direction: Components by name, in units of the plausible deviations, of unit
+            length together; small ones left out.
+        why: The reason and the remedy.
+    """
+
+    direction: dict[str, float]
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Weak:
+    """A combination that the data determine poorly.
+
+    Attributes:
+        direction: As in `Undetermined`.
+        std: Standard deviation as a part of the plausible deviation.
+        probe_mm: Standard deviation that it causes at the probe: root mean square
+            over postures within the travelled ranges, rigid motion taken out.
+        why: The likely reason and the remedy.
+    """
+
+    direction: dict[str, float]
+    std: float
+    probe_mm: float
+    why: str
+
+
+def undetermined_directions(adjustment: Adjustment) -> tuple[Undetermined, ...]:
+    """Name every direction that is held at its design value."""
+    network = adjustment.network
+    geometry = adjustment.state.arm.geometry
+    found = []
+    rest = adjustment.split.undetermined
+    scale = scale_direction(network.parameters, geometry)
+    if len(rest) and not _has_length(network) and np.any(scale):
+        inside = rest @ scale
+        if np.linalg.norm(inside) > _SCALE_EXPLAINED:
+            found.append(
+                Undetermined(
+                    _named(network.parameters, scale),
+                    "no length in this campaign: the scale of the whole arm is not "
+                    "determined; add a ball bar or another known length",
+                )
+            )
+            rest = _without(rest, inside / np.linalg.norm(inside))
+    coverage = joint_coverage(network.campaign, _poses(network))
+    for direction in _sparse(rest):
+        why = _reason(network, geometry, coverage, direction)
+        found.append(Undetermined(_named(network.parameters, direction), why))
+    return tuple(found)
+
+
+def weak_directions(adjustment: Adjustment) -> tuple[Weak, ...]:
+    """Name the determined directions that are known poorly, the worst first."""
+    network, parts = adjustment.network, adjustment.split
+    geometry = adjustment.state.arm.geometry
+    sigma0 = max(adjustment.sigma0, 1e-300)
+    coverage = joint_coverage(network.campaign, _poses(network))
+    stds = sigma0 / parts.values[: parts.n_determined]
+    weak = np.flatnonzero(stds > _WEAK)[::-1]
+    if len(weak) == 0:
+        return ()
+    directions = parts.directions[weak]
+    steps = directions * parts.tolerances * stds[weak, np.newaxis]
+    effects_mm = probe_effects_mm(network, adjustment.state.arm, steps)
+    return tuple(
+        Weak(
+            _named(network.parameters, direction),
+            float(std),
+            float(effect_mm),
+            _reason(network, geometry, coverage, direction),
+        )
+        for direction, std, effect_mm in zip(
+            directions, stds[weak], effects_mm, strict=True
+        )
+    )
+
+
+def scale_direction(parameters: Parameters, geometry: Geometry) -> Floats:
+    """Write a stretch of the whole arm in the free parameters, of unit length.
+
+    Links grow by themselves; held components are kept by turning the arm back.
+    Without freedom to do so the result is zero.
+    """
+    n = geometry.n_joints
+    basis = parameters.basis(geometry)
+    links_mm = geometry.links_mm.copy()
+    links_mm[-1] += geometry.probe_vector_mm
+    stretch = np.zeros(len(parameters.names))
+    for k in range(n - 1, -1, -1):
+        stretch[4 * k + 2 : 4 * k + 4] = basis[k] @ links_mm[k]
+        along = (links_mm[k] @ geometry.axes[k]) * geometry.axes[k]
+        if k:
+            links_mm[k - 1] += along
+        else:
+            # A shift of x_0 along the first axis moves the arm as a whole.
+            stretch[4 * n : 4 * n + 3] = along
+    motions = rigid_motions(parameters, geometry)
+    held = ~parameters.free
+    turned = np.linalg.lstsq(motions[held], stretch[held], rcond=1e-9)[0]
+    whole = stretch - motions @ turned
+    if np.max(np.abs(whole[held])) > 1e-6 * max(float(np.max(np.abs(stretch))), 1e-9):
+        return np.zeros(parameters.n_free)
+    scaled: Floats = whole[parameters.free] / parameters.free_tolerances
+    return scaled / np.linalg.norm(scaled)
+
+
+def _has_length(network: Network) -> bool:
+    return any(station.artefact.gives_length for station in network.stations)
+
+
+def _poses(network: Network) -> NDArray[np.int64]:
+    return np.concatenate([station.poses for station in network.stations])
+
+
+def _without(rows: Floats, combination: Floats) -> Floats:
+    """Take one combination out of orthonormal rows."""
+    others = np.linalg.svd(combination[np.newaxis])[2][1:]
+    kept: Floats = others @ rows
+    return kept
+
+
+def _sparse(rows: Floats) -> Floats:
+    """Combine orthonormal rows so that each names few parameters.
+
+    Every row gets a parameter of its own, chosen by pivoting, in which the others
+    have nothing.
+    """
+    if len(rows) == 0:
+        return rows
+    rest, pivots = rows.copy(), []
+    for _ in range(len(rows)):
+        sizes = np.linalg.norm(rest, axis=0)
+        pivots.append(int(np.argmax(sizes)))
+        unit = rest[:, pivots[-1]] / sizes[pivots[-1]]
+        rest = rest - np.outer(unit, unit @ rest)
+    own = np.linalg.solve(rows[:, pivots], rows)
+    sparse: Floats = own / np.linalg.norm(own, axis=1, keepdims=True)
+    return sparse
+
+
+def _named(parameters: Parameters, direction: Floats) -> dict[str, float]:
+    least = _NAMED * float(np.max(np.abs(direction)))
+    order = np.argsort(-np.abs(direction))
+    names = parameters.free_names
+    return {
+        names[at]: float(direction[at]) for at in order if abs(direction[at]) >= least
+    }
+
+
+def _reason(
+    network: Network,
+    geometry: Geometry,
+    coverage: Sequence[JointCoverage],
+    direction: Floats,
+) -> str:
+    named = _named(network.parameters, direction)
+    joints = {name.split(".")[0] for name in named}
+    still = [
+        joint
+        for joint in coverage
+        if joint.joint in joints and joint.travel_rad < _SMALL_TRAVEL_RAD
+    ]
+    if still:
+        joint = min(still, key=lambda entry: entry.travel_rad)
+        return (
+            f"{joint.joint} turned by {np.degrees(joint.travel_rad):.0f} degrees only: "
+            "turn it"
+        )
+    names = network.campaign.joint_names
+    last = names[-1]
+    offset_mm = probe_offset_mm(geometry)
+    if last in joints and offset_mm < _ON_THE_AXIS_MM:
+        return (
+            f"the probe lies on the axis of {last} ({offset_mm:.2g} mm from it): "
+            f"turning {last} does not move it; use a probe beside the axis"
+        )
+    if any(name.startswith("probe.vector") for name in named):
+        return "the probe vector does the same as the last links: hold one of them"
+    least = min(coverage, key=lambda entry: entry.travel_rad)
+    return (
+        f"the {len(_poses(network))} poses do not tell these apart (least travel: "
+        f"{least.joint}, {np.degrees(least.travel_rad):.0f} degrees); measure more "
+        "and more varied postures"
+    )
+
+
+def probe_offset_mm(geometry: Geometry) -> float:
+    """Say how far the ball is from the last axis."""
+    reach_mm = geometry.links_mm[-1] + geometry.probe_vector_mm
+    axis = geometry.axes[-1]
+    return float(np.linalg.norm(reach_mm - (reach_mm @ axis) * axis))
