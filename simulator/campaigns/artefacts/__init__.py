@@ -1,0 +1,31 @@
+"""Artefacts that campaigns touch: one file each."""
+
+from simulator.campaigns.artefacts.artefact import KINDS, AnyArtefact, Artefact
+from simulator.campaigns.artefacts.ball_bar import BallBar
+from simulator.campaigns.artefacts.cone import Cone
+from simulator.campaigns.artefacts.parallel_planes import ParallelPlanes
+from simulator.campaigns.artefacts.plane import Plane
+from simulator.campaigns.artefacts.points import Points
+from simulator.campaigns.artefacts.sphere import Sphere
+
+__all__ = [
+    "AnyArtefact",
+    "Artefact",
+    "BallBar",
+    "Cone",
+    "ParallelPlanes",
+    "Plane",
+    "Points",
+    "Sphere",
+]
+
+KINDS.update(
+    {
+        "cone": Cone,
+        "ball_bar": BallBar,
+        "sphere": Sphere,
+        "plane": Plane,
+        "parallel_planes": ParallelPlanes,
+        "points": Points,
+    }
+)

@@ -1,0 +1,44 @@
+"""Cone: one unknown point; the ball is seated in it again and again."""
+
+from typing import Literal
+
+import numpy as np
+
+from simulator.campaigns.artefacts.artefact import (
+    Artefact,
+    Contacts,
+    Indices,
+    Table,
+    no_directions,
+)
+from simulator.campaigns.placement import Placement
+from simulator.physics import Floats
+
+
+class Cone(Artefact):
+    """A seat for the ball."""
+
+    kind: Literal["cone"] = "cone"
+
+    @property
+    def is_fixed(self) -> bool:
+        """A seat is a seat."""
+        return True
+
+    def contacts(
+        self,
+        rng: np.random.Generator,
+        features: Indices,
+        ball_mm: float,
+        growths: Floats,
+    ) -> Contacts:
+        """The seat, as often as asked."""
+        return Contacts(np.zeros((len(features), 3)), no_directions(len(features)))
+
+    def stated(self, rng: np.random.Generator, placement: Placement) -> Table:
+        """Nothing is known of it."""
+        return {}
+
+    def true_table(self, placement: Placement) -> Table:
+        """Where the seated ball's centre is."""
+        return {"point_mm": placement.position_mm.tolist()}

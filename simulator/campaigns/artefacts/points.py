@@ -1,0 +1,106 @@
+"""Points of known coordinates, in the arm's system or in one of their own."""
+
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from simulator.campaigns.artefacts.artefact import (
+    Artefact,
+    Contacts,
+    Indices,
+    Table,
+    no_directions,
+    stated_expansion,
+)
+from simulator.campaigns.placement import Placement
+from simulator.physics import Floats
+
+PLASTIC = 1.2207440846057596  # root of x^4 = x + 1: its powers spread points evenly
+
+
+class Points(Artefact):
+    """Seats for the ball, spread over a cube; they expand about its middle.
+
+    Attributes:
+        n_points: How many.
+        size_mm: Side of the cube.
+        frame: In which system their coordinates are known.
+        scale: Length in the arm's system over length in their own.
+        points_std_mm: Of each coordinate that the campaign says.
+        expansion_per_c: Of all distances.
+    """
+
+    kind: Literal["points"] = "points"
+    n_points: int = Field(default=8, ge=1)
+    size_mm: float = Field(gt=0.0)
+    frame: Literal["arm", "own", "own_scaled"] = "own"
+    scale: float = Field(default=1.0, gt=0.0)
+    points_std_mm: float = Field(default=0.0, ge=0.0)
+    expansion_per_c: float = 0.0
+
+    @property
+    def features(self) -> tuple[str, ...]:
+        """Names of the points."""
+        return tuple(f"P{number + 1}" for number in range(self.n_points))
+
+    @property
+    def is_fixed(self) -> bool:
+        """A seat is a seat."""
+        return True
+
+    @property
+    def thermal_growth_per_c(self) -> float:
+        """By how much their distances grow."""
+        return self.expansion_per_c
+
+    @property
+    def own_mm(self) -> Floats:
+        """Coordinates (n_points, 3) in their own system."""
+        steps = PLASTIC ** -np.arange(1.0, 4.0)
+        shares = (0.5 + np.arange(1, self.n_points + 1)[:, None] * steps) % 1.0
+        spread: Floats = self.size_mm / self.scale * (shares - 0.5)
+        return spread
+
+    def size_problem(self, ball_mm: float) -> str | None:
+        """A scale needs a system of its own that may have one."""
+        if self.scale != 1.0 and self.frame != "own_scaled":
+            return (
+                f"scale = {self.scale:g} with frame = '{self.frame}'; only "
+                "'own_scaled' has a scale"
+            )
+        return None
+
+    def contacts(
+        self,
+        rng: np.random.Generator,
+        features: Indices,
+        ball_mm: float,
+        growths: Floats,
+    ) -> Contacts:
+        """The seats."""
+        centres_mm = self.scale * self.own_mm[features] * growths[:, None]
+        return Contacts(centres_mm, no_directions(len(features)))
+
+    def stated(self, rng: np.random.Generator, placement: Placement) -> Table:
+        """Their coordinates, as the certificate has them."""
+        known_mm = self.own_mm
+        if self.frame == "arm":
+            known_mm = placement.points_mm(known_mm)
+        known_mm = known_mm + self.points_std_mm * rng.standard_normal(known_mm.shape)
+        table: Table = {"frame": self.frame}
+        if self.points_std_mm > 0.0:
+            table["points_std_mm"] = self.points_std_mm
+        table |= stated_expansion(self.expansion_per_c)
+        table["points_mm"] = dict(zip(self.features, known_mm.tolist(), strict=True))
+        return table
+
+    def true_table(self, placement: Placement) -> Table:
+        """The parameters of x = t + s R x_own; the points in the arm's system."""
+        true_mm = placement.points_mm(self.scale * self.own_mm)
+        return {
+            "rotation": placement.rotation.tolist(),
+            "translation_mm": placement.position_mm.tolist(),
+            "scale": self.scale,
+            "points_mm": dict(zip(self.features, true_mm.tolist(), strict=True)),
+        }

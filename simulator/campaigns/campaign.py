@@ -1,0 +1,155 @@
+"""A simulated campaign in memory, and the truth beside it."""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.campaigns.poses import PlacedArtefact
+from simulator.campaigns.spec import BlunderKind
+from simulator.physics import Floats, probe_pose
+from simulator.truth import TrueArm
+
+Names = NDArray[np.str_]
+FIRST_LINE = 2  # of poses.csv with a pose; the header is line 1
+
+
+@dataclass(frozen=True, slots=True)
+class StatedArtefact:
+    """What a campaign says of an artefact.
+
+    Attributes:
+        id: Its name.
+        kind: What it is.
+        table: Further keys of contracts' `[[artefacts]]`, ready to be written.
+    """
+
+    id: str
+    kind: str
+    table: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """What the files of a campaign hold, column for column; arrays are read-only.
+
+    Attributes:
+        joints: Names, from the base outwards.
+        artefacts: What is said of them.
+        encoder_rad: A-priori standard deviation; None if the campaign says none.
+        contact_mm: Likewise.
+        start_utc: ISO 8601, or None.
+        time_s: (n,)
+        artefact: (n,) ids.
+        feature: (n,) names, empty where there is only one.
+        readings_rad: (n, n_joints)
+        temperature_c: (n,), None if there is no such column; likewise the others.
+        approach: (n, n_joints) -1 or +1.
+        speed_rad_s: (n, n_joints)
+        direction: (n, 3) unit vectors; rows of NaN where empty.
+        force_n: (n,)
+    """
+
+    joints: tuple[str, ...]
+    artefacts: tuple[StatedArtefact, ...]
+    encoder_rad: float | None
+    contact_mm: float | None
+    start_utc: str | None
+    time_s: Floats
+    artefact: Names
+    feature: Names
+    readings_rad: Floats
+    temperature_c: Floats | None
+    approach: NDArray[np.int8] | None
+    speed_rad_s: Floats | None
+    direction: Floats | None
+    force_n: Floats | None
+
+    def __post_init__(self) -> None:
+        for array in (
+            self.time_s,
+            self.artefact,
+            self.feature,
+            self.readings_rad,
+            self.temperature_c,
+            self.approach,
+            self.speed_rad_s,
+            self.direction,
+            self.force_n,
+        ):
+            if array is not None:
+                array.setflags(write=False)
+
+    @property
+    def n_poses(self) -> int:
+        """Number of rows."""
+        return len(self.time_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Blunder:
+    """A spoilt pose.
+
+    Attributes:
+        row: Of the arrays, from 0; its line in poses.csv is row + 2.
+        kind: What happened.
+        size: How far the contact was displaced (mm) or the encoder jumped (rad); NaN
+            for a wrong label.
+        unit: Of the size.
+        what: The joint that jumped, or artefact/feature that were really touched.
+    """
+
+    row: int
+    kind: BlunderKind
+    size: float
+    unit: Literal["mm", "rad", ""]
+    what: str
+
+    @property
+    def line(self) -> int:
+        """Its line in poses.csv."""
+        return self.row + FIRST_LINE
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What the campaign does not say; arrays are read-only.
+
+    Attributes:
+        arm: The true arm.
+        artefacts: Where they truly stand.
+        turns_rad: (n, n_joints) true turns from the base posture at the contact.
+        contact_noise_mm: (n, 3) displacement of the ball from the exact contact,
+            blunders included.
+        encoder_noise_rad: (n, n_joints) what was added to the true readings before
+            they were rounded, blunders included.
+        blunders: In the order of rows.
+    """
+
+    arm: TrueArm
+    artefacts: tuple[PlacedArtefact, ...]
+    turns_rad: Floats
+    contact_noise_mm: Floats
+    encoder_noise_rad: Floats
+    blunders: tuple[Blunder, ...]
+
+    def __post_init__(self) -> None:
+        for array in (self.turns_rad, self.contact_noise_mm, self.encoder_noise_rad):
+            array.setflags(write=False)
+
+    def centres_mm(self, readings_rad: Floats) -> Floats:
+        """Where the ball (n, 3) truly is at readings (n, n_joints).
+
+        Distances between them do not depend on any datum or base posture.
+        """
+        turns_rad = readings_rad - self.arm.zeros_rad
+        return probe_pose(self.arm.mechanism, turns_rad)[0]
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedCampaign:
+    """A campaign and its truth."""
+
+    campaign: Campaign
+    truth: Truth

@@ -1,0 +1,130 @@
+"""Draws noise for a set of poses: the campaign as its files have it, and the truth."""
+
+import numpy as np
+
+from kinematics.arm_file import Arm
+from simulator.campaigns.artefacts.artefact import Table
+from simulator.campaigns.blunders import spoilt_poses
+from simulator.campaigns.campaign import (
+    Campaign,
+    SimulatedCampaign,
+    StatedArtefact,
+    Truth,
+)
+from simulator.campaigns.noise import (
+    contact_shifts,
+    contact_stds,
+    encoder_stds,
+    serial_noise,
+)
+from simulator.campaigns.poses import PoseSet, make_poses
+from simulator.campaigns.postures import shifted_postures
+from simulator.campaigns.spec import CampaignSpec, NoiseTable
+from simulator.campaigns.streams import stream
+from simulator.physics import Floats
+
+
+def simulate_campaign(arm: Arm, spec: CampaignSpec, seed: int) -> SimulatedCampaign:
+    """Draw a whole campaign from one seed."""
+    return draw_noise(make_poses(arm, spec, seed), seed)
+
+
+def draw_noise(
+    poses: PoseSet, seed: int, noise: NoiseTable | None = None
+) -> SimulatedCampaign:
+    """Draw the errors of readings, contacts and certificates.
+
+    The true lengths of standards are those of the specification, and what the
+    campaign says of them is off by their standard deviations: so the same poses serve
+    for any number of draws.
+
+    Args:
+        poses: Exact contacts.
+        seed: Equal seeds give equal errors.
+        noise: Instead of that of the specification.
+    """
+    noise = poses.spec.noise if noise is None else noise
+    n_joints = poses.truth.mechanism.n_joints
+    spoilt = spoilt_poses(poses, noise, stream(seed, "blunders"))
+    touch = serial_noise(stream(seed, "touch"), poses.n_poses, 3, noise)
+    shifts_mm = contact_shifts(poses, touch, contact_stds(noise, poses))
+    shifts_mm = shifts_mm + spoilt.shifts_mm
+    turns_rad = poses.turns_rad
+    if np.any(shifts_mm):
+        turns_rad = shifted_postures(poses.truth.mechanism, turns_rad, shifts_mm)
+    errors_rad = serial_noise(stream(seed, "encoders"), poses.n_poses, n_joints, noise)
+    errors_rad = errors_rad * encoder_stds(noise, n_joints) + spoilt.jumps_rad
+    readings_rad = turns_rad + poses.truth.zeros_rad + errors_rad
+    if noise.quantised:
+        readings_rad = _whole_counts(readings_rad, poses.arm)
+    conditions, columns = poses.conditions, poses.spec.conditions.columns
+    encoder_rad, contact_mm = _stated_stds(noise, n_joints)
+    start_utc = poses.spec.conditions.start_utc
+    campaign = Campaign(
+        joints=tuple(joint.name for joint in poses.arm.joints),
+        artefacts=_stated_artefacts(poses, seed),
+        encoder_rad=encoder_rad,
+        contact_mm=contact_mm,
+        start_utc=None if start_utc is None else start_utc.isoformat(),
+        time_s=conditions.time_s.copy(),
+        artefact=spoilt.artefact,
+        feature=spoilt.feature,
+        readings_rad=readings_rad,
+        temperature_c=(
+            conditions.temperature_c.copy() if "temperature" in columns else None
+        ),
+        approach=conditions.approach.copy() if "approach" in columns else None,
+        speed_rad_s=conditions.speed_rad_s.copy() if "speed" in columns else None,
+        direction=(
+            _stated_directions(poses.towards, noise, seed)
+            if "direction" in columns
+            else None
+        ),
+        force_n=conditions.force_n.copy() if "force" in columns else None,
+    )
+    truth = Truth(
+        arm=poses.truth,
+        artefacts=poses.artefacts,
+        turns_rad=turns_rad.copy(),
+        contact_noise_mm=shifts_mm,
+        encoder_noise_rad=errors_rad,
+        blunders=spoilt.blunders,
+    )
+    return SimulatedCampaign(campaign, truth)
+
+
+def _whole_counts(readings_rad: Floats, arm: Arm) -> Floats:
+    """Readings (n, n_joints) as encoders give them."""
+    per_turn = [joint.encoder.counts_per_turn for joint in arm.joints if joint.encoder]
+    steps_rad = 2.0 * np.pi / np.array(per_turn, dtype=np.float64)
+    rounded: Floats = np.rint(readings_rad / steps_rad) * steps_rad
+    return rounded
+
+
+def _stated_stds(noise: NoiseTable, n_joints: int) -> tuple[float | None, float | None]:
+    """What the campaign says of its noise; one number for all encoders."""
+    if not noise.stated:
+        return None, None
+    mean_rad = noise.encoder_rad
+    if noise.encoders_rad is not None:
+        mean_rad = float(np.sqrt(np.mean(encoder_stds(noise, n_joints) ** 2)))
+    return noise.stated_factor * mean_rad, noise.stated_factor * noise.contact_mm
+
+
+def _stated_artefacts(poses: PoseSet, seed: int) -> tuple[StatedArtefact, ...]:
+    """What the campaign says of its artefacts."""
+    rng = stream(seed, "certificates")
+    stated = []
+    for placed in poses.artefacts:
+        table: Table = placed.artefact.stated(rng, placed.placement)
+        stated.append(StatedArtefact(placed.artefact.id, placed.artefact.kind, table))
+    return tuple(stated)
+
+
+def _stated_directions(towards: Floats, noise: NoiseTable, seed: int) -> Floats:
+    """Unit vectors (n, 3) off by a small turn; NaN where there are none."""
+    errors = stream(seed, "directions").standard_normal(towards.shape)
+    across = noise.direction_rad * np.cross(errors, towards)
+    leaning = towards + across
+    directions: Floats = leaning / np.linalg.norm(leaning, axis=1, keepdims=True)
+    return directions

@@ -1,0 +1,203 @@
+"""Contacts as they truly are, before any noise."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.arm_file import Arm, FileError
+from simulator.campaigns.artefacts import Artefact
+from simulator.campaigns.artefacts.artefact import REFERENCE_C, Contacts, Indices
+from simulator.campaigns.conditions import Conditions, drawn_conditions
+from simulator.campaigns.fitting import misfits, spec_artefacts
+from simulator.campaigns.placement import Placement
+from simulator.campaigns.postures import reaching_postures
+from simulator.campaigns.siting import UnreachableError, place_artefacts
+from simulator.campaigns.spec import CampaignSpec
+from simulator.campaigns.streams import stream
+from simulator.campaigns.travel import travel_limits
+from simulator.physics import Floats
+from simulator.truth import Deviations, TrueArm, true_arm
+
+N_REDRAWS = 12  # of contacts that are out of reach
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedArtefact:
+    """An artefact where it stands."""
+
+    artefact: Artefact
+    placement: Placement
+
+    def true_table(self) -> dict[str, Any]:
+        """What is true of it at 20 C, in the arm's system."""
+        names = {"id": self.artefact.id, "kind": self.artefact.kind}
+        return {**names, **self.artefact.true_table(self.placement)}
+
+
+@dataclass(frozen=True, slots=True)
+class PoseSet:
+    """Contacts in the order of time; any number of noises can be drawn for them.
+
+    Attributes:
+        spec: What was asked for.
+        arm: What the arm file says.
+        truth: The arm as it is.
+        limits_rad: (n_joints, 2) of the turns.
+        artefacts: Where they stand.
+        artefact_index: (n,) which of them is touched.
+        feature_index: (n,) which part of it.
+        turns_rad: (n, n_joints) from the base posture, exact.
+        towards: (n, 3) from the ball towards the material; NaN in seats.
+        conditions: Of every contact.
+    """
+
+    spec: CampaignSpec
+    arm: Arm
+    truth: TrueArm
+    limits_rad: Floats
+    artefacts: tuple[PlacedArtefact, ...]
+    artefact_index: Indices
+    feature_index: Indices
+    turns_rad: Floats
+    towards: Floats
+    conditions: Conditions
+
+    @property
+    def n_poses(self) -> int:
+        """Number of contacts."""
+        return len(self.turns_rad)
+
+
+def make_poses(
+    arm: Arm, spec: CampaignSpec, seed: int, truth: TrueArm | None = None
+) -> PoseSet:
+    """Draw the true arm, place the artefacts, touch them.
+
+    Args:
+        arm: What the arm file says.
+        spec: What is asked for.
+        seed: Equal seeds give equal poses.
+        truth: Instead of drawing it.
+
+    Raises:
+        FileError: Everything in the specification that does not fit the arm.
+        UnreachableError: What the arm cannot reach.
+    """
+    problems = list(misfits(spec, arm))
+    if problems:
+        raise FileError("campaign specification", problems)
+    if truth is None:
+        deviations = Deviations(**spec.deviations.model_dump())
+        truth = true_arm(arm, deviations, seed)
+    if spec.limits_rad is None:
+        limits_rad = travel_limits(truth.mechanism, spec.travel)
+    else:
+        limits_rad = np.array(spec.limits_rad, dtype=np.float64)
+    artefacts = spec_artefacts(spec, truth.mechanism, limits_rad, seed)
+    placements = place_artefacts(
+        artefacts,
+        truth.mechanism,
+        limits_rad,
+        truth.radius_mm,
+        stream(seed, "placement"),
+    )
+    artefact_index, feature_index = _touched(artefacts, spec.conditions.visits)
+    conditions = drawn_conditions(
+        spec.conditions,
+        len(artefact_index),
+        truth.mechanism.n_joints,
+        stream(seed, "conditions"),
+    )
+    placed = tuple(
+        PlacedArtefact(artefact, placement)
+        for artefact, placement in zip(artefacts, placements, strict=True)
+    )
+    touching = _Touching(placed, artefact_index, feature_index, conditions, truth)
+    turns_rad, towards = touching.postures(limits_rad, stream(seed, "contacts"))
+    return PoseSet(
+        spec,
+        arm,
+        truth,
+        limits_rad,
+        placed,
+        artefact_index,
+        feature_index,
+        turns_rad,
+        towards,
+        conditions,
+    )
+
+
+def _touched(artefacts: tuple[Artefact, ...], n_visits: int) -> tuple[Indices, Indices]:
+    """Which artefact and feature (n,) is touched when: the round is gone n times."""
+    counts = np.array([artefact.n_poses for artefact in artefacts])
+    visits = []
+    for visit in range(n_visits):
+        done, next_ = visit * counts // n_visits, (visit + 1) * counts // n_visits
+        visits.append(np.repeat(np.arange(len(artefacts)), next_ - done))
+    artefact_index = np.concatenate(visits)
+    feature_index = np.empty_like(artefact_index)
+    for number, artefact in enumerate(artefacts):
+        touches = np.arange(artefact.n_poses) % len(artefact.features)
+        feature_index[artefact_index == number] = touches
+    return artefact_index, feature_index
+
+
+@dataclass(frozen=True, slots=True)
+class _Touching:
+    """All that decides where the ball is, but for the spot that is touched."""
+
+    artefacts: tuple[PlacedArtefact, ...]
+    artefact_index: Indices
+    feature_index: Indices
+    conditions: Conditions
+    truth: TrueArm
+
+    def postures(
+        self, limits_rad: Floats, rng: np.random.Generator
+    ) -> tuple[Floats, Floats]:
+        """Turns (n, n_joints) and directions towards the material (n, 3)."""
+        n_poses = len(self.artefact_index)
+        turns_rad = np.empty((n_poses, self.truth.mechanism.n_joints))
+        towards = np.empty((n_poses, 3))
+        missing: NDArray[np.intp] = np.arange(n_poses)
+        for _ in range(N_REDRAWS):
+            contacts = self._contacts(missing, rng)
+            found, reached = reaching_postures(
+                self.truth.mechanism, limits_rad, contacts.centres_mm, rng
+            )
+            turns_rad[missing[reached]] = found[reached]
+            towards[missing[reached]] = contacts.towards[reached]
+            missing = missing[~reached]
+            if len(missing) == 0:
+                return turns_rad, towards
+        raise UnreachableError(self._missed(missing))
+
+    def _contacts(self, rows: Indices, rng: np.random.Generator) -> Contacts:
+        """Draw contacts of some rows, in the arm's system."""
+        centres_mm, towards = np.empty((len(rows), 3)), np.empty((len(rows), 3))
+        for number, placed in enumerate(self.artefacts):
+            here = np.flatnonzero(self.artefact_index[rows] == number)
+            warmer_c = self.conditions.temperature_c[rows[here]] - REFERENCE_C
+            contacts = placed.artefact.contacts(
+                rng,
+                self.feature_index[rows[here]],
+                self.truth.radius_mm,
+                1.0 + placed.artefact.thermal_growth_per_c * warmer_c,
+            )
+            centres_mm[here] = placed.placement.points_mm(contacts.centres_mm)
+            towards[here] = placed.placement.directions(contacts.towards)
+        return Contacts(centres_mm, towards)
+
+    def _missed(self, rows: Indices) -> str:
+        """Say what could not be touched."""
+        lines = []
+        for number, placed in enumerate(self.artefacts):
+            count = int(np.sum(self.artefact_index[rows] == number))
+            if count:
+                name = f"{placed.artefact.kind} '{placed.artefact.id}'"
+                of = placed.artefact.n_poses
+                lines.append(f"{name}: {count} of {of} contacts are out of reach")
+        return "; ".join(lines) + "; take another seed, or make it smaller"

@@ -1,0 +1,139 @@
+"""Postures in which the ball is where it should be, for any number of targets at once.
+
+Newton's method on the true geometry, damped while far away, each target from its own
+random start: what a redundant arm leaves free stays as drawn, so that postures vary.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.physics import Floats, Mechanism, probe_pose, probe_rates
+
+Flags = NDArray[np.bool_]
+
+TOLERANCE_MM = 3e-10
+N_STEPS = 28
+LONGEST_STEP_RAD = 0.6
+DAMPING_SHARE = 0.02  # of the miss: the step tends to Newton's as the miss vanishes
+LEAST_DAMPING_MM = 1e-4
+CHUNK = 8192  # poses whose matrices fit into the cache
+
+
+def reaching_postures(
+    mechanism: Mechanism,
+    limits_rad: Floats,
+    targets_mm: Floats,
+    rng: np.random.Generator,
+    n_rounds: int = 10,
+) -> tuple[Floats, Flags]:
+    """Find a posture for every target.
+
+    Args:
+        mechanism: True geometry.
+        limits_rad: (n_joints, 2) least and largest turn from the base posture.
+        targets_mm: (n, 3) for the ball's centre.
+        rng: Draws the starts.
+        n_rounds: How often an unreached target is tried from a new start.
+
+    Returns:
+        Turns (n, n_joints) and whether each target was reached: within the tolerance
+        and within the limits.
+    """
+    n_targets = len(targets_mm)
+    turns_rad = np.zeros((n_targets, mechanism.n_joints))
+    reached = np.zeros(n_targets, dtype=bool)
+    for _ in range(n_rounds):
+        missing = np.flatnonzero(~reached)
+        for first in range(0, len(missing), CHUNK):
+            rows = missing[first : first + CHUNK]
+            starts = drawn_turns(limits_rad, len(rows), rng)
+            found, good = _solved(mechanism, limits_rad, targets_mm[rows], starts)
+            turns_rad[rows[good]] = found[good]
+            reached[rows[good]] = True
+        if len(missing) == 0:
+            break
+    return turns_rad, reached
+
+
+def drawn_turns(limits_rad: Floats, n_poses: int, rng: np.random.Generator) -> Floats:
+    """Turns (n_poses, n_joints), uniform within the limits."""
+    low, high = limits_rad.T
+    return rng.uniform(low, high, (n_poses, len(limits_rad)))
+
+
+def shifted_postures(
+    mechanism: Mechanism, turns_rad: Floats, shifts_mm: Floats
+) -> Floats:
+    """Turns (n, n_joints) with the ball displaced by shifts (n, 3), least motion."""
+    moved = np.array(turns_rad)
+    for first in range(0, len(moved), CHUNK):
+        rows = slice(first, first + CHUNK)
+        centres_mm, _ = probe_pose(mechanism, moved[rows])
+        targets_mm = centres_mm + shifts_mm[rows]
+        for _ in range(4):
+            centres_mm, _, rates, _ = probe_rates(mechanism, moved[rows])
+            misses_mm = targets_mm - centres_mm
+            if np.max(np.abs(misses_mm)) < TOLERANCE_MM:
+                break
+            moved[rows] += _damped_steps(rates, misses_mm, np.full(len(misses_mm), 0.0))
+    return moved
+
+
+def contact_rates(mechanism: Mechanism, turns_rad: Floats) -> Floats:
+    """How the ball's centre follows the turns: (n, 3, n_joints) [mm/rad]."""
+    rates = np.empty((len(turns_rad), 3, mechanism.n_joints))
+    for first in range(0, len(turns_rad), CHUNK):
+        rows = slice(first, first + CHUNK)
+        rates[rows] = probe_rates(mechanism, turns_rad[rows])[2]
+    return rates
+
+
+def _solved(
+    mechanism: Mechanism, limits_rad: Floats, targets_mm: Floats, starts_rad: Floats
+) -> tuple[Floats, Flags]:
+    """Go from starts (n, n_joints) to targets (n, 3); rows leave when they arrive."""
+    low, high = limits_rad.T
+    turns_rad = starts_rad
+    good = np.zeros(len(targets_mm), dtype=bool)
+    rows = np.arange(len(targets_mm))
+    for _ in range(N_STEPS):
+        centres_mm, _, rates, _ = probe_rates(mechanism, turns_rad[rows])
+        misses_mm = targets_mm[rows] - centres_mm
+        lengths_mm = np.sqrt(np.einsum("mi,mi->m", misses_mm, misses_mm))
+        away = lengths_mm >= TOLERANCE_MM
+        good[rows[~away]] = True
+        if not np.any(away):
+            break
+        rows, misses_mm, rates = rows[away], misses_mm[away], rates[away]
+        damping_mm = np.maximum(DAMPING_SHARE * lengths_mm[away], LEAST_DAMPING_MM)
+        steps = _damped_steps(rates, misses_mm, damping_mm)
+        longest = np.max(np.abs(steps), axis=1, keepdims=True)
+        steps *= np.minimum(1.0, LONGEST_STEP_RAD / np.maximum(longest, 1e-12))
+        turns_rad[rows] = np.clip(turns_rad[rows] + steps, low, high)
+    return turns_rad, good
+
+
+def _damped_steps(rates: Floats, misses_mm: Floats, damping_mm: Floats) -> Floats:
+    """Least turns (n, n_joints) that make up for misses (n, 3), damped by (n,) mm.
+
+    J' (J J' + damping^2)^-1 miss, with the 3x3 system solved by Cramer's rule.
+    """
+    normal = rates @ rates.transpose(0, 2, 1)
+    normal[:, (0, 1, 2), (0, 1, 2)] += damping_mm[:, None] ** 2
+    first, second, third = normal[:, 0], normal[:, 1], normal[:, 2]
+    crossed = np.stack(
+        [_cross(second, third), _cross(third, first), _cross(first, second)], axis=1
+    )
+    volumes = np.einsum("mi,mi->m", first, crossed[:, 0])
+    solved = np.einsum("mij,mi->mj", crossed, misses_mm)
+    solved /= np.maximum(volumes, np.finfo(np.float64).tiny)[:, None]
+    steps: Floats = np.einsum("mij,mi->mj", rates, solved)
+    return steps
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    """Cross products of (n, 3); a third of the time of numpy's general one."""
+    out = np.empty_like(a)
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        out[:, i] = a[:, j] * b[:, k] - a[:, k] * b[:, j]
+    return out

@@ -1,0 +1,98 @@
+"""Finds where artefacts can stand so that the arm reaches all of them."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from simulator.campaigns.artefacts import Artefact
+from simulator.campaigns.placement import Placement, drawn_rotation
+from simulator.campaigns.postures import drawn_turns, reaching_postures
+from simulator.physics import Floats, Mechanism, probe_pose
+
+N_SITES = 12  # tried at a time
+N_TRIALS = 40
+N_CONTACTS = 12  # tried at each, or every feature once
+N_ROUNDS = 5  # who needs more starts is at the edge of the working volume
+ENOUGH = 0.9  # of contacts that are reached in that many, where spots can be chosen
+
+
+class UnreachableError(ValueError):
+    """An artefact that the arm cannot reach; make it smaller or the limits wider."""
+
+
+def place_artefacts(
+    artefacts: Sequence[Artefact],
+    mechanism: Mechanism,
+    limits_rad: Floats,
+    ball_mm: float,
+    rng: np.random.Generator,
+) -> tuple[Placement, ...]:
+    """Place artefacts, one after the other.
+
+    Of the sites that can be touched in varied postures, one far from the artefacts
+    that already stand is taken, so that they spread over the working volume.
+
+    Raises:
+        UnreachableError: One that fits nowhere, with the best that was found.
+    """
+    placed: list[Placement] = []
+    for artefact in artefacts:
+        taken_mm = np.array([site.position_mm for site in placed]).reshape(-1, 3)
+        placed.append(
+            _site(artefact, taken_mm, rng, mechanism, limits_rad, ball_mm=ball_mm)
+        )
+    return tuple(placed)
+
+
+def _site(
+    artefact: Artefact,
+    taken_mm: Floats,
+    rng: np.random.Generator,
+    mechanism: Mechanism,
+    limits_rad: Floats,
+    *,
+    ball_mm: float,
+) -> Placement:
+    best_share, needed_share = 0.0, 1.0 if artefact.is_fixed else ENOUGH
+    for _ in range(N_TRIALS):
+        at_mm, _ = probe_pose(mechanism, drawn_turns(limits_rad, N_SITES, rng))
+        sites = [Placement(drawn_rotation(rng), position_mm) for position_mm in at_mm]
+        targets_mm = np.concatenate(
+            [site.points_mm(_trial_contacts(artefact, ball_mm, rng)) for site in sites]
+        )
+        turns_rad, reached = reaching_postures(
+            mechanism, limits_rad, targets_mm, rng, N_ROUNDS
+        )
+        shares = np.mean(reached.reshape(N_SITES, -1), axis=1)
+        best_share = max(best_share, float(np.max(shares)))
+        turns_rad[~reached] = np.nan
+        good = np.flatnonzero(shares >= needed_share)
+        if len(good):
+            postures = turns_rad.reshape(N_SITES, -1, mechanism.n_joints)[good]
+            variety = np.mean(np.nanstd(postures, axis=1), axis=1)
+            worth = variety * _distances_mm(at_mm[good], taken_mm)
+            return sites[int(good[np.argmax(worth)])]
+    raise UnreachableError(
+        f"{artefact.kind} '{artefact.id}': of {N_TRIALS * N_SITES} places the best "
+        f"lets the arm reach {best_share:.0%} of it within its joint limits, expected "
+        f"{needed_share:.0%}; make it smaller, or the limits wider"
+    )
+
+
+def _trial_contacts(
+    artefact: Artefact, ball_mm: float, rng: np.random.Generator
+) -> Floats:
+    """Ball centres (n, 3) on all features, in the artefact's coordinates."""
+    n_features = len(artefact.features)
+    features = np.arange(max(N_CONTACTS, n_features)) % n_features
+    growths = np.ones(len(features))
+    return artefact.contacts(rng, features, ball_mm, growths).centres_mm
+
+
+def _distances_mm(at_mm: Floats, taken_mm: Floats) -> Floats:
+    """Distance (n,) of places (n, 3) from the nearest of others (m, 3); 1 if none."""
+    if len(taken_mm) == 0:
+        return np.ones(len(at_mm))
+    gaps_mm = np.linalg.norm(at_mm[:, None] - taken_mm, axis=2)
+    nearest: Floats = np.min(gaps_mm, axis=1)
+    return nearest

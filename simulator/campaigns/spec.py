@@ -1,0 +1,177 @@
+"""What a simulated campaign shall be (docs/reference/simulated-campaigns.md).
+
+The tables are frozen values: made in Python, or read from a TOML file.
+"""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from typing import Any, Literal
+
+from pydantic import AwareDatetime, Field, field_validator
+
+from kinematics.arm_file import Problem, StrictModel
+from simulator.campaigns.artefacts import AnyArtefact
+from simulator.campaigns.mixes import MIXES
+from simulator.config import DeviationTable
+
+Column = Literal["temperature", "approach", "speed", "direction", "force"]
+COLUMNS: tuple[Column, ...] = (
+    "temperature",
+    "approach",
+    "speed",
+    "direction",
+    "force",
+)
+BlunderKind = Literal["contact", "encoder", "label"]
+
+
+class NoiseTable(StrictModel):
+    """What comes between the truth and the file.
+
+    Attributes:
+        encoder_rad: Standard deviation of every reading.
+        encoders_rad: One for each joint, instead.
+        contact_mm: Standard deviation of a contact along the normal; in three
+            directions where there is no normal.
+        serial_share: Part of the variance of both that is serially correlated.
+        serial_phi: Correlation of that part from one pose to the next.
+        quantised: Readings are whole counts of the arm file's encoders.
+        direction_rad: Error of a stated direction, in each of two directions across.
+        blunder_share: Part of the poses that are spoilt.
+        blunder_sigma: Size of a blunder, in standard deviations of the misclosure.
+        blunder_kinds: Those that may come: the contact is displaced, an encoder has
+            jumped, the label is that of another feature.
+        stated: The campaign says the standard deviations.
+        stated_factor: What it says over what is true.
+    """
+
+    encoder_rad: float = Field(default=5e-6, ge=0.0)
+    encoders_rad: tuple[float, ...] | None = None
+    contact_mm: float = Field(default=0.005, ge=0.0)
+    serial_share: float = Field(default=0.0, ge=0.0, le=1.0)
+    serial_phi: float = Field(default=0.95, ge=0.0, lt=1.0)
+    quantised: bool = False
+    direction_rad: float = Field(default=0.02, ge=0.0)
+    blunder_share: float = Field(default=0.0, ge=0.0, le=0.5)
+    blunder_sigma: float = Field(default=15.0, gt=0.0)
+    blunder_kinds: tuple[BlunderKind, ...] = ("contact", "encoder")
+    stated: bool = True
+    stated_factor: float = Field(default=1.0, gt=0.0)
+
+    @field_validator("blunder_kinds")
+    @classmethod
+    def _some_kind(cls, kinds: tuple[BlunderKind, ...]) -> tuple[BlunderKind, ...]:
+        if not kinds:
+            raise ValueError("is empty; name at least one kind of blunder")
+        return kinds
+
+    @field_validator("encoders_rad")
+    @classmethod
+    def _no_negative(cls, stds: tuple[float, ...] | None) -> tuple[float, ...] | None:
+        if stds is not None and min(stds, default=0.0) < 0.0:
+            raise ValueError(f"{min(stds):g} is negative; expected 0 or more")
+        return stds
+
+
+class ConditionTable(StrictModel):
+    """Under what conditions it is measured.
+
+    Attributes:
+        interval_s: From pose to pose, on average.
+        visits: How often the operator comes back to every artefact.
+        temperature_c: In the middle.
+        swing_c: Largest departure of the temperature from that.
+        speed_rad_s: Standard deviation of the joints' speeds at a contact.
+        force_n: Median contact force.
+        force_spread: Standard deviation of its logarithm.
+        columns: Optional columns that are written.
+        start_utc: When time_s is 0.
+    """
+
+    interval_s: float = Field(default=4.0, gt=0.0)
+    visits: int = Field(default=3, ge=1)
+    temperature_c: float = 20.0
+    swing_c: float = Field(default=0.0, ge=0.0)
+    speed_rad_s: float = Field(default=0.0, ge=0.0)
+    force_n: float = Field(default=0.5, gt=0.0)
+    force_spread: float = Field(default=0.3, ge=0.0)
+    columns: tuple[Column, ...] = COLUMNS
+    start_utc: AwareDatetime | None = None
+
+
+class CampaignSpec(StrictModel):
+    """A campaign, but for its arm and its seed.
+
+    Attributes:
+        mix: Name of a mix of artefacts, with `n_poses` for all of them.
+        n_poses: Of a mix.
+        artefacts: Instead of a mix.
+        deviations: Of the true arm from its file.
+        travel: Joint limits, about the base posture.
+        limits_rad: A pair [low, high] for each joint, instead.
+        noise: Between the truth and the file.
+        conditions: Under which it is measured.
+    """
+
+    mix: str | None = None
+    n_poses: int | None = Field(default=None, ge=1)
+    artefacts: tuple[AnyArtefact, ...] = ()
+    deviations: DeviationTable = DeviationTable(
+        links_mm=0.5, axes_rad=2e-3, zeros_rad=2e-3
+    )
+    travel: Literal["full", "wide", "narrow"] = "wide"
+    limits_rad: tuple[tuple[float, float], ...] | None = None
+    noise: NoiseTable = NoiseTable()
+    conditions: ConditionTable = ConditionTable()
+
+    @field_validator("mix")
+    @classmethod
+    def _known_mix(cls, mix: str | None) -> str | None:
+        if mix is not None and mix not in MIXES:
+            raise ValueError(f"unknown mix '{mix}'; known: {', '.join(sorted(MIXES))}")
+        return mix
+
+    @field_validator("limits_rad")
+    @classmethod
+    def _rising(
+        cls, limits: tuple[tuple[float, float], ...] | None
+    ) -> tuple[tuple[float, float], ...] | None:
+        for number, (low, high) in enumerate(limits or ()):
+            if low >= high:
+                raise ValueError(
+                    f"entry {number} is [{low:g}, {high:g}]; the first must be smaller"
+                )
+        return limits
+
+
+class CampaignFile(CampaignSpec):
+    """A whole file: also names the arm and the seed."""
+
+    schema_: Literal["traverse/simulated-campaign/1"] = Field(alias="schema")
+    arm: str
+    seed: int = Field(default=1, ge=0)
+
+
+def spec_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
+    """Find what is wrong between keys."""
+    if ("mix" in raw) == bool(raw.get("artefacts")):
+        found = "both are given" if "mix" in raw else "neither is given"
+        yield Problem("mix", f"a mix or artefacts: {found}; give one of them")
+    elif ("mix" in raw) != ("n_poses" in raw):
+        message = (
+            "is missing; say how many poses the mix has"
+            if "mix" in raw
+            else "goes with a mix; artefacts say their own numbers; remove it"
+        )
+        yield Problem("n_poses", message)
+    artefacts = raw.get("artefacts")
+    tables = artefacts if isinstance(artefacts, list) else []
+    ids = Counter(
+        str(table["id"])
+        for table in tables
+        if isinstance(table, Mapping) and "id" in table
+    )
+    for name, count in ids.items():
+        if count > 1:
+            message = f"'{name}' is used {count} times; each needs its own id"
+            yield Problem("artefacts", message)
