@@ -53,9 +53,6 @@ async def test_a_killed_board_leaves_the_right_gap_and_comes_back(
         assert listener.statuses[-1].drivers[0].state == "lost"
         await asyncio.sleep(3.0)
         n_before = len(listener.points)
-        config = bench.folder / "simulator.toml"
-        text = config.read_text("utf-8").replace("seed = 11", "seed = 12")
-        config.write_text(text, "utf-8")
         with bench.simulator("simulator-again") as again:
             await listener.event("device.lost", active=False)
             await listener.ready()
