@@ -62,10 +62,14 @@ class EdgeOrder:
         return "next", ahead
 
     def delivered(self, seq: int) -> None:
-        """Edge ``seq`` has been handed to the consumer."""
+        """Edge ``seq`` is being handed to the consumer."""
         self._next = (seq + 1) % WRAP
         self._begun = True
         self._early_since_ns = None
+
+    def refused(self, seq: int) -> None:
+        """The consumer had no room for edge ``seq``: it is to come again."""
+        self._next = seq
 
     def acknowledge(self, seq: int) -> None:
         """The consumer has dealt with all edges up to ``seq``.

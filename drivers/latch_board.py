@@ -122,11 +122,7 @@ class LatchBoard(Driver):
         if not isinstance(hello, wire.Hello):
             raise DeviceError(f"HELLO was answered by {hello}", "update the firmware")
         self._check(hello)
-        self._n_channels = len(hello.channels)
         restarted = not first and hello.boot_id != self._boot_id
-        self._boot_id = hello.boot_id
-        if restarted:
-            self._edges, self._acknowledged = EdgeOrder(0), None
         self._latches.clear()  # whoever waited for them has given up
         self._clock = TickClock(hello.tick_rate_hz)
         line.ask(
@@ -136,6 +132,11 @@ class LatchBoard(Driver):
             ),
         )
         self._tell(DeviceUp(self.device, _identity(hello), restarted))
+        # Not earlier: if CONFIGURE fails, the next try has to tell of the restart.
+        if restarted:
+            self._edges, self._acknowledged = EdgeOrder(0), None
+        self._boot_id = hello.boot_id
+        self._n_channels = len(hello.channels)  # from now on edges are taken
         self._streams_begun = 0  # what was wanted is to be asked for again
 
     def _serve(self) -> None:
@@ -271,11 +272,13 @@ class LatchBoard(Driver):
             )
         if verdict == "acknowledged":
             self._acknowledged = None  # the board did not hear: say it again
-        elif verdict == "next" and self._deliver(
-            edge, edge.input, edge.seq, received_ns
-        ):
+        elif verdict == "next":
+            # Noted before it is handed over: its acknowledgement may come at once.
             self._edges.delivered(edge.seq)
-            self._counters["edges_received"] += 1
+            if self._deliver(edge, edge.input, edge.seq, received_ns):
+                self._counters["edges_received"] += 1
+            else:
+                self._edges.refused(edge.seq)
 
     def _deliver(
         self,

@@ -298,6 +298,28 @@ async def test_a_board_that_was_restarted_behind_an_open_port_is_noticed(rig):
     assert [latch.token for latch in taken.of(LatchedCounts)] == [0, 1, 2, 0]
 
 
+async def test_a_restart_is_told_even_if_connecting_fails_at_first(rig):
+    good = rig.board.answers[CONFIGURE]
+    refusals = []
+
+    def refuse_once(body):
+        refusals.append(body)
+        return (
+            [bodies.reply(CONFIGURE, body[1], 5)] if len(refusals) == 1 else good(body)
+        )
+
+    with rig.driver:
+        taken = await streaming(rig)
+        rig.board.answers[CONFIGURE] = refuse_once
+        rig.board.restart()
+        rig.press()
+        await taken.until(lambda: taken.of(LatchedCounts), "the edge after it")
+    ups = taken.of(DeviceUp)
+    assert [up.restarted for up in ups] == [False, True]
+    # Its counts are to be read with the knowledge of the restart.
+    assert taken.all.index(ups[1]) < taken.all.index(taken.of(LatchedCounts)[0])
+
+
 async def test_noise_costs_the_frames_it_touches_and_is_counted(rig):
     with rig.driver:
         taken = await streaming(rig)

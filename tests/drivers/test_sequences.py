@@ -109,3 +109,13 @@ def test_an_acknowledgement_from_before_a_restart_is_ignored():
     edges.acknowledge(40)  # of the board's former life
     assert edges.last_acknowledged is None
     assert edges.judge(0, 0) == ("next", 0)
+
+
+def test_a_refused_edge_is_taken_when_it_comes_again():
+    edges = EdgeOrder(3)
+    assert edges.judge(3, 0) == ("next", 0)
+    edges.delivered(3)
+    edges.refused(3)
+    edges.acknowledge(3)  # nobody can have: it is still to come
+    assert edges.judge(4, 1) == ("early", 0)
+    assert edges.judge(3, 2) == ("next", 0)
