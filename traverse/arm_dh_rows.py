@@ -31,6 +31,9 @@ _KNOWN = [
 _INTEGERS = {"counts_per_turn": "an integer from 1 to 2^32", "sign": "1 or -1"}
 _PI = re.compile(r"([+-]?)(\d+(?:\.\d*)?)? ?\*? ?pi(?: ?/ ?(\d+(?:\.\d*)?))?")
 
+# In mm or rad: nothing of an arm is larger, and sums stay finite.
+_LARGEST = 1e9
+
 Wrong = list[tuple[str, str]]
 
 
@@ -172,13 +175,15 @@ def _field_value(
     is_angle = column.field.endswith("_rad")
     if quantity is None and column.factor == 1.0 and is_angle:
         quantity = _part_of_pi(value)
-    if quantity is None:
-        why = f"{shown(value)} is not a finite number"
-        if is_angle:
-            in_rad = column.factor == 1.0
-            why += " or a part of pi such as -pi/2" if in_rad else " of degrees"
-        return _Refused(why)
-    return quantity * column.factor
+    if quantity is not None and abs(quantity * column.factor) <= _LARGEST:
+        return quantity * column.factor
+    why = f"{shown(value)} is not a finite number"
+    if quantity is not None:
+        why = f"{shown(value)} is beyond any arm; mind the unit"
+    elif is_angle:
+        in_rad = column.factor == 1.0
+        why += " or a part of pi such as -pi/2" if in_rad else " of degrees"
+    return _Refused(why)
 
 
 def _integer(value: object) -> int | None:

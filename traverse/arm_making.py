@@ -62,6 +62,7 @@ def arm_from_dh_file(
         wishes.posture_rad, wishes.posture_deg, [row.base_rad for row in rows]
     )
     joints = _joints(
+        path,
         wishes,
         names=[row.name or f"J{k}" for k, row in enumerate(rows, start=1)],
         counts=[row.counts_per_turn for row in rows],
@@ -95,6 +96,7 @@ def arm_from_urdf_file(
     arm = arm_from_chain(chain, tool, np.array(posture_rad))
     nothing = [None] * count
     joints = _joints(
+        path,
         wishes,
         names=arm.names,
         counts=nothing,
@@ -133,6 +135,7 @@ def _placed(
 
 
 def _joints(
+    path: Path,
     wishes: Wishes,
     *,
     names: Sequence[str],
@@ -146,6 +149,16 @@ def _joints(
         counts = integers_of("--counts-per-turn", wishes.counts_per_turn, n)
     if wishes.signs:
         signs = integers_of("--signs", wishes.signs, n)
+    idle = [
+        names[k]
+        for k in range(n)
+        if counts[k] is None and (signs[k], sources[k]) != (None, None)
+    ]
+    if idle:
+        what = (
+            f"{', '.join(idle)}: a sign or source, but no encoder; give counts per turn"
+        )
+        raise FileError(str(path), [Problem("", what)])
     return [
         JointParts(
             name=names[k],

@@ -50,19 +50,22 @@ Switching = Annotated[
     bool, typer.Option("--switching", help="A switching probe, not a hard one.")
 ]
 
+# In mm or rad: nothing of an arm is larger, and sums stay finite.
+_LARGEST = 1e9
+
 
 def numbers_of(option: str, text: str, count: int) -> tuple[float, ...]:
-    """Read finite numbers with commas between them.
+    """Read numbers with commas between them.
 
     Raises:
-        typer.BadParameter: They are not `count` finite numbers.
+        typer.BadParameter: They are not `count` numbers, finite.
     """
     try:
         numbers = tuple(float(word) for word in text.split(","))
     except ValueError:
         numbers = ()
-    if len(numbers) != count or not all(map(math.isfinite, numbers)):
-        expected = f"{count} finite number{'s with commas between' * (count > 1)}"
+    if len(numbers) != count or not all(abs(n) < _LARGEST for n in numbers):
+        expected = f"{count} number{'s' * (count > 1)} below 1e9, commas between"
         raise typer.BadParameter(f"'{text}' is not {expected}", param_hint=option)
     return numbers
 

@@ -4,7 +4,6 @@ Document types are refused, so no entity can be declared, let alone expanded. Le
 leave here in millimetres.
 """
 
-import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,6 +19,8 @@ from kinematics.urdf import Body, Floats, moved_body, transform
 
 _LARGEST_BYTES = 2_000_000
 _DEEPEST = 50
+# In m, rad or kg: nothing of an arm is larger, and sums stay finite.
+_LARGEST = 1e6
 _TYPES = ("revolute", "continuous", "fixed", "prismatic", "floating", "planar")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
@@ -213,8 +214,10 @@ class _Reading:
         words = text.split()
         numbers = [float(word) for word in words if _NUMBER.fullmatch(word)]
         good = len(words) == len(numbers) == len(default)
-        if not good or not all(map(math.isfinite, numbers)):
-            expected = f"{len(default)} finite number{'s' if len(default) > 1 else ''}"
+        if not good or not all(abs(number) < _LARGEST for number in numbers):
+            expected = (
+                f"{len(default)} number{'s' if len(default) > 1 else ''} below 1e6"
+            )
             what = f"<{element.tag}> {key} = {shown(text)}: expected {expected}"
             self._refuse(element, what)
             return default

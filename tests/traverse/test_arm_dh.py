@@ -2,10 +2,13 @@
 
 import json
 import math
+import tempfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from kinematics.arm_file import read_arm
@@ -237,6 +240,11 @@ def test_all_mistakes_of_a_toml_table_are_said_at_once(tmp_path):
             ["--convention", "classic"],
             "joints[3].name: 'wrist_1' is also the name of joints[2]",
         ),
+        (
+            "a_mm,d_mm,alpha_rad,sign,name\n1,1,0,-1,A\n1,1,0,,B\n1,1,0,1,C\n",
+            ["--convention", "classic"],
+            "A, C: a sign or source, but no encoder; give counts per turn",
+        ),
     ],
 )
 def test_a_table_without_an_answer_is_refused(tmp_path, text, options, said):
@@ -289,3 +297,37 @@ def test_angles_may_be_parts_of_pi(tmp_path, text, value_rad):
     assert traverse("from-dh", table, "-o", out, "--convention=classic").exit_code == 0
     expected = [0.0, -math.sin(value_rad), math.cos(value_rad)]
     np.testing.assert_allclose(read_arm(out).joints[1].axis, expected, atol=1e-14)
+
+
+PIECES = [
+    "1e308",
+    "pi",
+    "a_mm",
+    ",",
+    '"',
+    "[[rows]]",
+    "\n",
+    "-",
+    "nan",
+    "0x1",
+    "J1",
+    "=",
+]
+
+
+@settings(max_examples=300)
+@given(st.sampled_from([("csv", UR10_CSV), ("toml", BENCH_TOML)]), st.data())
+def test_a_damaged_table_is_made_an_arm_or_refused_and_nothing_else(kind, data):
+    ending, text = kind
+    for _ in range(data.draw(st.integers(1, 3))):
+        start = data.draw(st.integers(0, len(text)))
+        stop = start + data.draw(st.integers(0, 20))
+        new = data.draw(st.text(max_size=4) | st.sampled_from(PIECES))
+        text = text[:start] + new + text[stop:]
+    with tempfile.TemporaryDirectory() as folder:
+        table, out = Path(folder) / f"t.{ending}", Path(folder) / "arm.toml"
+        table.write_bytes(text.encode("utf-8", "surrogatepass"))
+        options = ["--convention", "classic"] if ending == "csv" else []
+        ended = traverse("from-dh", table, "-o", out, *options)
+        assert ended.exit_code in (0, 2), ended.exception
+        assert out.exists() == (ended.exit_code == 0)
