@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -22,6 +22,9 @@ from traverse.arm_options import (
     ToolRpy,
     ToolXyz,
 )
+
+if TYPE_CHECKING:
+    from kinematics.arm_file import Arm
 
 arm = typer.Typer(
     help="Arm files: show one, make one of a DH table or a URDF, find its DH table.",
@@ -57,6 +60,11 @@ class Angles(StrEnum):
 @arm.command()
 def show(
     file: Annotated[Path, typer.Argument(help="An arm file.")],
+    *,
+    png: Annotated[
+        Path | None,
+        typer.Option(help="Draw the base posture from three sides (extra `lab`)."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Show an arm: axes, links, reach, encoder steps, effects, identification."""
@@ -65,6 +73,8 @@ def show(
 
     with _refusals():
         values = read_arm(file)
+        if png is not None:
+            _draw(values, png)
     summary = arm_summary(values)
     if as_json:
         typer.echo(json.dumps(summary, indent=1, default=str))
@@ -220,6 +230,16 @@ def to_dh(
         typer.echo(csv_text, nl=False)
     else:
         typer.echo("\n".join([f"{out}: classic table", *remark_lines(report)]))
+
+
+def _draw(values: "Arm", png: Path) -> None:
+    try:
+        from lab.arm_picture import draw_base_posture  # noqa: PLC0415 - extra `lab`
+    except ModuleNotFoundError as error:
+        what = f"{png}: cannot be drawn without {error.name}; install traverse-cmm[lab]"
+        typer.echo(what, err=True)
+        raise typer.Exit(2) from error
+    draw_base_posture(values, png)
 
 
 @contextmanager
