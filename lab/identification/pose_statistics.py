@@ -102,7 +102,6 @@ def _statistics(
         unknowns = adjustment.state.unknowns[at]
         arm = adjustment.state.arm
         for rows in white_rows(network, station, arm, unknowns):
-            _add(found, station, rows, elimination, inverse, sign)
             block, by_arm = _blocks(rows, elimination, inverse, sign)
             poses = station.poses[rows.part]
             corrections = np.einsum("nij,ni->nj", rows.by_readings, rows.misclosures)

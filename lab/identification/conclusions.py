@@ -1,0 +1,185 @@
+"""What an adjustment says: the arm, its parameters, its artefacts, in figures."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.arm_file import Arm, Probe
+from lab.identification.adjustment import Adjustment
+from lab.identification.distributions import chi_square_p_value
+from lab.identification.network import Network, State, Station, station_centres
+from lab.identification.parameters import ArmValues
+from lab.identification.pose_statistics import PoseStatistics
+from lab.identification.result import (
+    ArtefactResult,
+    CartesianCovariance,
+    EstimatedLength,
+    GlobalTest,
+    ParameterEstimate,
+)
+
+Floats = NDArray[np.float64]
+
+_LEVEL = 0.05
+
+
+def identified_arm(arm: Arm, adjustment: Adjustment) -> Arm:
+    """Put the estimated geometry into an arm; provenance comes when it is written."""
+    geometry = adjustment.state.arm.geometry
+    joints = tuple(
+        joint.model_copy(
+            update={
+                "axis": _vector(geometry.axes[k]),
+                "link_mm": _vector(geometry.links_mm[k]),
+                "zero_rad": float(geometry.zeros_rad[k]),
+            }
+        )
+        for k, joint in enumerate(arm.joints)
+    )
+    update: dict[str, object] = {
+        "origin_mm": _vector(geometry.origin_mm),
+        "joints": joints,
+        "identification": None,
+    }
+    if tuple(arm.probe.vector_mm) != _vector(geometry.probe_vector_mm):
+        probe: Probe = arm.probe.model_copy(
+            update={"vector_mm": _vector(geometry.probe_vector_mm)}
+        )
+        update["probe"] = probe
+    return arm.model_copy(update=update)
+
+
+def parameter_estimates(
+    adjustment: Adjustment, design: ArmValues, covariance: Floats
+) -> tuple[ParameterEstimate, ...]:
+    """List the free parameters, as changes in the design's basis."""
+    parameters = adjustment.network.parameters
+    changes = parameters.coordinates(adjustment.state.arm, design)[parameters.free]
+    variances = np.diag(covariance)
+    normal = np.sum(adjustment.system.upper[:, :-1] ** 2, axis=0)
+    unit = variances / max(adjustment.sigma0, 1e-300) ** 2
+    products = normal * unit
+    safe = np.where(products > 0.0, products, np.inf)
+    controllability = np.clip(1.0 / safe, 0.0, 1.0)
+    return tuple(
+        ParameterEstimate(name, float(value), unit_name, float(std), float(control))
+        for name, value, unit_name, std, control in zip(
+            parameters.free_names,
+            changes,
+            parameters.free_units,
+            np.sqrt(np.maximum(variances, 0.0)),
+            controllability,
+            strict=True,
+        )
+    )
+
+
+def cartesian_covariance(
+    adjustment: Adjustment, covariance: Floats
+) -> CartesianCovariance:
+    """Write the covariance over xyz components."""
+    parameters = adjustment.network.parameters
+    values = adjustment.state.arm
+    geometry, n = values.geometry, parameters.n_joints
+    basis = parameters.basis(geometry)
+    n_terms = len(values.amplitudes)
+    first_term = 6 * n + 3
+    to_xyz = np.zeros((first_term + n_terms + 3, len(parameters.names)))
+    for k in range(n):
+        to_xyz[3 * k : 3 * k + 3, 4 * k : 4 * k + 2] = basis[k].T
+        link = 3 * (n + k)
+        to_xyz[link : link + 3, 4 * k + 2 : 4 * k + 4] = basis[k].T
+    to_xyz[6 * n : 6 * n + 3, 4 * n + 3 : 4 * n + 6] = np.eye(3)
+    to_xyz[first_term : first_term + n_terms, 5 * n + 6 :] = np.eye(n_terms)
+    to_xyz[first_term + n_terms :, 4 * n : 4 * n + 3] = np.eye(3)
+    free = to_xyz[:, parameters.free]
+    joints = adjustment.network.campaign.joint_names
+    names = [f"{joint}.axis.{c}" for joint in joints for c in "xyz"]
+    names += [f"{joint}.link.{c}" for joint in joints for c in "xyz"]
+    names += [f"probe.vector.{c}" for c in "xyz"]
+    names += parameters.names[5 * n + 6 :]
+    names += [f"origin.{c}" for c in "xyz"]
+    all_values = np.concatenate(
+        [
+            geometry.axes.ravel(),
+            geometry.links_mm.ravel(),
+            geometry.probe_vector_mm,
+            values.amplitudes,
+            geometry.origin_mm,
+        ]
+    )
+    return CartesianCovariance(tuple(names), all_values, free @ covariance @ free.T)
+
+
+def global_test(adjustment: Adjustment, *, noise_estimated: bool) -> GlobalTest:
+    """Test sigma0 against 1, two-sided."""
+    redundancy = adjustment.redundancy
+    if redundancy <= 0:
+        return GlobalTest(1.0, True, noise_estimated)
+    upper = chi_square_p_value(adjustment.system.sum_of_squares, redundancy)
+    p_value = 2.0 * min(upper, 1.0 - upper)
+    return GlobalTest(p_value, p_value >= _LEVEL, noise_estimated)
+
+
+def artefact_results(
+    adjustment: Adjustment, found: PoseStatistics
+) -> tuple[ArtefactResult, ...]:
+    """Say how every artefact came out."""
+    return tuple(
+        _artefact_result(adjustment, at, station, found)
+        for at, station in enumerate(adjustment.network.stations)
+    )
+
+
+def condition_number(adjustment: Adjustment) -> float:
+    """Compute that of the arm's column-scaled system, as far as it is determined."""
+    columns = adjustment.system.upper[:, :-1]
+    if columns.shape[1] == 0 or adjustment.split.n_determined == 0:
+        return 1.0
+    sizes = np.linalg.norm(columns, axis=0)
+    values = np.linalg.svd(columns / np.where(sizes > 0.0, sizes, 1.0))[1]
+    return float(values[0] / values[adjustment.split.n_determined - 1])
+
+
+def rms_mm(network: Network, state: State) -> float:
+    """Compute the root mean square of all scalar misclosures of a state."""
+    total, n_rows = 0.0, 0
+    for station, unknowns in zip(network.stations, state.unknowns, strict=True):
+        centres_mm = station_centres(network, station, state.arm)
+        equations = station.artefact.equations(unknowns, centres_mm, station.touches)
+        total += float(np.sum(equations.misclosures_mm**2))
+        n_rows += equations.misclosures_mm.size
+    return float(np.sqrt(total / max(n_rows, 1)))
+
+
+def _artefact_result(
+    adjustment: Adjustment, at: int, station: Station, found: PoseStatistics
+) -> ArtefactResult:
+    artefact = station.artefact
+    misclosures_mm = found.misclosures_mm[station.poses, : artefact.rows_per_pose]
+    elimination = adjustment.system.eliminations[at]
+    arm = elimination.left @ adjustment.split.inverse
+    lengths = []
+    for length in artefact.lengths(adjustment.state.unknowns[at]):
+        along = length.by_unknowns @ elimination.gain
+        variance = float(along @ along + np.sum((along @ arm) ** 2))
+        std_mm = adjustment.sigma0 * float(np.sqrt(variance))
+        lengths.append(EstimatedLength(length.name, length.value_mm, std_mm))
+    distances_mm = np.linalg.norm(misclosures_mm, axis=1)
+    return ArtefactResult(
+        id=artefact.id,
+        kind=artefact.kind,
+        n_poses=len(station.poses),
+        rms_mm=float(np.sqrt(np.mean(misclosures_mm**2))),
+        mean_distance_mm=float(distances_mm.mean())
+        if artefact.kind == "points"
+        else None,
+        lengths=tuple(lengths),
+        contact_mm=float(adjustment.network.noise.contact_mm[station.index]),
+    )
+
+
+def _vector(values: Sequence[float] | Floats) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in values)
+    return x, y, z
