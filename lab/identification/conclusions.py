@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from kinematics.arm_file import Arm, Probe
 from lab.identification.adjustment import Adjustment
+from lab.identification.artefacts.artefact import Length
 from lab.identification.distributions import chi_square_p_value
 from lab.identification.network import Network, State, Station, station_centres
 from lab.identification.parameters import ArmValues
@@ -22,6 +23,8 @@ from lab.identification.result import (
 Floats = NDArray[np.float64]
 
 _LEVEL = 0.05
+# Redundancy of a certificate below which nothing else says what it says.
+_INDEPENDENT = 1e-9
 
 
 def identified_arm(arm: Arm, adjustment: Adjustment) -> Arm:
@@ -158,14 +161,6 @@ def _artefact_result(
 ) -> ArtefactResult:
     artefact = station.artefact
     misclosures_mm = found.misclosures_mm[station.poses, : artefact.rows_per_pose]
-    elimination = adjustment.system.eliminations[at]
-    arm = elimination.left @ adjustment.split.inverse
-    lengths = []
-    for length in artefact.lengths(adjustment.state.unknowns[at]):
-        along = length.by_unknowns @ elimination.gain
-        variance = float(along @ along + np.sum((along @ arm) ** 2))
-        std_mm = adjustment.sigma0 * float(np.sqrt(variance))
-        lengths.append(EstimatedLength(length.name, length.value_mm, std_mm))
     distances_mm = np.linalg.norm(misclosures_mm, axis=1)
     return ArtefactResult(
         id=artefact.id,
@@ -175,9 +170,42 @@ def _artefact_result(
         mean_distance_mm=float(distances_mm.mean())
         if artefact.kind == "points"
         else None,
-        lengths=tuple(lengths),
+        lengths=tuple(
+            _estimated_length(adjustment, at, length)
+            for length in artefact.lengths(adjustment.state.unknowns[at])
+        ),
         contact_mm=float(adjustment.network.noise.contact_mm[station.index]),
     )
+
+
+def _estimated_length(
+    adjustment: Adjustment, at: int, length: Length
+) -> EstimatedLength:
+    """Estimate a length from everything but its own certificate, where possible.
+
+    With the misclosure v of the certificate, its standard deviation s and the
+    variance h s^2 of the adjusted length, the length without it is the certified one
+    plus v / (1 - h), of the variance s^2 h / (1 - h).
+    """
+    elimination = adjustment.system.eliminations[at]
+    own = length.by_unknowns @ elimination.gain
+    arm = own @ elimination.left @ adjustment.split.inverse
+    variance_mm2 = float(own @ own + arm @ arm)
+    value_mm, row = length.value_mm, length.certificate_row
+    independent = row is None
+    if row is not None:
+        station = adjustment.network.stations[at]
+        unknowns = adjustment.state.unknowns[at]
+        certificate = station.artefact.certificate(unknowns, station.touches)
+        s2 = float(certificate.std_mm[row]) ** 2
+        redundancy = 1.0 - variance_mm2 / s2
+        if redundancy > _INDEPENDENT:
+            independent = True
+            v_mm = float(certificate.misclosures_mm[row])
+            value_mm = value_mm - v_mm + v_mm / redundancy
+            variance_mm2 = variance_mm2 / redundancy
+    std_mm = adjustment.sigma0 * float(np.sqrt(variance_mm2))
+    return EstimatedLength(length.name, value_mm, std_mm, independent)
 
 
 def _vector(values: Sequence[float] | Floats) -> tuple[float, float, float]:

@@ -56,11 +56,20 @@ class ParameterEstimate:
 
 @dataclass(frozen=True, slots=True)
 class EstimatedLength:
-    """A length of an artefact: name such as `distance_mm`, value, deviation."""
+    """A length of an artefact.
+
+    Attributes:
+        name: For example `distance_mm`.
+        value_mm: As the arm measures it: its own certificate is left out, unless
+            nothing else says how long anything is.
+        std_mm: Standard deviation of that.
+        independent: Whether the certificate could be left out.
+    """
 
     name: str
     value_mm: float
     std_mm: float
+    independent: bool
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,19 +13,15 @@ along its three directions. Directions that the data do not determine are held a
 their design values and count as known.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.derivatives import probe_derivatives
-from kinematics.forward import probe_centre
 from kinematics.geometry import Geometry
-from lab.campaign import Poses
-from lab.identification.cylinder import Cylinder, cylinder_about_first_axis
+from lab.identification.cylinder import cylinder_about_first_axis
 from lab.identification.parameters import ArmValues, Parameters
-from lab.identification.reaching import PostureCloud, posture_cloud, reach
+from lab.identification.reaching import posture_cloud
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

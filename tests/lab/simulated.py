@@ -4,7 +4,9 @@ Rodrigues' formula as matrices, inverse kinematics by differences, noise added t
 readings and contacts.
 """
 
+import json
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -255,3 +257,32 @@ def bar(**more):
     return {
         "id": "bar", "kind": "ball_bar", "radius_mm": 12.7, "distance_mm": 400.0, **more
     }
+
+
+def written(campaign: Campaign, folder: Path) -> Path:
+    """Write a campaign as the files of a folder."""
+    lines = ['schema = "traverse/campaign/1"', 'poses = "poses.csv"', "[noise]"]
+    lines += [f"encoder_rad = {campaign.encoder_rad}"] if campaign.encoder_rad else []
+    lines += [f"contact_mm = {campaign.contact_mm}"] if campaign.contact_mm else []
+    for artefact in campaign.artefacts:
+        lines.append("[[artefacts]]")
+        table = artefact.model_dump(exclude_unset=True)
+        points = table.pop("points_mm", None)
+        for key, value in table.items():
+            shown = list(value) if isinstance(value, tuple) else value
+            lines.append(f"{key} = {json.dumps(shown)}")
+        if points:
+            lines.append("[artefacts.points_mm]")
+            lines += [f"{name} = {list(at)}" for name, at in points.items()]
+    (folder / "campaign.toml").write_text("\n".join(lines) + "\n")
+    poses = campaign.poses
+    rows = [["time_s", "artefact", "feature", *(f"{n}_rad" for n in campaign.joint_names)]]
+    for at in range(len(poses)):
+        index = poses.artefacts[at]
+        feature = campaign.feature_names[index][poses.features[at]]
+        angles = [repr(float(angle)) for angle in poses.angles_rad[at]]
+        rows.append(
+            [str(poses.time_s[at]), campaign.artefacts[index].id, feature, *angles]
+        )
+    (folder / "poses.csv").write_text("\n".join(",".join(row) for row in rows) + "\n")
+    return folder

@@ -87,11 +87,19 @@ class Certificate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Length:
-    """A length of the artefact as estimated, with its derivatives, (n_unknowns,)."""
+    """A length of the artefact as estimated.
+
+    Attributes:
+        name: For example `distance_mm`.
+        value_mm: Of the state.
+        by_unknowns: Derivatives, (n_unknowns,).
+        certificate_row: Which value of the certificate is about it, or None.
+    """
 
     name: str
     value_mm: float
     by_unknowns: Floats
+    certificate_row: int | None
 
 
 class Artefact(StrictModel):

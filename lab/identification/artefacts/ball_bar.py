@@ -131,4 +131,4 @@ class BallBar(Artefact):
         distance_mm = float(np.linalg.norm(along_mm))
         unit = along_mm / max(distance_mm, 1e-9)
         by_unknowns = np.concatenate([-unit, unit, np.zeros(2)])
-        return (Length("distance_mm", distance_mm, by_unknowns),)
+        return (Length("distance_mm", distance_mm, by_unknowns, 0),)

@@ -110,7 +110,7 @@ class ParallelPlanes(Artefact):
     def lengths(self, state: Floats) -> tuple[Length, ...]:
         """The distance."""
         by_unknowns = np.array([0.0, 0.0, 0.0, 1.0])
-        return (Length("distance_mm", float(state[4]), by_unknowns),)
+        return (Length("distance_mm", float(state[4]), by_unknowns, 0),)
 
     def moved(self, state: Floats, step: Floats) -> Floats:
         """Turn the normal, change height and distance."""

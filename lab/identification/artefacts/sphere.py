@@ -84,4 +84,6 @@ class Sphere(Artefact):
 
     def lengths(self, state: Floats) -> tuple[Length, ...]:
         """The radius."""
-        return (Length("radius_mm", float(state[3]), np.array([0.0, 0.0, 0.0, 1.0])),)
+        row = None if self.radius_mm is None else 0
+        by_unknowns = np.array([0.0, 0.0, 0.0, 1.0])
+        return (Length("radius_mm", float(state[3]), by_unknowns, row),)
