@@ -2,15 +2,15 @@
 
 For two poses with ball centres x_1, x_2 and u = (x_1 - x_2) / |x_1 - x_2|
 
-    d|x_1 - x_2| = u^T (A_1 - A_2) dp        variance u^T (A_1 - A_2) C (...)^T u
+    d|x_1 - x_2| = u^T (A_1 - A_2) dp
 
-with A = dx/dp and the covariance C of the parameters p. A distance does not change
-when the arm moves as a whole, so its variance does not depend on the datum.
+with A = dx/dp; the variance follows from the covariance of the parameters p. A
+distance does not change when the arm moves as a whole, so neither does its variance
+depend on the datum. Directions that the data do not determine are held at their
+design values and count as known; what noise adds to every new pose comes on top.
 
-The first joint turns everything about its axis, so that places differ by radius and
-height about that axis only: the map is drawn in this half plane, and distances lie
-along its three directions. Directions that the data do not determine are held at
-their design values and count as known.
+The first joint turns everything about its axis. Places therefore differ by radius and
+height about that axis only, and distances lie along the three directions there.
 """
 
 from dataclasses import dataclass
@@ -18,42 +18,22 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from kinematics.derivatives import probe_derivatives
 from kinematics.geometry import Geometry
-from lab.identification.cylinder import cylinder_about_first_axis
+from lab.campaign import Poses
 from lab.identification.parameters import ArmValues, Parameters
-from lab.identification.reaching import posture_cloud
+from lab.identification.reaching import PostureCloud, posture_cloud, reach
 
 Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 DIRECTIONS = ("radial", "tangential", "axial")
-_LENGTH_MM = 500.0
+
 _N_RADII, _N_HEIGHTS = 12, 16
-# Postures tried for each end of a distance.
-_N_POSTURES = 4
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class UncertaintyMap:
-    """Standard deviations of distances by place; NaN where the arm does not reach.
-
-    Attributes:
-        length_mm: Of the distances along the three directions.
-        radii_mm: Middles of the cells, from the first axis, (n_radii,).
-        heights_mm: Middles of the cells, along the first axis from x_0, (n_heights,).
-        by_direction_mm: Of a distance with its middle in the cell; directions as in
-            `DIRECTIONS`; root mean square over postures, (3, n_heights, n_radii).
-        reference_mm: Where the reference is, (3,).
-        from_reference_mm: Of the distance to the reference; root mean square over
-            postures, (n_heights, n_radii).
-    """
-
-    length_mm: float
-    radii_mm: Floats
-    heights_mm: Floats
-    by_direction_mm: Floats
-    reference_mm: Floats
-    from_reference_mm: Floats
+# Pairs of postures tried for every distance.
+_N_PAIRS = 5
+_LENGTHS_MM = (500.0, 250.0, 100.0, 50.0, 25.0, 10.0)
+# A distance is not longer than this part of the largest radius.
+_PART_OF_RADIUS = 0.6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,13 +42,36 @@ class KnownArm:
 
     Attributes:
         geometry: As estimated.
-        parameters: With the mask of the free ones; terms are left out.
-        covariance: Of the free parameters without the terms', (n_free, n_free).
+        parameters: Without terms; with the mask of the free ones.
+        covariance: (n_free, n_free).
     """
 
     geometry: Geometry
     parameters: Parameters
     covariance: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UncertaintyMap:
+    """Standard deviations by place; NaN where the arm was not, or does not reach.
+
+    Attributes:
+        length_mm: Of the distances along the three directions.
+        radii_mm: Of places from the first axis, (n_radii,).
+        heights_mm: Of places along the first axis from x_0, (n_heights,).
+        deviations_mm: Of a distance with its middle at the place, along `DIRECTIONS`,
+            then of the distance from the reference to the place; root mean squares
+            over postures, (4, n_heights, n_radii).
+        reference_mm: The ball's centre at the reference, (3,).
+        reference_place_mm: Its radius and height.
+    """
+
+    length_mm: float
+    radii_mm: Floats
+    heights_mm: Floats
+    deviations_mm: Floats
+    reference_mm: Floats
+    reference_place_mm: tuple[float, float]
 
 
 def known_arm(arm: ArmValues, parameters: Parameters, covariance: Floats) -> KnownArm:
@@ -81,7 +84,7 @@ def known_arm(arm: ArmValues, parameters: Parameters, covariance: Floats) -> Kno
 def distance_deviations_mm(
     arm: KnownArm, first_rad: Floats, second_rad: Floats
 ) -> Floats:
-    """Compute standard deviations of distances between two poses.
+    """Compute standard deviations of distances between the balls of two poses.
 
     Args:
         arm: With its covariance.
@@ -89,15 +92,47 @@ def distance_deviations_mm(
         second_rad: Readings, (n_pairs, n_joints).
 
     Returns:
-        (n_pairs,) [mm].
+        (n_pairs,).
     """
     first_mm, by_first = _columns(arm, first_rad)
     second_mm, by_second = _columns(arm, second_rad)
     apart_mm = first_mm - second_mm
-    units = apart_mm / np.linalg.norm(apart_mm, axis=1, keepdims=True)
+    lengths_mm = np.linalg.norm(apart_mm, axis=1, keepdims=True)
+    units = apart_mm / np.maximum(lengths_mm, 1e-300)
     slopes = np.einsum("ni,nip->np", units, by_first - by_second)
-    variances = np.einsum("np,pq,nq->n", slopes, arm.covariance, slopes)
+    variances = np.einsum("np,np->n", slopes @ arm.covariance, slopes)
     deviations_mm: Floats = np.sqrt(np.maximum(variances, 0.0))
+    return deviations_mm
+
+
+def noise_deviations_mm(
+    geometry: Geometry,
+    encoder_rad: Floats,
+    contact_mm: float,
+    first_rad: Floats,
+    second_rad: Floats,
+) -> Floats:
+    """Compute what the noise of readings (n_joints,) and contacts adds to distances.
+
+    Args:
+        geometry: The arm.
+        encoder_rad: Standard deviations of the readings, (n_joints,).
+        contact_mm: Standard deviation of a contact along the distance.
+        first_rad: Readings, (n_pairs, n_joints).
+        second_rad: Readings, (n_pairs, n_joints).
+
+    Returns:
+        (n_pairs,).
+    """
+    first = probe_derivatives(geometry, first_rad)
+    second = probe_derivatives(geometry, second_rad)
+    apart_mm = first.centres_mm - second.centres_mm
+    units = apart_mm / np.linalg.norm(apart_mm, axis=1, keepdims=True)
+    variances = np.full(len(units), 2.0 * contact_mm**2)
+    for end in (first, second):
+        slopes = np.einsum("ni,nij->nj", units, end.by_angles) * encoder_rad
+        variances += np.einsum("nj,nj->n", slopes, slopes)
+    deviations_mm: Floats = np.sqrt(variances)
     return deviations_mm
 
 
@@ -110,43 +145,72 @@ def uncertainty_map(
         arm: With its covariance.
         angles_rad: Readings of a campaign, whose ranges say which postures count,
             (n_poses, n_joints).
-        length_mm: Of the distances; default 500 mm, or a round length that fits three
-            times into a smaller volume.
+        length_mm: Of the distances; default 500 mm, or less for a small arm.
     """
     cloud = posture_cloud(arm.geometry, angles_rad)
-    cylinder = cylinder_about_first_axis(arm.geometry)
-    radii, heights = cylinder.radii_and_heights_mm(cloud.centres_mm)
-    radius_edges = np.linspace(0.0, float(radii.max()), _N_RADII + 1)
-    height_edges = np.linspace(
-        float(heights.min()), float(heights.max()), _N_HEIGHTS + 1
-    )
+    largest_mm = float(cloud.radii_mm.max())
+    radii_mm = (np.arange(_N_RADII) + 0.5) * largest_mm / _N_RADII
+    lowest_mm, highest_mm = float(cloud.heights_mm.min()), float(cloud.heights_mm.max())
+    step_mm = (highest_mm - lowest_mm) / _N_HEIGHTS
+    heights_mm = lowest_mm + (np.arange(_N_HEIGHTS) + 0.5) * step_mm
     if length_mm is None:
-        extent_mm = min(radius_edges[-1], height_edges[-1] - height_edges[0])
-        length_mm = _suitable_length_mm(float(extent_mm))
-    radii_mm = 0.5 * (radius_edges[1:] + radius_edges[:-1])
-    heights_mm = 0.5 * (height_edges[1:] + height_edges[:-1])
-    azimuth_rad = cylinder.middle_azimuth_rad(cloud.centres_mm)
-    shape = (_N_HEIGHTS, _N_RADII)
-    by_direction = np.full((3, *shape), np.nan)
-    places = [
-        (row, column, cylinder.place_mm(radius, height, azimuth_rad))
-        for row, height in enumerate(heights_mm)
-        for column, radius in enumerate(radii_mm)
+        fitting = [x for x in _LENGTHS_MM if x <= _PART_OF_RADIUS * largest_mm]
+        length_mm = fitting[0] if fitting else _LENGTHS_MM[-1]
+    places_mm = cloud.place_mm(
+        np.tile(radii_mm, _N_HEIGHTS), np.repeat(heights_mm, _N_RADII)
+    )
+    reference = _middle(cloud)
+    reference_mm = cloud.place_mm(
+        cloud.radii_mm[reference : reference + 1],
+        cloud.heights_mm[reference : reference + 1],
+    )[0]
+    pairs = [
+        (places_mm - 0.5 * length_mm * unit, places_mm + 0.5 * length_mm * unit)
+        for unit in cloud.directions
     ]
-    axes = cylinder.directions(azimuth_rad)
-    for at, direction in enumerate(axes):
-        half_mm = 0.5 * length_mm * direction
-        middles_mm = np.array([place for _, _, place in places])
-        pooled = _pooled_mm(arm, cloud, middles_mm + half_mm, middles_mm - half_mm)
-        for (row, column, _), value in zip(places, pooled, strict=True):
-            by_direction[at, row, column] = value
-    reference = int(np.argmin(np.linalg.norm(_scaled(cloud.centres_mm), axis=1)))
-    from_reference = _binned_mm(arm, cloud, reference, radius_edges, height_edges)
+    pairs.append((np.broadcast_to(reference_mm, places_mm.shape), places_mm))
+    deviations_mm = np.stack([_pooled_mm(arm, cloud, *ends) for ends in pairs])
     return UncertaintyMap(
         length_mm,
         radii_mm,
         heights_mm,
-        by_direction,
-        cloud.centres_mm[reference],
-        from_reference,
+        deviations_mm.reshape(4, _N_HEIGHTS, _N_RADII),
+        reference_mm,
+        (float(cloud.radii_mm[reference]), float(cloud.heights_mm[reference])),
     )
+
+
+def _pooled_mm(
+    arm: KnownArm, cloud: PostureCloud, first_mm: Floats, second_mm: Floats
+) -> Floats:
+    """Average variances between places (n, 3) over pairs of postures, (n,)."""
+    sums, counts = np.zeros(len(first_mm)), np.zeros(len(first_mm))
+    for rank in range(_N_PAIRS):
+        first_rad, reached_first = reach(cloud, first_mm, rank)
+        # Another rank at the other end, so that the postures differ, too.
+        second_rad, reached_second = reach(cloud, second_mm, _N_PAIRS - rank)
+        good = reached_first & reached_second
+        squares = distance_deviations_mm(arm, first_rad, second_rad) ** 2
+        sums += np.where(good, squares, 0.0)
+        counts += good
+    pooled: Floats = np.full(len(first_mm), np.nan)
+    some = counts > 0
+    pooled[some] = np.sqrt(sums[some] / counts[some])
+    return pooled
+
+
+def _middle(cloud: PostureCloud) -> int:
+    """Choose a sample in the middle of the volume."""
+    places = np.column_stack([cloud.radii_mm, cloud.heights_mm])
+    away = np.linalg.norm(places - np.median(places, axis=0), axis=1)
+    return int(np.argmin(away))
+
+
+def _columns(arm: KnownArm, angles_rad: Floats) -> tuple[Floats, Floats]:
+    """Compute centres (n, 3) and derivatives by free parameters (n, 3, n_free)."""
+    derivatives = probe_derivatives(arm.geometry, angles_rad)
+    n_poses = len(angles_rad)
+    nothing = np.zeros(n_poses, dtype=np.int64)
+    poses = Poses(nothing, np.zeros(n_poses), nothing, nothing, angles_rad)
+    values = ArmValues(arm.geometry, np.empty(0))
+    return derivatives.centres_mm, arm.parameters.columns(values, derivatives, poses)
