@@ -8,6 +8,7 @@ hundred waits 24 ms. A message leaves its queue only after the broker has taken 
 import asyncio
 import contextlib
 import logging
+import os
 import random
 import socket
 from collections.abc import AsyncIterator, Callable
@@ -209,6 +210,7 @@ class Publisher:
             yield client
 
     def _client(self, *, will: bool) -> BrokerClient:
+        """The daemon's connection, or one without a will only to try the broker."""
         password = None
         if self.address.password_file is not None:
             password = self.address.password_file.read_text("utf-8").strip()
@@ -217,7 +219,8 @@ class Publisher:
             self.address.port,
             username=self.address.username,
             password=password,
-            identifier=self._client_id,
+            # A probe must not throw a running daemon of this arm out.
+            identifier=self._client_id if will else f"{self._client_id}-{os.getpid()}",
             protocol=self._version,
             keepalive=self.address.keepalive_s,
             will=aiomqtt.Will(self._will.topic, self._will.payload, 1, True)

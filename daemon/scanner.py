@@ -12,6 +12,8 @@ from daemon.model import ArmModel
 from daemon.poses import PoseBlock
 from protocol.messages import Scan
 
+MAX_POINTS = 1000  # of a message: half a megabyte with 32 joints
+
 
 @dataclass(frozen=True, slots=True)
 class ScanPlan:
@@ -129,9 +131,11 @@ class Scanner:
         blocks, self._waiting, self._n_waiting = self._waiting, [], 0
         if blocks:
             points = PoseBlock.joined(blocks)
-            # A message's numbers are consecutive: a gap begins a new message.
-            cuts = np.flatnonzero(np.diff(points.seq) != 1) + 1
-            bounds = [0, *cuts.tolist(), len(points.seq)]
+            # A message's numbers are consecutive: a gap begins a new message. After a
+            # stall many points come at once: no message grows beyond its bound.
+            n = len(points.seq)
+            gaps = np.flatnonzero(np.diff(points.seq) != 1) + 1
+            bounds = sorted({*range(0, n, MAX_POINTS), *gaps.tolist(), n})
             for start, end in pairwise(bounds):
                 final = last and end == bounds[-1]
                 self._publish(points.rows(slice(start, end)), last=final)

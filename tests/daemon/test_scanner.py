@@ -160,3 +160,10 @@ def test_times_within_a_message_never_decrease(model):
     bench.scanner.take(model, replace(block, sample_time_ns=times_ns))
     bench.scanner.stop()
     assert (np.diff(bench.messages[0].dtime_ns) >= 0).all()
+
+
+def test_a_stall_makes_several_messages_and_no_huge_one(model):
+    bench = Bench(model)
+    bench.take(range(2500))
+    assert [len(message.xyz_mm) for message in bench.messages] == [1000, 1000, 500]
+    assert bench.numbers() == [(k, k) for k in range(2500)]

@@ -115,10 +115,6 @@ async def test_a_second_daemon_on_the_port_says_so(bench: Workbench) -> None:
 
 
 @pytest.mark.broker
-@pytest.mark.xfail(
-    reason="the probe of the broker at start-up uses the running daemon's client id",
-    strict=False,
-)
 async def test_a_second_daemon_leaves_the_first_in_peace(bench: Workbench) -> None:
     bench.write_simulator(REST)
     bench.write_daemon()
