@@ -27,9 +27,10 @@ def assert_one_point_an_edge(
         assert np.abs(np.array(point.ijk) - shank).max() < 1e-12
         assert point.angles_rad == pytest.approx(arm.angles_rad(point.counts), 1e-14)
         assert point.quality.ok
-    # A slow stream reaches the host in bursts of up to 2 ms, and the first points are
-    # taken before the host has seen the shortest delay.
-    assert np.ptp(delays_s(points, truth)) < 4e-3
+    # How the host sees the board's clock is still settling, and a busy machine reads
+    # late; `test_points` is stricter where nothing disturbs.
+    delays = delays_s(points, truth)
+    assert np.ptp(delays) < 1e-2, delays - delays[-1]
 
 
 def delays_s(points: list[Point], truth: list[dict[str, Any]]) -> np.ndarray:
