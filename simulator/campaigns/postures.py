@@ -1,7 +1,8 @@
 """Postures in which the ball is where it should be, for any number of targets at once.
 
-Newton's method on the true geometry, damped while far away, each target from its own
-random start: what a redundant arm leaves free stays as drawn, so that postures vary.
+Newton's method on the true geometry, damped while far away, each target from a random
+start of its own, the nearest of a few: what a redundant arm leaves free stays as drawn,
+so that postures vary.
 """
 
 import numpy as np
@@ -12,11 +13,13 @@ from simulator.physics import Floats, Mechanism, probe_pose, probe_rates
 Flags = NDArray[np.bool_]
 
 TOLERANCE_MM = 3e-10
-N_STEPS = 28
+N_STEPS = 14  # a new start then costs less than more of them
+N_CHOICES = 24  # random starts from which each target takes the nearest;
+MOST_CHOICES = 512  # twice as many in every round
 LONGEST_STEP_RAD = 0.6
 DAMPING_SHARE = 0.02  # of the miss: the step tends to Newton's as the miss vanishes
 LEAST_DAMPING_MM = 1e-4
-CHUNK = 8192  # poses whose matrices fit into the cache
+CHUNK = 2048  # poses whose matrices fit into the cache
 
 
 def reaching_postures(
@@ -42,16 +45,19 @@ def reaching_postures(
     n_targets = len(targets_mm)
     turns_rad = np.zeros((n_targets, mechanism.n_joints))
     reached = np.zeros(n_targets, dtype=bool)
-    for _ in range(n_rounds):
+    for round_ in range(n_rounds):
         missing = np.flatnonzero(~reached)
+        if len(missing) == 0:
+            break
         for first in range(0, len(missing), CHUNK):
             rows = missing[first : first + CHUNK]
-            starts = drawn_turns(limits_rad, len(rows), rng)
+            n_choices = min(N_CHOICES << round_, MOST_CHOICES)
+            starts = _near_turns(
+                mechanism, limits_rad, targets_mm[rows], n_choices, rng
+            )
             found, good = _solved(mechanism, limits_rad, targets_mm[rows], starts)
             turns_rad[rows[good]] = found[good]
             reached[rows[good]] = True
-        if len(missing) == 0:
-            break
     return turns_rad, reached
 
 
@@ -59,6 +65,24 @@ def drawn_turns(limits_rad: Floats, n_poses: int, rng: np.random.Generator) -> F
     """Turns (n_poses, n_joints), uniform within the limits."""
     low, high = limits_rad.T
     return rng.uniform(low, high, (n_poses, len(limits_rad)))
+
+
+def _near_turns(
+    mechanism: Mechanism,
+    limits_rad: Floats,
+    targets_mm: Floats,
+    n_choices: int,
+    rng: np.random.Generator,
+) -> Floats:
+    """Of a few random turns for each target (n, 3), those that put the ball nearest."""
+    n_targets = len(targets_mm)
+    turns_rad = drawn_turns(limits_rad, max(n_targets, n_choices), rng)
+    centres_mm, _ = probe_pose(mechanism, turns_rad)
+    choices = rng.integers(0, len(turns_rad), (n_targets, n_choices))
+    misses_mm = centres_mm[choices] - targets_mm[:, None]
+    nearest = np.argmin(np.einsum("mki,mki->mk", misses_mm, misses_mm), axis=1)
+    near: Floats = turns_rad[choices[np.arange(n_targets), nearest]]
+    return near
 
 
 def shifted_postures(
@@ -96,6 +120,7 @@ def _solved(
     turns_rad = starts_rad
     good = np.zeros(len(targets_mm), dtype=bool)
     rows = np.arange(len(targets_mm))
+    stopped = np.zeros(turns_rad.shape, dtype=bool)  # at a limit: the others move
     for _ in range(N_STEPS):
         centres_mm, _, rates, _ = probe_rates(mechanism, turns_rad[rows])
         misses_mm = targets_mm[rows] - centres_mm
@@ -105,11 +130,14 @@ def _solved(
         if not np.any(away):
             break
         rows, misses_mm, rates = rows[away], misses_mm[away], rates[away]
+        rates = np.where(stopped[rows][:, None], 0.0, rates)
         damping_mm = np.maximum(DAMPING_SHARE * lengths_mm[away], LEAST_DAMPING_MM)
         steps = _damped_steps(rates, misses_mm, damping_mm)
         longest = np.max(np.abs(steps), axis=1, keepdims=True)
         steps *= np.minimum(1.0, LONGEST_STEP_RAD / np.maximum(longest, 1e-12))
-        turns_rad[rows] = np.clip(turns_rad[rows] + steps, low, high)
+        wanted_rad = turns_rad[rows] + steps
+        turns_rad[rows] = np.clip(wanted_rad, low, high)
+        stopped[rows] = turns_rad[rows] != wanted_rad
     return turns_rad, good
 
 
