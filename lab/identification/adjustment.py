@@ -20,7 +20,7 @@ from lab.identification.network import (
     Network,
     State,
     Station,
-    station_centres,
+    misclosures_mm,
     white_rows,
 )
 from lab.identification.parameters import ArmValues
@@ -200,9 +200,8 @@ def sum_of_squares(network: Network, state: State, system: System) -> float:
     for station, unknowns, whiteners in zip(
         network.stations, state.unknowns, system.whiteners, strict=True
     ):
-        centres_mm = station_centres(network, station, state.arm)
-        equations = station.artefact.equations(unknowns, centres_mm, station.touches)
-        white = whiteners @ equations.misclosures_mm[:, :, np.newaxis]
+        found_mm = misclosures_mm(network, station, state.arm, unknowns)
+        white = whiteners @ found_mm[:, :, np.newaxis]
         certified = _certified(station, unknowns, 0)[:, -1]
         total += float(np.sum(white**2) + np.sum(certified**2))
     return total

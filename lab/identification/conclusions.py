@@ -9,7 +9,7 @@ from kinematics.arm_file import Arm, Probe
 from lab.identification.adjustment import Adjustment
 from lab.identification.artefacts.artefact import Length
 from lab.identification.distributions import chi_square_p_value
-from lab.identification.network import Network, State, Station, station_centres
+from lab.identification.network import Network, State, Station, misclosures_mm
 from lab.identification.parameters import ArmValues
 from lab.identification.pose_statistics import PoseStatistics
 from lab.identification.result import (
@@ -149,10 +149,9 @@ def rms_mm(network: Network, state: State) -> float:
     """Compute the root mean square of all scalar misclosures of a state."""
     total, n_rows = 0.0, 0
     for station, unknowns in zip(network.stations, state.unknowns, strict=True):
-        centres_mm = station_centres(network, station, state.arm)
-        equations = station.artefact.equations(unknowns, centres_mm, station.touches)
-        total += float(np.sum(equations.misclosures_mm**2))
-        n_rows += equations.misclosures_mm.size
+        found_mm = misclosures_mm(network, station, state.arm, unknowns)
+        total += float(np.sum(found_mm**2))
+        n_rows += found_mm.size
     return float(np.sqrt(total / max(n_rows, 1)))
 
 
@@ -160,13 +159,13 @@ def _artefact_result(
     adjustment: Adjustment, at: int, station: Station, found: PoseStatistics
 ) -> ArtefactResult:
     artefact = station.artefact
-    misclosures_mm = found.misclosures_mm[station.poses, : artefact.rows_per_pose]
-    distances_mm = np.linalg.norm(misclosures_mm, axis=1)
+    own_mm = found.misclosures_mm[station.poses, : artefact.rows_per_pose]
+    distances_mm = np.linalg.norm(own_mm, axis=1)
     return ArtefactResult(
         id=artefact.id,
         kind=artefact.kind,
         n_poses=len(station.poses),
-        rms_mm=float(np.sqrt(np.mean(misclosures_mm**2))),
+        rms_mm=float(np.sqrt(np.mean(own_mm**2))),
         mean_distance_mm=float(distances_mm.mean())
         if artefact.kind == "points"
         else None,

@@ -1,7 +1,7 @@
 """The network of observations: every artefact with the poses that touched it."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _CHUNK_POSES = 2048
+_START_POSES = 2000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,6 +43,10 @@ class Station:
     def n_rows(self) -> int:
         """The number of condition equations."""
         return len(self.poses) * self.artefact.rows_per_pose
+
+    def part(self, rows: Integers) -> "Station":
+        """Take some of the poses."""
+        return replace(self, poses=self.poses[rows], touches=self.touches.part(rows))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,12 +127,35 @@ def stations(
 
 
 def start_state(network: Network, arm: ArmValues) -> State:
-    """Find every station's unknowns in closed form from an arm."""
-    unknowns = tuple(
-        station.artefact.start(station_centres(network, station, arm), station.touches)
-        for station in network.stations
-    )
-    return State(arm, unknowns)
+    """Find every station's unknowns in closed form from an arm.
+
+    A few thousand poses, spread evenly, are enough for that.
+    """
+    unknowns = []
+    for station in network.stations:
+        few = station.part(_spread_evenly(len(station.poses)))
+        centres_mm = station_centres(network, few, arm)
+        unknowns.append(station.artefact.start(centres_mm, few.touches))
+    return State(arm, tuple(unknowns))
+
+
+def misclosures_mm(
+    network: Network, station: Station, arm: ArmValues, unknowns: Floats
+) -> Floats:
+    """Compute a station's misclosures alone, (n_poses, n_rows)."""
+    centres_mm = station_centres(network, station, arm)
+    found = np.empty((len(centres_mm), station.artefact.rows_per_pose))
+    for first in range(0, len(centres_mm), _CHUNK_POSES):
+        part = slice(first, first + _CHUNK_POSES)
+        touches = station.touches.part(part)
+        equations = station.artefact.equations(unknowns, centres_mm[part], touches)
+        found[part] = equations.misclosures_mm
+    return found
+
+
+def _spread_evenly(n_poses: int) -> Integers:
+    chosen = np.linspace(0, n_poses - 1, min(n_poses, _START_POSES))
+    return chosen.astype(np.int64)
 
 
 def station_centres(network: Network, station: Station, arm: ArmValues) -> Floats:

@@ -67,12 +67,15 @@ class VarianceSums:
         encoder_redundancies: (n_joints,).
         contact_squares: (n_artefacts,).
         contact_redundancies: (n_artefacts,).
+        information: How sources share the residuals, joints first, then artefacts:
+            sums of tr(M C_i M C_j), (n_joints + n_artefacts,) * 2.
     """
 
     encoder_squares: Floats
     encoder_redundancies: Floats
     contact_squares: Floats
     contact_redundancies: Floats
+    information: Floats
 
 
 def pose_statistics(adjustment: Adjustment) -> PoseStatistics:
@@ -151,16 +154,22 @@ def _add_tests(
 def _add_variances(
     sums: VarianceSums, artefact: int, rows: WhiteRows, block: Floats
 ) -> None:
-    readings = np.einsum("nij,ni->nj", rows.by_readings, rows.misclosures)
-    sums.encoder_squares[:] += np.sum(readings**2, axis=0)
-    sums.encoder_redundancies[:] += np.einsum(
-        "nij,nij->j", block @ rows.by_readings, rows.by_readings
-    )
-    contacts = np.einsum("nij,ni->nj", rows.by_contact, rows.misclosures)
-    sums.contact_squares[artefact] += np.sum(contacts**2)
-    sums.contact_redundancies[artefact] += np.einsum(
-        "nij,nij->", block @ rows.by_contact, rows.by_contact
-    )
+    n_joints = rows.by_readings.shape[2]
+    sources = np.concatenate([rows.by_readings, rows.by_contact], axis=2)
+    squares = np.sum(np.einsum("nij,ni->nj", sources, rows.misclosures) ** 2, axis=0)
+    shared = sources.swapaxes(1, 2) @ block @ sources
+    redundancies = np.einsum("njj->j", shared)
+    information = np.einsum("nij,nij->ij", shared, shared)
+    sums.encoder_squares[:] += squares[:n_joints]
+    sums.encoder_redundancies[:] += redundancies[:n_joints]
+    sums.contact_squares[artefact] += squares[n_joints:].sum()
+    sums.contact_redundancies[artefact] += redundancies[n_joints:].sum()
+    at = n_joints + artefact
+    sums.information[:n_joints, :n_joints] += information[:n_joints, :n_joints]
+    across = information[:n_joints, n_joints:].sum(axis=1)
+    sums.information[:n_joints, at] += across
+    sums.information[at, :n_joints] += across
+    sums.information[at, at] += information[n_joints:, n_joints:].sum()
 
 
 def _empty(network: Network) -> PoseStatistics:
@@ -181,5 +190,6 @@ def _empty(network: Network) -> PoseStatistics:
             np.zeros(n_joints),
             np.zeros(n_artefacts),
             np.zeros(n_artefacts),
+            np.zeros((n_joints + n_artefacts, n_joints + n_artefacts)),
         ),
     )

@@ -10,14 +10,16 @@ from lab.identification.parameters import ArmValues
 Floats = NDArray[np.float64]
 
 _N_POSTURES = 300
+_LEAST_RANGE_RAD = np.radians(120.0)
 _SEED = 20_170_101
 
 
 def probe_effects_mm(network: Network, arm: ArmValues, steps: Floats) -> Floats:
     """Compute the root mean square shift of the probe by each step.
 
-    Over random postures within the travelled ranges. The motion of the arm as a
-    whole is taken out: it depends on the datum only.
+    Over random postures within the travelled ranges, but at least 120 degrees a
+    joint: who identifies an arm wants to use it. The motion of the arm as a whole is
+    taken out: it depends on the datum only.
 
     Args:
         network: With the parameters and the poses.
@@ -49,10 +51,10 @@ def posture_columns(network: Network, arm: ArmValues) -> tuple[Floats, Floats]:
     poses = np.concatenate([station.poses for station in network.stations])
     angles_rad = network.campaign.poses.angles_rad[poses]
     rng = np.random.default_rng(_SEED)
+    least, largest = angles_rad.min(axis=0), angles_rad.max(axis=0)
+    wider_rad = np.maximum(0.5 * (_LEAST_RANGE_RAD - (largest - least)), 0.0)
     postures_rad = rng.uniform(
-        angles_rad.min(axis=0),
-        angles_rad.max(axis=0),
-        (_N_POSTURES, angles_rad.shape[1]),
+        least - wider_rad, largest + wider_rad, (_N_POSTURES, angles_rad.shape[1])
     )
     derivatives = probe_derivatives(arm.geometry, postures_rad)
     parameters = network.parameters

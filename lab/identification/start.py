@@ -16,8 +16,8 @@ from lab.identification.adjustment import adjust
 from lab.identification.network import (
     Network,
     State,
+    misclosures_mm,
     start_state,
-    station_centres,
     stations,
 )
 from lab.identification.noise import Noise
@@ -118,7 +118,6 @@ def _median_mm(network: Network, state: State) -> float:
     """Compute the median length of the misclosures of a state."""
     lengths = []
     for station, unknowns in zip(network.stations, state.unknowns, strict=True):
-        centres_mm = station_centres(network, station, state.arm)
-        equations = station.artefact.equations(unknowns, centres_mm, station.touches)
-        lengths.append(np.linalg.norm(equations.misclosures_mm, axis=1))
+        found_mm = misclosures_mm(network, station, state.arm, unknowns)
+        lengths.append(np.linalg.norm(found_mm, axis=1))
     return float(np.median(np.concatenate(lengths)))

@@ -24,8 +24,10 @@ Floats = NDArray[np.float64]
 _NAMED = 0.1
 # Below this travel a joint is blamed for what cannot be told.
 _SMALL_TRAVEL_RAD = np.radians(20.0)
-# A direction known worse than this part of its tolerance is called weak.
+# A direction known worse than this part of its tolerance is called weak, and so is
+# one that moves the probe by more than ten contacts' noise.
 _WEAK = 0.2
+_WEAK_IN_CONTACTS = 10.0
 _SCALE_EXPLAINED = 0.99
 _ON_THE_AXIS_MM = 2.0
 
@@ -52,7 +54,8 @@ class Weak:
         direction: As in `Undetermined`.
         std: Standard deviation as a part of the plausible deviation.
         probe_mm: Standard deviation that it causes at the probe: root mean square
-            over postures within the travelled ranges, rigid motion taken out.
+            over the travelled ranges, at least 120 degrees a joint, rigid motion
+            taken out.
         why: The likely reason and the remedy.
     """
 
@@ -94,12 +97,14 @@ def weak_directions(adjustment: Adjustment) -> tuple[Weak, ...]:
     sigma0 = max(adjustment.sigma0, 1e-300)
     coverage = joint_coverage(network.campaign, _poses(network))
     stds = sigma0 / parts.values[: parts.n_determined]
-    weak = np.flatnonzero(stds > _WEAK)[::-1]
-    if len(weak) == 0:
+    directions = parts.directions[: parts.n_determined]
+    if len(stds) == 0:
         return ()
-    directions = parts.directions[weak]
-    steps = directions * parts.tolerances * stds[weak, np.newaxis]
+    steps = directions * parts.tolerances * stds[:, np.newaxis]
     effects_mm = probe_effects_mm(network, adjustment.state.arm, steps)
+    limit_mm = _WEAK_IN_CONTACTS * sigma0 * float(network.noise.contact_mm.max())
+    weak = np.flatnonzero((stds > _WEAK) | (effects_mm > limit_mm))
+    weak = weak[np.argsort(-effects_mm[weak])]
     return tuple(
         Weak(
             _named(network.parameters, direction),
@@ -108,7 +113,7 @@ def weak_directions(adjustment: Adjustment) -> tuple[Weak, ...]:
             _reason(network, geometry, coverage, direction),
         )
         for direction, std, effect_mm in zip(
-            directions, stds[weak], effects_mm, strict=True
+            directions[weak], stds[weak], effects_mm[weak], strict=True
         )
     )
 
@@ -201,7 +206,7 @@ def _reason(
     if still:
         joint = min(still, key=lambda entry: entry.travel_rad)
         return (
-            f"{joint.joint} turned by {np.degrees(joint.travel_rad):.0f} degrees only: "
+            f"{joint.joint} turned by {np.degrees(joint.travel_rad):.2g} degrees only: "
             "turn it"
         )
     names = network.campaign.joint_names

@@ -1,10 +1,15 @@
 """Variance components: how noisy encoders and contacts are, from the residuals.
 
-Foerstner's estimator: a group's variance is the sum of squares of its residuals over
-its share of the redundancy; repeated with the new variances until nothing changes.
+A group's variance is right when the sum of squares of its residuals, in units of the
+noise, equals its share of the redundancy (Foerstner). Steps towards that solve
+
+    sum over j of S_ij theta_j = squares_i,    theta_j the factor of variance j
+
+with S_ij the sum of tr(M C_i M C_j) over poses, its diagonal completed so that
+theta = 1 is the solution where squares and redundancies agree. Where a solution is
+not positive the ratio of squares and redundancy takes its place.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -59,47 +64,49 @@ def better_noise(
     Returns:
         The noise, and the largest relative change of a standard deviation.
     """
-    n_joints = len(noise.encoder_rad)
-    joints: dict[str, Sequence[int]] = {
-        "held": [0] * n_joints,
+    n_joints, kinds = len(noise.encoder_rad), [a.kind for a in campaign.artefacts]
+    groups = _groups(n_joints, kinds, model)
+    squares = np.concatenate([sums.encoder_squares, sums.contact_squares])
+    shares = np.concatenate([sums.encoder_redundancies, sums.contact_redundancies])
+    numbers = np.unique(groups[groups >= 0])
+    members = (groups[np.newaxis] == numbers[:, np.newaxis]).astype(np.float64)
+    kept = members @ shares >= _LEAST_REDUNDANCY
+    members = members[kept]
+    factors = np.ones(len(groups))
+    if len(members):
+        theta = _thetas(members, squares, shares, sums.information)
+        roots = np.clip(np.sqrt(theta), 1.0 / _LARGEST_FACTOR, _LARGEST_FACTOR)
+        grouped = members.sum(axis=0) > 0.0
+        factors[grouped] = (roots @ members)[grouped]
+    change = float(np.max(np.abs(factors - 1.0)))
+    return noise.scaled(factors[:n_joints], factors[n_joints:]), change
+
+
+def _groups(n_joints: int, kinds: list[str], model: VarianceModel) -> NDArray[np.int64]:
+    """Number the groups of joints and then artefacts; -1: held."""
+    joints = {
+        "held": [-1] * n_joints,
         "pooled": [0] * n_joints,
-        "each": range(n_joints),
-    }
-    kinds = [artefact.kind for artefact in campaign.artefacts]
-    artefacts: dict[str, Sequence[int]] = {
-        "held": [0] * len(kinds),
-        "pooled": [0] * len(kinds),
-        "by_kind": [kinds.index(kind) for kind in kinds],
-    }
-    encoder = _factors(
-        sums.encoder_squares,
-        sums.encoder_redundancies,
-        joints[model.encoders],
-        held=model.encoders == "held",
-    )
-    contact = _factors(
-        sums.contact_squares,
-        sums.contact_redundancies,
-        artefacts[model.contacts],
-        held=model.contacts == "held",
-    )
-    change = float(np.max(np.abs(np.concatenate([encoder, contact]) - 1.0)))
-    return noise.scaled(encoder, contact), change
+        "each": list(range(n_joints)),
+    }[model.encoders]
+    artefacts = {
+        "held": [-1] * len(kinds),
+        "pooled": [n_joints] * len(kinds),
+        "by_kind": [n_joints + kinds.index(kind) for kind in kinds],
+    }[model.contacts]
+    return np.array(joints + artefacts, dtype=np.int64)
 
 
-def _factors(
-    squares: Floats, redundancies: Floats, groups: Sequence[int], *, held: bool
+def _thetas(
+    members: Floats, squares: Floats, shares: Floats, information: Floats
 ) -> Floats:
-    """Compute factors of standard deviations, one an entry."""
-    factors = np.ones(len(squares))
-    if held:
-        return factors
-    members = np.asarray(groups)
-    for group in np.unique(members):
-        mine = members == group
-        redundancy = float(redundancies[mine].sum())
-        if redundancy < _LEAST_REDUNDANCY:
-            continue
-        ratio = float(np.sqrt(squares[mine].sum() / redundancy))
-        factors[mine] = np.clip(ratio, 1.0 / _LARGEST_FACTOR, _LARGEST_FACTOR)
-    return factors
+    """Solve for the factors of the groups' variances, (n_groups,)."""
+    wanted, redundancies = members @ squares, members @ shares
+    matrix = members @ information @ members.T
+    # What is held takes its part of the squares as it is.
+    held = members @ information @ (1.0 - members.sum(axis=0))
+    rest = redundancies - matrix.sum(axis=1) - held
+    solved = np.linalg.lstsq(matrix + np.diag(rest), wanted - held, rcond=1e-6)[0]
+    ratios = wanted / redundancies
+    positive: Floats = np.where(solved > 0.1 * ratios, solved, ratios)
+    return positive

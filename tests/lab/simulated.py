@@ -93,7 +93,7 @@ def postures(arm: TrueArm, targets_mm, rng, travel_rad):
     n_joints = len(arm.axes)
     found = np.empty((len(targets_mm), n_joints))
     missing = np.arange(len(targets_mm))
-    for _ in range(60):
+    for _ in range(400):
         if len(missing) == 0:
             return found
         turns = rng.uniform(-1, 1, (len(missing), n_joints)) * travel_rad
@@ -109,10 +109,13 @@ def postures(arm: TrueArm, targets_mm, rng, travel_rad):
             )
             square = slopes @ slopes.swapaxes(1, 2) + 10.0 * np.eye(3)
             step = slopes.swapaxes(1, 2) @ np.linalg.solve(square, away[:, :, None])
-            angles = angles + np.clip(step[:, :, 0], -0.3, 0.3)
+            angles = np.clip(
+                angles + np.clip(step[:, :, 0], -0.3, 0.3),
+                arm.zeros_rad - travel_rad,
+                arm.zeros_rad + travel_rad,
+            )
         away = np.linalg.norm(targets_mm[missing] - arm.centres(angles), axis=1)
-        within = np.all(np.abs(angles - arm.zeros_rad) <= travel_rad + 1e-3, axis=1)
-        good = (away < 1e-6) & within
+        good = away < 1e-6
         found[missing[good]] = angles[good]
         missing = missing[~good]
     raise RuntimeError(f"{len(missing)} targets were not reached")
@@ -147,20 +150,29 @@ def targets_of(table, rng, n, place_mm):
         middle = np.where(which[:, None] == 0, place_mm - along, place_mm + along)
         reach = np.broadcast_to(table["radius_mm"], (2,))[which] + PROBE_RADIUS_MM
         return middle + reach[:, None] * random_directions(rng, n), features
+    if kind == "points":
+        return points_targets(table, rng, n, place_mm)
+    return plane_targets(table, rng, n, place_mm)
+
+
+def plane_targets(table, rng, n, place_mm):
+    features = np.array([""] * n, dtype=object)
     normal = random_directions(rng, 1)[0]
     first = np.cross(normal, random_directions(rng, 1)[0])
     first /= np.linalg.norm(first)
     second = np.cross(normal, first)
     plate = rng.uniform(-150, 150, (n, 2)) @ np.stack([first, second])
-    if kind == "plane":
+    if table["kind"] == "plane":
         return place_mm + plate + PROBE_RADIUS_MM * normal, features
-    if kind == "parallel_planes":
-        which = np.arange(n) % 2
-        features[:] = np.array(["1", "2"], dtype=object)[which]
-        sign = 1 if table.get("side", "outside") == "outside" else -1
-        half = table["distance_mm"] / 2 + sign * PROBE_RADIUS_MM
-        return place_mm + plate + (2 * which - 1)[:, None] * half * normal, features
-    assert kind == "points"
+    which = np.arange(n) % 2
+    features[:] = np.array(["1", "2"], dtype=object)[which]
+    sign = 1 if table.get("side", "outside") == "outside" else -1
+    half = table["distance_mm"] / 2 + sign * PROBE_RADIUS_MM
+    return place_mm + plate + (2 * which - 1)[:, None] * half * normal, features
+
+
+def points_targets(table, rng, n, place_mm):
+    features = np.array([""] * n, dtype=object)
     names = list(table["points_mm"])
     which = np.arange(n) % len(names)
     features[:] = np.array(names, dtype=object)[which]
@@ -172,7 +184,14 @@ def targets_of(table, rng, n, place_mm):
 
 
 def simulate(
-    arm: TrueArm, tables, n_each, seed, noise=None, travel_rad=np.pi, radius_mm=650.0
+    arm: TrueArm,
+    tables,
+    n_each,
+    seed,
+    *,
+    noise=None,
+    travel_rad=np.pi,
+    radius_mm=650.0,
 ) -> Campaign:
     """Measure artefacts placed at random around the arm.
 
@@ -186,9 +205,8 @@ def simulate(
         table = dict(given)
         height = rng.uniform(-150, 400)
         around = rng.uniform(-np.pi, np.pi)
-        place = arm.origin_mm + [
-            radius_mm * np.cos(around), radius_mm * np.sin(around), height
-        ]
+        x_mm, y_mm = radius_mm * np.cos(around), radius_mm * np.sin(around)
+        place = arm.origin_mm + np.array([x_mm, y_mm, height])
         place = np.array(table.pop("place_mm", place))
         targets, touched = targets_of(table, rng, n_each, place)
         table.pop("true_scale", None)
@@ -255,7 +273,11 @@ def cones(n, **more):
 
 def bar(**more):
     return {
-        "id": "bar", "kind": "ball_bar", "radius_mm": 12.7, "distance_mm": 400.0, **more
+        "id": "bar",
+        "kind": "ball_bar",
+        "radius_mm": 12.7,
+        "distance_mm": 400.0,
+        **more,
     }
 
 
@@ -276,7 +298,9 @@ def written(campaign: Campaign, folder: Path) -> Path:
             lines += [f"{name} = {list(at)}" for name, at in points.items()]
     (folder / "campaign.toml").write_text("\n".join(lines) + "\n")
     poses = campaign.poses
-    rows = [["time_s", "artefact", "feature", *(f"{n}_rad" for n in campaign.joint_names)]]
+    rows = [
+        ["time_s", "artefact", "feature", *(f"{n}_rad" for n in campaign.joint_names)]
+    ]
     for at in range(len(poses)):
         index = poses.artefacts[at]
         feature = campaign.feature_names[index][poses.features[at]]

@@ -79,7 +79,7 @@ def _at_known_radius(local: Floats, centre: Floats, radius: float) -> Floats:
     Along the normal of the patch the algebraic centre is weak: it is replaced by
     the one at the known radius from the middle, on the same side.
     """
-    normal = np.linalg.svd(local, full_matrices=True)[2][-1]
+    normal = np.linalg.eigh(local.T @ local)[1][:, 0]
     height = float(centre @ normal)
     across = centre - height * normal
     sagitta = np.sqrt(max(radius**2 - float(across @ across), 0.0))
