@@ -57,7 +57,11 @@ class Split:
         """
         determined = self.inverse @ self.right[: self.n_determined]
         back = self.undetermined @ (to_design / self.tolerances)
-        cost = float(np.sum((self.values[self.n_determined :] * back) ** 2))
+        # A smaller arm has smaller misclosures: the slope counts, not the curvature
+        # alone, or the way back to the design's scale would look uphill for ever.
+        right = self.right[self.n_determined :]
+        held = self.values[self.n_determined :] * back - right
+        cost = max(float(held @ held - right @ right), 0.0)
         return determined + self.tolerances * (back @ self.undetermined), cost
 
 
