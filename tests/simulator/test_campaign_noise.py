@@ -11,7 +11,6 @@ from simulator.campaigns import (
     Plane,
     PoseSet,
     SimulatedCampaign,
-    Sphere,
     draw_noise,
     make_poses,
     simulate_campaign,
@@ -250,11 +249,3 @@ def test_drawn_arrays_cannot_be_changed(poses):
         drawn.campaign.readings_rad[0, 0] = 1.0
     with pytest.raises(ValueError, match="read-only"):
         drawn.truth.turns_rad[0, 0] = 1.0
-
-
-def test_a_hundred_draws_need_one_pose_set():
-    artefact = Sphere(id="s", n_poses=60, radius_mm=20.0, known=True)
-    spec = CampaignSpec(artefacts=(artefact,))
-    poses = make_poses(ARM, spec, 1)
-    errors = [draw_noise(poses, seed).truth.encoder_noise_rad for seed in range(100)]
-    assert_variance(np.array(errors), spec.noise.encoder_rad**2)

@@ -228,8 +228,9 @@ def test_all_that_does_not_fit_is_told_at_once():
             id="gap", n_poses=9, distance_mm=5.0, size_mm=9.0, side="inside"
         ),
         Points(id="grid", n_poses=9, size_mm=100.0, scale=1.1),
+        Points(id="net", n_poses=9, size_mm=100.0, frame="arm", expansion_per_c=1e-5),
     )
     with pytest.raises(FileError) as caught:
         touched(*artefacts, limits_rad=((-1.0, 1.0),))
     places = [problem.where for problem in caught.value.problems]
-    assert places == ["limits_rad", *(f"artefacts[{k}]" for k in range(4))]
+    assert places == ["limits_rad", *(f"artefacts[{k}]" for k in range(5))]

@@ -32,8 +32,8 @@ class BallBar(Artefact):
     """
 
     kind: Literal["ball_bar"] = "ball_bar"
-    radius_mm: float = Field(ge=0.0)
-    second_radius_mm: float | None = Field(default=None, ge=0.0)
+    radius_mm: float = Field(gt=0.0)
+    second_radius_mm: float | None = Field(default=None, gt=0.0)
     distance_mm: float = Field(gt=0.0)
     distance_std_mm: float = Field(default=0.0, ge=0.0)
     radius_std_mm: float = Field(default=0.0, ge=0.0)

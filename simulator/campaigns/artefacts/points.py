@@ -63,7 +63,12 @@ class Points(Artefact):
         return spread
 
     def size_problem(self, ball_mm: float) -> str | None:
-        """A scale needs a system of its own that may have one."""
+        """A scale or an expansion needs a system of its own."""
+        if self.expansion_per_c and self.frame == "arm":
+            return (
+                f"expansion_per_c = {self.expansion_per_c:g} with frame = 'arm'; "
+                "points of the arm's own system stay where they are; remove it"
+            )
         if self.scale != 1.0 and self.frame != "own_scaled":
             return (
                 f"scale = {self.scale:g} with frame = '{self.frame}'; only "
