@@ -8,6 +8,7 @@ import typer
 from traverse.arm import arm
 from traverse.check import check
 from traverse.demo import demo
+from traverse.identify import identify
 from traverse.run import run
 from traverse.simulate import simulate
 from traverse.watch import watch
@@ -19,7 +20,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (demo, run, simulate, watch, check):
+for command in (demo, run, simulate, watch, check, identify):
     app.command()(command)
 app.add_typer(arm, name="arm")
 

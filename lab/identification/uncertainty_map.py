@@ -1,13 +1,8 @@
 """How well an identified arm knows distances, over its working volume.
 
-For two poses with ball centres x_1, x_2 and u = (x_1 - x_2) / |x_1 - x_2|
-
-    d|x_1 - x_2| = u^T (A_1 - A_2) dp
-
-with A = dx/dp; the variance follows from the covariance of the parameters p. A
-distance does not change when the arm moves as a whole, so neither does its variance
-depend on the datum. Directions that the data do not determine are held at their
-design values and count as known; what noise adds to every new pose comes on top.
+What the covariance of the parameters means for distances, whatever the datum is.
+Directions that the data do not determine are held at their design values and count
+as known; what noise adds to every new pose comes on top.
 
 The first joint turns everything about its axis. Places therefore differ by radius and
 height about that axis only, and distances lie along the three directions there.
@@ -18,10 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.derivatives import probe_derivatives
-from kinematics.geometry import Geometry
-from lab.campaign import Poses
-from lab.identification.parameters import ArmValues, Parameters
+from lab.identification.distance_deviations import KnownArm, distance_deviations_mm
 from lab.identification.reaching import PostureCloud, posture_cloud, reach
 
 Floats = NDArray[np.float64]
@@ -34,21 +26,6 @@ _N_PAIRS = 5
 _LENGTHS_MM = (500.0, 250.0, 100.0, 50.0, 25.0, 10.0)
 # A distance is not longer than this part of the largest radius.
 _PART_OF_RADIUS = 0.6
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class KnownArm:
-    """An arm with the covariance of its free parameters.
-
-    Attributes:
-        geometry: As estimated.
-        parameters: Without terms; with the mask of the free ones.
-        covariance: (n_free, n_free).
-    """
-
-    geometry: Geometry
-    parameters: Parameters
-    covariance: Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,67 +50,42 @@ class UncertaintyMap:
     reference_mm: Floats
     reference_place_mm: tuple[float, float]
 
+    def summary(self) -> dict[str, "MapFigures"]:
+        """Sum up each of `DIRECTIONS` and `from reference`, where there are places."""
+        found = {}
+        for name, values_mm in zip(
+            (*DIRECTIONS, "from reference"), self.deviations_mm, strict=True
+        ):
+            if not np.any(np.isfinite(values_mm)):
+                continue
+            row, column = np.unravel_index(np.nanargmax(values_mm), values_mm.shape)
+            found[name] = MapFigures(
+                int(np.count_nonzero(np.isfinite(values_mm))),
+                float(np.nanmedian(values_mm)),
+                float(np.nanquantile(values_mm, 0.95)),
+                float(values_mm[row, column]),
+                (float(self.radii_mm[column]), float(self.heights_mm[row])),
+            )
+        return found
 
-def known_arm(arm: ArmValues, parameters: Parameters, covariance: Floats) -> KnownArm:
-    """Leave terms out: their shifts need more than a posture."""
-    geometric = parameters.without_terms()
-    n_free = geometric.n_free
-    return KnownArm(arm.geometry, geometric, covariance[:n_free, :n_free])
 
+@dataclass(frozen=True, slots=True)
+class MapFigures:
+    """Standard deviations over the volume, in one direction.
 
-def distance_deviations_mm(
-    arm: KnownArm, first_rad: Floats, second_rad: Floats
-) -> Floats:
-    """Compute standard deviations of distances between the balls of two poses.
-
-    Args:
-        arm: With its covariance.
-        first_rad: Readings, (n_pairs, n_joints).
-        second_rad: Readings, (n_pairs, n_joints).
-
-    Returns:
-        (n_pairs,).
+    Attributes:
+        n_places: That are reached.
+        median_mm: Half of the places are better.
+        quantile_95_mm: 95 % of the places are better.
+        largest_mm: Worst place.
+        worst_place_mm: Its radius and height.
     """
-    first_mm, by_first = _columns(arm, first_rad)
-    second_mm, by_second = _columns(arm, second_rad)
-    apart_mm = first_mm - second_mm
-    lengths_mm = np.linalg.norm(apart_mm, axis=1, keepdims=True)
-    units = apart_mm / np.maximum(lengths_mm, 1e-300)
-    slopes = np.einsum("ni,nip->np", units, by_first - by_second)
-    variances = np.einsum("np,np->n", slopes @ arm.covariance, slopes)
-    deviations_mm: Floats = np.sqrt(np.maximum(variances, 0.0))
-    return deviations_mm
 
-
-def noise_deviations_mm(
-    geometry: Geometry,
-    encoder_rad: Floats,
-    contact_mm: float,
-    first_rad: Floats,
-    second_rad: Floats,
-) -> Floats:
-    """Compute what the noise of readings (n_joints,) and contacts adds to distances.
-
-    Args:
-        geometry: The arm.
-        encoder_rad: Standard deviations of the readings, (n_joints,).
-        contact_mm: Standard deviation of a contact along the distance.
-        first_rad: Readings, (n_pairs, n_joints).
-        second_rad: Readings, (n_pairs, n_joints).
-
-    Returns:
-        (n_pairs,).
-    """
-    first = probe_derivatives(geometry, first_rad)
-    second = probe_derivatives(geometry, second_rad)
-    apart_mm = first.centres_mm - second.centres_mm
-    units = apart_mm / np.linalg.norm(apart_mm, axis=1, keepdims=True)
-    variances = np.full(len(units), 2.0 * contact_mm**2)
-    for end in (first, second):
-        slopes = np.einsum("ni,nij->nj", units, end.by_angles) * encoder_rad
-        variances += np.einsum("nj,nj->n", slopes, slopes)
-    deviations_mm: Floats = np.sqrt(variances)
-    return deviations_mm
+    n_places: int
+    median_mm: float
+    quantile_95_mm: float
+    largest_mm: float
+    worst_place_mm: tuple[float, float]
 
 
 def uncertainty_map(
@@ -149,10 +101,9 @@ def uncertainty_map(
     """
     cloud = posture_cloud(arm.geometry, angles_rad)
     largest_mm = float(cloud.radii_mm.max())
-    radii_mm = (np.arange(_N_RADII) + 0.5) * largest_mm / _N_RADII
+    radii_mm = _middles(0.0, largest_mm, _N_RADII)
     lowest_mm, highest_mm = float(cloud.heights_mm.min()), float(cloud.heights_mm.max())
-    step_mm = (highest_mm - lowest_mm) / _N_HEIGHTS
-    heights_mm = lowest_mm + (np.arange(_N_HEIGHTS) + 0.5) * step_mm
+    heights_mm = _middles(lowest_mm, highest_mm, _N_HEIGHTS)
     if length_mm is None:
         fitting = [x for x in _LENGTHS_MM if x <= _PART_OF_RADIUS * largest_mm]
         length_mm = fitting[0] if fitting else _LENGTHS_MM[-1]
@@ -180,6 +131,13 @@ def uncertainty_map(
     )
 
 
+def _middles(least_mm: float, largest_mm: float, n_cells: int) -> Floats:
+    """Take the middles of equal cells, (n_cells,)."""
+    edges_mm = np.linspace(least_mm, largest_mm, n_cells + 1, dtype=np.float64)
+    middles_mm: Floats = 0.5 * (edges_mm[1:] + edges_mm[:-1])
+    return middles_mm
+
+
 def _pooled_mm(
     arm: KnownArm, cloud: PostureCloud, first_mm: Floats, second_mm: Floats
 ) -> Floats:
@@ -193,7 +151,7 @@ def _pooled_mm(
         squares = distance_deviations_mm(arm, first_rad, second_rad) ** 2
         sums += np.where(good, squares, 0.0)
         counts += good
-    pooled: Floats = np.full(len(first_mm), np.nan)
+    pooled = np.full(len(first_mm), np.nan)
     some = counts > 0
     pooled[some] = np.sqrt(sums[some] / counts[some])
     return pooled
@@ -204,13 +162,3 @@ def _middle(cloud: PostureCloud) -> int:
     places = np.column_stack([cloud.radii_mm, cloud.heights_mm])
     away = np.linalg.norm(places - np.median(places, axis=0), axis=1)
     return int(np.argmin(away))
-
-
-def _columns(arm: KnownArm, angles_rad: Floats) -> tuple[Floats, Floats]:
-    """Compute centres (n, 3) and derivatives by free parameters (n, 3, n_free)."""
-    derivatives = probe_derivatives(arm.geometry, angles_rad)
-    n_poses = len(angles_rad)
-    nothing = np.zeros(n_poses, dtype=np.int64)
-    poses = Poses(nothing, np.zeros(n_poses), nothing, nothing, angles_rad)
-    values = ArmValues(arm.geometry, np.empty(0))
-    return derivatives.centres_mm, arm.parameters.columns(values, derivatives, poses)

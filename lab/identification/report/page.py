@@ -1,0 +1,162 @@
+"""The page: everything about an identification in one file without references."""
+
+from html import escape
+from pathlib import Path
+
+import numpy as np
+
+from kinematics.arm_text import write_whole
+from lab.identification.distance_deviations import known_arm, noise_deviations_mm
+from lab.identification.report.markup import note, paragraph, section
+from lab.identification.report.parameter_sections import (
+    correlation_section,
+    map_section,
+    parameter_section,
+    weakness_section,
+)
+from lab.identification.report.sections import (
+    advice_section,
+    artefact_section,
+    excluded_section,
+    joint_section,
+    normal_section,
+)
+from lab.identification.report.words import (
+    determined_sentence,
+    excluded_sentence,
+    map_sentence,
+    noise_sentence,
+    rms_sentence,
+    sigma0_sentences,
+    zeros_sentence,
+)
+from lab.identification.result import Identification
+from lab.identification.uncertainty_map import UncertaintyMap, uncertainty_map
+
+_STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; color: #1a1a1a; background: #fff;
+       max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
+h1 { font-size: 1.5rem; margin-bottom: 0; } h2 { font-size: 1.15rem; margin-top: 2.2rem;
+     border-bottom: 1px solid #ccc; padding-bottom: .2rem; }
+.verdict { border-left: .4rem solid #0072B2; padding: .2rem 1rem; background: #f4f7fa; }
+.verdict.bad { border-color: #D55E00; background: #fdf3ec; }
+.note { color: #555; font-size: .85rem; }
+figure { margin: 1rem 0; } img { max-width: 100%; }
+.wide { overflow-x: auto; }
+table { border-collapse: collapse; font-size: .85rem; margin: .8rem 0; }
+th, td { padding: .18rem .8rem .18rem 0; text-align: left; vertical-align: top;
+         border-bottom: 1px solid #e4e4e4; }
+th { border-bottom: 1px solid #777; }
+.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+th.number { white-space: normal; }
+nav a { margin-right: 1rem; white-space: nowrap; font-size: .85rem; }
+@media print { nav { display: none; } section { break-inside: avoid-page; } }
+"""
+_CONTENTS = {
+    "artefacts": "artefacts",
+    "joints": "joints",
+    "normal": "distribution",
+    "parameters": "parameters",
+    "undetermined": "undetermined and weak",
+    "map": "volumetric uncertainty",
+    "correlations": "correlations",
+    "excluded": "excluded",
+    "advice": "next poses",
+}
+_SEED = 4
+_N_PAIRS = 200
+
+
+def result_map(result: Identification) -> UncertaintyMap:
+    """Draw up the uncertainty map of a result."""
+    adjustment = result.adjustment
+    arm = known_arm(
+        adjustment.state.arm, adjustment.network.parameters, result.covariance
+    )
+    return uncertainty_map(arm, result.campaign.poses.angles_rad[result.included])
+
+
+def write_report(result: Identification, found: UncertaintyMap, path: Path) -> None:
+    """Write the page in place of an old one, whole or not at all."""
+    write_whole(path, report_page(result, found))
+
+
+def report_page(result: Identification, found: UncertaintyMap) -> str:
+    """Make the page; the text is complete in itself."""
+    title = f"Identification of {result.arm.name}"
+    links = "".join(f'<a href="#{name}">{text}</a>' for name, text in _CONTENTS.items())
+    parts = [
+        f"<h1>{escape(title)}</h1>",
+        note(_provenance(result)),
+        f"<nav>{links}</nav>",
+        _verdict(result, found),
+        artefact_section(result),
+        joint_section(result),
+        normal_section(result),
+        parameter_section(result),
+        weakness_section(result),
+        map_section(found, _noise_mm(result)),
+        correlation_section(result),
+        excluded_section(result),
+        advice_section(result),
+    ]
+    body = "\n".join(parts)
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{escape(title)}</title>\n<style>{_STYLE}</style>\n</head>\n"
+        f"<body>\n{body}\n</body>\n</html>\n"
+    )
+
+
+def _provenance(result: Identification) -> str:
+    campaign = result.campaign
+    started = (
+        "" if campaign.start_utc is None else f", begun {campaign.start_utc:%F %T}"
+    )
+    digest = f", SHA-256 {campaign.digest[:12]}" if campaign.digest else ""
+    return (
+        f"Campaign of {len(campaign.poses)} poses at {len(result.artefacts)} "
+        f"artefacts{started}{digest}; {len(campaign.joint_names)} joints; "
+        f"{len(result.iterations)} iterations."
+    )
+
+
+def _verdict(result: Identification, found: UncertaintyMap) -> str:
+    test = result.global_test
+    # Less noise than was given does no harm.
+    as_expected = test.passed or test.noise_estimated or result.sigma0 < 1.0
+    good = result.converged and as_expected
+    zeros = zeros_sentence(result)
+    sentences = [
+        *sigma0_sentences(result),
+        *([] if zeros is None else [zeros]),
+        rms_sentence(result),
+        noise_sentence(result),
+        determined_sentence(result),
+        excluded_sentence(result),
+        map_sentence(found),
+    ]
+    kind = "verdict" if good else "verdict bad"
+    text = "\n".join(paragraph(sentence) for sentence in sentences)
+    return section("verdict", "Verdict", f'<div class="{kind}">{text}</div>')
+
+
+def _noise_mm(result: Identification) -> float:
+    """What noise adds to the distance of two single poses, as a rule."""
+    taken = np.flatnonzero(result.included)
+    if len(taken) < 2:
+        return float("nan")
+    rng = np.random.default_rng(_SEED)
+    pairs = rng.choice(len(taken), (_N_PAIRS, 2))
+    pairs = taken[pairs[pairs[:, 0] != pairs[:, 1]]]
+    angles_rad = result.campaign.poses.angles_rad
+    contact_mm = float(np.median([entry.contact_mm for entry in result.artefacts]))
+    deviations_mm = noise_deviations_mm(
+        result.adjustment.state.arm.geometry,
+        result.noise.encoder_rad,
+        contact_mm,
+        angles_rad[pairs[:, 0]],
+        angles_rad[pairs[:, 1]],
+    )
+    return float(np.median(deviations_mm))

@@ -1,0 +1,83 @@
+"""How pictures are made: one look, PNG bytes, no global state of matplotlib.
+
+Colours are Okabe and Ito's, which colour-blind readers tell apart; whatever matters
+also differs in shape.
+"""
+
+import io
+from collections.abc import Callable
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+BLUE, ORANGE, VERMILION, GREY = "#0072B2", "#E69F00", "#D55E00", "#707070"
+# Nobody sees more dots than that, and the page stays small.
+MOST_DOTS = 12_000
+
+_INCHES_PER_MM = 1.0 / 25.4
+_DPI = 150
+_SEED = 1
+_LOOK = {
+    "font.family": "DejaVu Sans",
+    "font.size": 8.0,
+    "axes.titlesize": 8.5,
+    "axes.titlelocation": "left",
+    "axes.labelsize": 8.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "axes.formatter.useoffset": False,
+    "xtick.labelsize": 7.5,
+    "ytick.labelsize": 7.5,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "grid.color": "#dddddd",
+    "grid.linewidth": 0.5,
+    "legend.frameon": False,
+    "legend.fontsize": 7.5,
+}
+
+
+def picture(
+    width_mm: float, height_mm: float, paint: Callable[[Figure], None]
+) -> bytes:
+    """Paint a figure of a size and return it as PNG."""
+    with mpl.rc_context(_LOOK):  # type: ignore[arg-type] # the stubs want literal keys
+        figure = Figure(
+            figsize=(width_mm * _INCHES_PER_MM, height_mm * _INCHES_PER_MM),
+            layout="constrained",
+        )
+        paint(figure)
+        file = io.BytesIO()
+        # No name of the program: it holds an address of the web.
+        figure.savefig(file, format="png", dpi=_DPI, metadata={"Software": None})
+    return file.getvalue()
+
+
+def thinned(poses: Integers) -> Integers:
+    """Take a random part of too many poses, always the same one."""
+    if len(poses) <= MOST_DOTS:
+        return poses
+    chosen = np.random.default_rng(_SEED).choice(len(poses), MOST_DOTS, replace=False)
+    return poses[np.sort(chosen)]
+
+
+def symmetric_limit(values: Floats, part: float = 0.999) -> float:
+    """Say how far an axis about zero has to go to show this part of values."""
+    finite = np.abs(values[np.isfinite(values)])
+    if len(finite) == 0:
+        return 1.0
+    limit = 1.15 * float(np.quantile(finite, part))
+    return limit if limit > 0.0 else 1.0
+
+
+def zero_line(axes: Axes) -> None:
+    """Draw where nothing is left over."""
+    axes.axhline(0.0, color=GREY, linewidth=0.7)

@@ -1,0 +1,200 @@
+"""Pictures of residuals: by artefact, by joint, and against the normal."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from lab.identification.distributions import normal_quantile
+from lab.identification.report.pictures import (
+    BLUE,
+    GREY,
+    ORANGE,
+    VERMILION,
+    picture,
+    symmetric_limit,
+    thinned,
+    zero_line,
+)
+from lab.identification.result import Identification
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_SEED = 2
+_BINS = 24
+# A bin's mean needs this many poses.
+_LEAST_IN_A_BIN = 4
+_LARGEST_W = 6.0
+_UM_PER_MM = 1e3
+_URAD_PER_RAD = 1e6
+
+
+def by_artefact(result: Identification) -> bytes:
+    """Draw all scalar misclosures, a row an artefact."""
+    n_rows = len(result.artefacts)
+    return picture(
+        180.0, 18.0 + 11.0 * n_rows, lambda figure: _paint_artefacts(figure, result)
+    )
+
+
+def by_joint(result: Identification) -> bytes:
+    """Draw the corrections of each joint's readings against the readings."""
+    n_rows = (len(result.campaign.joint_names) + 1) // 2
+    return picture(
+        180.0, 12.0 + 36.0 * n_rows, lambda figure: _paint_joints(figure, result)
+    )
+
+
+def against_normal(result: Identification) -> bytes:
+    """Draw histogram and quantiles of |w| beside those of a normal."""
+    return picture(180.0, 66.0, lambda figure: _paint_normal(figure, result))
+
+
+def _paint_artefacts(figure: Figure, result: Identification) -> None:
+    axes = figure.subplots()
+    rng = np.random.default_rng(_SEED)
+    misclosures_um = _UM_PER_MM * result.statistics.misclosures_mm
+    limit = symmetric_limit(misclosures_um[result.included])
+    indices = {a.id: index for index, a in enumerate(result.campaign.artefacts)}
+    for row, artefact in enumerate(result.artefacts):
+        mine = result.campaign.poses.artefacts == indices[artefact.id]
+        good = thinned(np.flatnonzero(mine & result.included))
+        _dots(axes, misclosures_um[good], row, rng, limit)
+        bad = misclosures_um[np.flatnonzero(mine & ~result.included)]
+        _crosses(axes, bad, row, limit)
+        axes.vlines(
+            np.array([-1.0, 1.0]) * _UM_PER_MM * artefact.rms_mm,
+            row - 0.38,
+            row + 0.38,
+            color=ORANGE,
+            linewidth=1.8,
+        )
+    axes.axvline(0.0, color=GREY, linewidth=0.7)
+    axes.set_xlim(-1.05 * limit, 1.05 * limit)
+    axes.set_ylim(len(result.artefacts) - 0.45, -0.55)
+    axes.set_yticks(
+        range(len(result.artefacts)),
+        [f"{a.id} ({a.n_poses})" for a in result.artefacts],
+    )
+    axes.set_xlabel("misclosure [µm]")
+    axes.set_title("dots: poses; orange: ± rms; red crosses: excluded, also off scale")
+
+
+def _dots(
+    axes: Axes, values: Floats, row: int, rng: np.random.Generator, limit: float
+) -> None:
+    """Draw scalars (n, 3) with NaN in a row, spread across it."""
+    flat = values[np.isfinite(values)]
+    spread = row + rng.uniform(-0.28, 0.28, len(flat))
+    axes.scatter(
+        np.clip(flat, -limit, limit),
+        spread,
+        s=4.0,
+        color=BLUE,
+        alpha=0.5,
+        linewidths=0.0,
+    )
+
+
+def _crosses(axes: Axes, values: Floats, row: int, limit: float) -> None:
+    """Draw the worst scalar of each excluded pose (n, 3) at the edge if need be."""
+    if len(values) == 0:
+        return
+    filled = np.nan_to_num(values)
+    worst = filled[np.arange(len(filled)), np.argmax(np.abs(filled), axis=1)]
+    at = np.clip(worst, -limit, limit)
+    axes.scatter(at, np.full(len(at), row), s=22.0, marker="x", color=VERMILION)
+
+
+def _paint_joints(figure: Figure, result: Identification) -> None:
+    names = result.campaign.joint_names
+    grid = figure.subplots((len(names) + 1) // 2, 2, squeeze=False)
+    everyone = np.flatnonzero(result.included)
+    shown = thinned(everyone)
+    angles_deg = np.degrees(result.campaign.poses.angles_rad)
+    corrections = _URAD_PER_RAD * result.statistics.corrections_rad
+    for k, name in enumerate(names):
+        axes = grid[k // 2][k % 2]
+        zero_line(axes)
+        axes.scatter(
+            angles_deg[shown, k],
+            corrections[shown, k],
+            s=4.0,
+            color=BLUE,
+            alpha=0.35,
+            linewidths=0.0,
+        )
+        _binned(axes, angles_deg[everyone, k], corrections[everyone, k])
+        limit = symmetric_limit(corrections[everyone, k], 0.995)
+        axes.set_ylim(-limit, limit)
+        axes.set_ylabel(f"{name} [µrad]")
+        axes.set_xlabel(f"reading of {name} [degrees]")
+    if len(names) % 2:
+        grid[-1][1].set_visible(False)
+
+
+def _binned(axes: Axes, angles_deg: Floats, values: Floats) -> None:
+    """Draw means over parts of the range, with two standard errors."""
+    good = np.isfinite(values)
+    angles_deg, values = angles_deg[good], values[good]
+    if len(values) < 2 * _LEAST_IN_A_BIN:
+        return
+    n_bins = min(_BINS, max(len(values) // (2 * _LEAST_IN_A_BIN), 2))
+    edges = np.linspace(angles_deg.min(), angles_deg.max(), n_bins + 1)
+    bins = np.clip(np.searchsorted(edges, angles_deg, side="right") - 1, 0, n_bins - 1)
+    counts = np.bincount(bins, minlength=n_bins)
+    some = counts >= _LEAST_IN_A_BIN
+    safe = np.maximum(counts, 1)
+    means = np.bincount(bins, values, n_bins) / safe
+    squares = np.bincount(bins, (values - means[bins]) ** 2, n_bins)
+    errors = np.sqrt(squares / np.maximum(counts - 1, 1) / safe)
+    axes.errorbar(
+        (0.5 * (edges[1:] + edges[:-1]))[some],
+        means[some],
+        yerr=2.0 * errors[some],
+        color=VERMILION,
+        fmt="o",
+        markersize=2.8,
+        linewidth=1.0,
+    )
+
+
+def _paint_normal(figure: Figure, result: Identification) -> None:
+    left, right = figure.subplots(1, 2)
+    w = result.statistics.w[result.included]
+    w = np.sort(w[np.isfinite(w)])
+    if len(w) == 0:
+        return
+    top = max(_LARGEST_W * 0.7, 1.05 * float(w[-1]))
+    n_bins = int(np.clip(np.sqrt(len(w)) * 1.5, 8, 60))
+    edges = np.linspace(0.0, top, n_bins + 1)
+    left.hist(w, bins=edges.tolist(), color=BLUE, alpha=0.55, label="poses")
+    x = np.linspace(0.0, top, 300)
+    area = len(w) * (edges[1] - edges[0])
+    for sigma, style, name in _curves(result.sigma0):
+        density = np.sqrt(2.0 / np.pi) / sigma * np.exp(-0.5 * (x / sigma) ** 2)
+        left.plot(x, area * density, style, color="black", linewidth=1.0, label=name)
+    left.set_xlabel("|w| of a pose")
+    left.set_ylabel("poses")
+    left.set_xlim(0.0, top)
+    left.legend()
+    shown = thinned(np.arange(len(w)))
+    expected = np.array(
+        [normal_quantile(0.5 + 0.5 * (at + 0.5) / len(w)) for at in shown]
+    )
+    ends = np.array([0.0, 1.05 * expected[-1]])
+    for sigma, style, _ in _curves(result.sigma0):
+        right.plot(ends, sigma * ends, style, color="black", linewidth=1.0)
+    right.scatter(expected, w[shown], s=6.0, color=BLUE, linewidths=0.0)
+    right.set_xlabel("|w| that a normal leads to expect")
+    right.set_ylabel("|w| of a pose")
+    right.set_xlim(0.0, ends[1])
+    right.set_ylim(0.0, None)
+
+
+def _curves(sigma0: float) -> list[tuple[float, str, str]]:
+    curves = [(1.0, "--", "normal, sigma 1")]
+    if sigma0 > 0.0:
+        curves.insert(0, (sigma0, "-", f"normal, sigma0 = {sigma0:.3g}"))
+    return curves

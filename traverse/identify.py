@@ -1,0 +1,225 @@
+"""`traverse identify`: an arm from a campaign, and two results compared."""
+
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NoReturn
+
+import typer
+
+if TYPE_CHECKING:
+    from kinematics.arm_file import Arm
+    from lab.campaign import Campaign
+    from lab.identification.adjustment import Iteration
+    from lab.identification.identify import Options
+    from lab.identification.result import Identification
+
+NO = 1
+REFUSED = 2
+
+
+def identify(
+    campaign: Annotated[
+        Path | None, typer.Argument(help="Folder with campaign.toml.")
+    ] = None,
+    *,
+    arm: Annotated[
+        Path | None,
+        typer.Option("--arm", help="Arm file: the design, or an earlier result."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder for the results.")
+    ] = None,
+    hold: Annotated[
+        list[str] | None,
+        typer.Option(help="Hold parameters at their values, e.g. 'J7.*'. Repeatable."),
+    ] = None,
+    free: Annotated[
+        list[str] | None,
+        typer.Option(help="Free parameters, e.g. 'probe.vector.*'. Repeatable."),
+    ] = None,
+    strict: Annotated[
+        bool,
+        typer.Option("--strict", help="Exit status 1 if anything is undetermined."),
+    ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Report as JSON on standard output.")
+    ] = False,
+    compare: Annotated[
+        tuple[Path, Path] | None,
+        typer.Option(
+            metavar="A B",
+            help="Compare two arm files or folders of results at the probe instead.",
+        ),
+    ] = None,
+) -> None:
+    """Find an arm's geometry from a campaign, by least squares.
+
+    Writes arm.toml, its covariance, identification.json, residuals.csv and report.html.
+    Exit status 1: no convergence, or --strict and something is undetermined.
+    """
+    with _refusals():
+        if compare is not None:
+            _compare(*compare, campaign, as_json=as_json)
+            return
+        missing = [
+            name
+            for name, value in (("CAMPAIGN", campaign), ("--arm", arm), ("--out", out))
+            if value is None
+        ]
+        if campaign is None or arm is None or out is None:
+            _refuse(f"{', '.join(missing)} missing; or give --compare A B")
+        from lab.identification.identify import Options  # noqa: PLC0415 - quick --help
+
+        options = Options(hold=tuple(hold or ()), free=tuple(free or ()))
+        result = _identified(campaign, arm, options)
+        lines = _written(result, out)
+    undetermined = bool(result.undetermined)
+    if as_json:
+        from lab.identification.files import identification_json  # noqa: PLC0415
+
+        typer.echo(json.dumps(identification_json(result), indent=1))
+    else:
+        typer.echo("\n".join(lines))
+    if not result.converged or (strict and undetermined):
+        raise typer.Exit(NO)
+
+
+def _identified(folder: Path, arm_file: Path, options: "Options") -> "Identification":
+    """Read, adjust, and tell of it on a terminal."""
+    import numpy as np  # noqa: PLC0415
+
+    from kinematics.arm_file import read_arm  # noqa: PLC0415
+    from lab.identification.identify import (  # noqa: PLC0415
+        IdentificationError,
+        identify,
+    )
+
+    arm = read_arm(arm_file)
+    campaign = _campaign(folder, arm)
+    progress = _Progress(campaign) if sys.stderr.isatty() else None
+    try:
+        return identify(campaign, arm, options, progress)
+    except IdentificationError as error:
+        _refuse(str(error))
+    except np.linalg.LinAlgError as error:
+        typer.echo(
+            f"{folder}: the adjustment broke down ({error}); check units, signs and "
+            "zeros of the arm file, and the features of the poses",
+            err=True,
+        )
+        raise typer.Exit(NO) from error
+
+
+def _written(result: "Identification", out: Path) -> list[str]:
+    """Write the results and say what there is."""
+    from kinematics.arm_text import write_whole  # noqa: PLC0415
+    from lab.identification.files import (  # noqa: PLC0415
+        identification_json,
+        write_result,
+    )
+    from lab.identification.report import (  # noqa: PLC0415
+        summary_lines,
+        write_report,
+    )
+    from lab.identification.report.page import result_map  # noqa: PLC0415
+
+    found = result_map(result)
+    lines = summary_lines(result, found)
+    if not result.converged:
+        # An arm file of it might be measured with.
+        out.mkdir(parents=True, exist_ok=True)
+        text = json.dumps(identification_json(result), indent=1) + "\n"
+        write_whole(out / "identification.json", text)
+        write_report(result, found, out / "report.html")
+        return [*lines, f"wrote {out}: identification.json, report.html; no arm.toml"]
+    write_result(result, out)
+    write_report(result, found, out / "report.html")
+    names = "arm.toml, arm.cov.npz, identification.json, residuals.csv, report.html"
+    return [*lines, f"wrote {out}: {names}"]
+
+
+class _Progress:
+    """Tells of every iteration, a line each."""
+
+    def __init__(self, campaign: "Campaign") -> None:
+        rows = [artefact.rows_per_pose for artefact in campaign.artefacts]
+        self._n_rows = sum(rows[at] for at in campaign.poses.artefacts.tolist())
+        self._n_told = 0
+
+    def __call__(self, iteration: "Iteration") -> None:
+        self._n_told += 1
+        misfit = (iteration.sum_of_squares / self._n_rows) ** 0.5
+        shortened = "" if iteration.fraction == 1.0 else f" x {iteration.fraction:.3g}"
+        typer.echo(
+            f"iteration {self._n_told:3d}: misfit {misfit:.4g} sigma, "
+            f"step {iteration.step:.3g} sigma{shortened}, "
+            f"{iteration.n_determined} directions determined",
+            err=True,
+        )
+
+
+def _compare(first: Path, second: Path, folder: Path | None, *, as_json: bool) -> None:
+    """Compare two arms at the probe, within a campaign's ranges if there is one."""
+    from kinematics.arm_file import read_arm  # noqa: PLC0415
+    from lab.identification.comparison import (  # noqa: PLC0415
+        ComparisonError,
+        compare_arms,
+    )
+    from traverse.identify_comparison import (  # noqa: PLC0415
+        comparison_lines,
+        comparison_values,
+    )
+
+    files = [path / "arm.toml" if path.is_dir() else path for path in (first, second)]
+    arms = [read_arm(file) for file in files]
+    ranges = None
+    if folder is not None:
+        angles_rad = _campaign(folder, arms[0]).poses.angles_rad
+        ranges = (angles_rad.min(axis=0), angles_rad.max(axis=0))
+    try:
+        found = compare_arms(arms[0], arms[1], ranges)
+    except ComparisonError as error:
+        _refuse(str(error))
+    values = comparison_values(files, arms, found)
+    typer.echo(
+        json.dumps(values, indent=1) if as_json else "\n".join(comparison_lines(values))
+    )
+
+
+def _campaign(folder: Path, arm: "Arm") -> "Campaign":
+    from lab.campaign import read_campaign  # noqa: PLC0415
+
+    return read_campaign(folder, [joint.name for joint in arm.joints])
+
+
+def _refuse(text: str) -> NoReturn:
+    typer.echo(f"traverse identify: {text}", err=True)
+    raise typer.Exit(REFUSED)
+
+
+@contextmanager
+def _refusals() -> Iterator[None]:
+    """End with exit status 2 where something is refused, missing or not writable."""
+    from kinematics.arm_file import FileError  # noqa: PLC0415 - keeps --help quick
+
+    try:
+        yield
+    except FileError as error:
+        typer.echo(str(error), err=True)
+        raise typer.Exit(REFUSED) from error
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        if package not in ("scipy", "matplotlib"):
+            raise
+        typer.echo(
+            f"traverse identify needs {package}, which is not installed; install the "
+            "extra `lab`: pip install 'traverse-cmm[lab]'",
+            err=True,
+        )
+        raise typer.Exit(REFUSED) from error
+    except OSError as error:
+        typer.echo(f"{error.filename}: {error.strerror}; check the path", err=True)
+        raise typer.Exit(REFUSED) from error
