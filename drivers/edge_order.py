@@ -22,7 +22,6 @@ class EdgeOrder:
 
     def __init__(self, expected: int | None = None) -> None:
         self._next = expected
-        self._begun = False
         self._acknowledged: int | None = None
         self._early_since_ns: int | None = None
 
@@ -32,22 +31,20 @@ class EdgeOrder:
         return self._acknowledged
 
     def expect(self, seq: int) -> None:
-        """The board says which edge comes next; believed only at the beginning."""
+        """The board says with which edge to begin; believed only at the beginning."""
         if self._next is None:
-            self._next = seq
+            self._next = seq % WRAP
 
     def judge(self, seq: int, now_ns: int) -> tuple[Verdict, int]:
         """What to do with edge ``seq``, and how many before it are lost for good.
 
         Returns:
-            "next": deliver it, then call `delivered`. "early": an earlier one is
-            missing, wait for it. "waiting": delivered, not yet acknowledged.
+            "next": deliver it, then call `delivered`. "early": an earlier one is,
+            or may be, missing: wait for it. "waiting": delivered, not yet acknowledged.
             "acknowledged": acknowledge again, the board did not hear.
         """
-        if self._next is None or (
-            not self._begun and _signed(seq - self._next) < 0
-        ):  # it came about before the board told what comes next
-            self._next = seq
+        if self._next is None:
+            return "early", 0  # an earlier one may be waiting: the heartbeat will tell
         ahead = _signed(seq - self._next)
         if ahead < 0:
             done = self._acknowledged
@@ -64,7 +61,6 @@ class EdgeOrder:
     def delivered(self, seq: int) -> None:
         """Edge ``seq`` is being handed to the consumer."""
         self._next = (seq + 1) % WRAP
-        self._begun = True
         self._early_since_ns = None
 
     def refused(self, seq: int) -> None:

@@ -313,7 +313,7 @@ class LatchBoard(Driver):
             self._report_lost(self._sequence.reach(heartbeat.next_sample_seq))
         ticks = self._clock.unwrap(np.array([heartbeat.ticks], np.uint32))
         self._clock.update(int(ticks[0]), received_ns)
-        self._edges.expect(heartbeat.next_edge_seq)
+        self._edges.expect(heartbeat.next_edge_seq - heartbeat.edges_back)
         self._counters["board_tx_dropped"] = heartbeat.tx_dropped
         self._counters["board_rx_rejected"] = heartbeat.rx_rejected
         self._counters["clock_steps"] = self._clock.steps

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 WRAP = 1 << 32
 BIN_S = 0.5
 BINS = 64  # half a minute: long against jitter, short against temperature
-BINS_FOR_SLOPE = 4
+BINS_FOR_SLOPE = 10  # five seconds: before, a busy host's delays look like a rate
 MAX_RATE_ERROR = 1e-3  # a crystal is within 1e-4; beyond this it is not a clock
 MAX_EARLY_NS = 20_000_000  # more than jitter: received so long before its latch
 

@@ -148,10 +148,16 @@ class Alarm:
 
 @dataclass(frozen=True, slots=True)
 class Heartbeat:
-    """Sign of life, with what the next sample and edge will be numbered."""
+    """Sign of life, with what the next sample and edge will be numbered.
+
+    Attributes:
+        edges_back: so many numbers before ``next_edge_seq`` is the oldest edge that
+            waits to be acknowledged; 0 where none waits.
+    """
 
     streaming: bool
     inputs: int
+    edges_back: int
     ticks: int
     next_sample_seq: int
     next_edge_seq: int
@@ -359,8 +365,8 @@ def _parse_alarm(body: bytes) -> Alarm | None:
 def _parse_heartbeat(body: bytes) -> Heartbeat | None:
     if len(body) != _HEARTBEAT.size:
         return None
-    _, state, inputs, _, *rest = _HEARTBEAT.unpack(body)
-    return Heartbeat(state == 1, inputs, *rest)
+    _, state, inputs, back, *rest = _HEARTBEAT.unpack(body)
+    return Heartbeat(state == 1, inputs, back, *rest)
 
 
 _PARSERS: dict[int, Callable[[bytes], Message | None]] = {

@@ -137,6 +137,7 @@ class Board:
                 int(self.streaming),
                 self._inputs.levels,
                 self._shown(now_s),
+                edges_back=self.edges.back,
                 next_sample_seq=self.sampler.next_seq,
                 next_edge_seq=self.edges.next_seq,
                 tx_dropped=self.alarms.tx_dropped,

@@ -54,6 +54,11 @@ class EdgeQueue:
     def __len__(self) -> int:
         return len(self._waiting)
 
+    @property
+    def back(self) -> int:
+        """How many numbers ago the oldest that waits was given; 0 if none does."""
+        return min(255, self.next_seq - self._waiting[0].seq) if self._waiting else 0
+
     def report(self, edge: LatchedEdge, now_s: float) -> bytes | None:
         """Give the frame of an edge and keep it; None if there is no room."""
         seq, self.next_seq = self.next_seq, self.next_seq + 1

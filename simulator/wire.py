@@ -212,6 +212,7 @@ def heartbeat(
     inputs: int,
     ticks: int,
     *,
+    edges_back: int,
     next_sample_seq: int,
     next_edge_seq: int,
     tx_dropped: int,
@@ -220,4 +221,4 @@ def heartbeat(
     """Write a heartbeat."""
     numbers = (ticks, next_sample_seq, next_edge_seq, tx_dropped, rx_rejected)
     wrapped = [number & 0xFFFFFFFF for number in numbers]
-    return frame(struct.pack("<BBBB5I", 0x87, state, inputs, 0, *wrapped))
+    return frame(struct.pack("<BBBB5I", 0x87, state, inputs, edges_back, *wrapped))

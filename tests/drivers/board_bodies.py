@@ -60,7 +60,13 @@ def alarm(channel: int, state: int, code: int, value: int) -> bytes:
 
 
 def heartbeat(
-    state: int, ticks: int, next_sample: int, next_edge: int, dropped: int = 0
+    state: int,
+    ticks: int,
+    next_sample: int,
+    next_edge: int,
+    *,
+    dropped: int = 0,
+    back: int = 0,
 ) -> bytes:
     numbers = (ticks % (1 << 32), next_sample, next_edge, dropped, 0)
-    return struct.pack("<4B5I", 0x87, state, 0, 0, *numbers)
+    return struct.pack("<4B5I", 0x87, state, 0, back, *numbers)

@@ -197,6 +197,7 @@ class FakeBoard:
                     self.ticks(),
                     self.next_sample,
                     self.next_edge,
+                    back=self.next_edge - min(self.edges, default=self.next_edge),
                 )
                 self.send(*repeated, beat)
 

@@ -96,12 +96,14 @@ def test_edge_numbers_wrap():
     assert edges.judge(WRAP - 1, 0) == ("acknowledged", 0)
 
 
-def test_edges_from_before_the_first_heartbeat_are_taken():
+def test_nothing_is_taken_before_the_board_says_with_which_edge_to_begin():
     edges = EdgeOrder()
-    edges.expect(12)  # the heartbeat counts 10 and 11, which are still to come
-    assert edges.judge(10, 0) == ("next", 0)
+    assert edges.judge(11, 0) == ("early", 0)  # 10 may have been broken on the line
+    edges.expect(12 - 2)  # the heartbeat counts 10 and 11, which are still waiting
+    assert edges.judge(11, 1) == ("early", 0)
+    assert edges.judge(10, 2) == ("next", 0)
     edges.delivered(10)
-    assert edges.judge(11, 0) == ("next", 0)
+    assert edges.judge(11, 3) == ("next", 0)
 
 
 def test_an_acknowledgement_from_before_a_restart_is_ignored():

@@ -29,10 +29,7 @@ async def scan_and_probe(
     Returns:
         The listener, the scan's numbers, and the simulator's summary of the device.
     """
-    # The rest lets heartbeats tell which edge comes first: the driver takes the first
-    # edge that it hears for the first there is, and would lose one broken before.
-    rest = '[[motion]]\nkind = "rest"\nduration_s = 1.3'
-    bench.write_simulator(rest, SPHERE.format(points=N_POINTS), faults=faults)
+    bench.write_simulator(SPHERE.format(points=N_POINTS), faults=faults)
     bench.write_daemon()
     async with measuring(bench) as (listener, simulator, _):
         started = await listener.command(ScanArgs(action="start", rate_hz=1000.0))

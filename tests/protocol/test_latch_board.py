@@ -64,7 +64,7 @@ def test_what_the_board_sends_is_read_as_specified():
     assert edge == wire.Edge(0, 1, 1, 7, 10_001, counts, (0, 0))
     assert temperatures == wire.Temperatures(10_001, (23.0, None))
     assert alarm == wire.Alarm(1, True, 1, 0, 10_002, 350)
-    assert heartbeat == wire.Heartbeat(True, 0, 10_003, 43, 8, 0, 0)
+    assert heartbeat == wire.Heartbeat(True, 0, 0, 10_003, 43, 8, 0, 0)
 
 
 def test_a_modulus_of_zero_is_the_whole_width_of_the_word():

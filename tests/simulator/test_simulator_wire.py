@@ -83,7 +83,14 @@ def test_alarm():
 
 def test_heartbeat():
     data = wire.heartbeat(
-        1, 0, 10003, next_sample_seq=43, next_edge_seq=8, tx_dropped=0, rx_rejected=0
+        1,
+        0,
+        10003,
+        edges_back=0,
+        next_sample_seq=43,
+        next_edge_seq=8,
+        tx_dropped=0,
+        rx_rejected=0,
     )
     assert hexes(data) == (
         "03 87 01 01 03 13 27 01 02 2B 01 01 02 08 01 01 01 01 01 01 01 01 01 01 "
