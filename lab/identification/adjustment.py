@@ -16,10 +16,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.identification.datum import scale_direction
 from lab.identification.network import (
     Network,
     State,
     Station,
+    has_length,
     misclosures_mm,
     white_rows,
 )
@@ -35,8 +37,9 @@ _MOST_HALVINGS = 12
 _CONVERGED = 1e-7
 # A sum of squares may rise by this much of itself from rounding.
 _ROUNDING = 1e-9
-# From here on the rank stays, so that it cannot alternate.
-_RANK_SETTLES_AT = 4
+# After a step this small, or this many, the rank stays: it cannot alternate.
+_NEAR = 1.0
+_RANK_SETTLES_AT = 12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,7 +128,6 @@ def adjust(
         most_iterations: Before giving up.
     """
     parameters = network.parameters
-    tolerances = parameters.free_tolerances
     state = start
     system = linearise(network, state)
     iterations: list[Iteration] = []
@@ -133,13 +135,13 @@ def adjust(
     converged = False
     while not converged and len(iterations) < most_iterations:
         number = len(iterations) + 1
-        parts = split(system.upper, tolerances, n_determined)
-        if number >= _RANK_SETTLES_AT:
-            n_determined = parts.n_determined
+        parts = _split(network, state, system, n_determined)
         to_design = parameters.coordinates(design, state.arm)[parameters.free]
         step, cost = parts.step(to_design)
         state, size, fraction = _stepped(network, state, system, step, cost)
         converged = size < _CONVERGED and fraction > 0.0
+        if size < _NEAR or number >= _RANK_SETTLES_AT:
+            n_determined = parts.n_determined
         found = Iteration(
             number, system.sum_of_squares, size, fraction, parts.n_determined
         )
@@ -149,7 +151,7 @@ def adjust(
         if fraction == 0.0:
             break
         system = linearise(network, state)
-    parts = split(system.upper, tolerances, n_determined)
+    parts = _split(network, state, system, n_determined)
     return Adjustment(
         network=network,
         state=state,
@@ -205,6 +207,16 @@ def sum_of_squares(network: Network, state: State, system: System) -> float:
         certified = _certified(station, unknowns, 0)[:, -1]
         total += float(np.sum(white**2) + np.sum(certified**2))
     return total
+
+
+def _split(
+    network: Network, state: State, system: System, n_determined: int | None
+) -> Split:
+    parameters = network.parameters
+    scale = np.empty((0, parameters.n_free))
+    if not has_length(network):
+        scale = scale_direction(parameters, state.arm.geometry)
+    return split(system.upper, parameters.free_tolerances, scale, n_determined)
 
 
 def _stepped(

@@ -107,3 +107,36 @@ def with_datum(
         unit = rows[best] / sizes[best]
         rows = rows - np.outer(rows @ unit, unit)
     return parameters.with_free(free)
+
+
+def scale_direction(parameters: Parameters, geometry: Geometry) -> Floats:
+    """Write a stretch of the whole arm in the free parameters.
+
+    Links grow by themselves; held components are kept by turning the arm back.
+
+    Returns:
+        The direction in units of the tolerances, of unit length, (1, n_free); none,
+        (0, n_free), where held parameters keep the arm from stretching.
+    """
+    n = geometry.n_joints
+    basis = parameters.basis(geometry)
+    links_mm = geometry.links_mm.copy()
+    links_mm[-1] += geometry.probe_vector_mm
+    stretch = np.zeros(len(parameters.names))
+    for k in range(n - 1, -1, -1):
+        stretch[4 * k + 2 : 4 * k + 4] = basis[k] @ links_mm[k]
+        along = (links_mm[k] @ geometry.axes[k]) * geometry.axes[k]
+        if k:
+            links_mm[k - 1] += along
+        else:
+            # A shift of x_0 along the first axis moves the arm as a whole.
+            stretch[4 * n : 4 * n + 3] = along
+    motions = rigid_motions(parameters, geometry)
+    held = ~parameters.free
+    turned = np.linalg.lstsq(motions[held], stretch[held], rcond=1e-9)[0]
+    whole = stretch - motions @ turned
+    if np.max(np.abs(whole[held])) > 1e-6 * max(float(np.max(np.abs(stretch))), 1e-9):
+        return np.empty((0, parameters.n_free))
+    scaled: Floats = whole[parameters.free] / parameters.free_tolerances
+    size = float(np.linalg.norm(scaled))
+    return scaled[np.newaxis] / size if size > 0.0 else scaled[np.newaxis][:0]

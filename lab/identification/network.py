@@ -126,6 +126,13 @@ def stations(
     return tuple(found)
 
 
+def has_length(network: Network) -> bool:
+    """Say whether anything tells how long a millimetre is."""
+    return any(
+        station.artefact.tells_length(station.touches) for station in network.stations
+    )
+
+
 def start_state(network: Network, arm: ArmValues) -> State:
     """Find every station's unknowns in closed form from an arm.
 

@@ -5,6 +5,10 @@ singular value s of the whitened triangle says: this combination is known to 1/s
 what the design says already. Where s < 1 the campaign adds nothing: the combination
 is held at its design value. Nothing is regularised; all others are ordinary
 least squares.
+
+What is known beforehand to be undetermined (the scale, without any length) is left
+out before anything is decided: away from the solution misclosures would feign
+information about it, and the arm would shrink to nothing.
 """
 
 from dataclasses import dataclass
@@ -65,20 +69,34 @@ class Split:
         return determined + self.tolerances * (back @ self.undetermined), cost
 
 
-def split(upper: Floats, tolerances: Floats, n_determined: int | None = None) -> Split:
+def split(
+    upper: Floats,
+    tolerances: Floats,
+    known_null: Floats,
+    n_determined: int | None = None,
+) -> Split:
     """Split the directions of a triangle.
 
     Args:
         upper: Parameters and right side, (n_rows, n_free + 1).
         tolerances: Plausible deviations from the design, (n_free,).
+        known_null: Orthonormal directions in units of the tolerances that are
+            undetermined for certain, (n_null, n_free).
         n_determined: How many directions count; None: those known better than that.
     """
     n_free = len(tolerances)
     rows = np.zeros((max(len(upper), n_free), n_free + 1))
     rows[: len(upper)] = upper
-    left, values, directions = np.linalg.svd(rows[:, :-1] * tolerances)
+    others = np.linalg.svd(known_null)[2][len(known_null) :]
+    left, values, within = np.linalg.svd(rows[:, :-1] * tolerances @ others.T)
     count = (
         int(np.count_nonzero(values > 1.0)) if n_determined is None else n_determined
     )
-    right = (left.T @ rows[:, -1])[:n_free]
-    return Split(tolerances, values, directions, count, right)
+    n_null = len(known_null)
+    return Split(
+        tolerances,
+        np.concatenate([values, np.zeros(n_null)]),
+        np.vstack([within @ others, known_null]),
+        count,
+        np.concatenate([(left.T @ rows[:, -1])[: len(values)], np.zeros(n_null)]),
+    )

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from kinematics.geometry import Geometry
 from lab.identification.adjustment import Adjustment
 from lab.identification.coverage import JointCoverage, joint_coverage
-from lab.identification.datum import rigid_motions
-from lab.identification.network import Network
+from lab.identification.datum import scale_direction
+from lab.identification.network import Network, has_length
 from lab.identification.parameters import Parameters
 from lab.identification.probe_effect import probe_effects_mm
 
@@ -28,8 +28,11 @@ _SMALL_TRAVEL_RAD = np.radians(20.0)
 # one that moves the probe by more than ten contacts' noise.
 _WEAK = 0.2
 _WEAK_IN_CONTACTS = 10.0
-_SCALE_EXPLAINED = 0.99
 _ON_THE_AXIS_MM = 2.0
+_NO_LENGTH = (
+    "no length in this campaign: the scale of the whole arm is not determined; add a "
+    "ball bar or another known length"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,18 +74,13 @@ def undetermined_directions(adjustment: Adjustment) -> tuple[Undetermined, ...]:
     geometry = adjustment.state.arm.geometry
     found = []
     rest = adjustment.split.undetermined
-    scale = scale_direction(network.parameters, geometry)
-    if len(rest) and not _has_length(network) and np.any(scale):
-        inside = rest @ scale
-        if np.linalg.norm(inside) > _SCALE_EXPLAINED:
-            found.append(
-                Undetermined(
-                    _named(network.parameters, scale),
-                    "no length in this campaign: the scale of the whole arm is not "
-                    "determined; add a ball bar or another known length",
-                )
-            )
-            rest = _without(rest, inside / np.linalg.norm(inside))
+    if not has_length(network):
+        scale = scale_direction(network.parameters, geometry)
+        for direction in scale:
+            named = _named(network.parameters, direction)
+            found.append(Undetermined(named, _NO_LENGTH))
+        # The adjustment holds the scale by decree, as the last direction.
+        rest = rest[: len(rest) - len(scale)]
     coverage = joint_coverage(network.campaign, _poses(network))
     for direction in _sparse(rest):
         why = _reason(network, geometry, coverage, direction)
@@ -118,48 +116,8 @@ def weak_directions(adjustment: Adjustment) -> tuple[Weak, ...]:
     )
 
 
-def scale_direction(parameters: Parameters, geometry: Geometry) -> Floats:
-    """Write a stretch of the whole arm in the free parameters, of unit length.
-
-    Links grow by themselves; held components are kept by turning the arm back.
-    Without freedom to do so the result is zero.
-    """
-    n = geometry.n_joints
-    basis = parameters.basis(geometry)
-    links_mm = geometry.links_mm.copy()
-    links_mm[-1] += geometry.probe_vector_mm
-    stretch = np.zeros(len(parameters.names))
-    for k in range(n - 1, -1, -1):
-        stretch[4 * k + 2 : 4 * k + 4] = basis[k] @ links_mm[k]
-        along = (links_mm[k] @ geometry.axes[k]) * geometry.axes[k]
-        if k:
-            links_mm[k - 1] += along
-        else:
-            # A shift of x_0 along the first axis moves the arm as a whole.
-            stretch[4 * n : 4 * n + 3] = along
-    motions = rigid_motions(parameters, geometry)
-    held = ~parameters.free
-    turned = np.linalg.lstsq(motions[held], stretch[held], rcond=1e-9)[0]
-    whole = stretch - motions @ turned
-    if np.max(np.abs(whole[held])) > 1e-6 * max(float(np.max(np.abs(stretch))), 1e-9):
-        return np.zeros(parameters.n_free)
-    scaled: Floats = whole[parameters.free] / parameters.free_tolerances
-    return scaled / np.linalg.norm(scaled)
-
-
-def _has_length(network: Network) -> bool:
-    return any(station.artefact.gives_length for station in network.stations)
-
-
 def _poses(network: Network) -> NDArray[np.int64]:
     return np.concatenate([station.poses for station in network.stations])
-
-
-def _without(rows: Floats, combination: Floats) -> Floats:
-    """Take one combination out of orthonormal rows."""
-    others = np.linalg.svd(combination[np.newaxis])[2][1:]
-    kept: Floats = others @ rows
-    return kept
 
 
 def _sparse(rows: Floats) -> Floats:

@@ -125,9 +125,8 @@ class Artefact(StrictModel):
         """3 where a point is known, 1 where a surface is touched."""
         return 1
 
-    @property
-    def gives_length(self) -> bool:
-        """Whether it tells the arm how long a millimetre is."""
+    def tells_length(self, touches: Touches) -> bool:
+        """Say whether these touches tell the arm how long a millimetre is."""
         return False
 
     @property

@@ -55,9 +55,8 @@ class BallBar(Artefact):
         """The two spheres."""
         return ("1", "2")
 
-    @property
-    def gives_length(self) -> bool:
-        """It is made for that."""
+    def tells_length(self, touches: Touches) -> bool:
+        """Say that it is made for that; even one sphere alone has a radius."""
         return True
 
     @property

@@ -47,10 +47,9 @@ class ParallelPlanes(Artefact):
         """The two surfaces."""
         return ("1", "2")
 
-    @property
-    def gives_length(self) -> bool:
-        """Their distance."""
-        return True
+    def tells_length(self, touches: Touches) -> bool:
+        """Say whether both were touched: their distance is the length."""
+        return len(np.unique(touches.features)) == 2
 
     @property
     def expansion(self) -> tuple[float, float]:

@@ -49,10 +49,10 @@ class Points(Artefact):
         """Three coordinates."""
         return 3
 
-    @property
-    def gives_length(self) -> bool:
-        """Their distances, unless a scale is estimated."""
-        return self.frame != "own_scaled"
+    def tells_length(self, touches: Touches) -> bool:
+        """Say whether there are distances to known points and no scale of their own."""
+        n_points = len(np.unique(touches.features))
+        return self.frame == "arm" or (self.frame == "own" and n_points > 1)
 
     @property
     def fixes_datum(self) -> bool:

@@ -37,9 +37,8 @@ class Sphere(Artefact):
     expansion_per_c: float = 0.0
     reference_temperature_c: float = REFERENCE_TEMPERATURE_C
 
-    @property
-    def gives_length(self) -> bool:
-        """A known radius is a length."""
+    def tells_length(self, touches: Touches) -> bool:
+        """Say that a known radius is a length."""
         return self.radius_mm is not None
 
     @property
