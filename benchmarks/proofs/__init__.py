@@ -1,0 +1,1 @@
+"""Slow statistical proofs of the identification, over hundreds of simulated seeds."""

@@ -1,0 +1,88 @@
+"""What any correct identification must predict, whatever its datum: distances.
+
+The distance of the ball between two postures does not depend on where the base
+stands, nor on how parameters share a shift. What was estimated is compared with the
+simulator's own matrices, whitened with the covariance that the identification states;
+derivatives of distances are differences of distances, not the adjustment's own.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.forward import probe_centre
+from lab.identification.parameters import ArmValues
+from lab.identification.result import Identification
+from simulator.campaigns import PoseSet
+from simulator.physics import probe_pose
+
+Floats = NDArray[np.float64]
+
+N_PAIRS = 15
+_DIFFERENCE = 1e-3  # of a parameter's plausible deviation
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DistanceErrors:
+    """Predicted less true distances.
+
+    Attributes:
+        errors_mm: (n_pairs,); without a length, of distances in units of their mean.
+        chi_square: Of the errors, whitened by the stated cofactors and sigma0 = 1.
+        degrees: Of freedom.
+    """
+
+    errors_mm: Floats
+    chi_square: float
+    degrees: int
+
+
+def distance_errors(
+    result: Identification, poses: PoseSet, seed: int, *, has_scale: bool = True
+) -> DistanceErrors:
+    """Compare predicted distances between random posture pairs with the truth.
+
+    Args:
+        result: What was identified.
+        poses: Where the true arm and its limits are.
+        seed: Of the posture pairs.
+        has_scale: Whether the campaign has a length; else shapes are compared.
+    """
+    rng = np.random.default_rng([seed, 0x696E76])
+    least, largest = poses.limits_rad.T
+    turns_rad = rng.uniform(least, largest, (2 * N_PAIRS, len(least)))
+    angles_rad = turns_rad + poses.truth.zeros_rad
+    true_mm = _distances(probe_pose(poses.truth.mechanism, turns_rad)[0])
+    adjustment = result.adjustment
+    parameters, estimate = adjustment.network.parameters, adjustment.state.arm
+
+    def predicted_mm(values: ArmValues) -> Floats:
+        return _distances(probe_centre(values.geometry, angles_rad))
+
+    slopes = np.empty((N_PAIRS, parameters.n_free))
+    for at, tolerance in enumerate(parameters.free_tolerances):
+        step = np.zeros(parameters.n_free)
+        step[at] = _DIFFERENCE * tolerance
+        ahead = predicted_mm(parameters.moved(estimate, step))
+        behind = predicted_mm(parameters.moved(estimate, -step))
+        slopes[:, at] = (ahead - behind) / (2.0 * step[at])
+    found_mm = predicted_mm(estimate)
+    errors_mm = found_mm - true_mm
+    if not has_scale:
+        mean_mm = float(true_mm.mean())
+        errors_mm = mean_mm * (np.log(found_mm) - np.log(true_mm))
+        slopes = mean_mm * slopes / found_mm[:, np.newaxis]
+        errors_mm = errors_mm - errors_mm.mean()
+        slopes = slopes - slopes.mean(axis=0)
+    spread = slopes @ adjustment.split.inverse
+    kept = slice(None) if has_scale else slice(0, -1)
+    covariance = (spread @ spread.T)[kept, kept]
+    white = np.linalg.solve(np.linalg.cholesky(covariance), errors_mm[kept])
+    return DistanceErrors(errors_mm, float(white @ white), len(white))
+
+
+def _distances(centres_mm: Floats) -> Floats:
+    """Distances of consecutive pairs, (n / 2,)."""
+    distances: Floats = np.linalg.norm(centres_mm[::2] - centres_mm[1::2], axis=1)
+    return distances
