@@ -4,9 +4,10 @@ import asyncio
 import contextlib
 import logging
 import signal
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Coroutine
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from daemon.capture import Capture, Triggers
 from daemon.clock import HostClock
@@ -167,14 +168,15 @@ class Service:
         async with self._running_drivers(), asyncio.TaskGroup() as tasks:
             running = [tasks.create_task(self._consume(d)) for d in self._devices]
             try:
-                await self._check()
-                running.append(tasks.create_task(self._publisher.run()))
-                running.append(tasks.create_task(self._keep_house()))
-                self._publish_status()
-                self._requests.track()
-                log.info("arm %s, model %s", self._arm, self._model.digest[:12])
-                await self._stopping.wait()
-                await self._drain()
+                await self._unless_stopped(self._check())
+                if not self._stopping.is_set():
+                    running.append(tasks.create_task(self._publisher.run()))
+                    running.append(tasks.create_task(self._keep_house()))
+                    self._publish_status()
+                    self._requests.track()
+                    log.info("arm %s, model %s", self._arm, self._model.digest[:12])
+                    await self._stopping.wait()
+                    await self._drain()
             except StartupError as error:
                 failure = error  # raised outside the group, which would wrap it
             finally:
@@ -183,6 +185,17 @@ class Service:
                     task.cancel()
         if failure is not None:
             raise failure
+
+    async def _unless_stopped(self, work: Coroutine[Any, Any, None]) -> None:
+        """Do this, or leave it when the daemon is told to end meanwhile."""
+        working = asyncio.ensure_future(work)
+        stopping = asyncio.ensure_future(self._stopping.wait())
+        await asyncio.wait((working, stopping), return_when=asyncio.FIRST_COMPLETED)
+        for task in (working, stopping):
+            task.cancel()
+        result, _ = await asyncio.gather(working, stopping, return_exceptions=True)
+        if isinstance(result, Exception):
+            raise result
 
     async def _check(self) -> None:
         failures = await check_devices(self._devices)

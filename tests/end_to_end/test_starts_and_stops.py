@@ -1,5 +1,7 @@
 """The daemon starts, refuses to start, and ends; exit statuses and what it says."""
 
+import asyncio
+import os
 import signal
 from pathlib import Path
 
@@ -125,6 +127,23 @@ async def test_a_second_daemon_leaves_the_first_in_peace(bench: Workbench) -> No
         await until(lambda: len(listener.healths) > told + 1, "more figures")
         assert listener.healths[-1].counters["reconnects"] == 0
         assert all(status.online for status in listener.statuses)
+
+
+async def test_a_signal_ends_it_while_it_waits_for_a_mute_board(
+    alone: Workbench,
+) -> None:
+    board, line = os.openpty()
+    try:
+        alone.pty.symlink_to(os.ttyname(line))
+        alone.write_daemon()
+        with alone.daemon() as daemon:
+            await asyncio.to_thread(os.read, board, 1)  # it says HELLO, nobody answers
+            daemon.process.send_signal(signal.SIGTERM)
+            # Sooner than it gives the board up: the devices may take eight seconds.
+            assert await daemon.ended(timeout_s=5.0) == 0
+    finally:
+        os.close(board)
+        os.close(line)
 
 
 @pytest.mark.broker
