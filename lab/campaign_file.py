@@ -51,9 +51,14 @@ class CampaignFile(StrictModel):
     start_utc: AwareDatetime | None = None
     gravity_m_s2: Vector | None = None
     noise: Noise = Noise()
-    artefacts: tuple[
-        Annotated[Artefact, PlainValidator(artefact_from_table), KeysByKind()], ...
-    ] = Field(min_length=1)
+    tables: tuple[
+        Annotated[Any, PlainValidator(artefact_from_table), KeysByKind()], ...
+    ] = Field(alias="artefacts", min_length=1)
+
+    @property
+    def artefacts(self) -> tuple[Artefact, ...]:
+        """The tables, each of the class of its kind."""
+        return self.tables
 
 
 def read_campaign_file(path: Path) -> CampaignFile:
@@ -71,7 +76,7 @@ def read_campaign_file(path: Path) -> CampaignFile:
         else artefact
         for artefact in file.artefacts
     )
-    return file.model_copy(update={"artefacts": artefacts})
+    return file.model_copy(update={"tables": artefacts})
 
 
 def read_points(path: Path) -> dict[str, tuple[float, float, float]]:

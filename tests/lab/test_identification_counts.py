@@ -125,9 +125,12 @@ def condition(hinge_deg, roll_deg, orders, seed):
         "frame": "own",
         "points_mm": {"A": [0.0, 0, 0], "B": [300.0, 0, 0]},
     }
-    campaign = simulate(
-        design, [*cones(5), pair], 17, seed, travel_rad=travel, radius_mm=800.0
-    )
+    rng = np.random.default_rng(seed)
+    middles = design.centres(design.zeros_rad + rng.uniform(-0.5, 0.5, (6, 7)) * travel)
+    tables = [*cones(5), pair]
+    for table, middle in zip(tables, middles, strict=True):
+        table["place_mm"] = middle
+    campaign = simulate(design, tables, 17, seed, travel_rad=travel)
     terms = tuple(Harmonics(order, 7) for order in orders)
     options = Options(terms=terms, snooping=False, coarse_start=False, n_suggestions=0)
     return identify(campaign, arm_value(design), options).condition_number

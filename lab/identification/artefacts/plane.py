@@ -37,9 +37,13 @@ class Plane(Artefact):
     def start(self, centres_mm: Floats, touches: Touches) -> Floats:
         """Fit a plane; the directions of touch tell where its outside is."""
         normal = start_normal(centres_mm, np.zeros(len(centres_mm)))
-        inwards = np.nan_to_num(touches.directions) @ normal
-        if inwards.sum() > 0.0:
+        if np.nansum(touches.directions @ normal) > 0.0:
             normal = -normal
+        sides = _sides(normal, touches)
+        if np.ptp(sides) > 0.0:
+            # Touched from both sides: two planes of centres, a ball apart.
+            refined = start_normal(centres_mm, sides)
+            normal = refined * np.sign(refined @ normal)
         sides_mm = _sides(normal, touches) * touches.radius_mm
         return np.append(normal, np.median(centres_mm @ normal - sides_mm))
 
