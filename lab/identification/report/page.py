@@ -95,7 +95,7 @@ def report_page(result: Identification, found: UncertaintyMap) -> str:
         normal_section(result),
         parameter_section(result),
         weakness_section(result),
-        map_section(found, _noise_mm(result)),
+        map_section(result, found, _noise_mm(result)),
         correlation_section(result),
         excluded_section(result),
         advice_section(result),
@@ -135,7 +135,7 @@ def _verdict(result: Identification, found: UncertaintyMap) -> str:
         noise_sentence(result),
         determined_sentence(result),
         excluded_sentence(result),
-        map_sentence(found),
+        map_sentence(result, found),
     ]
     kind = "verdict" if good else "verdict bad"
     text = "\n".join(paragraph(sentence) for sentence in sentences)

@@ -137,7 +137,7 @@ def weakness_section(result: Identification) -> str:
     return section("undetermined", "Undetermined and weak directions", *parts)
 
 
-def map_section(found: UncertaintyMap, noise_mm: float) -> str:
+def map_section(result: Identification, found: UncertaintyMap, noise_mm: float) -> str:
     """Show the volumetric uncertainty."""
     names = {
         "radial": f"{found.length_mm:.0f} mm, radially from the first axis",
@@ -168,7 +168,7 @@ def map_section(found: UncertaintyMap, noise_mm: float) -> str:
     return section(
         "map",
         "Volumetric uncertainty",
-        paragraph(map_sentence(found)),
+        paragraph(map_sentence(result, found)),
         image(map_picture(found), "standard deviation of distances by place"),
         table(head, rows),
         paragraph(

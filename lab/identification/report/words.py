@@ -11,7 +11,9 @@ from lab.identification.uncertainty_map import UncertaintyMap
 _TWO_SIDED = 1.96
 _LEAST_REDUNDANCY = 30
 _ZERO_FOUND_RAD = 1e-4
+_BY_CHANCE = 0.001
 _MOST_LINES = 12
+_MOST_NAMES = 6
 
 
 def sigma0_sentences(result: Identification) -> list[str]:
@@ -45,12 +47,17 @@ def _sigma0_sentence(result: Identification, figures: str) -> str:
             "Arm model and noise agree with the measurements."
         )
     if result.sigma0 > 1.0:
+        chance = (
+            f" By chance {100.0 * test.p_value:.1g} % of campaigns are as far off."
+            if test.p_value > _BY_CHANCE
+            else ""
+        )
         return (
             f"{said}: the residuals are {result.sigma0:.3g} times as large as the "
             "given noise explains. Either the noise was given too small, or the arm "
             "does something that axes and links do not describe: look for a pattern "
-            "in the residuals against the joints. All standard deviations here are "
-            "scaled by sigma0."
+            f"in the residuals against the joints.{chance} All standard deviations "
+            "here are scaled by sigma0."
         )
     return (
         f"{said}: the residuals are smaller than the given noise leads to expect: it "
@@ -95,14 +102,15 @@ def determined_sentence(result: Identification) -> str:
     n_free, n_not = len(result.parameters), len(result.undetermined)
     if n_not == 0:
         return f"All {n_free} free parameters are determined."
+    rest = "one keeps its design value" if n_not == 1 else f"{n_not} keep design values"
     return (
         f"{n_free - n_not} of {n_free} combinations of the free parameters are "
-        f"determined; {n_not} are not and keep their design values."
+        f"determined; {rest}."
     )
 
 
-def map_sentence(found: UncertaintyMap) -> str:
-    """Say how well distances are known."""
+def map_sentence(result: Identification, found: UncertaintyMap) -> str:
+    """Say how well distances are known, and when that is not all."""
     summary = found.summary()
     if not summary:
         return (
@@ -111,11 +119,14 @@ def map_sentence(found: UncertaintyMap) -> str:
     rows = list(summary.values())
     median_mm = float(np.median([row.median_mm for row in rows]))
     largest_mm = max(row.largest_mm for row in rows)
-    return (
+    said = (
         f"Standard deviation of a distance ({found.length_mm:.0f} mm long, or from the "
         f"middle of the volume): {length_mm(median_mm)} as a rule, "
-        f"{length_mm(largest_mm)} at worst."
+        f"{length_mm(largest_mm)} at worst"
     )
+    if not result.undetermined:
+        return f"{said}."
+    return f"{said}, if what is undetermined were as designed; the truth is worse."
 
 
 def zeros_sentence(result: Identification) -> str | None:
@@ -136,8 +147,11 @@ def zeros_sentence(result: Identification) -> str | None:
 
 
 def combination(direction: Mapping[str, float]) -> str:
-    """Write a combination of parameters."""
-    return ", ".join(f"{name} {value:+.2f}" for name, value in direction.items())
+    """Write a combination of parameters, the largest first, not all of a long one."""
+    largest = sorted(direction.items(), key=lambda entry: -abs(entry[1]))
+    shown = ", ".join(f"{name} {value:+.2f}" for name, value in largest[:_MOST_NAMES])
+    more = len(largest) - _MOST_NAMES
+    return f"{shown} and {more} more" if more > 0 else shown
 
 
 def summary_lines(result: Identification, found: UncertaintyMap) -> list[str]:
@@ -172,7 +186,7 @@ def summary_lines(result: Identification, found: UncertaintyMap) -> list[str]:
         for entry in result.artefacts
         if entry.mean_distance_mm is not None
     ]
-    lines.append(map_sentence(found))
+    lines.append(map_sentence(result, found))
     lines.append(excluded_sentence(result))
     return lines
 
