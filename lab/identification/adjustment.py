@@ -1,8 +1,9 @@
 """General least squares: iterated Gauss-Newton on condition equations.
 
 Condition equations w(l, p, z) = 0 with noisy readings and contacts l, the arm's
-parameters p and the stations' unknowns z are linearised at the observed l; with
-B = dw/dl and Q the dispersion of l the steps minimise
+parameters p and the stations' unknowns z are linearised at the corrected l (once the
+start is good: at the observed ones before); with B = dw/dl and Q the dispersion of l
+the steps minimise
 
     sum over poses (w + A_p dp + A_z dz)^T (B Q B^T)^-1 (w + A_p dp + A_z dz)
 
@@ -33,10 +34,13 @@ Floats = NDArray[np.float64]
 
 _MOST_ITERATIONS = 50
 _MOST_HALVINGS = 12
-# Of a whitened step: what is left after it is far below a picometre.
-_CONVERGED = 1e-7
+# Of a whitened step. It is taken, and what is left after it is a thousandth of it or
+# less: far below a picometre.
+_CONVERGED = 1e-5
 # A sum of squares may rise by this much of itself from rounding.
 _ROUNDING = 1e-9
+# Mean square of whitened misclosures below which observations are corrected.
+_GOOD_START = 100.0
 # After a step this small, or this many, the rank stays: it cannot alternate.
 _NEAR = 1.0
 _RANK_SETTLES_AT = 12
@@ -72,12 +76,16 @@ class System:
         eliminations: Of every station.
         upper: Of the arm's free parameters and the right side.
         whiteners: Of every station, (n_poses, n_rows, n_rows).
+        offsets_mm: B v of every station, (n_poses, n_rows).
+        corrections: v that follows, of every station, (n_poses, n_joints + 3).
         sum_of_squares: Weighted misclosures and certificates.
     """
 
     eliminations: tuple[Elimination, ...]
     upper: Floats
     whiteners: tuple[Floats, ...]
+    offsets_mm: tuple[Floats, ...]
+    corrections: tuple[Floats, ...]
     sum_of_squares: float
 
 
@@ -150,6 +158,8 @@ def adjust(
             progress(found)
         if fraction == 0.0:
             break
+        if system.sum_of_squares < _GOOD_START * network.n_rows:
+            state = replace(state, corrections=system.corrections)
         system = linearise(network, state)
     parts = _split(network, state, system, n_determined)
     return Adjustment(
@@ -166,17 +176,23 @@ def adjust(
 def linearise(network: Network, state: State) -> System:
     """Set up, whiten and reduce all equations at a state."""
     n_free = network.parameters.n_free
-    eliminations, all_whiteners = [], []
+    eliminations = []
+    kept: tuple[list[Floats], list[Floats], list[Floats]] = ([], [], [])
     total = 0.0
-    for station, unknowns in zip(network.stations, state.unknowns, strict=True):
+    for station, unknowns, corrections in zip(
+        network.stations, state.unknowns, state.corrections, strict=True
+    ):
         n_unknowns = len(station.scales)
         n_columns = n_unknowns + n_free + 1
-        blocks, whiteners = [_certified(station, unknowns, n_free)], []
+        blocks = [_certified(station, unknowns, n_free)]
+        seen: tuple[list[Floats], list[Floats], list[Floats]] = ([], [], [])
         upper = np.empty((0, n_columns))
         total += float(np.sum(blocks[0][:, -1] ** 2))
-        for rows in white_rows(network, station, state.arm, unknowns):
+        for rows in white_rows(network, station, state.arm, unknowns, corrections):
             total += float(np.sum(rows.misclosures**2))
-            whiteners.append(rows.whiteners)
+            seen[0].append(rows.whiteners)
+            seen[1].append(rows.offsets_mm)
+            seen[2].append(rows.corrections)
             joined = np.concatenate(
                 [
                     rows.by_unknowns,
@@ -191,19 +207,23 @@ def linearise(network: Network, state: State) -> System:
                 blocks = []
         upper = triangle([upper, *blocks], n_columns)
         eliminations.append(eliminate(upper, station.scales))
-        all_whiteners.append(np.concatenate(whiteners))
+        for whole, parts in zip(kept, seen, strict=True):
+            whole.append(np.concatenate(parts))
     reduced = triangle([found.reduced for found in eliminations], n_free + 1)
-    return System(tuple(eliminations), reduced, tuple(all_whiteners), total)
+    whiteners, offsets_mm, following = (tuple(whole) for whole in kept)
+    return System(tuple(eliminations), reduced, whiteners, offsets_mm, following, total)
 
 
 def sum_of_squares(network: Network, state: State, system: System) -> float:
     """Weigh the misclosures of a state with the weights of a system."""
     total = 0.0
-    for station, unknowns, whiteners in zip(
-        network.stations, state.unknowns, system.whiteners, strict=True
+    for at, (station, unknowns) in enumerate(
+        zip(network.stations, state.unknowns, strict=True)
     ):
-        found_mm = misclosures_mm(network, station, state.arm, unknowns)
-        white = whiteners @ found_mm[:, :, np.newaxis]
+        corrections = state.corrections[at]
+        found_mm = misclosures_mm(network, station, state.arm, unknowns, corrections)
+        found_mm = found_mm - system.offsets_mm[at]
+        white = system.whiteners[at] @ found_mm[:, :, np.newaxis]
         certified = _certified(station, unknowns, 0)[:, -1]
         total += float(np.sum(white**2) + np.sum(certified**2))
     return total

@@ -113,25 +113,41 @@ class Parameters:
         self, values: ArmValues, derivatives: ProbeDerivatives, poses: Poses
     ) -> Floats:
         """Compute dx for the free parameters, (n_poses, 3, n_free)."""
-        basis = self.basis(values.geometry)
         n_poses, n = len(derivatives.centres_mm), self.n_joints
-        all_columns = np.empty((n_poses, 3, len(self.names)))
-        joints = all_columns[:, :, : 4 * n].reshape(n_poses, 3, n, 4)
-        # One batch of small products a joint is faster than a general einsum.
-        for k in range(n):
-            joints[:, :, k, :2] = derivatives.by_axes[:, :, k] @ basis[k].T
-            joints[:, :, k, 2:] = derivatives.by_links[:, :, k] @ basis[k].T
-        all_columns[:, :, 4 * n : 4 * n + 3] = derivatives.by_origin
-        all_columns[:, :, 4 * n + 3 : 4 * n + 6] = derivatives.by_probe_vector
-        all_columns[:, :, 4 * n + 6 : 5 * n + 6] = derivatives.by_zeros
+        by_axes, by_links = self._combinations(self.basis(values.geometry))
+        # Two large products, though half of it times zero, beat many small ones.
+        flat = derivatives.by_axes.reshape(-1, 3 * n) @ by_axes
+        flat += derivatives.by_links.reshape(-1, 3 * n) @ by_links
+        columns = flat.reshape(n_poses, 3, self.n_free)
+        places = np.cumsum(self.free) - 1
+        for axis in np.flatnonzero(self.free[4 * n : 4 * n + 3]):
+            columns[:, axis, places[4 * n + axis]] = 1.0
+        for k in np.flatnonzero(self.free[4 * n + 6 : 5 * n + 6]):
+            columns[:, :, places[4 * n + 6 + k]] = derivatives.by_zeros[:, :, k]
         at = 5 * n + 6
         for term in self.terms:
-            width = len(term.names)
-            all_columns[:, :, at : at + width] = term.columns(
-                values.geometry, derivatives, poses
-            )
-            at += width
-        return all_columns[:, :, self.free]
+            own = slice(at, at + len(term.names))
+            of_term = term.columns(values.geometry, derivatives, poses)
+            columns[:, :, places[own][self.free[own]]] = of_term[:, :, self.free[own]]
+            at = own.stop
+        return columns
+
+    def _combinations(self, basis: Floats) -> tuple[Floats, Floats]:
+        """Write free columns as combinations of xyz ones.
+
+        Returns:
+            For those by axes and by links, both (3 n_joints, n_free).
+        """
+        n = self.n_joints
+        by_axes = np.zeros((3 * n, len(self.names)))
+        by_links = np.zeros((3 * n, len(self.names)))
+        for k in range(n):
+            rows = slice(3 * k, 3 * k + 3)
+            by_axes[rows, 4 * k : 4 * k + 2] = basis[k].T
+            by_links[rows, 4 * k + 2 : 4 * k + 4] = basis[k].T
+        # The probe vector lengthens the last link.
+        by_links[3 * n - 3 :, 4 * n + 3 : 4 * n + 6] = np.eye(3)
+        return by_axes[:, self.free], by_links[:, self.free]
 
     def moved(self, values: ArmValues, step: Floats) -> ArmValues:
         """Apply a step of the free parameters, (n_free,); axes stay unit vectors."""

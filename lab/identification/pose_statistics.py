@@ -104,7 +104,9 @@ def _statistics(
         elimination = adjustment.system.eliminations[at]
         unknowns = adjustment.state.unknowns[at]
         arm = adjustment.state.arm
-        for rows in white_rows(network, station, arm, unknowns):
+        # Outsiders have no corrections: they are tested as they were read.
+        corrections = adjustment.state.corrections[at] if sign < 0.0 else None
+        for rows in white_rows(network, station, arm, unknowns, corrections):
             block, by_arm = _blocks(rows, elimination, inverse, sign)
             poses = station.poses[rows.part]
             corrections = np.einsum("nij,ni->nj", rows.by_readings, rows.misclosures)
