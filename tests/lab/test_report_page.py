@@ -7,7 +7,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from lab.identification.identify import identify
+from lab.identification.identify import Options, identify
 from lab.identification.report import report_page
 from lab.identification.report.page import result_map
 from lab.identification.result import Identification
@@ -184,3 +184,12 @@ def test_the_page_is_the_same_each_time(
     text: str, result: Identification, found: UncertaintyMap
 ) -> None:
     assert report_page(result, found) == text
+
+
+def test_a_page_without_free_parameters_says_so() -> None:
+    true = seven_joints()
+    campaign = simulate(true, cones(2), 10, 7)
+    held = identify(campaign, arm_value(true), Options(hold=("*",)))
+    page = Page(report_page(held, result_map(held)))
+    assert page.sections == SECTIONS
+    assert page.text.count("No parameter was free") == 4

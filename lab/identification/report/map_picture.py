@@ -3,10 +3,8 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from lab.identification.report.pictures import picture
+from lab.identification.report.pictures import picture, shown_unit
 from lab.identification.uncertainty_map import UncertaintyMap
-
-_UM_PER_MM = 1e3
 
 
 def map_picture(found: UncertaintyMap) -> bytes:
@@ -19,8 +17,9 @@ def map_picture(found: UncertaintyMap) -> bytes:
 
 def _paint(figure: Figure, found: UncertaintyMap) -> None:
     panels = figure.subplots(1, 4, sharex=True, sharey=True)
-    values_um = _UM_PER_MM * found.deviations_mm
-    some = values_um[np.isfinite(values_um)]
+    some_mm = found.deviations_mm[np.isfinite(found.deviations_mm)]
+    factor, unit = shown_unit(float(some_mm.max(initial=0.0)), "mm")
+    some = factor * some_mm
     highest = float(some.max()) if len(some) else 1.0
     lowest = float(some.min()) if len(some) else 0.0
     titles = [
@@ -30,7 +29,9 @@ def _paint(figure: Figure, found: UncertaintyMap) -> None:
         "from the\nreference (+)",
     ]
     radius_edges, height_edges = _edges(found.radii_mm), _edges(found.heights_mm)
-    for axes, title, values in zip(panels, titles, values_um, strict=True):
+    for axes, title, values in zip(
+        panels, titles, factor * found.deviations_mm, strict=True
+    ):
         axes.set_facecolor("#eeeeee")
         drawn = axes.pcolormesh(
             radius_edges,
@@ -49,7 +50,7 @@ def _paint(figure: Figure, found: UncertaintyMap) -> None:
     panels[3].plot(radius_mm, height_mm, "+", color="white", markersize=9.0)
     panels[0].set_ylabel("height along the first axis [mm]")
     bar = figure.colorbar(drawn, ax=list(panels), shrink=0.9, pad=0.02)
-    bar.set_label("standard deviation of the distance [µm]")
+    bar.set_label(f"standard deviation of the distance [{unit}]")
 
 
 def _edges(middles: np.typing.NDArray[np.float64]) -> np.typing.NDArray[np.float64]:

@@ -22,6 +22,7 @@ from lab.identification.report.sections import (
     normal_section,
 )
 from lab.identification.report.words import (
+    counted,
     determined_sentence,
     excluded_sentence,
     map_sentence,
@@ -116,9 +117,10 @@ def _provenance(result: Identification) -> str:
     )
     digest = f", SHA-256 {campaign.digest[:12]}" if campaign.digest else ""
     return (
-        f"Campaign of {len(campaign.poses)} poses at {len(result.artefacts)} "
-        f"artefacts{started}{digest}; {len(campaign.joint_names)} joints; "
-        f"{len(result.iterations)} iterations."
+        f"Campaign of {counted(len(campaign.poses), 'pose')} at "
+        f"{counted(len(result.artefacts), 'artefact')}{started}{digest}; "
+        f"{counted(len(campaign.joint_names), 'joint')}; "
+        f"{counted(len(result.iterations), 'iteration')}."
     )
 
 

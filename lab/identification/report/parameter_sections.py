@@ -12,12 +12,15 @@ from lab.identification.uncertainty_map import UncertaintyMap
 
 _MOST_PAIRS = 12
 _CLOSE = 0.9
+_NOTHING_FREE = "No parameter was free: only the artefacts were placed."
 # Turns are shown in thousandths of a radian.
 _SHOWN = {"rad": (1e3, "mrad")}
 
 
 def parameter_section(result: Identification) -> str:
     """List the parameters with their uncertainties, also at the probe."""
+    if not result.parameters:
+        return section("parameters", "Parameters", paragraph(_NOTHING_FREE))
     stds = np.array([entry.std for entry in result.parameters])
     adjustment = result.adjustment
     effects_mm = probe_effects_mm(
@@ -72,6 +75,8 @@ def _parameter_row(entry: ParameterEstimate, effect_mm: float) -> list[str]:
 
 def correlation_section(result: Identification) -> str:
     """Show correlations, the closest pairs by name."""
+    if not result.parameters:
+        return section("correlations", "Correlations", paragraph(_NOTHING_FREE))
     correlations = result.correlations
     names = [entry.name for entry in result.parameters]
     first, second = np.triu_indices(len(names), 1)
@@ -139,6 +144,8 @@ def weakness_section(result: Identification) -> str:
 
 def map_section(result: Identification, found: UncertaintyMap, noise_mm: float) -> str:
     """Show the volumetric uncertainty."""
+    if not result.parameters:
+        return section("map", "Volumetric uncertainty", paragraph(_NOTHING_FREE))
     names = {
         "radial": f"{found.length_mm:.0f} mm, radially from the first axis",
         "tangential": f"{found.length_mm:.0f} mm, across, around the first axis",

@@ -69,6 +69,11 @@ def thinned(poses: Integers) -> Integers:
     return poses[np.sort(chosen)]
 
 
+def dot_size(n_dots: int) -> float:
+    """Choose larger dots where there are few."""
+    return float(np.clip(200.0 / np.sqrt(n_dots + 1.0), 4.0, 14.0))
+
+
 def symmetric_limit(values: Floats, part: float = 0.999) -> float:
     """Say how far an axis about zero has to go to show this part of values."""
     finite = np.abs(values[np.isfinite(values)])
@@ -76,6 +81,18 @@ def symmetric_limit(values: Floats, part: float = 0.999) -> float:
         return 1.0
     limit = 1.15 * float(np.quantile(finite, part))
     return limit if limit > 0.0 else 1.0
+
+
+def shown_unit(largest: float, unit: str) -> tuple[float, str]:
+    """Choose a unit in which an axis has short numbers: a factor, and its name.
+
+    Args:
+        largest: Value on the axis.
+        unit: `mm` or `rad`, which it is in.
+    """
+    if unit == "mm":
+        return (1.0, "mm") if largest >= 1.0 else (1e3, "µm")
+    return (1e3, "mrad") if largest >= 1e-3 else (1e6, "µrad")
 
 
 def zero_line(axes: Axes) -> None:

@@ -5,13 +5,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from lab.identification.distributions import normal_quantile
+from lab.identification.distributions import equivalent_normal, normal_quantile
 from lab.identification.report.pictures import (
     BLUE,
     GREY,
     ORANGE,
     VERMILION,
+    dot_size,
     picture,
+    shown_unit,
     symmetric_limit,
     thinned,
     zero_line,
@@ -25,9 +27,9 @@ _SEED = 2
 _BINS = 24
 # A bin's mean needs this many poses.
 _LEAST_IN_A_BIN = 4
-_LARGEST_W = 6.0
-_UM_PER_MM = 1e3
-_URAD_PER_RAD = 1e6
+# With fewer poses means over parts of the range say nothing.
+_LEAST_FOR_MEANS = 40
+_SHOWN_W = 4.0
 
 
 def by_artefact(result: Identification) -> bytes:
@@ -54,17 +56,19 @@ def against_normal(result: Identification) -> bytes:
 def _paint_artefacts(figure: Figure, result: Identification) -> None:
     axes = figure.subplots()
     rng = np.random.default_rng(_SEED)
-    misclosures_um = _UM_PER_MM * result.statistics.misclosures_mm
-    limit = symmetric_limit(misclosures_um[result.included])
+    misclosures = result.statistics.misclosures_mm
+    factor, unit = shown_unit(symmetric_limit(misclosures[result.included]), "mm")
+    misclosures = factor * misclosures
+    limit = symmetric_limit(misclosures[result.included])
     indices = {a.id: index for index, a in enumerate(result.campaign.artefacts)}
     for row, artefact in enumerate(result.artefacts):
         mine = result.campaign.poses.artefacts == indices[artefact.id]
         good = thinned(np.flatnonzero(mine & result.included))
-        _dots(axes, misclosures_um[good], row, rng, limit)
-        bad = misclosures_um[np.flatnonzero(mine & ~result.included)]
+        _dots(axes, misclosures[good], row, rng, limit)
+        bad = misclosures[np.flatnonzero(mine & ~result.included)]
         _crosses(axes, bad, row, limit)
         axes.vlines(
-            np.array([-1.0, 1.0]) * _UM_PER_MM * artefact.rms_mm,
+            np.array([-1.0, 1.0]) * factor * artefact.rms_mm,
             row - 0.38,
             row + 0.38,
             color=ORANGE,
@@ -77,7 +81,7 @@ def _paint_artefacts(figure: Figure, result: Identification) -> None:
         range(len(result.artefacts)),
         [f"{a.id} ({a.n_poses})" for a in result.artefacts],
     )
-    axes.set_xlabel("misclosure [µm]")
+    axes.set_xlabel(f"misclosure [{unit}]")
     axes.set_title("dots: poses; orange: ± rms; red crosses: excluded, also off scale")
 
 
@@ -90,7 +94,7 @@ def _dots(
     axes.scatter(
         np.clip(flat, -limit, limit),
         spread,
-        s=4.0,
+        s=dot_size(len(flat)),
         color=BLUE,
         alpha=0.5,
         linewidths=0.0,
@@ -113,22 +117,24 @@ def _paint_joints(figure: Figure, result: Identification) -> None:
     everyone = np.flatnonzero(result.included)
     shown = thinned(everyone)
     angles_deg = np.degrees(result.campaign.poses.angles_rad)
-    corrections = _URAD_PER_RAD * result.statistics.corrections_rad
+    corrections = result.statistics.corrections_rad
     for k, name in enumerate(names):
         axes = grid[k // 2][k % 2]
         zero_line(axes)
+        limit_rad = symmetric_limit(corrections[everyone, k], 0.995)
+        factor, unit = shown_unit(limit_rad, "rad")
+        values = factor * corrections[:, k]
         axes.scatter(
             angles_deg[shown, k],
-            corrections[shown, k],
-            s=4.0,
+            values[shown],
+            s=dot_size(len(shown)),
             color=BLUE,
-            alpha=0.35,
+            alpha=0.4,
             linewidths=0.0,
         )
-        _binned(axes, angles_deg[everyone, k], corrections[everyone, k])
-        limit = symmetric_limit(corrections[everyone, k], 0.995)
-        axes.set_ylim(-limit, limit)
-        axes.set_ylabel(f"{name} [µrad]")
+        _binned(axes, angles_deg[everyone, k], values[everyone])
+        axes.set_ylim(-factor * limit_rad, factor * limit_rad)
+        axes.set_ylabel(f"{name} [{unit}]")
         axes.set_xlabel(f"reading of {name} [degrees]")
     if len(names) % 2:
         grid[-1][1].set_visible(False)
@@ -138,9 +144,9 @@ def _binned(axes: Axes, angles_deg: Floats, values: Floats) -> None:
     """Draw means over parts of the range, with two standard errors."""
     good = np.isfinite(values)
     angles_deg, values = angles_deg[good], values[good]
-    if len(values) < 2 * _LEAST_IN_A_BIN:
+    if len(values) < _LEAST_FOR_MEANS:
         return
-    n_bins = min(_BINS, max(len(values) // (2 * _LEAST_IN_A_BIN), 2))
+    n_bins = min(_BINS, len(values) // (2 * _LEAST_IN_A_BIN))
     edges = np.linspace(angles_deg.min(), angles_deg.max(), n_bins + 1)
     bins = np.clip(np.searchsorted(edges, angles_deg, side="right") - 1, 0, n_bins - 1)
     counts = np.bincount(bins, minlength=n_bins)
@@ -162,20 +168,18 @@ def _binned(axes: Axes, angles_deg: Floats, values: Floats) -> None:
 
 def _paint_normal(figure: Figure, result: Identification) -> None:
     left, right = figure.subplots(1, 2)
-    w = result.statistics.w[result.included]
-    w = np.sort(w[np.isfinite(w)])
+    w = _scaled_w(result)
     if len(w) == 0:
         return
-    top = max(_LARGEST_W * 0.7, 1.05 * float(w[-1]))
-    n_bins = int(np.clip(np.sqrt(len(w)) * 1.5, 8, 60))
+    top = max(_SHOWN_W, 1.05 * float(w[-1]))
+    n_bins = int(np.clip(1.5 * np.sqrt(len(w)), 8, 60))
     edges = np.linspace(0.0, top, n_bins + 1)
     left.hist(w, bins=edges.tolist(), color=BLUE, alpha=0.55, label="poses")
     x = np.linspace(0.0, top, 300)
     area = len(w) * (edges[1] - edges[0])
-    for sigma, style, name in _curves(result.sigma0):
-        density = np.sqrt(2.0 / np.pi) / sigma * np.exp(-0.5 * (x / sigma) ** 2)
-        left.plot(x, area * density, style, color="black", linewidth=1.0, label=name)
-    left.set_xlabel("|w| of a pose")
+    density = np.sqrt(2.0 / np.pi) * np.exp(-0.5 * x**2)
+    left.plot(x, area * density, color="black", linewidth=1.0, label="normal")
+    left.set_xlabel("|w| / sigma0 of a pose")
     left.set_ylabel("poses")
     left.set_xlim(0.0, top)
     left.legend()
@@ -183,18 +187,18 @@ def _paint_normal(figure: Figure, result: Identification) -> None:
     expected = np.array(
         [normal_quantile(0.5 + 0.5 * (at + 0.5) / len(w)) for at in shown]
     )
-    ends = np.array([0.0, 1.05 * expected[-1]])
-    for sigma, style, _ in _curves(result.sigma0):
-        right.plot(ends, sigma * ends, style, color="black", linewidth=1.0)
+    end = 1.05 * float(expected[-1])
+    right.plot([0.0, end], [0.0, end], color="black", linewidth=1.0)
     right.scatter(expected, w[shown], s=6.0, color=BLUE, linewidths=0.0)
-    right.set_xlabel("|w| that a normal leads to expect")
-    right.set_ylabel("|w| of a pose")
-    right.set_xlim(0.0, ends[1])
+    right.set_xlabel("|w| / sigma0 that a normal leads to expect")
+    right.set_ylabel("|w| / sigma0 of a pose")
+    right.set_xlim(0.0, end)
     right.set_ylim(0.0, None)
 
 
-def _curves(sigma0: float) -> list[tuple[float, str, str]]:
-    curves = [(1.0, "--", "normal, sigma 1")]
-    if sigma0 > 0.0:
-        curves.insert(0, (sigma0, "-", f"normal, sigma0 = {sigma0:.3g}"))
-    return curves
+def _scaled_w(result: Identification) -> Floats:
+    """Compute |w| of the poses that took part if sigma0 were 1, sorted."""
+    found, taken = result.statistics, result.included
+    scale = max(result.sigma0, 1e-300)
+    w = equivalent_normal(found.statistics[taken] / scale**2, found.degrees[taken])
+    return np.sort(w[np.isfinite(w)])

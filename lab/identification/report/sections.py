@@ -92,9 +92,10 @@ def normal_section(result: Identification) -> str:
         *parts,
         note(
             "|w|: the test statistic of a pose as the absolute value of a standard "
-            "normal with the same probability. Left: how often; right: sorted, against "
-            "what is expected, where a few poses far above the line are blunders and a "
-            "steeper line is larger noise. Controllability: which part of an error of "
+            "normal with the same probability, here with the residuals divided by "
+            "sigma0. Left: how often; right: sorted, against what is expected: a few "
+            "poses far above the line are blunders, many of them another kind of "
+            "error than noise. Controllability: which part of an error of "
             "the pose shows in its residuals."
         ),
     )

@@ -100,6 +100,8 @@ def noise_sentence(result: Identification) -> str:
 def determined_sentence(result: Identification) -> str:
     """Say how much of what was asked the data determine."""
     n_free, n_not = len(result.parameters), len(result.undetermined)
+    if n_free == 0:
+        return "No parameter was free: only the artefacts were placed."
     if n_not == 0:
         return f"All {n_free} free parameters are determined."
     rest = "one keeps its design value" if n_not == 1 else f"{n_not} keep design values"
@@ -112,6 +114,8 @@ def determined_sentence(result: Identification) -> str:
 def map_sentence(result: Identification, found: UncertaintyMap) -> str:
     """Say how well distances are known, and when that is not all."""
     summary = found.summary()
+    if not result.parameters:
+        return "How well distances are known was not asked: no parameter was free."
     if not summary:
         return (
             "No distance could be reached within the travelled ranges: there is no map."
@@ -157,10 +161,9 @@ def combination(direction: Mapping[str, float]) -> str:
 def summary_lines(result: Identification, found: UncertaintyMap) -> list[str]:
     """Say the most important things, a line each."""
     poses = result.campaign.poses
-    artefacts = len(result.artefacts)
     lines = [
-        f"{result.arm.name}: {len(poses)} poses at {artefacts} "
-        f"artefact{'' if artefacts == 1 else 's'}",
+        f"{result.arm.name}: {counted(len(poses), 'pose')} at "
+        f"{counted(len(result.artefacts), 'artefact')}",
         *sigma0_sentences(result),
     ]
     if not result.converged:
@@ -213,6 +216,11 @@ def length_mm(value_mm: float) -> str:
     if 0.0 < size < 0.001:
         return f"{value_mm:.2g} mm"
     return f"{value_mm:.{digits}f} mm"
+
+
+def counted(number: int, noun: str) -> str:
+    """Write a number with its noun."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def probability(p_value: float) -> str:
