@@ -1,0 +1,193 @@
+"""All effects of an arm, ready to be applied."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.effects import EFFECTS
+from kinematics.effects.block import Block
+from kinematics.effects.bodies import Bodies, bodies_from_arm
+from kinematics.effects.correction import (
+    BodyCorrection,
+    ContactCorrection,
+    Correction,
+    ReadingCorrection,
+)
+from kinematics.effects.covariate import Need
+from kinematics.effects.setting import Setting, Span, setting_from_arm
+
+if TYPE_CHECKING:
+    from kinematics.arm_file import Arm, Effect
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmEffects:
+    """The effects of an arm with the masses and the gravity that they work on.
+
+    Attributes:
+        joint_names: From the base outwards.
+        corrections: In the order of the arm file.
+        bodies: What weighs.
+        gravity_m_s2: Where a block does not say otherwise, (3,).
+    """
+
+    joint_names: tuple[str, ...]
+    corrections: tuple[Correction, ...]
+    bodies: Bodies
+    gravity_m_s2: Floats
+
+    @property
+    def readings(self) -> tuple[ReadingCorrection, ...]:
+        """Those that correct readings."""
+        return tuple(c for c in self.corrections if isinstance(c, ReadingCorrection))
+
+    @property
+    def mechanical(self) -> tuple[BodyCorrection, ...]:
+        """Those that move bodies of the arm."""
+        return tuple(c for c in self.corrections if isinstance(c, BodyCorrection))
+
+    @property
+    def contacts(self) -> tuple[ContactCorrection, ...]:
+        """Those that depend on the touched surface."""
+        return tuple(c for c in self.corrections if isinstance(c, ContactCorrection))
+
+    @property
+    def needs(self) -> frozenset[Need]:
+        """What must be known of every sample."""
+        return frozenset(need for c in self.corrections for need in c.needs)
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """`J3.encoder_harmonic.2.cos_rad` and so on, all effects in order."""
+        return tuple(
+            f"{self.name(c)}.{parameter}"
+            for c in self.corrections
+            for parameter in c.parameters
+        )
+
+    @property
+    def values(self) -> Floats:
+        """Of all parameters, (n_parameters,)."""
+        return np.array([value for c in self.corrections for value in c.values])
+
+    def name(self, correction: Correction) -> str:
+        """Name an effect: joint where it has one, kind, what else tells it apart."""
+        names = self.joint_names[correction.joints]
+        joint = names if len(names) == 1 else ()
+        return ".".join((*joint, correction.kind, *correction.variety))
+
+    def with_values(self, values: Floats) -> "ArmEffects":
+        """Make the same effects of other sizes.
+
+        Args:
+            values: Of all parameters, (n_parameters,).
+        """
+        ends = np.cumsum([len(c.values) for c in self.corrections])
+        if values.shape != (int(ends[-1]) if len(ends) else 0,):
+            raise ValueError(
+                f"values have shape {values.shape}, expected one for each of "
+                f"{', '.join(self.parameter_names) or 'no parameters'}"
+            )
+        parts = np.split(values, ends[:-1]) if len(ends) else []
+        changed = tuple(
+            c.with_values(part) for c, part in zip(self.corrections, parts, strict=True)
+        )
+        return replace(self, corrections=changed)
+
+    def lacks(self, block: Block) -> Iterator[str]:
+        """Yield, effect by effect, what a block does not say that they need."""
+        for correction in self.corrections:
+            for need in correction.needs:
+                lack = block.lack(need)
+                if lack is not None:
+                    of = "" if need.joint is None else self.joint_names[need.joint]
+                    yield (
+                        f"{self.name(correction)} needs the {need.covariate.value}"
+                        f"{of and f' of {of}'}: {lack}"
+                    )
+
+
+def effects_from_arm(arm: "Arm", campaign_utc: Span | None = None) -> ArmEffects:
+    """Build the effects of an arm file.
+
+    Args:
+        arm: The arm.
+        campaign_utc: Start and end of the campaign that drifts were found in. Without
+            it a drift is believed from its epoch to the date of the identification;
+            without that date only at its epoch, where it is zero.
+
+    Raises:
+        ValueError: Effects cannot be applied to this arm; names all of them.
+    """
+    return effects_of(arm, arm.effects, campaign_utc)
+
+
+def effects_of(
+    arm: "Arm", effects: tuple["Effect", ...], campaign_utc: Span | None = None
+) -> ArmEffects:
+    """Build effects for an arm whose file does not have them (yet).
+
+    Args:
+        arm: The arm.
+        effects: Used instead of the arm's own.
+        campaign_utc: As for `effects_from_arm`.
+
+    Raises:
+        ValueError: Effects cannot be applied to this arm; names all of them.
+    """
+    bodies = bodies_from_arm(arm)
+    built: list[Correction] = []
+    problems: list[str] = []
+    for index, effect in enumerate(effects):
+        setting = setting_from_arm(arm, campaign_utc or _believed_utc(arm, effect))
+        try:
+            correction = EFFECTS[effect.kind].from_file(effect, setting)
+        except ValueError as error:
+            problems.append(f"effects[{index}]: {error}")
+            continue
+        built.append(correction)
+        if correction.uses_gravity and not _has_weight(correction, bodies):
+            problems.append(f"effects[{index}]: {_no_weight(effect, setting)}")
+    if problems:
+        raise ValueError(f"arm {arm.name}: " + "\n".join(problems))
+    return ArmEffects(
+        joint_names=tuple(joint.name for joint in arm.joints),
+        corrections=tuple(built),
+        bodies=bodies,
+        gravity_m_s2=np.array(arm.reference.gravity_m_s2),
+    )
+
+
+def _believed_utc(arm: "Arm", effect: "Effect") -> Span | None:
+    """From the epoch to the identification, which comes after its campaign."""
+    date = None if arm.identification is None else arm.identification.date
+    if isinstance(date, str):
+        try:
+            date = datetime.fromisoformat(date)
+        except ValueError:
+            return None
+    if not isinstance(date, datetime) or effect.epoch_utc is None:
+        return None
+    if date.tzinfo is None:
+        date = date.replace(tzinfo=UTC)
+    return effect.epoch_utc, max(date, effect.epoch_utc)
+
+
+def _has_weight(correction: Correction, bodies: Bodies) -> bool:
+    joint = correction.joints.start
+    return bool(bodies.are_known_beyond[joint])
+
+
+def _no_weight(effect: "Effect", setting: Setting) -> str:
+    first = 0 if effect.joint is None else setting.joint(effect)
+    return (
+        f"{effect.kind} yields to weights, but the arm file has no mass_kg for "
+        f"{', '.join(setting.joint_names[first:])} nor for the probe; add what they "
+        "weigh"
+    )

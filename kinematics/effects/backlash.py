@@ -1,0 +1,35 @@
+"""Play between the joint and its encoder: two-valued by the sense of approach.
+
+    d_alpha = half_width_rad sign(direction of approach)
+
+An approach of 0, a joint that did not move, is corrected by nothing.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from kinematics.effects.block import Block
+from kinematics.effects.correction import Floats
+from kinematics.effects.covariate import Covariate, Need
+from kinematics.effects.single_rate import SingleRate
+from kinematics.geometry import Geometry
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Backlash(SingleRate):
+    """Half the play, with the sign of the last motion."""
+
+    kind: ClassVar[str] = "backlash"
+    key: ClassVar[str] = "half_width_rad"
+
+    @property
+    def needs(self) -> tuple[Need, ...]:
+        """The joint's sense of approach."""
+        return (Need(Covariate.APPROACH, self.joints.start),)
+
+    def regressor(self, geometry: Geometry, block: Block) -> Floats:
+        """-1, 0 or +1, (1, n_samples)."""
+        del geometry
+        return np.sign(block.rows("approaches", self.joints))

@@ -1,0 +1,38 @@
+"""Motions of x_0 in time: three values, the components of a vector."""
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from kinematics.effects.block import Block
+from kinematics.effects.correction import BodyCorrection, Floats, Target
+from kinematics.effects.covariate import Covariate, Need
+from kinematics.effects.posture import Posture
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BaseMotion(BodyCorrection):
+    """x_0 moves by a vector times something of time."""
+
+    target: ClassVar[Target] = Target.BASE
+    key: ClassVar[str]
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Components of the key of the arm file."""
+        return tuple(f"{self.key}.{xyz}" for xyz in "xyz")
+
+    @property
+    def needs(self) -> tuple[Need, ...]:
+        """The time."""
+        return (Need(Covariate.UTC),)
+
+    @abstractmethod
+    def course(self, block: Block) -> Floats:
+        """What the vector is multiplied by, (n_samples,)."""
+
+    def unit_amounts(self, posture: Posture) -> Floats:
+        """The course in each component, (3, 3, n_samples)."""
+        return np.eye(3)[:, :, np.newaxis] * self.course(posture.block)

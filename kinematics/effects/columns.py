@@ -1,0 +1,134 @@
+"""How the corrected ball's centre moves with the parameters of effects.
+
+With Q_k, a_k = Q_k u_k and rho_k = x - o_k of the deflected arm, an amount moves x by
+
+    reading   -(a_k x rho_k) d_alpha          tilt    (Q_(k-1) w) x rho_k
+    turn       (a_k x rho_k) e                shift    Q_(k-1) d
+    growth     Q_k r_k g                      mount    m x (x - x_0 - b)
+    contact    the shift itself               base     b
+
+and a column is that of the unit amount. Left out is how the mechanical effects change
+with the corrections of the readings, and how small turns about one joint combine: both
+are of the second order, some 1e-4 of a column at amplitudes of 1e-4 rad.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.effects.arm_effects import ArmEffects
+from kinematics.effects.block import Block
+from kinematics.effects.bodies import cross
+from kinematics.effects.contact import Contact, contact_seen
+from kinematics.effects.correction import (
+    BodyCorrection,
+    ContactCorrection,
+    Correction,
+    ReadingCorrection,
+    Target,
+)
+from kinematics.effects.deflection import Deflection, deflection, totals
+from kinematics.effects.pose import checked, chunks, undeflected_posture
+from kinematics.effects.posture import Posture
+from kinematics.geometry import Geometry
+from kinematics.quaternion import rotate
+
+Floats = NDArray[np.float64]
+
+_CHUNK_SAMPLES = 512
+
+
+def columns(
+    geometry: Geometry,
+    effects: ArmEffects,
+    block: Block,
+    candidates: Sequence[Correction] | None = None,
+) -> Floats:
+    """Differentiate the corrected ball's centres.
+
+    Args:
+        geometry: The arm.
+        effects: Those that are applied.
+        block: The samples with what effects and candidates need.
+        candidates: Differentiate for these instead, applied or not.
+
+    Returns:
+        mm per unit of each parameter, (n_samples, 3, n_parameters).
+
+    Raises:
+        ValueError: The block does not say what effects need; names all of it.
+    """
+    wanted = effects.corrections if candidates is None else tuple(candidates)
+    everything = ArmEffects(
+        effects.joint_names,
+        (*effects.corrections, *wanted),
+        effects.bodies,
+        effects.gravity_m_s2,
+    )
+    checked(geometry, everything, block)
+    n_parameters = sum(len(correction.values) for correction in wanted)
+    found = np.empty((len(block), 3, n_parameters))
+    for chunk in chunks(len(block), _CHUNK_SAMPLES):
+        part = block.part(chunk)
+        posture = undeflected_posture(geometry, effects, part)
+        amounts = totals(effects.mechanical, posture)
+        arm = deflection(geometry, posture.turns_rad, amounts)
+        contact = contact_seen(geometry, part, arm.rotations[:, -1])
+        at = 0
+        for correction in wanted:
+            moves = _moves(correction, posture, arm, contact)
+            found[chunk, :, at : at + len(moves)] = moves.transpose(2, 1, 0)
+            at += len(moves)
+    return found
+
+
+def _moves(
+    correction: Correction, posture: Posture, arm: Deflection, contact: Contact
+) -> Floats:
+    """Differentiate for one effect, (n_parameters, 3, n_samples)."""
+    if isinstance(correction, ReadingCorrection):
+        amounts = correction.unit_amounts(posture.geometry, posture.block)
+        return -_turned(amounts, correction.joints, arm)
+    if isinstance(correction, BodyCorrection):
+        return _body_moves(correction, correction.unit_amounts(posture), arm)
+    if isinstance(correction, ContactCorrection):
+        return correction.derivatives(contact)
+    # What is off-line only does not move the ball.
+    return np.zeros((len(correction.values), 3, len(posture.block)))
+
+
+def _body_moves(correction: BodyCorrection, amounts: Floats, arm: Deflection) -> Floats:
+    joints = correction.joints
+    # Components in front, as `rotate` and `cross` expect them.
+    vectors = np.moveaxis(amounts, 1, 0)
+    match correction.target:
+        case Target.TURN:
+            return _turned(amounts, joints, arm)
+        case Target.GROWTH:
+            links = rotate(arm.rotations, arm.geometry.links_mm.T[:, :, np.newaxis])
+            return _joint_sum(links[:, joints][:, np.newaxis] * amounts)
+        case Target.TILT:
+            turns = rotate(arm.carriers[:, joints], vectors)
+            return _joint_sum(cross(turns, arm.reaches_mm[:, joints]))
+        case Target.SHIFT:
+            return _joint_sum(rotate(arm.carriers[:, joints], vectors))
+        case Target.MOUNT:
+            return _parameters_first(cross(vectors, arm.centres_mm - arm.pivot_mm))
+        case Target.BASE:
+            return amounts
+
+
+def _turned(amounts: Floats, joints: slice, arm: Deflection) -> Floats:
+    """Let joints turn by (n_parameters, n_chosen, n_samples)."""
+    moves_mm = cross(arm.axes[:, joints], arm.reaches_mm[:, joints])
+    return _joint_sum(moves_mm[:, np.newaxis] * amounts)
+
+
+def _joint_sum(moves: Floats) -> Floats:
+    """(3, n_parameters, n_chosen, n) -> (n_parameters, 3, n)."""
+    return _parameters_first(np.cumsum(moves, axis=2)[:, :, -1])
+
+
+def _parameters_first(moves: Floats) -> Floats:
+    return np.moveaxis(moves, 0, 1)

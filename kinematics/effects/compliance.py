@@ -1,0 +1,28 @@
+"""What the compliances under gravity share: one value, in rad per N m."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Self
+
+from kinematics.effects.correction import BodyCorrection
+from kinematics.effects.setting import Setting
+
+if TYPE_CHECKING:
+    from kinematics.arm_file import Effect
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Compliance(BodyCorrection):
+    """Something that yields to the moments of gravity at undeflected positions."""
+
+    uses_gravity: ClassVar[bool] = True
+
+    @classmethod
+    def from_file(cls, effect: "Effect", setting: Setting) -> Self:
+        """Build it from an entry of `[[effects]]`."""
+        values = (effect.values["compliance_rad_nm"],)
+        return cls(joints=setting.joints(effect), values=values)
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """The one key of the arm file."""
+        return ("compliance_rad_nm",)

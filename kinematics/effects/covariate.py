@@ -1,0 +1,33 @@
+"""What an effect needs to know besides the readings."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class Covariate(StrEnum):
+    """A quantity that may accompany the readings; the value is the plain word."""
+
+    TEMPERATURE = "temperature"
+    SPEED = "speed"
+    APPROACH = "direction of approach"
+    UTC = "time in UTC"
+    CAMPAIGN_TIME = "time since the campaign's start"
+    FORCE = "contact force"
+
+
+@dataclass(frozen=True, slots=True)
+class Need:
+    """One covariate that must be known for every sample.
+
+    Attributes:
+        covariate: Which.
+        joint: Of this joint, counted from 0; None: of the arm as a whole.
+    """
+
+    covariate: Covariate
+    joint: int | None = None
+
+
+def needs_of(covariate: Covariate, joints: slice, n_joints: int) -> tuple[Need, ...]:
+    """Ask for a covariate at each of some joints."""
+    return tuple(Need(covariate, joint) for joint in range(n_joints)[joints])

@@ -1,0 +1,33 @@
+"""Readings that are older than their time says.
+
+    d_alpha = -latency_s d(alpha)/dt
+
+Without a joint it is the same for all of them: a clock, not a filter.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from kinematics.effects.block import Block
+from kinematics.effects.correction import Floats
+from kinematics.effects.covariate import Covariate, Need, needs_of
+from kinematics.effects.single_rate import SingleRate
+from kinematics.geometry import Geometry
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EncoderLatency(SingleRate):
+    """Proportional to the speed, against it."""
+
+    kind: ClassVar[str] = "encoder_latency"
+    key: ClassVar[str] = "latency_s"
+
+    @property
+    def needs(self) -> tuple[Need, ...]:
+        """The speeds of its joints."""
+        return needs_of(Covariate.SPEED, self.joints, self.joints.stop)
+
+    def regressor(self, geometry: Geometry, block: Block) -> Floats:
+        """-d(alpha)/dt, (n_chosen, n_samples) rad/s."""
+        del geometry
+        return -block.rows("speeds_rad_s", self.joints)

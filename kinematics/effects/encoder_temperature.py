@@ -1,0 +1,48 @@
+"""A reading that follows the temperature.
+
+    d_alpha = rate_rad_c (T - T_ref)
+
+T is the joint's own temperature where it is known, else the arm's.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Self
+
+from kinematics.effects.block import Block
+from kinematics.effects.correction import Floats
+from kinematics.effects.covariate import Covariate, Need
+from kinematics.effects.setting import Setting
+from kinematics.effects.single_rate import SingleRate
+from kinematics.geometry import Geometry
+
+if TYPE_CHECKING:
+    from kinematics.arm_file import Effect
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EncoderTemperature(SingleRate):
+    """Proportional to the distance from the reference temperature."""
+
+    reference_c: float
+
+    kind: ClassVar[str] = "encoder_temperature"
+    key: ClassVar[str] = "rate_rad_c"
+
+    @classmethod
+    def from_file(cls, effect: "Effect", setting: Setting) -> Self:
+        """Build it from an entry of `[[effects]]`."""
+        return cls(
+            joints=setting.joints(effect),
+            values=(effect.values[cls.key],),
+            reference_c=setting.reference_temperature_c,
+        )
+
+    @property
+    def needs(self) -> tuple[Need, ...]:
+        """The joint's temperature."""
+        return (Need(Covariate.TEMPERATURE, self.joints.start),)
+
+    def regressor(self, geometry: Geometry, block: Block) -> Floats:
+        """T - T_ref, (1, n_samples)."""
+        del geometry
+        return block.temperatures_c(self.joints) - self.reference_c

@@ -1,0 +1,196 @@
+"""The corrected pose: readings to the probe with all effects of an arm.
+
+    d_alpha    sum of the reading corrections, of readings as they are
+    theta      alpha - zero - d_alpha
+    amounts    sums of the mechanical effects, of the undeflected posture theta
+    pose       the deflected arm
+    contact    shift of the ball's centre, where the surface is known
+
+Effects of one stage do not depend on one another, so the order of the arm file is that
+of the adding up and no more than a last bit depends on it. A sample's result does not
+depend on the block it comes in, bit for bit.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.effects.arm_effects import ArmEffects
+from kinematics.effects.block import Block
+from kinematics.effects.contact import contact_seen
+from kinematics.effects.correction import FlagName
+from kinematics.effects.deflection import Deflection, deflection, totals
+from kinematics.effects.posture import Posture
+from kinematics.forward import probe_pose
+from kinematics.geometry import Geometry
+from kinematics.quaternion import rotate
+
+Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
+
+# Samples computed at a time, so that the intermediate arrays stay in the cache.
+_CHUNK_SAMPLES = 512
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseFlags:
+    """What to say about samples; each (n_samples,).
+
+    Attributes:
+        stale_effect: A drift is held, since the time is outside its campaign.
+        surface_unknown: An effect of the contact could not be applied.
+        empirical: A curve without a physical name was applied.
+        beyond_knots: Such a curve is held, since its covariate is beyond it.
+    """
+
+    stale_effect: Booleans
+    surface_unknown: Booleans
+    empirical: Booleans
+    beyond_knots: Booleans
+
+
+def corrected_pose(
+    geometry: Geometry, effects: ArmEffects, block: Block
+) -> tuple[Floats, Floats, PoseFlags]:
+    """Compute where the probe is and where its shank points, effects applied.
+
+    Args:
+        geometry: The arm.
+        effects: Of the same arm.
+        block: The samples with what the effects need.
+
+    Returns:
+        Centres of the ball in mm and unit directions of the shank, both
+        (n_samples, 3), and what to flag.
+
+    Raises:
+        ValueError: The block does not say what effects need; names all of it.
+    """
+    checked(geometry, effects, block)
+    flags = pose_flags(effects, block)
+    if not effects.corrections:
+        return *probe_pose(geometry, block.angles_rad), flags
+    centres_mm = np.empty((len(block), 3))
+    directions = np.empty((len(block), 3))
+    for chunk in chunks(len(block), _CHUNK_SAMPLES):
+        part = block.part(chunk)
+        arm = deflected_arm(geometry, effects, part)
+        shifted_mm = arm.centres_mm
+        if effects.contacts:
+            shifted_mm = shifted_mm + _shift_mm(effects, part, arm)
+        centres_mm[chunk] = shifted_mm.T
+        directions[chunk] = rotate(arm.rotations[:, -1], geometry.probe_direction).T
+    return centres_mm, directions, flags
+
+
+def angle_corrections(geometry: Geometry, effects: ArmEffects, block: Block) -> Floats:
+    """Compute d_alpha, the sum of all reading corrections, (n_samples, n_joints)."""
+    checked(geometry, effects, block)
+    return np.ascontiguousarray(_d_alpha_rad(geometry, effects, block).T)
+
+
+def contact_shifts(geometry: Geometry, effects: ArmEffects, block: Block) -> Floats:
+    """Compute the shifts of the ball's centre that depend on the surface.
+
+    For those who learn the direction of the surface only after the pose: what
+    `corrected_pose` of the same block with directions has more than without.
+
+    Args:
+        geometry: The arm.
+        effects: Of the same arm.
+        block: With directions (NaN where unknown: no shift there).
+
+    Returns:
+        mm, (n_samples, 3).
+    """
+    checked(geometry, effects, block)
+    shifts_mm = np.zeros((len(block), 3))
+    if effects.contacts:
+        for chunk in chunks(len(block), _CHUNK_SAMPLES):
+            part = block.part(chunk)
+            arm = deflected_arm(geometry, effects, part)
+            shifts_mm[chunk] = _shift_mm(effects, part, arm).T
+    return shifts_mm
+
+
+def pose_flags(effects: ArmEffects, block: Block) -> PoseFlags:
+    """Collect what all effects have to say about samples."""
+    found: dict[FlagName, Booleans] = {
+        "stale_effect": np.zeros(len(block), dtype=np.bool_),
+        "surface_unknown": np.zeros(len(block), dtype=np.bool_),
+        "empirical": np.zeros(len(block), dtype=np.bool_),
+        "beyond_knots": np.zeros(len(block), dtype=np.bool_),
+    }
+    for correction in effects.corrections:
+        for name, which in correction.flags(block):
+            found[name] |= which
+    return PoseFlags(**found)
+
+
+def undeflected_posture(
+    geometry: Geometry, effects: ArmEffects, block: Block
+) -> Posture:
+    """Correct the readings: the posture that mechanical effects are functions of."""
+    readings_rad = block.rows("angles_rad", slice(None))
+    turns_rad = readings_rad - geometry.zeros_rad[:, np.newaxis]
+    if effects.readings:
+        turns_rad -= _d_alpha_rad(geometry, effects, block)
+    gravity = block.gravity_m_s2
+    return Posture(
+        geometry=geometry,
+        block=block,
+        bodies=effects.bodies,
+        gravity_m_s2=effects.gravity_m_s2 if gravity is None else gravity,
+        turns_rad=turns_rad,
+    )
+
+
+def deflected_arm(geometry: Geometry, effects: ArmEffects, block: Block) -> Deflection:
+    """Apply what corrects readings and bodies to one part of a block."""
+    posture = undeflected_posture(geometry, effects, block)
+    amounts = totals(effects.mechanical, posture)
+    return deflection(geometry, posture.turns_rad, amounts)
+
+
+def chunks(n_samples: int, chunk_samples: int) -> list[slice]:
+    """Cut a block into parts of at most so many samples."""
+    return [
+        slice(start, min(start + chunk_samples, n_samples))
+        for start in range(0, n_samples, chunk_samples)
+    ]
+
+
+def checked(geometry: Geometry, effects: ArmEffects, block: Block) -> None:
+    """Refuse a block that is not of this arm, or does not say what effects need.
+
+    Raises:
+        ValueError: With everything that is missing.
+    """
+    if not geometry.n_joints == block.n_joints == len(effects.joint_names):
+        raise ValueError(
+            f"block has {block.n_joints} joints, the geometry {geometry.n_joints}, the "
+            f"effects {len(effects.joint_names)}; expected those of one arm"
+        )
+    lacks = list(effects.lacks(block))
+    if lacks:
+        raise ValueError(
+            "effects cannot be applied; give what they need or take them out of the "
+            "arm file:\n" + "\n".join(lacks)
+        )
+
+
+def _d_alpha_rad(geometry: Geometry, effects: ArmEffects, block: Block) -> Floats:
+    """Sum of all reading corrections, (n_joints, n_samples)."""
+    total_rad = np.zeros((geometry.n_joints, len(block)))
+    for correction in effects.readings:
+        total_rad[correction.joints] += correction.amount(geometry, block)
+    return total_rad
+
+
+def _shift_mm(effects: ArmEffects, block: Block, arm: Deflection) -> Floats:
+    contact = contact_seen(arm.geometry, block, arm.rotations[:, -1])
+    total_mm = np.zeros((3, len(block)))
+    for correction in effects.contacts:
+        total_mm += correction.amount(contact)
+    return total_mm

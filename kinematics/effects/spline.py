@@ -1,0 +1,55 @@
+"""Natural cubic splines through values at knots, held beyond the outer knots.
+
+Between two knots, a and b the distances to them over that of the knots h, and m the
+second derivatives at the knots, which vanish at the outer ones:
+
+    s = b y_i + a y_(i+1) + h^2/6 ((b^3 - b) m_i + (a^3 - a) m_(i+1))
+
+m is linear in the values, so s is a sum of value times a spline that is 1 at its knot.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+def spline_amounts(knots: tuple[float, ...], at: Floats) -> Floats:
+    """Compute what each value contributes.
+
+    Args:
+        knots: Increasing, at least 2.
+        at: Where, (n,); beyond the outer knots the value there is held.
+
+    Returns:
+        (n_knots, n).
+    """
+    places = np.array(knots)
+    steps = np.diff(places)
+    held = np.clip(at, places[0], places[-1])
+    left = np.clip(np.searchsorted(places, held, side="right") - 1, 0, len(steps) - 1)
+    step = steps[left]
+    a = (held - places[left]) / step
+    b = (places[left + 1] - held) / step
+    values, curvatures = np.eye(len(places)), _curvatures(steps)
+    chord = b * values[:, left] + a * values[:, left + 1]
+    bow = (b * b * b - b) * curvatures[:, left]
+    bow += (a * a * a - a) * curvatures[:, left + 1]
+    amounts: Floats = chord + (step * step / 6.0) * bow
+    return amounts
+
+
+def _curvatures(steps: Floats) -> Floats:
+    """Second derivatives at the knots of every unit spline, (n_knots, n_knots)."""
+    n_knots = len(steps) + 1
+    curvatures = np.zeros((n_knots, n_knots))
+    if n_knots == 2:
+        return curvatures
+    inner = np.arange(n_knots - 2)
+    slopes = (np.eye(n_knots)[1:] - np.eye(n_knots)[:-1]) / steps[:, np.newaxis]
+    system = np.zeros((n_knots - 2, n_knots))
+    system[inner, inner] = steps[:-1] / 6.0
+    system[inner, inner + 1] = (steps[:-1] + steps[1:]) / 3.0
+    system[inner, inner + 2] = steps[1:] / 6.0
+    curvatures[:, 1:-1] = np.linalg.solve(system[:, 1:-1], np.diff(slopes, axis=0)).T
+    return curvatures

@@ -1,0 +1,41 @@
+"""What the contact corrections share: they need the direction of the surface."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Self
+
+import numpy as np
+
+from kinematics.effects.block import Block
+from kinematics.effects.correction import Booleans, ContactCorrection, FlagName
+from kinematics.effects.setting import Setting
+
+if TYPE_CHECKING:
+    from kinematics.arm_file import Effect
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Touching(ContactCorrection):
+    """A few values of the probe as a whole."""
+
+    names: ClassVar[tuple[str, ...]]
+
+    @classmethod
+    def from_file(cls, effect: "Effect", setting: Setting) -> Self:
+        """Build it from an entry of `[[effects]]`."""
+        del setting
+        values = effect.values
+        return cls(joints=slice(0, 0), values=tuple(values[n] for n in cls.names))
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Keys of the arm file."""
+        return self.names
+
+    def flags(self, block: Block) -> Iterator[tuple[FlagName, Booleans]]:
+        """Flag where the surface is unknown, and nothing could be corrected."""
+        if block.directions is None:
+            yield "surface_unknown", np.ones(len(block), dtype=np.bool_)
+        else:
+            unknown: Booleans = np.isnan(block.directions).any(axis=1)
+            yield "surface_unknown", unknown
