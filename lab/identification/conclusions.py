@@ -61,8 +61,7 @@ def parameter_estimates(
     changes = parameters.coordinates(adjustment.state.arm, design)[parameters.free]
     variances = np.diag(covariance)
     normal = np.sum(adjustment.system.upper[:, :-1] ** 2, axis=0)
-    unit = variances / max(adjustment.sigma0, 1e-300) ** 2
-    products = normal * unit
+    products = normal * np.sum(adjustment.split.inverse**2, axis=1)
     safe = np.where(products > 0.0, products, np.inf)
     controllability = np.clip(1.0 / safe, 0.0, 1.0)
     return tuple(
@@ -125,12 +124,24 @@ def global_test(adjustment: Adjustment, *, noise_estimated: bool) -> GlobalTest:
     return GlobalTest(p_value, p_value >= _LEVEL, noise_estimated)
 
 
+def variance_factor(adjustment: Adjustment, test: GlobalTest) -> float:
+    """Say by what cofactors are multiplied to give covariances.
+
+    One where the noise is known and sigma0 does not contradict it upwards: the
+    estimate of sigma0 would only add its own uncertainty. Else sigma0 squared.
+    """
+    believed = test.passed or adjustment.sigma0 < 1.0
+    if believed and not test.noise_estimated:
+        return 1.0
+    return adjustment.sigma0**2
+
+
 def artefact_results(
-    adjustment: Adjustment, found: PoseStatistics
+    adjustment: Adjustment, found: PoseStatistics, factor: float
 ) -> tuple[ArtefactResult, ...]:
     """Say how every artefact came out."""
     return tuple(
-        _artefact_result(adjustment, at, station, found)
+        _artefact_result(adjustment, at, station, found, factor)
         for at, station in enumerate(adjustment.network.stations)
     )
 
@@ -156,7 +167,11 @@ def rms_mm(network: Network, state: State) -> float:
 
 
 def _artefact_result(
-    adjustment: Adjustment, at: int, station: Station, found: PoseStatistics
+    adjustment: Adjustment,
+    at: int,
+    station: Station,
+    found: PoseStatistics,
+    factor: float,
 ) -> ArtefactResult:
     artefact = station.artefact
     own_mm = found.misclosures_mm[station.poses, : artefact.rows_per_pose]
@@ -170,7 +185,7 @@ def _artefact_result(
         if artefact.kind == "points"
         else None,
         lengths=tuple(
-            _estimated_length(adjustment, at, length)
+            _estimated_length(adjustment, at, length, factor)
             for length in artefact.lengths(adjustment.state.unknowns[at])
         ),
         contact_mm=float(adjustment.network.noise.contact_mm[station.index]),
@@ -178,7 +193,7 @@ def _artefact_result(
 
 
 def _estimated_length(
-    adjustment: Adjustment, at: int, length: Length
+    adjustment: Adjustment, at: int, length: Length, factor: float
 ) -> EstimatedLength:
     """Estimate a length from everything but its own certificate, where possible.
 
@@ -203,7 +218,7 @@ def _estimated_length(
             v_mm = float(certificate.misclosures_mm[row])
             value_mm = value_mm - v_mm + v_mm / redundancy
             variance_mm2 = variance_mm2 / redundancy
-    std_mm = adjustment.sigma0 * float(np.sqrt(variance_mm2))
+    std_mm = float(np.sqrt(factor * variance_mm2))
     return EstimatedLength(length.name, value_mm, std_mm, independent)
 
 

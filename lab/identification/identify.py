@@ -18,6 +18,7 @@ from lab.identification.conclusions import (
     identified_arm,
     parameter_estimates,
     rms_mm,
+    variance_factor,
 )
 from lab.identification.coverage import joint_coverage
 from lab.identification.datum import with_datum
@@ -122,9 +123,10 @@ def identify(
         design, zero_offsets_rad = coarse.arm, coarse.zero_offsets_rad
     run = _Run(design, options, radius_mm, progress)
     adjustment, found, included, critical = run.to_the_end(network)
-    sigma0 = adjustment.sigma0
+    test = global_test(adjustment, noise_estimated=run.variances(campaign).estimates)
+    factor = variance_factor(adjustment, test)
     inverse = adjustment.split.inverse
-    covariance = sigma0**2 * inverse @ inverse.T
+    covariance = factor * inverse @ inverse.T
     poses = np.flatnonzero(included)
     return Identification(
         arm=identified_arm(arm, adjustment),
@@ -133,11 +135,10 @@ def identify(
         adjustment=adjustment,
         converged=adjustment.converged,
         iterations=tuple(run.iterations),
-        sigma0=sigma0,
+        sigma0=adjustment.sigma0,
         redundancy=adjustment.redundancy,
-        global_test=global_test(
-            adjustment, noise_estimated=run.variances(campaign).estimates
-        ),
+        global_test=test,
+        variance_factor=factor,
         noise=adjustment.network.noise,
         rms_before_mm=rms_before_mm,
         rms_after_mm=rms_mm(adjustment.network, adjustment.state),
@@ -145,8 +146,8 @@ def identify(
         covariance=covariance,
         cartesian=cartesian_covariance(adjustment, covariance),
         undetermined=undetermined_directions(adjustment),
-        weak=weak_directions(adjustment),
-        artefacts=artefact_results(adjustment, found),
+        weak=weak_directions(adjustment, factor),
+        artefacts=artefact_results(adjustment, found, factor),
         statistics=found,
         included=included,
         excluded=tuple(

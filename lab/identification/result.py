@@ -42,7 +42,7 @@ class ParameterEstimate:
         name: For example `J3.link.v`.
         value: Change against the design, in the design's basis.
         unit: rad, mm, or a term's own.
-        std: Standard deviation, a posteriori.
+        std: Standard deviation.
         controllability: Which part of what the data say about it no other parameter
             can take away, 0 to 1: 1 / (N_ii C_ii).
     """
@@ -133,11 +133,14 @@ class Identification:
         sigma0: A-posteriori standard deviation of unit weight.
         redundancy: Of the last adjustment.
         global_test: Of sigma0.
+        variance_factor: By what cofactors were multiplied to give covariances: 1
+            where the noise is known and sigma0 does not contradict it upwards, else
+            sigma0 squared.
         noise: Standard deviations that were used last.
         rms_before_mm: Of scalar misclosures with the design.
         rms_after_mm: Of those of the poses that took part, with the estimates.
         parameters: Every free one.
-        covariance: Of the free parameters, a posteriori, (n_free, n_free).
+        covariance: Of the free parameters, (n_free, n_free).
         cartesian: The same over xyz components.
         undetermined: What the data do not say.
         weak: What they hardly say.
@@ -161,6 +164,7 @@ class Identification:
     sigma0: float
     redundancy: int
     global_test: GlobalTest
+    variance_factor: float
     noise: Noise
     rms_before_mm: float
     rms_after_mm: float

@@ -88,11 +88,16 @@ def undetermined_directions(adjustment: Adjustment) -> tuple[Undetermined, ...]:
     return tuple(found)
 
 
-def weak_directions(adjustment: Adjustment) -> tuple[Weak, ...]:
-    """Name the determined directions that are known poorly, the worst first."""
+def weak_directions(adjustment: Adjustment, factor: float) -> tuple[Weak, ...]:
+    """Name the determined directions that are known poorly, the worst first.
+
+    Args:
+        adjustment: The last one.
+        factor: By what cofactors are multiplied.
+    """
     network, parts = adjustment.network, adjustment.split
     geometry = adjustment.state.arm.geometry
-    sigma0 = max(adjustment.sigma0, 1e-300)
+    sigma0 = float(np.sqrt(factor))
     coverage = joint_coverage(network.campaign, _poses(network))
     stds = sigma0 / parts.values[: parts.n_determined]
     directions = parts.directions[: parts.n_determined]
