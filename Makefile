@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
 
-.PHONY: help venv system demo test lint format schemas lock bench soak clean
+.PHONY: help venv system demo test lint format schemas lock bench bench-identification prove soak clean
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -42,7 +42,13 @@ schemas: venv  ## write the message reference and JSON Schemas from protocol/mes
 bench: venv system  ## the figures of docs/performance.md; takes minutes
 	$(BIN)/python -m benchmarks
 
-soak: venv system  ## long streams, garbage and outages; takes about half an hour
+bench-identification: venv  ## the adjustment beside scipy's least squares; takes many minutes
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.identification
+
+prove: venv  ## the statistics of the identification over hundreds of campaigns; takes many minutes
+	$(BIN)/python -m benchmarks.proofs
+
+soak: venv system  ## a stream through outages of broker and board; takes about a minute
 	$(BIN)/python -m benchmarks.soak
 
 lock: venv  ## requirements.lock anew from pyproject.toml
