@@ -114,40 +114,38 @@ class Parameters:
     ) -> Floats:
         """Compute dx for the free parameters, (n_poses, 3, n_free)."""
         n_poses, n = len(derivatives.centres_mm), self.n_joints
-        by_axes, by_links = self._combinations(self.basis(values.geometry))
-        # Two large products, though half of it times zero, beat many small ones.
-        flat = derivatives.by_axes.reshape(-1, 3 * n) @ by_axes
-        flat += derivatives.by_links.reshape(-1, 3 * n) @ by_links
-        columns = flat.reshape(n_poses, 3, self.n_free)
-        places = np.cumsum(self.free) - 1
-        for axis in np.flatnonzero(self.free[4 * n : 4 * n + 3]):
-            columns[:, axis, places[4 * n + axis]] = 1.0
-        for k in np.flatnonzero(self.free[4 * n + 6 : 5 * n + 6]):
-            columns[:, :, places[4 * n + 6 + k]] = derivatives.by_zeros[:, :, k]
-        at = 5 * n + 6
+        by_axes, by_links, by_zeros = self._maps(values.geometry)
+        # A small product a pose: a single large one would be shared between threads,
+        # which costs more than it brings.
+        columns: Floats = derivatives.by_axes.reshape(n_poses, 3, -1) @ by_axes
+        columns += derivatives.by_links.reshape(n_poses, 3, -1) @ by_links
+        if np.any(by_zeros):
+            columns += derivatives.by_zeros @ by_zeros
+        columns += np.pad(np.eye(3), ((0, 0), (4 * n, len(self.names) - 4 * n - 3)))[
+            :, self.free
+        ]
+        at, place = 5 * n + 6, int(np.count_nonzero(self.free[: 5 * n + 6]))
         for term in self.terms:
-            own = slice(at, at + len(term.names))
-            of_term = term.columns(values.geometry, derivatives, poses)
-            columns[:, :, places[own][self.free[own]]] = of_term[:, :, self.free[own]]
-            at = own.stop
+            free = self.free[at : at + len(term.names)]
+            if np.any(free):
+                of_term = term.columns(values.geometry, derivatives, poses)[:, :, free]
+                columns[:, :, place : place + of_term.shape[2]] = of_term
+            at, place = at + len(free), place + int(np.count_nonzero(free))
         return columns
 
-    def _combinations(self, basis: Floats) -> tuple[Floats, Floats]:
-        """Write free columns as combinations of xyz ones.
-
-        Returns:
-            For those by axes and by links, both (3 n_joints, n_free).
-        """
-        n = self.n_joints
+    def _maps(self, geometry: Geometry) -> tuple[Floats, Floats, Floats]:
+        """Write components of axes, links and zeros in the free parameters."""
+        basis, n = self.basis(geometry), self.n_joints
         by_axes = np.zeros((3 * n, len(self.names)))
         by_links = np.zeros((3 * n, len(self.names)))
+        by_zeros = np.zeros((n, len(self.names)))
         for k in range(n):
-            rows = slice(3 * k, 3 * k + 3)
-            by_axes[rows, 4 * k : 4 * k + 2] = basis[k].T
-            by_links[rows, 4 * k + 2 : 4 * k + 4] = basis[k].T
-        # The probe vector lengthens the last link.
-        by_links[3 * n - 3 :, 4 * n + 3 : 4 * n + 6] = np.eye(3)
-        return by_axes[:, self.free], by_links[:, self.free]
+            own = slice(3 * k, 3 * k + 3)
+            by_axes[own, 4 * k : 4 * k + 2] = basis[k].T
+            by_links[own, 4 * k + 2 : 4 * k + 4] = basis[k].T
+        by_links[-3:, 4 * n + 3 : 4 * n + 6] = np.eye(3)
+        by_zeros[:, 4 * n + 6 : 5 * n + 6] = np.eye(n)
+        return by_axes[:, self.free], by_links[:, self.free], by_zeros[:, self.free]
 
     def moved(self, values: ArmValues, step: Floats) -> ArmValues:
         """Apply a step of the free parameters, (n_free,); axes stay unit vectors."""
