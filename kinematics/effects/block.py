@@ -126,7 +126,8 @@ class Block:
         if need.covariate is Covariate.TEMPERATURE:
             if need.joint is None or self.joint_temperatures_c is None:
                 return self.temperature_c
-            return self.temperatures_c(at)[0]
+            found: NDArray[Any] = self.temperatures_c(at)[0]
+            return found
         name = _COLUMNS[need.covariate]
         column: NDArray[Any] | None = getattr(self, name)
         if column is None or need.joint is None:

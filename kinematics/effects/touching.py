@@ -37,5 +37,5 @@ class Touching(ContactCorrection):
         if block.directions is None:
             yield "surface_unknown", np.ones(len(block), dtype=np.bool_)
         else:
-            unknown: Booleans = np.isnan(block.directions).any(axis=1)
-            yield "surface_unknown", unknown
+            x, y, z = np.isnan(block.directions).T
+            yield "surface_unknown", x | y | z

@@ -1,0 +1,118 @@
+"""Effects of the contact: signs, azimuth, and what happens without a surface."""
+
+import numpy as np
+import pytest
+
+from kinematics.effects.arm_effects import effects_of
+from kinematics.effects.block import Block
+from kinematics.effects.pose import contact_shifts, corrected_pose
+from kinematics.forward import probe_pose
+from kinematics.geometry import geometry_from_arm
+from tests.kinematics.effects.reference import (
+    Rigid,
+    effect,
+    random_arm,
+    random_readings,
+    rotation,
+)
+
+ARM = random_arm(21)
+GEOMETRY = geometry_from_arm(ARM)
+READINGS = random_readings(22, n_samples=6)
+DIRECTIONS = np.random.default_rng(23).normal(size=(6, 3))
+DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
+
+
+def shifts(one, **covariates):
+    block = Block(READINGS, **{"directions": DIRECTIONS, **covariates})
+    effects = effects_of(ARM, (one,))
+    centres, shanks, flags = corrected_pose(GEOMETRY, effects, block)
+    nominal, nominal_shanks = probe_pose(GEOMETRY, READINGS)
+    np.testing.assert_array_equal(shanks, nominal_shanks)
+    found = contact_shifts(GEOMETRY, effects, block)
+    np.testing.assert_allclose(centres - nominal, found, atol=1e-12)
+    return found, flags
+
+
+def test_larger_ball_brings_the_material_further():
+    found, _ = shifts(effect("probe_radius", radius_error_mm=0.004))
+    np.testing.assert_allclose(found, 0.004 * DIRECTIONS, rtol=1e-14)
+    # The material is where the larger ball ends: radius_mm + radius_error_mm away.
+    nominal, _ = probe_pose(GEOMETRY, READINGS)
+    surface = nominal + found + 3.0 * DIRECTIONS
+    np.testing.assert_allclose(
+        np.linalg.norm(surface - nominal, axis=1), 3.004, rtol=1e-12
+    )
+
+
+def test_lobing_leaves_the_material_by_the_pretravel_of_the_azimuth():
+    found, _ = shifts(effect("probe_lobing", amplitude_mm=0.002, phase_rad=0.4))
+    shank = GEOMETRY.probe_direction
+    smallest = np.eye(3)[np.argmin(np.abs(shank))]
+    first = np.cross(np.cross(shank, smallest), shank)
+    first /= np.linalg.norm(first)
+    for n, sample in enumerate(READINGS):
+        rigid = Rigid(GEOMETRY, sample - GEOMETRY.zeros_rad)
+        local = rigid.carried[-1][:3, :3].T @ DIRECTIONS[n]
+        flat = local - shank * (shank @ local)
+        psi = np.arctan2(shank @ np.cross(first, flat), first @ flat)
+        expected = -0.002 * np.cos(3 * psi - 0.4) * DIRECTIONS[n]
+        np.testing.assert_allclose(found[n], expected, rtol=0, atol=1e-15)
+
+
+def test_azimuth_is_right_handed_about_the_shank():
+    """Turn a direction by 30 degrees about the shank: 3 psi grows by 90 degrees."""
+    shanks = probe_pose(GEOMETRY, READINGS)[1]
+    turned = [
+        rotation(np.pi / 6 * s) @ d for s, d in zip(shanks, DIRECTIONS, strict=True)
+    ]
+    ahead, _ = shifts(
+        effect("probe_lobing", amplitude_mm=1.0, phase_rad=0.7 + np.pi / 2),
+        directions=np.array(turned),
+    )
+    here, _ = shifts(effect("probe_lobing", amplitude_mm=1.0, phase_rad=0.7))
+    along = np.einsum("ij,ij->i", ahead, turned)
+    np.testing.assert_allclose(along, np.einsum("ij,ij->i", here, DIRECTIONS))
+
+
+def test_stylus_yields_across_the_shank_away_from_the_material():
+    force_n = np.array([2.0, 0.5, np.nan, 1.0, 0.0, 3.0])
+    found, _ = shifts(effect("stylus_bending", compliance_mm_n=0.01), force_n=force_n)
+    shanks = probe_pose(GEOMETRY, READINGS)[1]
+    across = np.cross(shanks, np.cross(DIRECTIONS, shanks))
+    known = np.where(np.isnan(force_n), 1.0, force_n)
+    np.testing.assert_allclose(found, -0.01 * known[:, None] * across, atol=1e-15)
+
+
+def test_force_that_is_not_known_at_all_is_one_newton():
+    one = effect("stylus_bending", compliance_mm_n=0.01)
+    np.testing.assert_array_equal(shifts(one)[0], shifts(one, force_n=np.ones(6))[0])
+
+
+KINDS = [
+    effect("probe_radius", radius_error_mm=0.1),
+    effect("probe_lobing", amplitude_mm=0.1, phase_rad=0.0),
+    effect("stylus_bending", compliance_mm_n=0.1),
+]
+
+
+@pytest.mark.parametrize("one", KINDS, ids=lambda one: one.kind)
+def test_unknown_surface_is_flagged_and_nothing_corrected(one):
+    some = DIRECTIONS.copy()
+    some[[1, 4]] = np.nan
+    found, flags = shifts(one, directions=some)
+    np.testing.assert_array_equal(flags.surface_unknown, [0, 1, 0, 0, 1, 0])
+    assert not found[[1, 4]].any()
+    assert np.linalg.norm(found[[0, 2, 3, 5]], axis=1).min() > 1e-4
+    found, flags = shifts(one, directions=None)
+    assert flags.surface_unknown.all()
+    assert not found.any()
+
+
+def test_direction_along_the_shank_has_a_finite_lobing():
+    shanks = probe_pose(GEOMETRY, READINGS)[1]
+    found, _ = shifts(
+        effect("probe_lobing", amplitude_mm=0.002, phase_rad=0.4), directions=shanks
+    )
+    assert np.isfinite(found).all()
+    assert np.abs(found).max() <= 0.002
