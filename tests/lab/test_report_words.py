@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from lab.identification.identify import identify
+from lab.identification.probe_effect import posture_columns
 from lab.identification.report import summary_lines
 from lab.identification.report.page import result_map
+from lab.identification.report.undetermined_effects import undetermined_effects_mm
 from lab.identification.report.words import (
     combination,
     length_mm,
@@ -135,3 +137,17 @@ def test_lengths_have_digits_that_matter(value_mm: float, said: str) -> None:
 
 def test_small_probabilities_are_not_spelled_out() -> None:
     assert (probability(3e-9), probability(0.312)) == ("below 0.0001", "0.31")
+
+
+def test_undetermined_scale_is_worth_what_it_moves(scaleless: Identification) -> None:
+    # A scale s shifts the probe by s x; what no rigid motion takes away of that is
+    # s times the distance from the mean place.
+    (effect_mm,) = undetermined_effects_mm(scaleless)
+    network = scaleless.adjustment.network
+    arm = scaleless.adjustment.state.arm
+    _, centres_mm = posture_columns(network, arm)
+    spread_mm = np.sqrt(centres_mm.var(axis=0).sum())
+    # J2 carries 60 mm and, along the axis of J3, 500 mm: they grow by 5 mm and a part.
+    (direction,) = scaleless.undetermined
+    scale = abs(direction.direction["J2.link.v"]) * 5.0 / 560.0
+    assert effect_mm == pytest.approx(scale * spread_mm, rel=0.02)

@@ -6,6 +6,7 @@ from lab.identification.probe_effect import probe_effects_mm
 from lab.identification.report.map_picture import map_picture
 from lab.identification.report.markup import image, note, paragraph, section, table
 from lab.identification.report.parameter_pictures import correlation_picture
+from lab.identification.report.undetermined_effects import undetermined_effects_mm
 from lab.identification.report.words import combination, length_mm, map_sentence
 from lab.identification.result import Identification, ParameterEstimate
 from lab.identification.uncertainty_map import UncertaintyMap
@@ -50,13 +51,15 @@ def parameter_section(result: Identification) -> str:
         note(
             "Change: against the arm file as given. .axis.v, .axis.w: turn of the axis "
             "towards v and w; .link.v, .link.w: change of the link along them; both "
-            "lie across the axis. std: standard deviation, scaled by sigma0. At the "
+            "lie across the axis. std: standard deviation, scaled by sigma0 where "
+            "that contradicts the noise upwards or the noise was estimated. At the "
             "probe: what this std alone does to the ball's centre, as a root mean "
-            "square over the travelled postures, the motion of the arm as a whole "
-            "taken out; the whole uncertainty is not their sum, because parameters are "
-            "correlated: see the map. Controlled: which part of what the data say "
-            "about it no other parameter can take away. Values and std of single "
-            "parameters depend on what is held; distances do not."
+            "square over postures in the travelled ranges (at least 120 degrees), the "
+            "motion of the arm as a whole taken out; the whole uncertainty is not "
+            "their sum, because parameters are correlated: see the map. "
+            "Controlled: which part of what the data say about it no other parameter "
+            "can take away. Values and std of single parameters depend on what is "
+            "held; distances do not."
         ),
     )
 
@@ -111,8 +114,15 @@ def weakness_section(result: Identification) -> str:
         parts += [
             paragraph("Not determined; held at the values of the arm file:"),
             table(
-                ["combination", "why, and what to do"],
-                [[combination(u.direction), u.why] for u in result.undetermined],
+                ["combination", "why, and what to do", "at the probe, if off"],
+                [
+                    [combination(u.direction), u.why, length_mm(float(effect_mm))]
+                    for u, effect_mm in zip(
+                        result.undetermined,
+                        undetermined_effects_mm(result),
+                        strict=True,
+                    )
+                ],
                 texts=2,
             ),
         ]
@@ -136,7 +146,9 @@ def weakness_section(result: Identification) -> str:
         note(
             "Combinations in units of plausible deviations from a design (axes 20 "
             "mrad, links 5 mm). Undetermined: the data know it worse than the design "
-            "does. Poorly: not five times better."
+            "does; at the probe: root mean square shift if the design is off by one "
+            "such deviation. Poorly: known not five times better than that, or worth "
+            "more than ten times the noise of a contact at the probe."
         )
     )
     return section("undetermined", "Undetermined and weak directions", *parts)

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from lab.identification.report.undetermined_effects import undetermined_effects_mm
 from lab.identification.result import Identification
 from lab.identification.uncertainty_map import UncertaintyMap
 
@@ -61,7 +62,7 @@ def _sigma0_sentence(result: Identification, figures: str) -> str:
         )
     return (
         f"{said}: the residuals are smaller than the given noise leads to expect: it "
-        "was given too large. All standard deviations here are scaled by sigma0."
+        "was given too large, and so are all standard deviations here."
     )
 
 
@@ -175,8 +176,13 @@ def summary_lines(result: Identification, found: UncertaintyMap) -> list[str]:
         noise_sentence(result),
         determined_sentence(result),
     ]
-    for missing in result.undetermined:
-        lines.append(f"undetermined: {combination(missing.direction)}: {missing.why}")
+    effects_mm = undetermined_effects_mm(result)
+    for missing, effect_mm in zip(result.undetermined, effects_mm, strict=True):
+        lines.append(
+            f"undetermined: {combination(missing.direction)}: "
+            f"{length_mm(float(effect_mm))} at the probe if the design is off by a "
+            f"plausible deviation; {missing.why}"
+        )
     for weak in result.weak[:_MOST_LINES]:
         lines.append(
             f"weak: {combination(weak.direction)}: {length_mm(weak.probe_mm)} at the "
