@@ -22,7 +22,7 @@ from tests.kinematics.effects.reference import (
     shifted,
 )
 
-SEEDS = range(4)
+SEEDS = range(6)
 GRAVITY = np.array([0.3, -0.8, -9.7])
 ATOL_MM = 2e-10
 
@@ -204,6 +204,7 @@ def test_all_mechanical_kinds_together_are_motions_from_the_outermost_inwards(se
     arm, readings = random_arm(seed), random_readings(seed)
     cos, sin = across_axis(arm, 1, seed)
     far = 50 * across_axis(arm, 3, seed)
+    first_axis = geometry_from_arm(arm).axes[0]
     arm_c = np.full(len(readings), T_REF + 8)
     effects = (
         effect("encoder_scale", joint="J4", scale_ppm=40.0),
@@ -219,6 +220,14 @@ def test_all_mechanical_kinds_together_are_motions_from_the_outermost_inwards(se
             cos_mm=[*far[0]],
             sin_mm=[*far[1]],
         ),
+        effect(
+            "axis_runout",
+            joint="J1",
+            component="axial",
+            order=1,
+            cos_mm=[*(0.02 * first_axis)],
+            sin_mm=[*(0.01 * first_axis)],
+        ),
         effect("thermal_expansion", joint="J3", expansion_per_c=2e-5),
         effect("mount_compliance", compliance_rad_nm=5e-6),
     )
@@ -232,6 +241,9 @@ def test_all_mechanical_kinds_together_are_motions_from_the_outermost_inwards(se
         runout = far[0] * np.cos(2 * turns[3]) + far[1] * np.sin(2 * turns[3])
         return {
             -1: about(np.array(arm.origin_mm), 5e-6 * moments[0]),
+            0: shifted(
+                (0.02 * np.cos(turns[0]) + 0.01 * np.sin(turns[0])) * first_axis
+            ),
             1: about(rigid.origins[1], tilt)
             @ about(rigid.origins[1], 4e-5 * torque[1] * rigid.axes[1]),
             2: shifted(2e-5 * 8 * rigid.links[2]),
