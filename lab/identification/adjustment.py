@@ -145,8 +145,11 @@ def adjust(
         number = len(iterations) + 1
         parts = _split(network, state, system, n_determined)
         to_design = parameters.coordinates(design, state.arm)[parameters.free]
-        step, cost = parts.step(to_design)
-        state, size, fraction = _stepped(network, state, system, step, cost)
+        step, held = parts.step(to_design)
+        # A smaller arm has smaller misclosures: the way back to the design's scale may
+        # go uphill, by as much as the linear model says.
+        cost = _modelled(system, step) - _modelled(system, step - held)
+        state, size, fraction = _stepped(network, state, system, step, max(cost, 0.0))
         converged = size < _CONVERGED and fraction > 0.0
         if size < _NEAR or number >= _RANK_SETTLES_AT:
             n_determined = parts.n_determined
@@ -237,6 +240,12 @@ def _split(
     if not has_length(network):
         scale = scale_direction(parameters, state.arm.geometry)
     return split(system.upper, parameters.free_tolerances, scale, n_determined)
+
+
+def _modelled(system: System, step: Floats) -> float:
+    """Predict what the arm's part of the sum of squares becomes by a step."""
+    left = system.upper[:, :-1] @ step - system.upper[:, -1]
+    return float(left @ left)
 
 
 def _stepped(

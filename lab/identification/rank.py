@@ -49,24 +49,20 @@ class Split:
         """Directions in units of the tolerances, (n_undetermined, n_free)."""
         return self.directions[self.n_determined :]
 
-    def step(self, to_design: Floats) -> tuple[Floats, float]:
+    def step(self, to_design: Floats) -> tuple[Floats, Floats]:
         """Compute the step of the parameters.
 
         Args:
             to_design: The step that would lead back to the design, (n_free,).
 
         Returns:
-            The step, (n_free,), and how much of the objective holding undetermined
-            directions at their design values may cost.
+            The step, (n_free,), and the part of it that leads undetermined directions
+            back to their design values.
         """
         determined = self.inverse @ self.right[: self.n_determined]
         back = self.undetermined @ (to_design / self.tolerances)
-        # A smaller arm has smaller misclosures: the slope counts, not the curvature
-        # alone, or the way back to the design's scale would look uphill for ever.
-        right = self.right[self.n_determined :]
-        held = self.values[self.n_determined :] * back - right
-        cost = max(float(held @ held - right @ right), 0.0)
-        return determined + self.tolerances * (back @ self.undetermined), cost
+        held = self.tolerances * (back @ self.undetermined)
+        return determined + held, held
 
 
 def split(
