@@ -6,7 +6,7 @@ forward kinematics and whitened once for all at the start, which spares the peer
 work in every iteration.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,7 +70,7 @@ class DensePeer:
                 strict=True,
             )
         )
-        return State(arm, unknowns)
+        return replace(self._start, arm=arm, unknowns=unknowns)
 
     def _residuals(self, steps: Floats) -> Floats:
         state = self._state(steps)

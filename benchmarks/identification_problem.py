@@ -51,7 +51,7 @@ def large_campaign(kind: str, n_poses: int, seed: int = 1) -> Campaign:
     chosen: dict[str, object] = (
         {"mix": "cones+bar", "n_poses": n_different}
         if kind == "mixed"
-        else {"artefacts": [{**ball, "radius_mm": _SCAN_RADIUS_MM}]}
+        else {"artefacts": ({**ball, "radius_mm": _SCAN_RADIUS_MM},)}
     )
     spec = CampaignSpec.model_validate({**chosen, "conditions": {"columns": ()}})
     poses = make_poses(demo_arm(), spec, seed)

@@ -15,7 +15,7 @@ from benchmarks.proofs.statistics import (
     blunder_verdict,
     clean_verdict,
 )
-from benchmarks.proofs.trials import MIX_NAMES, Outcome, outcomes, tasks
+from benchmarks.proofs.trials import MIXES, Outcome, outcomes, tasks
 
 SHARES = (0.01, 0.02, 0.05)
 PER_POSE_SET = 10
@@ -30,7 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--blunder-seeds", type=int, default=100, help="campaigns of each share"
     )
     parser.add_argument("--first", type=int, default=0, help="first seed")
-    parser.add_argument("--mixes", nargs="*", default=MIX_NAMES)
+    parser.add_argument("--mixes", nargs="*", default=list(MIXES))
     given = parser.parse_args(arguments)
     begun_s = time.monotonic()
     # Many small matrices: threads of the linear algebra would only get in the way.

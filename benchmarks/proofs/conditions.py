@@ -82,7 +82,7 @@ def _condition(travel: str, orders: tuple[int, ...], seed: int) -> float:
     pair = {"id": "pair", "kind": "points", "frame": "own", "n_points": 2}
     artefacts.append({**pair, "size_mm": 800.0, "n_poses": 2 * _N_POSES // 5})
     spec = CampaignSpec.model_validate(
-        {"artefacts": artefacts, "travel": travel, "conditions": {"columns": ()}}
+        {"artefacts": tuple(artefacts), "travel": travel, "conditions": {"columns": ()}}
     )
     arm = demo_arm()
     simulated = simulate_campaign(arm, spec, seed)

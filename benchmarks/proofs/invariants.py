@@ -19,8 +19,10 @@ from simulator.physics import probe_pose
 
 Floats = NDArray[np.float64]
 
-N_PAIRS = 15
+# More than there are parameters, so that every combination of them is looked at.
+N_PAIRS = 60
 _DIFFERENCE = 1e-3  # of a parameter's plausible deviation
+_LEAST_SIZE = 1e-7  # of the largest: smaller ones are rounding
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,9 +78,9 @@ def distance_errors(
         errors_mm = errors_mm - errors_mm.mean()
         slopes = slopes - slopes.mean(axis=0)
     spread = slopes @ adjustment.split.inverse
-    kept = slice(None) if has_scale else slice(0, -1)
-    covariance = (spread @ spread.T)[kept, kept]
-    white = np.linalg.solve(np.linalg.cholesky(covariance), errors_mm[kept])
+    left, sizes, _ = np.linalg.svd(spread, full_matrices=False)
+    seen = sizes > _LEAST_SIZE * np.max(sizes, initial=0.0)
+    white = (left.T @ errors_mm)[seen] / sizes[seen]
     return DistanceErrors(errors_mm, float(white @ white), len(white))
 
 

@@ -10,16 +10,18 @@ from lab.identification.identify import Options, identify
 from simulator.campaigns import draw_noise
 from simulator.campaigns.spec import NoiseTable
 
-N_POSES = 300
-MIX_NAMES = (
-    "cones",
-    "cones+bar",
-    "bars",
-    "sphere-known",
-    "planes+length",
-    "points-arm",
-    "everything",
-)
+# Poses of a campaign. "everything" has 15 artefacts: with fewer than 40 poses each
+# a sphere of a bar hardly controls its own contacts.
+MIXES = {
+    "cones": 300,
+    "cones+bar": 300,
+    "bars": 300,
+    "sphere-known": 300,
+    "planes+length": 300,
+    "points-arm": 300,
+    "everything": 600,
+}
+_NOISE_SEEDS = 100_000
 WITHOUT_LENGTH = frozenset({"cones"})
 
 
@@ -79,7 +81,7 @@ class Outcome:
 
 def outcomes(task: Task) -> tuple[Outcome, ...]:
     """Draw, identify and judge the campaigns of a task."""
-    poses = mix_poses(task.mix, N_POSES, task.pose_seed)
+    poses = mix_poses(task.mix, MIXES[task.mix], task.pose_seed)
     noise = NoiseTable(blunder_share=task.blunder_share)
     options = Options(n_suggestions=0)
     found = []
@@ -116,12 +118,15 @@ def outcomes(task: Task) -> tuple[Outcome, ...]:
 def tasks(
     mix: str, seeds: range, per_pose_set: int, blunder_share: float = 0.0
 ) -> list[Task]:
-    """Share campaigns out over sets of poses."""
+    """Share campaigns out over sets of poses; no two mixes have the same noise."""
+    offset = _NOISE_SEEDS * list(MIXES).index(mix)
     return [
         Task(
             mix,
             pose_seed=seeds[first] // per_pose_set + 1,
-            noise_seeds=tuple(seeds[first : first + per_pose_set]),
+            noise_seeds=tuple(
+                offset + seed for seed in seeds[first : first + per_pose_set]
+            ),
             blunder_share=blunder_share,
         )
         for first in range(0, len(seeds), per_pose_set)
