@@ -94,10 +94,10 @@ def unknown_name_message(what: str, name: str, known: Collection[str]) -> str:
     with_unit = [entry for entry in known if entry.startswith(f"{name}_")]
     if with_unit and what == "key":
         return (
-            f"unknown key '{name}'; did you mean '{with_unit[0]}'? "
+            f"unknown key '{name}'; did you mean '{min(with_unit, key=len)}'? "
             "units are part of the name"
         )
-    by_lower_case = {entry.lower(): entry for entry in known}
+    by_lower_case = {entry.lower(): entry for entry in sorted(known)}
     nearest = difflib.get_close_matches(name.lower(), by_lower_case, n=1)
     if nearest:
         meant = by_lower_case[nearest[0]]
