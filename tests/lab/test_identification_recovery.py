@@ -79,17 +79,17 @@ def squared_deviation(result, true, n_postures=12):
 def test_estimates_agree_with_the_truth_as_their_covariance_says(mix):
     design = seven_joints()
     total, degrees, passed = 0.0, 0, 0
-    n_seeds = 12
+    n_seeds = 8
     for seed in range(n_seeds):
         true = disturbed(design, 100 + seed)
-        campaign = simulate(true, MIXES[mix], 50, seed)
+        campaign = simulate(true, MIXES[mix], 40, seed)
         result = identify(campaign, arm_value(design), PLAIN)
         assert result.converged
         statistic, count = squared_deviation(result, true)
         total, degrees = total + statistic, degrees + count
         passed += result.global_test.passed
     assert chi2.ppf(0.005, degrees) < total < chi2.ppf(0.995, degrees)
-    assert passed >= n_seeds - 3
+    assert passed >= n_seeds - 2
 
 
 def test_a_single_campaign_is_as_good_as_it_says():
