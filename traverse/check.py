@@ -1,5 +1,6 @@
 """`traverse check`: everything that is wrong with a file."""
 
+import contextlib
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -9,17 +10,22 @@ import typer
 
 
 def check(
-    file: Annotated[Path, typer.Argument(help="An arm file or a configuration.")],
+    file: Annotated[
+        Path, typer.Argument(help="An arm file, a configuration, or a campaign.")
+    ],
     as_json: Annotated[
         bool, typer.Option("--json", help="Report as JSON on standard output.")
     ] = False,
 ) -> None:
-    """Check an arm file, a daemon's or a simulator's configuration.
+    """Check an arm file, a daemon's or a simulator's configuration, or a campaign.
 
+    A campaign is given by its folder or its campaign.toml; its poses are checked too.
     Says everything that is wrong with it, at once. Exit status 2 if anything is.
     """
     from kinematics.arm_file import FileError  # noqa: PLC0415 - keeps --help quick
 
+    if (file / "campaign.toml").is_file():
+        file /= "campaign.toml"
     kind, read = _reader(file)
     try:
         read(file)
@@ -56,6 +62,22 @@ def _reader(file: Path) -> tuple[str, Callable[[Path], object]]:
         return "simulator's configuration", lambda path: read_strict(
             path, SimulatorConfig, config_problems
         )
+    if schema.startswith("traverse/campaign/") or "poses" in tables:
+        return "campaign", _read_campaign
     if "arm" in tables or "broker" in tables or "device" in tables:
         return "daemon's configuration", read_configuration
     return "arm file", read_arm
+
+
+def _read_campaign(path: Path) -> object:
+    """Read a campaign with whatever joints its poses have."""
+    from lab.campaign import read_campaign  # noqa: PLC0415
+    from lab.campaign_file import read_campaign_file  # noqa: PLC0415
+
+    poses = path.parent / read_campaign_file(path).poses
+    header = ""
+    with contextlib.suppress(OSError, ValueError), poses.open(encoding="utf-8") as file:
+        header = file.readline()
+    columns = (column.strip() for column in header.split(","))
+    joints = [c.removesuffix("_rad") for c in columns if c.endswith("_rad")]
+    return read_campaign(path.parent, joints)

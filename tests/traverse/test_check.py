@@ -90,3 +90,26 @@ def test_what_cannot_be_read_is_refused(name: str, tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["check", str(tmp_path / name)])
     assert result.exit_code == 2
     assert "cannot be read" in result.stderr
+
+
+CAMPAIGN = """\
+schema = "traverse/campaign/1"
+poses = "poses.csv"
+[[artefacts]]
+id = "seat"
+kind = "cone"
+"""
+POSES = "time_s,artefact,feature,J1_rad,J2_rad\n0.0,seat,,0.1,0.2\n1.0,seat,,0.3,0.4\n"
+
+
+def test_a_campaign_is_checked_with_its_poses(tmp_path: Path) -> None:
+    (tmp_path / "campaign.toml").write_text(CAMPAIGN)
+    (tmp_path / "poses.csv").write_text(POSES)
+    said = CliRunner().invoke(app, ["check", str(tmp_path)])
+    assert (said.exit_code, said.stderr) == (0, "")
+    assert said.stdout.endswith("campaign.toml: a good campaign\n")
+    (tmp_path / "poses.csv").write_text(POSES.replace("1.0,seat", "1.0,seet"))
+    said = CliRunner().invoke(app, ["check", str(tmp_path / "campaign.toml")])
+    assert said.exit_code == 2
+    assert "poses.csv" in said.stderr
+    assert "line 3: unknown artefact 'seet'; did you mean 'seat'?" in said.stderr
