@@ -18,17 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.identification.datum import scale_direction
-from lab.identification.network import (
-    Network,
-    State,
-    Station,
-    has_length,
-    misclosures_mm,
-    white_rows,
-)
+from lab.identification.network import Network, State, has_length
 from lab.identification.parameters import ArmValues
 from lab.identification.rank import Split, split
-from lab.identification.triangle import Elimination, eliminate, triangle
+from lab.identification.system import System, certified, linearise, sum_of_squares
 
 Floats = NDArray[np.float64]
 
@@ -66,27 +59,6 @@ class Iteration:
 
 
 Progress = Callable[[Iteration], None]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class System:
-    """The linearised, whitened, reduced system at some state.
-
-    Attributes:
-        eliminations: Of every station.
-        upper: Of the arm's free parameters and the right side.
-        whiteners: Of every station, (n_poses, n_rows, n_rows).
-        offsets_mm: B v of every station, (n_poses, n_rows).
-        corrections: v that follows, of every station, (n_poses, n_joints + 3).
-        sum_of_squares: Weighted misclosures and certificates.
-    """
-
-    eliminations: tuple[Elimination, ...]
-    upper: Floats
-    whiteners: tuple[Floats, ...]
-    offsets_mm: tuple[Floats, ...]
-    corrections: tuple[Floats, ...]
-    sum_of_squares: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -176,62 +148,6 @@ def adjust(
     )
 
 
-def linearise(network: Network, state: State) -> System:
-    """Set up, whiten and reduce all equations at a state."""
-    n_free = network.parameters.n_free
-    eliminations = []
-    kept: tuple[list[Floats], list[Floats], list[Floats]] = ([], [], [])
-    total = 0.0
-    for station, unknowns, corrections in zip(
-        network.stations, state.unknowns, state.corrections, strict=True
-    ):
-        n_unknowns = len(station.scales)
-        n_columns = n_unknowns + n_free + 1
-        blocks = [_certified(station, unknowns, n_free)]
-        seen: tuple[list[Floats], list[Floats], list[Floats]] = ([], [], [])
-        upper = np.empty((0, n_columns))
-        total += float(np.sum(blocks[0][:, -1] ** 2))
-        for rows in white_rows(network, station, state.arm, unknowns, corrections):
-            total += float(np.sum(rows.misclosures**2))
-            seen[0].append(rows.whiteners)
-            seen[1].append(rows.offsets_mm)
-            seen[2].append(rows.corrections)
-            joined = np.concatenate(
-                [
-                    rows.by_unknowns,
-                    rows.by_parameters,
-                    -rows.misclosures[:, :, np.newaxis],
-                ],
-                axis=2,
-            )
-            blocks.append(joined.reshape(-1, n_columns))
-            if len(blocks) >= 4:
-                upper = triangle([upper, *blocks], n_columns)
-                blocks = []
-        upper = triangle([upper, *blocks], n_columns)
-        eliminations.append(eliminate(upper, station.scales))
-        for whole, parts in zip(kept, seen, strict=True):
-            whole.append(np.concatenate(parts))
-    reduced = triangle([found.reduced for found in eliminations], n_free + 1)
-    whiteners, offsets_mm, following = (tuple(whole) for whole in kept)
-    return System(tuple(eliminations), reduced, whiteners, offsets_mm, following, total)
-
-
-def sum_of_squares(network: Network, state: State, system: System) -> float:
-    """Weigh the misclosures of a state with the weights of a system."""
-    total = 0.0
-    for at, (station, unknowns) in enumerate(
-        zip(network.stations, state.unknowns, strict=True)
-    ):
-        corrections = state.corrections[at]
-        found_mm = misclosures_mm(network, station, state.arm, unknowns, corrections)
-        found_mm = found_mm - system.offsets_mm[at]
-        white = system.whiteners[at] @ found_mm[:, :, np.newaxis]
-        certified = _certified(station, unknowns, 0)[:, -1]
-        total += float(np.sum(white**2) + np.sum(certified**2))
-    return total
-
-
 def _split(
     network: Network, state: State, system: System, n_determined: int | None
 ) -> Split:
@@ -289,23 +205,10 @@ def _moved(
     )
 
 
-def _certified(station: Station, unknowns: Floats, n_free: int) -> Floats:
-    """Whiten a station's certificate: unknowns, parameters (zero), right side."""
-    certificate = station.artefact.certificate(unknowns, station.touches)
-    inverse = 1.0 / certificate.std_mm[:, np.newaxis]
-    return np.hstack(
-        [
-            certificate.by_unknowns * inverse,
-            np.zeros((len(inverse), n_free)),
-            -certificate.misclosures_mm[:, np.newaxis] * inverse,
-        ]
-    )
-
-
 def _redundancy(network: Network, state: State, system: System, parts: Split) -> int:
-    certified = sum(
-        len(_certified(station, unknowns, 0))
+    n_certified = sum(
+        len(certified(station, unknowns, 0))
         for station, unknowns in zip(network.stations, state.unknowns, strict=True)
     )
     determined = sum(len(found.right) for found in system.eliminations)
-    return network.n_rows + certified - determined - parts.n_determined
+    return network.n_rows + n_certified - determined - parts.n_determined

@@ -1,0 +1,31 @@
+"""What one may wish of an identification."""
+
+from dataclasses import dataclass
+
+from lab.identification.terms import ProbeTerm
+from lab.identification.variance_components import VarianceModel
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """Wishes.
+
+    Attributes:
+        hold: Patterns of parameters to hold at their design values.
+        free: Patterns of parameters to free; `hold` has the last word.
+        terms: Beyond the geometry.
+        snooping: Whether contradicting poses are excluded.
+        family_level: Probability that a campaign without blunders loses any pose.
+        variances: Which noise is estimated; None: what the campaign does not give.
+        coarse_start: Whether wrong zeros are looked for where the design fits badly.
+        n_suggestions: Poses to suggest.
+    """
+
+    hold: tuple[str, ...] = ()
+    free: tuple[str, ...] = ()
+    terms: tuple[ProbeTerm, ...] = ()
+    snooping: bool = True
+    family_level: float = 0.01
+    variances: VarianceModel | None = None
+    coarse_start: bool = True
+    n_suggestions: int = 8

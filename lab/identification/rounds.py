@@ -1,0 +1,149 @@
+"""The rounds of an identification: adjust, test, improve the noise, and again."""
+
+import numpy as np
+
+from lab.campaign import Campaign
+from lab.identification.adjustment import Adjustment, Iteration, Progress, adjust
+from lab.identification.network import Network, State, start_state, stations
+from lab.identification.noise import Noise
+from lab.identification.options import Options
+from lab.identification.parameters import ArmValues, Booleans
+from lab.identification.pose_statistics import (
+    PoseStatistics,
+    outsiders_statistics,
+    pose_statistics,
+)
+from lab.identification.robust import robust_state
+from lab.identification.snooping import Snooping, robust_scale, snoop
+from lab.identification.variance_components import (
+    VarianceModel,
+    better_noise,
+    variance_model,
+)
+
+_MOST_ROUNDS = 15
+# Standard deviations that change by less than this are settled.
+_NOISE_SETTLED = 0.01
+# A classical sigma0 this much above the robust one betrays blunders.
+_BLUNDERS = 1.2
+
+
+class Rounds:
+    """Adjusts until neither the poses that take part nor the noise change."""
+
+    def __init__(
+        self,
+        design: ArmValues,
+        options: Options,
+        radius_mm: float,
+        progress: Progress | None,
+    ) -> None:
+        self._design = design
+        self._options = options
+        self._radius_mm = radius_mm
+        self._progress = progress
+        self.iterations: list[Iteration] = []
+
+    def variances(self, campaign: Campaign) -> VarianceModel:
+        """Say which noise is estimated."""
+        return self._options.variances or variance_model(campaign)
+
+    def to_the_end(
+        self, network: Network
+    ) -> tuple[Adjustment, PoseStatistics, Booleans, float]:
+        """Return adjustment, statistics of all poses, who took part, critical |w|."""
+        campaign = network.campaign
+        variances = self.variances(campaign)
+        included = np.ones(len(campaign.poses), dtype=np.bool_)
+        state = start_state(network, self._design)
+        adjustment = self._adjusted(network, state)
+        found = pose_statistics(adjustment)
+        if self._options.snooping and (
+            not adjustment.converged
+            or adjustment.sigma0 > _BLUNDERS * robust_scale(found)
+        ):
+            state, included = robust_state(network, state, self._design)
+            adjustment, found = self._without(adjustment, included, state.arm)
+        critical = float("inf")
+        for _ in range(_MOST_ROUNDS):
+            noise, change = better_noise(
+                campaign, adjustment.network.noise, found.variances, variances
+            )
+            tests = self._tests(adjustment, found, included, variances)
+            if tests is not None:
+                critical = tests.critical * tests.scale
+            n_changed = tests.n_changed if tests is not None else 0
+            if change < _NOISE_SETTLED and n_changed == 0:
+                break
+            included = included if tests is None else tests.included
+            adjustment, found = self._without(
+                adjustment, included, adjustment.state.arm, noise
+            )
+        return adjustment, self._of_all(adjustment, found, included), included, critical
+
+    def _adjusted(self, network: Network, state: State) -> Adjustment:
+        return adjust(network, state, self._design, self._told)
+
+    def _told(self, iteration: Iteration) -> None:
+        self.iterations.append(iteration)
+        if self._progress is not None:
+            self._progress(iteration)
+
+    def _without(
+        self,
+        adjustment: Adjustment,
+        included: Booleans,
+        arm: ArmValues,
+        noise: Noise | None = None,
+    ) -> tuple[Adjustment, PoseStatistics]:
+        before = adjustment.network
+        network = Network(
+            before.campaign,
+            stations(before.campaign, self._radius_mm, included),
+            before.parameters,
+            noise or before.noise,
+            before.weights,
+        )
+        found = self._adjusted(network, start_state(network, arm))
+        return found, pose_statistics(found)
+
+    def _tests(
+        self,
+        adjustment: Adjustment,
+        found: PoseStatistics,
+        included: Booleans,
+        variances: VarianceModel,
+    ) -> Snooping | None:
+        if not self._options.snooping:
+            return None
+        return snoop(
+            adjustment,
+            found,
+            included,
+            family_level=self._options.family_level,
+            noise_known=not variances.estimates,
+            radius_mm=self._radius_mm,
+        )
+
+    def _of_all(
+        self, adjustment: Adjustment, found: PoseStatistics, included: Booleans
+    ) -> PoseStatistics:
+        """Fill in the statistics of the excluded poses."""
+        if np.all(included):
+            return found
+        campaign = adjustment.network.campaign
+        others = stations(campaign, self._radius_mm, ~included)
+        theirs = outsiders_statistics(adjustment, others)
+        outside = ~included
+        for name in (
+            "misclosures_mm",
+            "statistics",
+            "w",
+            "degrees",
+            "controllability",
+            "detectable_mm",
+            "influence",
+            "corrections_rad",
+        ):
+            getattr(found, name)[outside] = getattr(theirs, name)[outside]
+        return found
