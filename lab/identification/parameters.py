@@ -121,9 +121,9 @@ class Parameters:
         columns += derivatives.by_links.reshape(n_poses, 3, -1) @ by_links
         if np.any(by_zeros):
             columns += derivatives.by_zeros @ by_zeros
-        columns += np.pad(np.eye(3), ((0, 0), (4 * n, len(self.names) - 4 * n - 3)))[
-            :, self.free
-        ]
+        if np.any(self.free[4 * n : 4 * n + 3]):
+            rest = len(self.names) - 4 * n - 3
+            columns += np.pad(np.eye(3), ((0, 0), (4 * n, rest)))[:, self.free]
         at, place = 5 * n + 6, int(np.count_nonzero(self.free[: 5 * n + 6]))
         for term in self.terms:
             free = self.free[at : at + len(term.names)]
