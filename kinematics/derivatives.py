@@ -1,15 +1,13 @@
 """How the ball's centre moves with every parameter of the arm, in closed form.
 
-With x = o_k + P_(k-1) R(u_k, theta_k) s_k, where o_k is the origin of joint k and s_k
-the vector from there to the ball before joint k turned it,
+With o_k the origin of joint k and P_k the rotation of the element that it carries,
 
     dx/dalpha_k = z_k x (x - o_k),        z_k = P_k u_k the axis where it is now
     dx/dr_k     = P_k
-    dx/du_k     = P_(k-1) [sin theta_k (e x s_k)
-                           + (1 - cos theta_k) (e (u_k . s_k) + u_k (e . s_k))]
+    dx/du_k     = ((P_(k-1) - P_k) (u_k x e)) x (x - o_k)
 
-the last one, Rodrigues' formula differentiated, for each column e of I - u_k u_k^T:
-an axis is a unit vector, so only its tangent perturbations count.
+the last one for each column e of I - u_k u_k^T: an axis is a unit vector, so only its
+tangent perturbations count.
 """
 
 from collections.abc import Iterator
@@ -79,23 +77,20 @@ def probe_derivatives(geometry: Geometry, angles_rad: Floats) -> ProbeDerivative
     axes = geometry.axes.T[:, :, np.newaxis]
     turns_rad = np.ascontiguousarray((angles_rad - geometry.zeros_rad).T)
     turns = turn(axes, turns_rad)
-    # before[:, k] is P_(k-1), after[:, k] is P_k, everything (4, n_joints, n_samples).
-    before = np.zeros_like(turns)
-    before[0, 0] = 1.0
+    # after[:, k] is P_k, everything (4, n_joints, n_samples).
     after = np.empty_like(turns)
-    for k in range(expected):
-        if k > 0:
-            before[:, k] = after[:, k - 1]
-        after[:, k] = multiply(before[:, k], turns[:, k])
+    after[:, 0] = turns[:, 0]
+    for k in range(1, expected):
+        after[:, k] = multiply(after[:, k - 1], turns[:, k])
     links_mm = geometry.links_mm.copy()
     links_mm[-1] += geometry.probe_vector_mm
     steps_mm = rotate(after, links_mm.T[:, :, np.newaxis])
     # What lies beyond joint k: x - o_k, (3, n_joints, n_samples).
     arms_mm = np.cumsum(steps_mm[:, ::-1], axis=1)[:, ::-1]
-    by_angles = np.cross(rotate(after, axes), arms_mm, axis=0)
+    by_angles = _cross(rotate(after, axes), arms_mm)
     columns = np.eye(3)[:, :, np.newaxis, np.newaxis]
     by_links = rotate(after[:, np.newaxis], columns)
-    by_axes = _by_axes(axes, turns_rad, before, _unrotated(after, arms_mm))
+    by_axes = _by_axes(axes, by_links, arms_mm)
     centres_mm = geometry.origin_mm[:, np.newaxis] + arms_mm[:, 0]
     return ProbeDerivatives(
         np.ascontiguousarray(centres_mm.T),
@@ -123,24 +118,33 @@ def derivative_chunks(
         yield part, probe_derivatives(geometry, angles_rad[part])
 
 
-def _unrotated(after: Floats, arms_mm: Floats) -> Floats:
-    """Turn x - o_k back by P_k: s_k, (3, n_joints, n_samples)."""
-    conjugate = after * np.array([1.0, -1.0, -1.0, -1.0])[:, np.newaxis, np.newaxis]
-    return rotate(conjugate, arms_mm)
+def _by_axes(axes: Floats, rotations: Floats, arms_mm: Floats) -> Floats:
+    """Differentiate by the axes: (3 of x, 3 of u, n_joints, n_samples).
+
+    An axis that tilts by e, across it, turns by the small vector u x e what stands
+    before its own rotation, and back what stands behind it:
+    dx = ((P_(k-1) - P_k) (u x e)) x (x - o_k). What of e lies along u drops out.
+
+    Args:
+        axes: u_k, (3, n_joints, 1).
+        rotations: P_k as matrices, (3, 3, n_joints, n_samples).
+        arms_mm: x - o_k, (3, n_joints, n_samples).
+    """
+    before = np.empty_like(rotations)
+    before[:, :, 0] = np.eye(3)[:, :, np.newaxis]
+    before[:, :, 1:] = rotations[:, :, :-1]
+    of_x, of_y, of_z = (before - rotations).swapaxes(0, 1)
+    ux, uy, uz = axes
+    tilts = [of_y * uz - of_z * uy, of_z * ux - of_x * uz, of_x * uy - of_y * ux]
+    return np.stack([_cross(tilt, arms_mm) for tilt in tilts], axis=1)
 
 
-def _by_axes(
-    axes: Floats, turns_rad: Floats, before: Floats, reach_mm: Floats
-) -> Floats:
-    """Differentiate Rodrigues' formula: (3 of x, 3 of u, n_joints, n_samples)."""
-    tangents = np.eye(3)[:, :, np.newaxis, np.newaxis] - (
-        axes[:, np.newaxis] * axes[np.newaxis]
+def _cross(a: Floats, b: Floats) -> Floats:
+    """Cross products of (3, n_joints, n_samples)."""
+    return np.stack(
+        [
+            a[1] * b[2] - a[2] * b[1],
+            a[2] * b[0] - a[0] * b[2],
+            a[0] * b[1] - a[1] * b[0],
+        ]
     )
-    along_mm = np.einsum("ikn,ikn->kn", np.broadcast_to(axes, reach_mm.shape), reach_mm)
-    # e . s for every tangent column e: what of s lies across the axis.
-    across_mm = reach_mm - axes * along_mm
-    versine = 1.0 - np.cos(turns_rad)
-    moved = np.sin(turns_rad) * np.cross(
-        tangents, reach_mm[:, np.newaxis], axis=0
-    ) + versine * (tangents * along_mm + axes[:, np.newaxis] * across_mm[np.newaxis])
-    return rotate(before[:, np.newaxis], moved)
