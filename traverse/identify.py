@@ -40,6 +40,10 @@ def identify(
         list[str] | None,
         typer.Option(help="Free parameters, e.g. 'probe.vector.*'. Repeatable."),
     ] = None,
+    masks: Annotated[
+        Path | None,
+        typer.Option(help="File with patterns to hold and to free, TOML."),
+    ] = None,
     strict: Annotated[
         bool,
         typer.Option("--strict", help="Exit status 1 if anything is undetermined."),
@@ -71,9 +75,7 @@ def identify(
         ]
         if campaign is None or arm is None or out is None:
             _refuse(f"{', '.join(missing)} missing; or give --compare A B")
-        from lab.identification.identify import Options  # noqa: PLC0415 - quick --help
-
-        options = Options(hold=tuple(hold or ()), free=tuple(free or ()))
+        options = _options(hold or [], free or [], masks)
         result = _identified(campaign, arm, options)
         lines = _written(result, out)
     undetermined = bool(result.undetermined)
@@ -85,6 +87,17 @@ def identify(
         typer.echo("\n".join(lines))
     if not result.converged or (strict and undetermined):
         raise typer.Exit(NO)
+
+
+def _options(hold: list[str], free: list[str], masks: Path | None) -> "Options":
+    """The masks of the command line, and of a file."""
+    from lab.identification.mask_file import read_masks  # noqa: PLC0415
+    from lab.identification.options import Options  # noqa: PLC0415
+
+    if masks is not None:
+        found = read_masks(masks)
+        hold, free = [*hold, *found.hold], [*free, *found.free]
+    return Options(hold=tuple(hold), free=tuple(free))
 
 
 def _identified(folder: Path, arm_file: Path, options: "Options") -> "Identification":

@@ -273,3 +273,19 @@ def test_two_results_are_compared_at_the_probe(identified: Path) -> None:
     assert lines[0] == f"A: {truth}: demo-7, design, not identified"
     assert lines[1].startswith("B: out/arm.toml: demo-7, identified ")
     assert f"rms {found['rms_mm']:.4f} mm" in lines[3]
+
+
+def test_masks_may_stand_in_a_file(measured: Path, tmp_path: Path) -> None:
+    masks = tmp_path / "masks.toml"
+    schema = 'schema = "traverse/identification-masks/1"\n'
+    masks.write_text(schema + 'hold = ["J2.*"]\n')
+    wanted = ("campaign", "--arm", "arm.toml", "--masks", str(masks), "--json")
+    said = run_identify(measured, *wanted, "--out", str(tmp_path / "out"))
+    assert said.returncode == 0, said.stderr
+    names = {row["name"] for row in json.loads(said.stdout)["parameters"]}
+    assert names
+    assert not any(name.startswith("J2.") for name in names)
+    masks.write_text(schema + 'held = ["J2.*"]\n')
+    said = run_identify(measured, *wanted, "--out", str(tmp_path / "out"))
+    assert said.returncode == 2
+    assert "held: unknown key 'held'; did you mean 'hold'?" in said.stderr

@@ -1,0 +1,30 @@
+"""A file that says which parameters are held and which are free.
+
+schema = "traverse/identification-masks/1"
+hold = ["J7.*"]
+free = ["probe.vector.*"]
+"""
+
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field
+
+from kinematics.arm_file import StrictModel, read_strict
+
+
+class Masks(StrictModel):
+    """Patterns of parameters' names; `hold` has the last word."""
+
+    schema_: Literal["traverse/identification-masks/1"] = Field(alias="schema")
+    hold: tuple[str, ...] = ()
+    free: tuple[str, ...] = ()
+
+
+def read_masks(path: Path) -> Masks:
+    """Read a file of masks.
+
+    Raises:
+        FileError: With everything that is wrong with it.
+    """
+    return read_strict(path, Masks)
