@@ -6,6 +6,7 @@ from collections.abc import Callable, Sized
 
 import numpy as np
 
+from drivers.board_hello import alarm_of, check_hello, identity_of
 from drivers.board_line import Answer, BoardLine
 from drivers.crossing import Crossing
 from drivers.driver import Driver
@@ -15,12 +16,10 @@ from drivers.stream_sequence import StreamSequence
 from drivers.tick_clock import TickClock
 from drivers.values import (
     CountSamples,
-    DeviceAlarm,
     DeviceError,
     DeviceRefusedError,
     DeviceTemperatures,
     DeviceUp,
-    Identity,
     LatchedCounts,
     StreamStarted,
 )
@@ -30,7 +29,6 @@ ALL_INPUTS = 0xFF
 HEARTBEAT_MS = 500
 TEMPERATURE_MS = 2000
 MAX_LATCHES = 16
-MIN_TICK_RATE_HZ, MAX_TICK_RATE_HZ = 100_000, 100_000_000
 FAST_STREAM_HZ = 400.0
 COALESCE_S = 0.002  # above that rate a read takes what 2 ms bring
 
@@ -121,7 +119,7 @@ class LatchBoard(Driver):
         hello = line.ask("HELLO", lambda number: wire.hello_request(number, flags))
         if not isinstance(hello, wire.Hello):
             raise DeviceError(f"HELLO was answered by {hello}", "update the firmware")
-        self._check(hello)
+        check_hello(hello, self._path)
         restarted = not first and hello.boot_id != self._boot_id
         self._latches.clear()  # whoever waited for them has given up
         self._clock = TickClock(hello.tick_rate_hz)
@@ -131,7 +129,7 @@ class LatchBoard(Driver):
                 number, ALL_INPUTS, HEARTBEAT_MS, TEMPERATURE_MS, self._debounce_us
             ),
         )
-        self._tell(DeviceUp(self.device, _identity(hello), restarted))
+        self._tell(DeviceUp(self.device, identity_of(hello), restarted))
         # Not earlier: if CONFIGURE fails, the next try has to tell of the restart.
         if restarted:
             self._edges, self._acknowledged = EdgeOrder(0), None
@@ -226,7 +224,7 @@ class LatchBoard(Driver):
             case wire.Temperatures():
                 self._crossing.put(DeviceTemperatures(self.device, message.values_c))
             case wire.Alarm():
-                self._crossing.put(self._alarm(message))
+                self._crossing.put(alarm_of(self.device, message))
             case _:
                 pass  # answers are the line's business
 
@@ -318,13 +316,6 @@ class LatchBoard(Driver):
         self._counters["board_rx_rejected"] = heartbeat.rx_rejected
         self._counters["clock_steps"] = self._clock.steps
 
-    def _alarm(self, alarm: wire.Alarm) -> DeviceAlarm:
-        channel = None if alarm.channel == wire.WHOLE_BOARD else alarm.channel
-        text = wire.ALARMS.get(alarm.code, f"maker's alarm {alarm.code}")
-        return DeviceAlarm(
-            self.device, channel, alarm.raised, alarm.code, text, alarm.value
-        )
-
     def _report_lost(self, lost: int) -> None:
         if lost:
             self._fault(
@@ -342,34 +333,3 @@ class LatchBoard(Driver):
                 "check cable, shielding and baud rate",
                 broken,
             )
-
-    def _check(self, hello: wire.Hello) -> None:
-        if hello.version[0] != wire.MAJOR:
-            raise DeviceRefusedError(
-                f"the board on {self._path} speaks version {hello.version[0]} of its "
-                f"protocol, this driver version {wire.MAJOR}",
-                "update the board's firmware or this program",
-            )
-        if not hello.channels or not all(1 <= c.bits <= 32 for c in hello.channels):
-            raise DeviceRefusedError(
-                f"the board on {self._path} describes impossible channels: "
-                f"{hello.channels}",
-                "update the board's firmware",
-            )
-        if not MIN_TICK_RATE_HZ <= hello.tick_rate_hz <= MAX_TICK_RATE_HZ:
-            raise DeviceRefusedError(
-                f"the counter of the board on {self._path} runs at "
-                f"{hello.tick_rate_hz} Hz, expected {MIN_TICK_RATE_HZ} to "
-                f"{MAX_TICK_RATE_HZ} Hz",
-                "update the board's firmware",
-            )
-
-
-def _identity(hello: wire.Hello) -> Identity:
-    return Identity(
-        f"latch board {hello.board_id.hex()}",
-        ".".join(map(str, hello.firmware)),
-        tuple(channel.modulus for channel in hello.channels),
-        hello.n_inputs,
-        hello.max_rate_hz,
-    )
