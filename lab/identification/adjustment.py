@@ -207,7 +207,7 @@ def _moved(
 
 def _redundancy(network: Network, state: State, system: System, parts: Split) -> int:
     n_certified = sum(
-        len(certified(station, unknowns, 0))
+        len(certified(network, station, state.arm, unknowns))
         for station, unknowns in zip(network.stations, state.unknowns, strict=True)
     )
     determined = sum(len(found.right) for found in system.eliminations)

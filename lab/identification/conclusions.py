@@ -40,7 +40,17 @@ def identified_arm(arm: Arm, adjustment: Adjustment) -> Arm:
         )
         for k, joint in enumerate(arm.joints)
     )
+    effects = adjustment.network.parameters.effects
+    values = adjustment.state.arm.amplitudes[adjustment.network.parameters.n_terms :]
     update: dict[str, object] = {
+        "effects": arm.effects
+        if effects is None
+        else tuple(
+            effect.model_copy(update=correction.keys)
+            for effect, correction in zip(
+                arm.effects, effects.at(values).corrections, strict=True
+            )
+        ),
         "origin_mm": _vector(geometry.origin_mm),
         "joints": joints,
         "identification": None,
@@ -93,14 +103,22 @@ def cartesian_covariance(
         link = 3 * (n + k)
         to_xyz[link : link + 3, 4 * k + 2 : 4 * k + 4] = basis[k].T
     to_xyz[6 * n : 6 * n + 3, 4 * n + 3 : 4 * n + 6] = np.eye(3)
-    to_xyz[first_term : first_term + n_terms, 5 * n + 6 :] = np.eye(n_terms)
+    n_plain = parameters.n_terms
+    first_effect, last = first_term + n_plain, first_term + n_terms
+    coordinates = 5 * n + 6 + n_plain
+    to_xyz[first_term:first_effect, 5 * n + 6 : coordinates] = np.eye(n_plain)
+    names_of_terms = parameters.names[5 * n + 6 : coordinates]
+    if parameters.effects is not None:
+        directions = parameters.effects.directions(geometry)
+        to_xyz[first_effect:last, coordinates:] = directions
+        names_of_terms += parameters.effects.effects.parameter_names
     to_xyz[first_term + n_terms :, 4 * n : 4 * n + 3] = np.eye(3)
     free = to_xyz[:, parameters.free]
     joints = adjustment.network.campaign.joint_names
     names = [f"{joint}.axis.{c}" for joint in joints for c in "xyz"]
     names += [f"{joint}.link.{c}" for joint in joints for c in "xyz"]
     names += [f"probe.vector.{c}" for c in "xyz"]
-    names += parameters.names[5 * n + 6 :]
+    names += names_of_terms
     names += [f"origin.{c}" for c in "xyz"]
     all_values = np.concatenate(
         [

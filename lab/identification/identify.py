@@ -19,6 +19,7 @@ from lab.identification.conclusions import (
 )
 from lab.identification.coverage import joint_coverage
 from lab.identification.datum import with_datum
+from lab.identification.effect_model import effect_model
 from lab.identification.network import Network, start_state, stations
 from lab.identification.noise import a_priori_noise
 from lab.identification.options import Options
@@ -121,7 +122,11 @@ def _prepared(
 ) -> tuple[ArmValues, Parameters]:
     """Make the design's values, and choose what is free."""
     geometry = geometry_from_arm(arm)
-    parameters = arm_parameters(geometry, campaign.joint_names, options.terms)
+    try:
+        effects = effect_model(arm, arm.effects, campaign) if arm.effects else None
+    except ValueError as error:
+        raise IdentificationError(str(error)) from error
+    parameters = arm_parameters(geometry, campaign.joint_names, options.terms, effects)
     in_the_arms_system = any(artefact.fixes_datum for artefact in campaign.artefacts)
     wishes = (*(("origin.*",) if in_the_arms_system else ()), *options.free)
     try:
@@ -130,8 +135,9 @@ def _prepared(
         raise IdentificationError(str(error)) from error
     if not in_the_arms_system:
         parameters = with_datum(parameters, geometry)
-    n_amplitudes = sum(len(term.names) for term in options.terms)
-    return ArmValues(geometry, np.zeros(n_amplitudes)), parameters
+    values = np.empty(0) if effects is None else effects.effects.values
+    amplitudes = np.concatenate([np.zeros(parameters.n_terms), values])
+    return ArmValues(geometry, amplitudes), parameters
 
 
 def _check(campaign: Campaign, arm: Arm) -> None:
@@ -140,10 +146,4 @@ def _check(campaign: Campaign, arm: Arm) -> None:
         raise IdentificationError(
             f"the campaign has the joints {', '.join(campaign.joint_names)}, the arm "
             f"{', '.join(names)}; take the arm file that the campaign was measured with"
-        )
-    if arm.effects:
-        kinds = ", ".join(sorted({effect.kind for effect in arm.effects}))
-        raise IdentificationError(
-            f"arm '{arm.name}' has effects ({kinds}), which identification does not "
-            "apply; take them out of the file and diagnose the campaign again"
         )

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from kinematics.derivatives import ProbeDerivatives
 from kinematics.geometry import Geometry, unit_vectors
 from lab.campaign import Poses
+from lab.identification.effect_model import EffectModel
 from lab.identification.terms import ProbeTerm
 
 Floats = NDArray[np.float64]
@@ -33,7 +34,8 @@ class ArmValues:
 
     Attributes:
         geometry: The arm in its base posture.
-        amplitudes: Of all terms' parameters in order, (n_amplitudes,).
+        amplitudes: Of all terms' parameters in order, then the values of the
+            effects, (n_amplitudes,).
     """
 
     geometry: Geometry
@@ -52,6 +54,7 @@ class Parameters:
         free: Which are estimated, (n_all,).
         smallest: The component of each design axis that v_k is built from.
         terms: Beyond the geometry.
+        effects: Of the arm, or None.
     """
 
     names: tuple[str, ...]
@@ -60,6 +63,12 @@ class Parameters:
     free: Booleans
     smallest: tuple[int, ...]
     terms: tuple[ProbeTerm, ...] = ()
+    effects: EffectModel | None = None
+
+    @property
+    def n_terms(self) -> int:
+        """The number of the terms' amplitudes."""
+        return sum(len(term.names) for term in self.terms)
 
     @property
     def n_joints(self) -> int:
@@ -131,6 +140,11 @@ class Parameters:
                 of_term = term.columns(values.geometry, derivatives, poses)[:, :, free]
                 columns[:, :, place : place + of_term.shape[2]] = of_term
             at, place = at + len(free), place + int(np.count_nonzero(free))
+        if self.effects is not None and np.any(self.free[at:]):
+            moves = self.effects.columns(
+                values.geometry, values.amplitudes[self.n_terms :], poses
+            )
+            columns[:, :, place:] = moves[:, :, self.free[at:]]
         return columns
 
     def _maps(self, geometry: Geometry) -> tuple[Floats, Floats, Floats]:
@@ -155,20 +169,42 @@ class Parameters:
         basis = self.basis(geometry)
         joints = full[: 4 * n].reshape(n, 4)
         rest = full[4 * n :]
-        return ArmValues(
-            replace(
-                geometry,
-                axes=unit_vectors(
-                    geometry.axes + np.einsum("kb,kbi->ki", joints[:, :2], basis)
-                ),
-                links_mm=geometry.links_mm
-                + np.einsum("kb,kbi->ki", joints[:, 2:], basis),
-                origin_mm=geometry.origin_mm + rest[:3],
-                probe_vector_mm=geometry.probe_vector_mm + rest[3:6],
-                zeros_rad=geometry.zeros_rad + rest[6 : 6 + n],
+        moved = replace(
+            geometry,
+            axes=unit_vectors(
+                geometry.axes + np.einsum("kb,kbi->ki", joints[:, :2], basis)
             ),
-            values.amplitudes + rest[6 + n :],
+            links_mm=geometry.links_mm + np.einsum("kb,kbi->ki", joints[:, 2:], basis),
+            origin_mm=geometry.origin_mm + rest[:3],
+            probe_vector_mm=geometry.probe_vector_mm + rest[3:6],
+            zeros_rad=geometry.zeros_rad + rest[6 : 6 + n],
         )
+        return ArmValues(moved, self._moved_amplitudes(values, moved, rest[6 + n :]))
+
+    def _moved_amplitudes(
+        self, values: ArmValues, moved: Geometry, step: Floats
+    ) -> Floats:
+        """Apply a step of terms and effects; vectors stay across or along axes."""
+        n_terms = self.n_terms
+        terms = values.amplitudes[:n_terms] + step[:n_terms]
+        if self.effects is None:
+            return terms
+        before = self.effects.directions(values.geometry)
+        sizes = values.amplitudes[n_terms:] + before @ step[n_terms:]
+        after = self.effects.directions(moved)
+        return np.concatenate([terms, after @ (after.T @ sizes)])
+
+    def length_errors(self, values: ArmValues, artefact: str) -> tuple[float, Floats]:
+        """Say by how many ppm a standard is off, and which parameters say so."""
+        by_free = np.zeros(self.n_free)
+        if self.effects is None:
+            return 0.0, by_free
+        found, by_values = self.effects.length_errors(
+            values.amplitudes[self.n_terms :], artefact
+        )
+        by_all = np.zeros(len(self.names))
+        by_all[len(self.names) - len(by_values) :] = by_values
+        return found, by_all[self.free]
 
     def coordinates(self, to: ArmValues, at: ArmValues) -> Floats:
         """Say by which step of all parameters `at` would come to `to`, (n_all,)."""
@@ -187,15 +223,30 @@ class Parameters:
                 there.origin_mm - here.origin_mm,
                 there.probe_vector_mm - here.probe_vector_mm,
                 there.zeros_rad - here.zeros_rad,
-                to.amplitudes - at.amplitudes,
+                self._amplitude_step(at, to.amplitudes - at.amplitudes),
             ]
+        )
+
+    def _amplitude_step(self, at: ArmValues, difference: Floats) -> Floats:
+        if self.effects is None:
+            return difference
+        directions = self.effects.directions(at.geometry)
+        n_terms = self.n_terms
+        return np.concatenate(
+            [difference[:n_terms], directions.T @ difference[n_terms:]]
         )
 
 
 def arm_parameters(
-    geometry: Geometry, joint_names: Sequence[str], terms: tuple[ProbeTerm, ...] = ()
+    geometry: Geometry,
+    joint_names: Sequence[str],
+    terms: tuple[ProbeTerm, ...] = (),
+    effects: EffectModel | None = None,
 ) -> Parameters:
-    """List the parameters of an arm; axes, links and terms are free."""
+    """List the parameters of an arm; axes, links and terms are free.
+
+    Effects are held at their values, until they are freed.
+    """
     joints = [
         f"{name}.{what}.{component}"
         for name in joint_names
@@ -213,20 +264,27 @@ def arm_parameters(
         *(value for term in terms for value in term.tolerances),
     ]
     extra = [name for term in terms for name in term.names]
+    units = [unit for term in terms for unit in term.units]
     free = np.ones(len(tolerances), dtype=np.bool_)
     free[4 * n : 5 * n + 6] = False
+    if effects is not None:
+        tolerances += effects.tolerances.tolist()
+        extra += effects.names
+        units += effects.units
+        free = np.append(free, np.zeros(len(effects.names), dtype=np.bool_))
     return Parameters(
         names=(*joints, *rest, *zeros, *extra),
         units=(
             *(["rad"] * 2 + ["mm"] * 2) * n,
             *["mm"] * 6,
             *["rad"] * n,
-            *(unit for term in terms for unit in term.units),
+            *units,
         ),
         tolerances=np.array(tolerances),
         free=free,
         smallest=tuple(int(at) for at in np.argmin(np.abs(geometry.axes), axis=1)),
         terms=terms,
+        effects=effects,
     )
 
 

@@ -12,6 +12,7 @@ from lab.identification.network import (
     misclosures_mm,
     white_rows,
 )
+from lab.identification.parameters import ArmValues
 from lab.identification.triangle import Elimination, eliminate, triangle
 
 Floats = NDArray[np.float64]
@@ -49,7 +50,7 @@ def linearise(network: Network, state: State) -> System:
     ):
         n_unknowns = len(station.scales)
         n_columns = n_unknowns + n_free + 1
-        blocks = [certified(station, unknowns, n_free)]
+        blocks = [certified(network, station, state.arm, unknowns)]
         seen: tuple[list[Floats], list[Floats], list[Floats]] = ([], [], [])
         upper = np.empty((0, n_columns))
         total += float(np.sum(blocks[0][:, -1] ** 2))
@@ -89,19 +90,34 @@ def sum_of_squares(network: Network, state: State, system: System) -> float:
         found_mm = misclosures_mm(network, station, state.arm, unknowns, corrections)
         found_mm = found_mm - system.offsets_mm[at]
         white = system.whiteners[at] @ found_mm[:, :, np.newaxis]
-        certificates = certified(station, unknowns, 0)[:, -1]
+        certificates = certified(network, station, state.arm, unknowns)[:, -1]
         total += float(np.sum(white**2) + np.sum(certificates**2))
     return total
 
 
-def certified(station: Station, unknowns: Floats, n_free: int) -> Floats:
-    """Whiten a station's certificate: unknowns, parameters (zero), right side."""
+def certified(
+    network: Network, station: Station, arm: ArmValues, unknowns: Floats
+) -> Floats:
+    """Whiten a station's certificate: unknowns, parameters, right side.
+
+    A standard whose certificate is off by some ppm is as long as it says and that
+    much more.
+    """
     certificate = station.artefact.certificate(unknowns, station.touches)
+    misclosures_mm = certificate.misclosures_mm.copy()
+    by_parameters = np.zeros((len(misclosures_mm), network.parameters.n_free))
+    for length in station.artefact.lengths(unknowns):
+        row = length.certificate_row
+        if row is not None:
+            certified_mm = length.value_mm - float(certificate.misclosures_mm[row])
+            errors = network.parameters.length_errors(arm, station.artefact.id)
+            misclosures_mm[row] -= 1e-6 * errors[0] * certified_mm
+            by_parameters[row] -= 1e-6 * errors[1] * certified_mm
     inverse = 1.0 / certificate.std_mm[:, np.newaxis]
     return np.hstack(
         [
             certificate.by_unknowns * inverse,
-            np.zeros((len(inverse), n_free)),
-            -certificate.misclosures_mm[:, np.newaxis] * inverse,
+            by_parameters * inverse,
+            -misclosures_mm[:, np.newaxis] * inverse,
         ]
     )
