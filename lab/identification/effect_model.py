@@ -86,8 +86,10 @@ class EffectModel:
         total_ppm, coordinate = 0.0, 0
         by_coordinates = np.zeros(len(self.names))
         for correction in self.at(values).corrections:
-            is_length = isinstance(correction, ArtefactLength)
-            if is_length and correction.artefact == artefact:
+            if (
+                isinstance(correction, ArtefactLength)
+                and correction.artefact == artefact
+            ):
                 total_ppm += correction.values[0]
                 by_coordinates[coordinate] = 1.0
             coordinate += len(_coordinate_names(correction))

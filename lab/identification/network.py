@@ -74,6 +74,7 @@ class WhiteRows:
         misclosures: (n_poses, n_rows).
         by_unknowns: (n_poses, n_rows, n_unknowns).
         by_parameters: (n_poses, n_rows, n_free).
+        by_centre: By the ball's centre, (n_poses, n_rows, 3) [1/mm].
         by_readings: By readings in units of their noise, (n_poses, n_rows, n_joints).
         by_contact: By contacts in units of their noise, (n_poses, n_rows, 3).
         whiteners: L^-1, (n_poses, n_rows, n_rows) [1/mm].
@@ -86,6 +87,7 @@ class WhiteRows:
     misclosures: Floats
     by_unknowns: Floats
     by_parameters: Floats
+    by_centre: Floats
     by_readings: Floats
     by_contact: Floats
     whiteners: Floats
@@ -240,11 +242,13 @@ def white_rows(
         columns = parameters.columns(
             arm, derivatives, network.campaign.poses.part(rows)
         )
+        white_by_centre = whitener @ by_centre
         yield WhiteRows(
             part=part,
             misclosures=_times(whitener, misclosures),
             by_unknowns=whitener @ equations.by_unknowns,
-            by_parameters=(whitener @ by_centre) @ columns,
+            by_parameters=white_by_centre @ columns,
+            by_centre=white_by_centre,
             by_readings=whitener @ by_readings,
             by_contact=whitener @ by_contact,
             whiteners=whitener,

@@ -1,0 +1,100 @@
+"""Candidates for what the model lacks, and banks of them.
+
+A candidate is a block C of a few columns: how the rows change with its parameters.
+Whatever the model lacks moves the data by C nabla, so every candidate is judged by
+the part of P values that its P C explains.
+"""
+
+from dataclasses import dataclass
+from enum import Enum, auto
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+class BankName(Enum):
+    """Where a candidate comes from; each bank has its own threshold."""
+
+    LIBRARY = auto()  # every effect of the contract on every joint
+    GENERIC = auto()  # splines of every joint against every covariate
+    HARMONIC = auto()  # harmonics of every joint
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """What might be missing.
+
+    Attributes:
+        bank: Where it comes from.
+        kind: Of the arm file's effects; "empirical" in the generic bank.
+        joint: Its name, or None for the whole arm.
+        order: Of a harmonic or an error motion, or None.
+        component: "radial", "axial" of a runout; the direction in which a spline
+            moves the joint ("angle", "tilt", "shift") in the generic bank; or None.
+        covariate: Of a spline: named like a column of the campaign; or None.
+        artefact: Whose length it is, or None.
+        at_s: When a step came, in the campaign's time; or None.
+        parameters: Names of the columns: keys of the arm file, with .v, .w, .u for
+            directions across or along the axis, .x, .y, .z for those of the arm's
+            system; of a spline .1, .2 ...
+        scales: Plausible amplitude of each column, in the unit of the key.
+        log_prior: Preference in ranking only.
+        keys: Fixed keys of the arm file's entry, such as order or component.
+    """
+
+    bank: BankName
+    kind: str
+    joint: str | None
+    order: int | None
+    component: str | None
+    covariate: str | None
+    artefact: str | None
+    at_s: float | None
+    parameters: tuple[str, ...]
+    scales: tuple[float, ...]
+    log_prior: float
+    keys: tuple[tuple[str, Any], ...] = ()
+
+    @property
+    def size(self) -> int:
+        """The number of columns."""
+        return len(self.parameters)
+
+    @property
+    def name(self) -> str:
+        """In words for people: `encoder_harmonic 5 J3`."""
+        parts = (self.kind, self.component, self.order, self.joint, self.artefact)
+        told = " ".join(str(part) for part in parts if part is not None)
+        if self.covariate is not None:
+            told += f" over {self.covariate}"
+        return told
+
+    @property
+    def identity(self) -> tuple[str, str | None, int | None, str | None, str | None]:
+        """What makes two candidates the same effect, whatever their sizes."""
+        runout = self.component if self.kind == "axis_runout" else None
+        return self.kind, self.joint, self.order, runout, self.artefact
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bank:
+    """Candidates with their columns.
+
+    Attributes:
+        candidates: Of the bank.
+        columns: C of all candidates side by side, in units of their scales, before
+            projection, (n_rows, n_columns).
+    """
+
+    candidates: tuple[Candidate, ...]
+    columns: Floats
+
+    @property
+    def slices(self) -> tuple[slice, ...]:
+        """Which columns belong to which candidate."""
+        ends = np.cumsum([candidate.size for candidate in self.candidates])
+        starts = ends - [candidate.size for candidate in self.candidates]
+        return tuple(slice(int(a), int(b)) for a, b in zip(starts, ends, strict=True))
