@@ -14,7 +14,9 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
+from scipy.linalg import (  # type: ignore[import-untyped] # scipy ships no types
+    solve_triangular,
+)
 
 from kinematics.derivatives import probe_derivatives
 from kinematics.effects.block import Block
@@ -43,6 +45,8 @@ class Rows:
         values: Less the whitened misclosures, (n_rows,).
         by_centre: How rows change with the model's ball centre [1/mm], (n_rows, 3);
             zero for certificates.
+        sources: How rows change with each reading and contact, in units of their
+            noise, (n_rows, n_joints + 3); zero for certificates.
         columns: A in units of plausible deviations, (n_rows, n_unknowns).
         basis: Orthonormal, of all unknowns' columns, (n_rows, rank).
         certificates: Rows of artefacts' lengths: row, artefact's id, change with a
@@ -54,6 +58,7 @@ class Rows:
     poses: Integers
     values: Floats
     by_centre: Floats
+    sources: Floats
     columns: Floats
     basis: Floats
     certificates: tuple[tuple[int, str, float], ...]
@@ -144,8 +149,9 @@ def rows_of(adjustment: Adjustment) -> Rows:
     parameters = network.parameters
     n_free = parameters.n_free
     n_unknowns = sum(len(station.scales) for station in network.stations)
-    parts: list[tuple[Floats, Floats, Integers, Floats]] = []
+    parts: list[tuple[Floats, Floats, Integers, Floats, Floats]] = []
     certificates: list[tuple[int, str, float]] = []
+    n_sources = parameters.n_joints + 3
     first, n_rows = n_free, 0
     for station, unknowns, corrections in zip(
         network.stations, state.unknowns, state.corrections, strict=True
@@ -160,7 +166,10 @@ def rows_of(adjustment: Adjustment) -> Rows:
             columns[:, own] *= station.scales
             by_centre = rows.by_centre.reshape(-1, 3)
             poses = np.repeat(station.poses[rows.part], n_each)
-            parts.append((-rows.misclosures.ravel(), columns, poses, by_centre))
+            sources = np.concatenate([rows.by_readings, rows.by_contact], axis=2)
+            sources = sources.reshape(len(poses), -1)
+            values = -rows.misclosures.ravel()
+            parts.append((values, columns, poses, by_centre, sources))
             n_rows += len(poses)
         found = certified(network, station, state.arm, unknowns)
         lengths = station.artefact.lengths(unknowns)
@@ -177,7 +186,8 @@ def rows_of(adjustment: Adjustment) -> Rows:
         columns[:, :n_free] = found[:, len(station.scales) : -1]
         # The right side of an adjustment is less the misclosure already.
         no_poses = np.full(len(found), -1, dtype=np.int64)
-        parts.append((found[:, -1], columns, no_poses, np.zeros((len(found), 3))))
+        nothing = np.zeros((len(found), 3)), np.zeros((len(found), n_sources))
+        parts.append((found[:, -1], columns, no_poses, *nothing))
         n_rows += len(found)
     columns = np.concatenate([part[1] for part in parts])
     columns[:, :n_free] *= parameters.free_tolerances
@@ -186,6 +196,7 @@ def rows_of(adjustment: Adjustment) -> Rows:
         poses=np.concatenate([part[2] for part in parts]),
         values=np.concatenate([part[0] for part in parts]),
         by_centre=np.concatenate([part[3] for part in parts]),
+        sources=np.concatenate([part[4] for part in parts]),
         columns=columns,
         basis=spanned(columns),
         certificates=tuple(certificates),

@@ -61,7 +61,7 @@ def identify(
     """
     options = options or Options()
     _check(campaign, arm)
-    design, parameters = _prepared(campaign, arm, options)
+    design, parameters = prepared(campaign, arm, options)
     radius_mm = arm.probe.radius_mm
     included = np.ones(len(campaign.poses), dtype=np.bool_)
     network = Network(
@@ -117,10 +117,14 @@ def identify(
     )
 
 
-def _prepared(
+def prepared(
     campaign: Campaign, arm: Arm, options: Options
 ) -> tuple[ArmValues, Parameters]:
-    """Make the design's values, and choose what is free."""
+    """Make the design's values, and choose what is free.
+
+    Raises:
+        IdentificationError: A pattern fits no parameter, or effects do not fit.
+    """
     geometry = geometry_from_arm(arm)
     try:
         effects = effect_model(arm, arm.effects, campaign) if arm.effects else None

@@ -51,10 +51,20 @@ class Rounds:
     def to_the_end(
         self, network: Network
     ) -> tuple[Adjustment, PoseStatistics, Booleans, float]:
-        """Return adjustment, statistics of all poses, who took part, critical |w|."""
+        """Adjust until nothing changes.
+
+        Args:
+            network: With the stations' poses that may take part.
+
+        Returns:
+            Adjustment, statistics of all poses, who took part, critical |w|.
+        """
         campaign = network.campaign
         variances = self.variances(campaign)
-        included = np.ones(len(campaign.poses), dtype=np.bool_)
+        eligible = np.zeros(len(campaign.poses), dtype=np.bool_)
+        for station in network.stations:
+            eligible[station.poses] = True
+        included = eligible.copy()
         state = start_state(network, self._design)
         adjustment = self._adjusted(network, state)
         found = pose_statistics(adjustment)
@@ -63,13 +73,14 @@ class Rounds:
             or adjustment.sigma0 > _BLUNDERS * robust_scale(found)
         ):
             state, included = robust_state(network, state, self._design)
+            included &= eligible
             adjustment, found = self._without(adjustment, included, state.arm)
         critical = float("inf")
         for _ in range(_MOST_ROUNDS):
             noise, change = better_noise(
                 campaign, adjustment.network.noise, found.variances, variances
             )
-            tests = self._tests(adjustment, found, included, variances)
+            tests = self._tests(adjustment, found, (included, eligible), variances)
             if tests is not None:
                 critical = tests.critical * tests.scale
             n_changed = tests.n_changed if tests is not None else 0
@@ -111,7 +122,7 @@ class Rounds:
         self,
         adjustment: Adjustment,
         found: PoseStatistics,
-        included: Booleans,
+        masks: tuple[Booleans, Booleans],
         variances: VarianceModel,
     ) -> Snooping | None:
         if not self._options.snooping:
@@ -119,7 +130,7 @@ class Rounds:
         return snoop(
             adjustment,
             found,
-            included,
+            *masks,
             family_level=self._options.family_level,
             noise_known=not variances.estimates,
             radius_mm=self._radius_mm,

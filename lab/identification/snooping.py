@@ -52,6 +52,7 @@ def snoop(
     adjustment: Adjustment,
     found: PoseStatistics,
     included: Booleans,
+    eligible: Booleans,
     *,
     family_level: float,
     noise_known: bool,
@@ -63,6 +64,7 @@ def snoop(
         adjustment: With the included poses.
         found: Their statistics.
         included: Who took part, (n_poses,).
+        eligible: Who may take part, (n_poses,).
         family_level: Probability that a campaign without blunders loses any pose.
         noise_known: Whether unit weight is known (w test) or estimated (tau test).
         radius_mm: Of the probe's ball.
@@ -80,7 +82,7 @@ def snoop(
     leaving = w > max(critical, _NEAR_THE_WORST * worst)
     leaving &= _not_too_many(adjustment, w, leaving)
     network = adjustment.network
-    outside = ~included
+    outside = eligible & ~included
     back = np.zeros_like(included)
     if np.any(outside):
         others = stations(network.campaign, radius_mm, outside)

@@ -1,0 +1,81 @@
+"""Fits of the arm with terms: the geometry and all terms estimated together."""
+
+from dataclasses import dataclass
+from glob import escape
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.arm_file import Arm, Effect
+from lab.campaign import Campaign
+from lab.identification.adjustment import Adjustment
+from lab.identification.conclusions import identified_arm
+from lab.identification.effect_model import effect_model
+from lab.identification.identify import prepared
+from lab.identification.network import Network, stations
+from lab.identification.noise import Noise, a_priori_noise
+from lab.identification.options import Options
+from lab.identification.pose_statistics import PoseStatistics
+from lab.identification.rounds import Rounds
+
+Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """An arm with terms, fitted to some poses of a campaign.
+
+    Attributes:
+        arm: As estimated, effects included.
+        adjustment: How.
+        statistics: Of all poses; of those that took no part: as predicted.
+        included: Poses that took part, (n_poses,).
+    """
+
+    arm: Arm
+    adjustment: Adjustment
+    statistics: PoseStatistics
+    included: Booleans
+
+
+def fitted(
+    campaign: Campaign, arm: Arm, eligible: Booleans, noise: Noise | None = None
+) -> Fit:
+    """Fit an arm and all its effects.
+
+    Contradicting poses are left out; whoever was left out of an earlier fit is tried
+    again. The noise that the campaign does not state is estimated.
+
+    Args:
+        campaign: What was measured.
+        arm: Where to begin.
+        eligible: Poses that may take part, (n_poses,).
+        noise: Where to begin, instead of the campaign's or the usual one.
+
+    Raises:
+        IdentificationError: The campaign does not tell what effects need.
+    """
+    free: tuple[str, ...] = ()
+    if arm.effects:
+        free = tuple(
+            escape(name) for name in effect_model(arm, arm.effects, campaign).names
+        )
+    options = Options(coarse_start=False, n_suggestions=0, free=free)
+    design, parameters = prepared(campaign, arm, options)
+    radius_mm = arm.probe.radius_mm
+    network = Network(
+        campaign,
+        stations(campaign, radius_mm, eligible),
+        parameters,
+        noise or a_priori_noise(campaign),
+        np.ones(len(campaign.poses)),
+    )
+    rounds = Rounds(design, options, radius_mm, None)
+    adjustment, statistics, included, _ = rounds.to_the_end(network)
+    return Fit(identified_arm(arm, adjustment), adjustment, statistics, included)
+
+
+def with_effects(arm: Arm, effects: tuple[Effect, ...]) -> Arm:
+    """Give an arm other effects."""
+    return arm.model_copy(update={"effects": effects})
