@@ -1,0 +1,162 @@
+"""Names: what each term of a finished search may be called, and how surely."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.diagnosis.candidate import Bank, BankName, Candidate
+from lab.diagnosis.choice import (
+    DECIDED,
+    OWN_ANGLE_KINDS,
+    Choice,
+    imitates,
+    ranked,
+)
+from lab.diagnosis.diagnosis import Alternative, Status
+from lab.diagnosis.findings import Projected, judge, project
+from lab.diagnosis.search import Search, settled_joints
+from lab.diagnosis.stage import Stage, judged
+from lab.diagnosis.terms import Added, rows_without
+
+Floats = NDArray[np.float64]
+
+NAMED_BANKS = (BankName.LIBRARY, BankName.HARMONIC)
+# Whoever is within this of the best belongs to the printed set.
+_SET = float(np.log(100.0))
+# Two blocks that explain a finding equally well to this part are one.
+ALIAS = 0.9995
+_OVERTONES = (2, 3, 4)
+_OVERTONE_LOG_P = float(np.log(0.003))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Naming:
+    """A term with its name.
+
+    Attributes:
+        added: The term.
+        own: What speaks for it, all other terms in the model.
+        status: How sure the name is.
+        harmonic: Periods a turn of a periodic discrepancy without a name, or None.
+        alternatives: What else it may be, the best first.
+        best: The best name of all, which may be another.
+    """
+
+    added: Added
+    own: Choice
+    status: Status
+    harmonic: int | None
+    alternatives: tuple[Alternative, ...]
+    best: Choice
+
+
+def named_terms(search: Search) -> tuple[Naming, ...]:
+    """Judge every term of a search with all others in the model."""
+    return tuple(_naming(search, added) for added in search.terms)
+
+
+def stage_without(search: Search, added: Added) -> Stage:
+    """Judge everything on a search's fit with one term taken out."""
+    return judged(rows_without(search.stage.rows, added.index), search.stage.banks)
+
+
+def _naming(search: Search, added: Added) -> Naming:
+    stage = stage_without(search, added)
+    others = [term for term in search.terms if term is not added]
+    settled = settled_joints(others)
+    names = ranked(stage, NAMED_BANKS, settled)
+    curves = ranked(stage, (BankName.GENERIC,), settled)
+    own = own_choice(added, names + curves)
+    if added.candidate.kind == "empirical":
+        rivals = _rivals(own, names + curves[:1], own.score)
+        return Naming(added, own, "unknown", None, rivals, own)
+    best = names[0]
+    harmonic = _with_overtones(search, own.candidate)
+    status: Status = "named"
+    if harmonic is not None:
+        status = "unknown"
+    elif _is_doubtful(search, added, own, curves):
+        status = "tentative"
+    shown = names + [one for one in curves[:1] if one.score > own.score - _SET]
+    rivals = _rivals(own, shown, max(best.score, own.score))
+    return Naming(added, own, status, harmonic, rivals, best)
+
+
+def own_choice(added: Added, choices: Sequence[Choice]) -> Choice:
+    """Find a term among the candidates."""
+    wanted = added.candidate
+    same = [
+        choice
+        for choice in choices
+        if choice.candidate.identity == wanted.identity
+        and choice.candidate.covariate == wanted.covariate
+        and (wanted.kind != "empirical" or choice.candidate.component == "angle")
+    ]
+    if not same:
+        raise ValueError(f"{wanted.name} is in no bank any more")
+    return same[0]
+
+
+def correlation(finding: Projected, residuals: Floats, other: Projected) -> float:
+    """Say how much of a finding another block explains, 0 to 1."""
+    explained = finding.directions @ (finding.directions.T @ residuals)
+    size = float(np.linalg.norm(explained))
+    if size == 0.0:
+        return 0.0
+    return float(np.linalg.norm(other.directions.T @ explained)) / size
+
+
+def _rivals(
+    own: Choice, choices: Sequence[Choice], top: float
+) -> tuple[Alternative, ...]:
+    """List what is as good as the best, but for the name itself."""
+    found = []
+    for choice in choices:
+        same = choice.candidate.identity == own.candidate.identity
+        if choice.score < top - _SET or (
+            same and choice.candidate.covariate == own.candidate.covariate
+        ):
+            continue
+        rho = correlation(own.found, own.residuals, choice.found)
+        found.append(Alternative(choice.candidate, choice.evidence, rho, rho >= ALIAS))
+    return tuple(found)
+
+
+def _is_doubtful(
+    search: Search, added: Added, own: Choice, curves: Sequence[Choice]
+) -> bool:
+    """Say whether a curve, or something else still unexplained, may be behind it."""
+    others = [term for term in search.terms if term is not added]
+    imitation = any(imitates(added.candidate, other.candidate) for other in others)
+    curve_is_as_good = bool(curves) and own.score < curves[0].score + DECIDED
+    return imitation or curve_is_as_good or not search.is_finished
+
+
+def _with_overtones(search: Search, candidate: Candidate) -> int | None:
+    """Say the order of a harmonic that has overtones too: it is no pure one."""
+    if candidate.kind not in OWN_ANGLE_KINDS[:2]:
+        return None
+    order = candidate.order or 1
+    stage = search.stage
+    parts, members = [], []
+    for name in NAMED_BANKS:
+        bank = stage.banks[name]
+        for one, columns in zip(bank.candidates, bank.slices, strict=True):
+            is_harmonic = (
+                one.kind == "encoder_harmonic" and one.joint == candidate.joint
+            )
+            if is_harmonic and one.order in [order * n for n in _OVERTONES]:
+                parts.append(bank.columns[:, columns])
+                members.append(one)
+    if not parts:
+        return None
+    whole = replace(
+        members[0],
+        parameters=tuple(f"{m.order}.{p}" for m in members for p in m.parameters),
+        scales=tuple(scale for m in members for scale in m.scales),
+    )
+    bank = Bank((whole,), np.concatenate(parts, axis=1))
+    found = judge(stage.rows, project(stage.rows, bank))
+    return order if float(found.log_p[0]) < _OVERTONE_LOG_P else None

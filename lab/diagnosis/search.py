@@ -1,0 +1,148 @@
+"""The search: add what explains most until nothing is left, then look back."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.arm_file import Effect
+from lab.diagnosis.candidate import BankName
+from lab.diagnosis.choice import Choice, is_significant, next_choice
+from lab.diagnosis.entries import effect_from_candidate
+from lab.diagnosis.fit import Fit, fitted, with_effects
+from lab.diagnosis.options import DiagnosisOptions
+from lab.diagnosis.rows import Rows, rows_of
+from lab.diagnosis.serial import SerialNoise, without_serial_noise
+from lab.diagnosis.stage import Stage, stage_of
+from lab.diagnosis.terms import Added
+from lab.diagnosis.thresholds import log_p_threshold, noise_draws
+
+Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
+Progress = Callable[[str, float], None]
+
+# How the probability of a false alarm is shared out.
+_SHARES = {BankName.LIBRARY: 0.5, BankName.GENERIC: 0.25, BankName.HARMONIC: 0.25}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Search:
+    """Where a search ended.
+
+    Attributes:
+        fit: With all terms.
+        stage: Judged there.
+        terms: That were added.
+        thresholds: log p of each bank.
+        first: The stage without terms.
+        n_given: Effects that the arm had before.
+        serial: The noise that was assumed.
+    """
+
+    fit: Fit
+    stage: Stage
+    terms: tuple[Added, ...]
+    thresholds: dict[BankName, float]
+    first: Stage
+    n_given: int
+    serial: SerialNoise | None
+
+    @property
+    def settled(self) -> frozenset[str]:
+        """Joints whose own angle has an empirical curve."""
+        return settled_joints(self.terms)
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether no bank sees anything more."""
+        return not is_significant(self.stage, self.thresholds, self.settled)
+
+
+def searched(
+    start: Fit,
+    eligible: Booleans,
+    options: DiagnosisOptions,
+    serial: SerialNoise | None = None,
+    progress: Progress | None = None,
+) -> Search:
+    """Add terms to a fit until nothing is left to explain.
+
+    Args:
+        start: Without further terms.
+        eligible: Poses that may take part, (n_poses,).
+        options: Wishes.
+        serial: Correlation of the noise from pose to pose.
+        progress: Told what is done, and which part of the work that is.
+    """
+    stage = stage_at(start, serial)
+    first = stage
+    thresholds = family_thresholds(stage, options)
+    fit, terms = start, list[Added]()
+    n_given = len(start.arm.effects)
+    while len(terms) < options.most_terms:
+        settled = settled_joints(terms)
+        if not is_significant(stage, thresholds, settled):
+            break
+        choice = next_choice(stage, settled)
+        if choice is None or not is_adaptable(choice):
+            break
+        effect = effect_of(choice, stage.rows)
+        if progress is not None:
+            progress(f"adding {choice.candidate.name}", 0.3 + 0.1 * len(terms))
+        fit = refitted(fit, (*fit.arm.effects, effect), eligible)
+        terms.append(Added(choice.candidate, choice.bank, n_given + len(terms)))
+        stage = stage_at(fit, serial)
+    return Search(fit, stage, tuple(terms), thresholds, first, n_given, serial)
+
+
+def stage_at(fit: Fit, serial: SerialNoise | None) -> Stage:
+    """Judge all candidates on a fit."""
+    rows = rows_of(fit.adjustment)
+    if serial is not None:
+        rows = without_serial_noise(rows, serial)
+    return stage_of(rows, fit.arm)
+
+
+def refitted(fit: Fit, effects: tuple[Effect, ...], eligible: Booleans) -> Fit:
+    """Fit again with other effects, from where a fit is."""
+    network = fit.adjustment.network
+    arm = with_effects(fit.arm, effects)
+    return fitted(network.campaign, arm, eligible, network.noise)
+
+
+def family_thresholds(stage: Stage, options: DiagnosisOptions) -> dict[BankName, float]:
+    """Find below which log p each bank sees something."""
+    draws = noise_draws(stage.rows, options.n_draws, options.seed)
+    scans = tuple(scan.largest for scan in stage.scans)
+    return {
+        name: log_p_threshold(
+            stage.rows,
+            findings.projected,
+            draws,
+            _SHARES[name] * options.level,
+            scans if name is BankName.LIBRARY else (),
+        )
+        for name, findings in stage.findings.items()
+    }
+
+
+def effect_of(choice: Choice, rows: Rows) -> Effect:
+    """Write a choice as an effect of the size that the rows say."""
+    amplitudes, _ = choice.found.amplitudes(choice.residuals)
+    return effect_from_candidate(choice.candidate, amplitudes, rows)
+
+
+def is_adaptable(choice: Choice) -> bool:
+    """Say whether the arm file has a form for it."""
+    candidate = choice.candidate
+    return candidate.kind != "empirical" or candidate.component == "angle"
+
+
+def settled_joints(terms: tuple[Added, ...] | list[Added]) -> frozenset[str]:
+    """List the joints that have an empirical curve over their own angle."""
+    return frozenset(
+        str(term.candidate.joint)
+        for term in terms
+        if term.candidate.covariate == f"{term.candidate.joint}_rad"
+    )
