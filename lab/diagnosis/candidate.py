@@ -18,7 +18,8 @@ Floats = NDArray[np.float64]
 class BankName(Enum):
     """Where a candidate comes from; each bank has its own threshold."""
 
-    LIBRARY = auto()  # every effect of the contract on every joint
+    LIBRARY = auto()  # every effect of the contract on every joint, but for steps
+    STEPS = auto()  # slips of every joint and steps of the base, at every moment
     GENERIC = auto()  # splines of every joint against every covariate
     HARMONIC = auto()  # harmonics of every joint
 

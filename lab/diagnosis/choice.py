@@ -14,6 +14,7 @@ Floats = NDArray[np.float64]
 
 # Evidence that decides between two explanations: 20 to 1.
 DECIDED = float(np.log(20.0))
+NAMED_BANKS = (BankName.LIBRARY, BankName.STEPS, BankName.HARMONIC)
 # Kinds that are functions of the joint's own reading.
 OWN_ANGLE_KINDS = ("encoder_eccentricity", "encoder_harmonic", "encoder_scale")
 _N_PAIRED = 3
@@ -83,7 +84,7 @@ def next_choice(stage: Stage, settled: Collection[str]) -> Choice | None:
     A curve that wins may be two named effects at once: then the name that with a
     second one explains as much goes first.
     """
-    named = ranked(stage, (BankName.LIBRARY, BankName.HARMONIC), settled)
+    named = ranked(stage, NAMED_BANKS, settled)
     curves = ranked(stage, (BankName.GENERIC,), settled)
     if not curves:
         return named[0] if named else None

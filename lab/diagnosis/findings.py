@@ -143,17 +143,6 @@ def judge(rows: Rows, projected: tuple[Projected, ...]) -> Findings:
     )
 
 
-def joined(first: Findings, second: Findings) -> Findings:
-    """Put the candidates of two findings on the same rows together."""
-    return Findings(
-        (*first.projected, *second.projected),
-        np.concatenate([first.statistics, second.statistics]),
-        np.concatenate([first.degrees, second.degrees]),
-        np.concatenate([first.log_p, second.log_p]),
-        np.concatenate([first.evidences, second.evidences]),
-    )
-
-
 def log_evidences(
     along_squared: Floats, singular_squared: Floats, total: float, redundancy: int
 ) -> Floats:

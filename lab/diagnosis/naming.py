@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from lab.diagnosis.candidate import Bank, BankName, Candidate
 from lab.diagnosis.choice import (
     DECIDED,
+    NAMED_BANKS,
     OWN_ANGLE_KINDS,
     Choice,
     imitates,
@@ -22,7 +23,6 @@ from lab.diagnosis.terms import Added, rows_without
 
 Floats = NDArray[np.float64]
 
-NAMED_BANKS = (BankName.LIBRARY, BankName.HARMONIC)
 # Whoever is within this of the best belongs to the printed set.
 _SET = float(np.log(100.0))
 # Two blocks that explain a finding equally well to this part are one.
@@ -141,8 +141,7 @@ def _with_overtones(search: Search, candidate: Candidate) -> int | None:
     order = candidate.order or 1
     stage = search.stage
     parts, members = [], []
-    for name in NAMED_BANKS:
-        bank = stage.banks[name]
+    for bank in (stage.banks[name] for name in NAMED_BANKS if name in stage.banks):
         for one, columns in zip(bank.candidates, bank.slices, strict=True):
             is_harmonic = (
                 one.kind == "encoder_harmonic" and one.joint == candidate.joint

@@ -23,7 +23,12 @@ Booleans = NDArray[np.bool_]
 Progress = Callable[[str, float], None]
 
 # How the probability of a false alarm is shared out.
-_SHARES = {BankName.LIBRARY: 0.5, BankName.GENERIC: 0.25, BankName.HARMONIC: 0.25}
+_SHARES = {
+    BankName.LIBRARY: 0.7,
+    BankName.STEPS: 0.1,
+    BankName.GENERIC: 0.1,
+    BankName.HARMONIC: 0.1,
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,17 +119,17 @@ def refitted(fit: Fit, effects: tuple[Effect, ...], eligible: Booleans) -> Fit:
 def family_thresholds(stage: Stage, options: DiagnosisOptions) -> dict[BankName, float]:
     """Find below which log p each bank sees something."""
     draws = noise_draws(stage.rows, options.n_draws, options.seed)
-    scans = tuple(scan.largest for scan in stage.scans)
-    return {
+    found: dict[BankName, float] = {
         name: log_p_threshold(
-            stage.rows,
-            findings.projected,
-            draws,
-            _SHARES[name] * options.level,
-            scans if name is BankName.LIBRARY else (),
+            stage.rows, findings.projected, draws, _SHARES[name] * options.level
         )
         for name, findings in stage.findings.items()
+        if name is not BankName.STEPS
     }
+    scans = tuple(scan.largest for scan in stage.scans)
+    level = _SHARES[BankName.STEPS] * options.level
+    found[BankName.STEPS] = log_p_threshold(stage.rows, (), draws, level, scans)
+    return found
 
 
 def effect_of(choice: Choice, rows: Rows) -> Effect:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from kinematics.arm_file import Arm
 from lab.diagnosis.candidate import Bank, BankName, Candidate
-from lab.diagnosis.findings import Findings, Projected, joined, judge, project
+from lab.diagnosis.findings import Findings, Projected, judge, project
 from lab.diagnosis.generic import generic_bank
 from lab.diagnosis.harmonics import harmonic_bank
 from lab.diagnosis.library import library_bank
@@ -29,7 +29,7 @@ class Stage:
     Attributes:
         rows: Of the fit.
         banks: Candidates with their columns.
-        findings: All of them, judged; with steps at their best moments in the library.
+        findings: All of them, judged; steps at their best moments.
         scans: Of steps, at every moment.
     """
 
@@ -61,8 +61,7 @@ def judged(rows: Rows, banks: Mapping[BankName, Bank]) -> Stage:
     scans: tuple[StepScan, ...] = ()
     if BankName.LIBRARY in banks:
         scans = (*scan_slips(rows), *scan_base_steps(rows))
-        plain = findings[BankName.LIBRARY]
-        findings[BankName.LIBRARY] = joined(plain, _judged_steps(rows, scans))
+        findings[BankName.STEPS] = _judged_steps(rows, scans)
     return Stage(rows, MappingProxyType(dict(banks)), MappingProxyType(findings), scans)
 
 
