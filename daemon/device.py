@@ -21,6 +21,9 @@ class Device:
 
     Attributes:
         heard: set once the device has answered or been given up for the first time.
+        last_ns: host monotonic time when it was last heard; 0 for never.
+        up_ns: since when it is there.
+        temperatures_c: of its sensors; empty until it has told them.
     """
 
     section: DeviceSection
@@ -32,6 +35,7 @@ class Device:
     problems: list[str] = field(default_factory=list)
     heard: asyncio.Event = field(default_factory=asyncio.Event)
     last_ns: int = 0
+    up_ns: int = 0
     counters: Counter[str] = field(default_factory=Counter)
     temperatures_c: tuple[float | None, ...] = ()
     samples: int = 0

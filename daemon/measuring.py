@@ -29,6 +29,8 @@ from drivers.values import (
 from protocol.messages import Live, Point
 from protocol.messages.point import Trigger
 
+TEMPERATURE_NS = 5_000_000_000  # boards tell it every 2 s
+
 
 class Measuring:
     """Turns deliveries into points, scan blocks, live poses and events.
@@ -79,6 +81,7 @@ class Measuring:
                     self.stream_started.set()
             case DeviceTemperatures():
                 device.temperatures_c = delivery.values_c
+                self._watch_temperature(device)
             case DeviceCounters():
                 device.counters.clear()
                 device.counters.update(delivery.values)
@@ -105,7 +108,7 @@ class Measuring:
         waited_ns = self._clock.monotonic_ns() - samples.received_ns
         self._health.latencies["queue_wait"].add(waited_ns)
         model = self._pipeline.model
-        poses = self._pipeline.poses(samples)
+        poses = self._pipeline.poses(samples, device.temperature_c)
         taken_ns = self._clock.monotonic_ns() - samples.received_ns
         self._health.latencies["sample_to_pose"].add(taken_ns)
         self._scanner.take(model, poses)
@@ -113,6 +116,7 @@ class Measuring:
         live = self._live.message(model, poses, session, device.section.id)
         if live is not None:
             self._offer_live(live)
+        self._watch_temperature(device)
 
     def _take_latch(self, device: Device, latch: LatchedCounts) -> None:
         if latch.input is None:
@@ -142,10 +146,9 @@ class Measuring:
             text = f"{device.section.id} does not fit the arm file"
             self._refused(text, "see the event device.mismatch")
             return None
-        pose = self._pipeline.latched_pose(latch)
-        point = self._capture.take(
-            self._pipeline.model, pose, trigger, device.temperature_c
-        )
+        temperature_c = device.temperature_c
+        pose = self._pipeline.latched_pose(latch, temperature_c)
+        point = self._capture.take(self._pipeline.model, pose, trigger, temperature_c)
         if point is None:
             self._refused(
                 "the queue of points is full: the broker has not taken them",
@@ -161,6 +164,27 @@ class Measuring:
         own = device.section.id == self._pipeline.model.device
         return own and not device.problems
 
+    def _watch_temperature(self, device: Device) -> None:
+        """Tell that effects lack the temperature, once it should have come."""
+        model = self._pipeline.model
+        if not (model.uses_temperature and self._measures(device)):
+            return
+        is_missing = device.temperature_c is None
+        if is_missing and self._clock.monotonic_ns() - device.up_ns < TEMPERATURE_NS:
+            return
+        text = f"the reference of {model.reference_temperature_c:g} C is taken instead"
+        self._events.change(
+            is_missing,
+            "error",
+            "device.temperature_unknown",
+            f"{device.section.id} has no temperature for the arm's effects; {text}"
+            if is_missing
+            else f"{device.section.id} tells the temperature again",
+            source=device.section.id,
+            remedy="connect the board's sensor, or take the effects that need the "
+            "temperature out of the arm file",
+        )
+
     def _refused(self, text: str, remedy: str) -> None:
         self._events.report(
             "error", "capture.refused", text, source="capture", remedy=remedy
@@ -168,6 +192,8 @@ class Measuring:
 
     def _take_up(self, device: Device, up: DeviceUp) -> None:
         device.identity = up.identity
+        device.up_ns = self._clock.monotonic_ns()
+        device.temperatures_c = ()  # those of before may have changed meanwhile
         model = self._pipeline.model
         device.problems = []
         if device.section.id == model.device:

@@ -1,13 +1,16 @@
-"""The arm as the pipeline needs it: geometry, encoders, and which channel is whose."""
+"""The arm as the pipeline needs it: geometry, effects, encoders and their channels."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.arm_file import Arm, FileError, Problem, arm_digest, read_arm
+from kinematics.effect_kinds import EFFECT_KINDS
+from kinematics.effects.arm_effects import ArmEffects, effects_from_arm
+from kinematics.effects.covariate import Covariate
 from kinematics.geometry import Geometry, geometry_from_arm
 from kinematics.readings import Encoders, encoders_from_arm
 
@@ -17,6 +20,9 @@ class ArmModel:
     """One arm file, ready for the measurement path; replaced whole, never changed.
 
     Attributes:
+        effects: what corrects poses; those of the file that are off-line only are not
+            among them.
+        reference_temperature_c: where the geometry holds.
         digest: of the arm file's values; every point carries it.
         device: id of the device that latches all joints.
         channels: (n_joints,) the channel of each joint.
@@ -25,10 +31,22 @@ class ArmModel:
     name: str
     digest: str
     geometry: Geometry
+    effects: ArmEffects
+    reference_temperature_c: float
     encoders: Encoders
     device: str
     channels: NDArray[np.intp]
     probe_radius_mm: float
+
+    @property
+    def uses_temperature(self) -> bool:
+        """Whether an effect depends on how warm the arm is."""
+        return any(n.covariate is Covariate.TEMPERATURE for n in self.effects.needs)
+
+    @property
+    def effect_names(self) -> list[str]:
+        """`J3.encoder_eccentricity` and so on, in the order of the arm file."""
+        return [self.effects.name(effect) for effect in self.effects.corrections]
 
     def problems_with(self, moduli_counts: tuple[int, ...]) -> list[str]:
         """What does not fit between the arm file and what the device says it has.
@@ -61,6 +79,13 @@ def read_model(path: Path, device_ids: Mapping[str, object]) -> ArmModel:
     """
     arm = read_arm(path)
     problems = list(_unusable(arm, device_ids))
+    try:
+        effects = effects_from_arm(arm)
+    except ValueError as error:
+        raise FileError(
+            str(path), [*problems, Problem("effects", str(error))]
+        ) from None
+    problems += _never_known(effects)
     if problems:
         raise FileError(str(path), problems)
     encoders = [joint.encoder for joint in arm.joints if joint.encoder is not None]
@@ -68,6 +93,8 @@ def read_model(path: Path, device_ids: Mapping[str, object]) -> ArmModel:
         arm.name,
         arm_digest(arm),
         geometry_from_arm(arm),
+        _in_line(effects),
+        arm.reference.temperature_c,
         encoders_from_arm(arm),
         encoders[0].device_id,
         np.array([encoder.channel for encoder in encoders], dtype=np.intp),
@@ -103,12 +130,32 @@ def _unusable(arm: Arm, device_ids: Mapping[str, object]) -> list[Problem]:
                 "measures with one device that latches all joints at one instant",
             )
         )
-    problems.extend(
+    return problems
+
+
+_NEVER_KNOWN = {
+    Covariate.CAMPAIGN_TIME: "the time since the start of a campaign that is over",
+    Covariate.FORCE: "the force of a contact",
+}
+
+
+def _never_known(effects: ArmEffects) -> list[Problem]:
+    """Effects of something that a running daemon is never told."""
+    return [
         Problem(
             f"effects[{index}]",
-            f"this version cannot apply {effect.kind!r}; measuring without it would "
-            "give wrong points. Remove the effect, or use a version that applies it",
+            f"{effects.name(effect)} depends on {_NEVER_KNOWN[need.covariate]}, which "
+            "a running daemon does not have; measuring without it would give wrong "
+            "points. Take it out of the arm file, or diagnose again for an effect "
+            "that depends on something else",
         )
-        for index, effect in enumerate(arm.effects)
-    )
-    return problems
+        for index, effect in enumerate(effects.corrections)
+        for need in effect.needs
+        if need.covariate in _NEVER_KNOWN
+    ]
+
+
+def _in_line(effects: ArmEffects) -> ArmEffects:
+    """The effects without those that correct no pose, such as a standard's length."""
+    kept = [c for c in effects.corrections if EFFECT_KINDS[c.kind].effect_class != "O"]
+    return replace(effects, corrections=tuple(kept))

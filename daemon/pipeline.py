@@ -1,6 +1,6 @@
 """The whole measurement path, top to bottom.
 
-    counts -> unwrapped counts -> angles -> probe centre and shank -> poses
+    counts -> unwrapped counts -> angles -> what the effects need -> corrected poses
 
 Blocks of timed samples go to the scan and to the live view; a latch at an edge or
 on request goes to the capture. Plain calls, no queue, no waiting.
@@ -9,6 +9,8 @@ on request goes to the capture. Plain calls, no queue, no waiting.
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.clock import HostClock
+from daemon.covariates import Bits, Covariates
 from daemon.model import ArmModel
 from daemon.poses import LatchedPose, PoseBlock
 from drivers.values import (
@@ -19,12 +21,13 @@ from drivers.values import (
     CountSamples,
     LatchedCounts,
 )
-from kinematics.forward import probe_pose
+from kinematics.effects.block import Block
+from kinematics.effects.pose import PoseFlags, corrected_pose
 from kinematics.readings import Unwrapper, counts_to_angles
 from protocol.messages import QualityFlag
 
 
-def _quality_of_status() -> NDArray[np.uint16]:
+def _quality_of_status() -> Bits:
     """For each status byte, its quality bits; the maker's own bits are a warning."""
     status = np.arange(256)
     makers = 0xFF & ~(STATUS_ERROR | STATUS_WARNING | STATUS_LATE | STATUS_STALE)
@@ -34,10 +37,17 @@ def _quality_of_status() -> NDArray[np.uint16]:
         | ((status & STATUS_LATE) != 0) * QualityFlag.LATE
         | ((status & STATUS_STALE) != 0) * QualityFlag.STALE
     )
-    return np.asarray(quality, dtype=np.uint16)
+    return np.asarray(quality, dtype=np.uint32)
 
 
 QUALITY_OF_STATUS = _quality_of_status()
+QUALITY_OF_POSE = {
+    "stale_effect": QualityFlag.STALE_EFFECT,
+    "surface_unknown": QualityFlag.SURFACE_UNKNOWN,
+    "empirical": QualityFlag.EMPIRICAL,
+    "beyond_knots": QualityFlag.BEYOND_KNOTS,
+}
+"""What the effects say of a pose, as bits of its quality."""
 
 
 class Pipeline:
@@ -45,26 +55,38 @@ class Pipeline:
 
     Args:
         model: the arm; a new one replaces it between two blocks by `use_model`.
+        clock: the host's, for effects that are bound to time.
     """
 
-    def __init__(self, model: ArmModel) -> None:
+    def __init__(self, model: ArmModel, clock: HostClock) -> None:
+        self._clock = clock
         self.use_model(model)
 
     def use_model(self, model: ArmModel) -> None:
-        """Measure with ``model`` from the next sample on."""
+        """Measure with ``model``, and all its effects, from the next sample on."""
         self.model = model
         self._unwrapper = Unwrapper(model.encoders)
+        self._covariates = Covariates(model, self._clock)
 
     def restart(self) -> None:
         """Forget the turns counted: the device has been away."""
         self._unwrapper.reset()
+        self._covariates.forget()
 
-    def poses(self, samples: CountSamples) -> PoseBlock:
-        """Poses of a block of timed samples, (n, ...)."""
+    def poses(
+        self, samples: CountSamples, temperature_c: float | None = None
+    ) -> PoseBlock:
+        """Poses of a block of timed samples, (n, ...), at the arm's temperature."""
         model = self.model
         counts = self._unwrapper.unwrap(samples.counts[:, model.channels])
         angles_rad = counts_to_angles(model.encoders, counts)
-        xyz_mm, ijk = probe_pose(model.geometry, angles_rad)
+        quality = _quality(samples.status[:, model.channels])
+        are_valid = (quality & QualityFlag.ENCODER_ERROR) == 0
+        xyz_mm, ijk, said = self._corrected(
+            *self._covariates.block(
+                samples.sample_time_ns, angles_rad, temperature_c, are_valid
+            )
+        )
         return PoseBlock(
             samples.stream,
             samples.seq,
@@ -75,28 +97,50 @@ class Pipeline:
             angles_rad,
             xyz_mm,
             ijk,
-            _quality(samples.status[:, model.channels]),
+            quality | said,
         )
 
-    def latched_pose(self, latch: LatchedCounts) -> LatchedPose:
+    def latched_pose(
+        self, latch: LatchedCounts, temperature_c: float | None = None
+    ) -> LatchedPose:
         """Pose at one latch; its turns are those nearest to the last timed sample."""
         model = self.model
         latched = np.array(latch.counts, dtype=np.uint32)[model.channels]
         counts = self._unwrapper.near(latched)
         status = np.array([latch.status], dtype=np.uint8)[:, model.channels]
-        angles_rad = counts_to_angles(model.encoders, counts[np.newaxis])
-        xyz_mm, ijk = probe_pose(model.geometry, angles_rad)
+        angles_rad = counts_to_angles(model.encoders, counts[np.newaxis])[0]
+        xyz_mm, ijk, said = self._corrected(
+            *self._covariates.latched(latch.sample_time_ns, angles_rad, temperature_c)
+        )
         return LatchedPose(
             latch.sample_time_ns,
             counts,
-            angles_rad[0],
+            angles_rad,
             xyz_mm[0],
             ijk[0],
-            int(_quality(status)[0]),
+            int((said | _quality(status))[0]),
         )
 
+    def _corrected(
+        self, block: Block, lacks: Bits
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], Bits]:
+        """Poses with the arm's effects, and what to say about each."""
+        model = self.model
+        xyz_mm, ijk, flags = corrected_pose(model.geometry, model.effects, block)
+        if model.effects.corrections:
+            lacks = lacks | _quality_of_pose(flags)
+        return xyz_mm, ijk, lacks
 
-def _quality(status: NDArray[np.uint8]) -> NDArray[np.uint16]:
+
+def _quality_of_pose(flags: PoseFlags) -> Bits:
+    """Quality bits (n,) of what the effects say."""
+    quality = np.zeros(len(flags.stale_effect), dtype=np.uint32)
+    for name, flag in QUALITY_OF_POSE.items():
+        quality[getattr(flags, name)] |= np.uint32(flag)
+    return quality
+
+
+def _quality(status: NDArray[np.uint8]) -> Bits:
     """Quality bits (n,) of the channels' status (n, n_joints)."""
     joined: NDArray[np.uint8] = np.bitwise_or.reduce(status, axis=1)
     return QUALITY_OF_STATUS[joined]

@@ -31,7 +31,7 @@ class PoseBlock:
     angles_rad: NDArray[np.float64]
     xyz_mm: NDArray[np.float64]
     ijk: NDArray[np.float64]
-    quality: NDArray[np.uint16]
+    quality: NDArray[np.uint32]
 
     def rows(self, which: NDArray[np.bool_] | slice) -> "PoseBlock":
         """The poses of some of the samples."""

@@ -173,7 +173,7 @@ class Scanner:
             if points is None
             else points.counts,
             part_xyz_mm=None,
-            quality=np.zeros(0, np.uint16) if points is None else points.quality,
+            quality=np.zeros(0, np.uint32) if points is None else points.quality,
             dropped=self._dropped,
             lost=self._lost,
             last=last,

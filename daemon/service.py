@@ -104,7 +104,7 @@ class Service:
         self._live = LiveView(self._clock, settings.live_rate_hz)
         self._measuring = Measuring(
             clock=self._clock,
-            pipeline=Pipeline(model),
+            pipeline=Pipeline(model, self._clock),
             capture=self._capture,
             triggers=Triggers(
                 {(i.device_id, i.number): i.trigger for i in settings.inputs}
@@ -174,7 +174,7 @@ class Service:
                     running.append(tasks.create_task(self._keep_house()))
                     self._publish_status()
                     self._requests.track()
-                    log.info("arm %s, model %s", self._arm, self._model.digest[:12])
+                    self._tell_model()
                     await self._stopping.wait()
                     await self._drain()
             except StartupError as error:
@@ -185,6 +185,17 @@ class Service:
                     task.cancel()
         if failure is not None:
             raise failure
+
+    def _tell_model(self) -> None:
+        model = self._model
+        log.info("arm %s, model %s", self._arm, model.digest[:12])
+        if names := model.effect_names:
+            log.info("effects applied: %s", ", ".join(names))
+        if model.effects.contacts:
+            log.warning(
+                "effects of the contact are left out, since this version does not know "
+                "the direction of the surface; every point is flagged surface_unknown"
+            )
 
     async def _unless_stopped(self, work: Coroutine[Any, Any, None]) -> None:
         """Do this, or leave it when the daemon is told to end meanwhile."""

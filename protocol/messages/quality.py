@@ -22,11 +22,14 @@ class QualityFlag(IntFlag):
     TEMPERATURE = 1 << 8
     STALE_IDENTIFICATION = 1 << 9
     STALE_EFFECT = 1 << 10
-    NO_DIRECTION = 1 << 11
+    SURFACE_UNKNOWN = 1 << 11
     TIME_UNCERTAIN = 1 << 12
     TURNS_UNCERTAIN = 1 << 13
     INTERPOLATED = 1 << 14
     EMPIRICAL = 1 << 15
+    BEYOND_KNOTS = 1 << 16
+    TEMPERATURE_UNKNOWN = 1 << 17
+    MOTION_UNKNOWN = 1 << 18
 
 
 FLAG_MEANINGS = {
@@ -41,11 +44,16 @@ FLAG_MEANINGS = {
     QualityFlag.TEMPERATURE: "the temperature, or its rate, is out of its band",
     QualityFlag.STALE_IDENTIFICATION: "the identification is older than allowed",
     QualityFlag.STALE_EFFECT: "a correction bound to time is used beyond its time",
-    QualityFlag.NO_DIRECTION: "a correction needs the surface's direction: not applied",
+    QualityFlag.SURFACE_UNKNOWN: "a correction needs the surface's direction: left out",
     QualityFlag.TIME_UNCERTAIN: "the device's clock is not yet tied to the host's",
     QualityFlag.TURNS_UNCERTAIN: "counts restarted; the number of turns is assumed",
     QualityFlag.INTERPOLATED: "interpolated between samples, not latched at the edge",
     QualityFlag.EMPIRICAL: "corrected by an empirical effect, with no known cause",
+    QualityFlag.BEYOND_KNOTS: "an empirical effect is held, beyond what was measured",
+    QualityFlag.TEMPERATURE_UNKNOWN: "a correction lacks the temperature: taken as the "
+    "arm file's reference",
+    QualityFlag.MOTION_UNKNOWN: "a correction lacks a joint's speed or last sense of "
+    "motion: left out",
 }
 """What each flag says."""
 

@@ -22,7 +22,7 @@ Coordinates = Annotated[NDArray[np.float64], ArrayField("float64", ("n", 3))]
 JointAngles = Annotated[NDArray[np.float64], ArrayField("float64", ("n", "joints"))]
 JointCounts = Annotated[NDArray[np.int64], ArrayField("int64", ("n", "joints"))]
 Offsets = Annotated[NDArray[np.int64], ArrayField("int64", ("n",))]
-Bits = Annotated[NDArray[np.uint16], ArrayField("uint16", ("n",))]
+Bits = Annotated[NDArray[np.uint32], ArrayField("uint32", ("n",))]
 
 
 class Scan(Message):

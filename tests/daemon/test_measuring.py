@@ -46,7 +46,7 @@ class Bench:
         )
         self.measuring = Measuring(
             clock=self.clock,
-            pipeline=Pipeline(model),
+            pipeline=Pipeline(model, self.clock),
             capture=Capture(self.clock, self.offer),
             triggers=Triggers({("base", 0): "button", ("base", 1): "switch"}),
             scanner=self.scanner,
@@ -274,7 +274,7 @@ def health(bench) -> Health:
 
 
 def test_blocks_of_one_arm_join_in_order(tmp_path):
-    pipeline = Pipeline(arm_model(tmp_path))
+    pipeline = Pipeline(arm_model(tmp_path), SetClock())
     samples = count_samples(np.arange(30).reshape(10, 3))
     assert isinstance(samples, CountSamples)
     block = pipeline.poses(samples)

@@ -20,22 +20,46 @@ def test_channels_are_in_the_order_of_the_joints(tmp_path):
     assert model.problems_with(MODULI) == []
 
 
-def test_effects_that_cannot_be_applied_are_refused_all_together(tmp_path):
-    effects = """
+def empirical(covariate):
+    return f"""
 [[effects]]
-kind = "encoder_eccentricity"
+kind = "empirical"
 joint = "J2"
-cos_rad = 3.1e-5
-sin_rad = -1.2e-5
-[[effects]]
-kind = "thermal_expansion"
-expansion_per_c = 1e-6
+covariate = "{covariate}"
+knots = [0.0, 10.0, 20.0]
+values_rad = [0.0, 1e-5, 0.0]
 """
+
+
+def test_effects_of_what_a_daemon_never_knows_are_refused_all_together(tmp_path):
+    effects = empirical("J1_rad") + empirical("time_s") + empirical("force_n")
     text = refused(tmp_path, ARM + effects)
-    assert "effects[0]" in text
-    assert "encoder_eccentricity" in text
-    assert "effects[1]" in text
-    assert "thermal_expansion" in text
+    assert "effects[0]" not in text
+    for told in (
+        "effects[1]",
+        "J2.empirical.time_s depends on the time since the start of a campaign",
+        "effects[2]",
+        "J2.empirical.force_n depends on the force of a contact",
+        "Take it out of the arm file",
+    ):
+        assert told in text
+
+
+def test_an_effect_that_does_not_fit_the_arm_is_refused_with_the_rest(tmp_path):
+    compliance = '[[effects]]\nkind = "mount_compliance"\ncompliance_rad_nm = 1e-6\n'
+    broken = ARM.replace('source = "base/1"', 'source = "wrist/1"')
+    text = refused(tmp_path, broken + compliance)
+    assert "joints[2].encoder.source" in text
+    assert "effects[0]: mount_compliance yields to weights" in text
+
+
+def test_the_effects_in_line_are_those_of_the_file_but_of_standards(tmp_path):
+    length = '[[effects]]\nkind = "artefact_length"\nartefact = "b"\nerror_ppm = 2.0\n'
+    model = arm_model(tmp_path, ARM + length + empirical("J1_temperature_c"))
+    assert model.effect_names == ["J2.empirical.J1_temperature_c"]
+    assert model.uses_temperature
+    alone = arm_model(tmp_path, ARM + length)
+    assert (alone.effect_names, alone.uses_temperature) == ([], False)
 
 
 def test_a_joint_without_encoder_and_one_on_an_unknown_device_are_told(tmp_path):

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from daemon.pipeline import QUALITY_OF_STATUS, Pipeline
 from daemon.poses import PoseBlock
 from protocol.messages import Quality
-from tests.daemon.values import MODULI, arm_model, count_samples, latch
+from tests.daemon.values import MODULI, SetClock, arm_model, count_samples, latch
 
 TURNS = (65536, 1048576, 8388608)  # of the joints
 SIGNS = (1, -1, 1)
@@ -56,7 +56,7 @@ def moved(seed, n):
 
 @given(st.tuples(*(st.integers(0, modulus - 1) for modulus in MODULI)))
 def test_a_latch_gives_the_pose_computed_by_matrices(model, counts):
-    pose = Pipeline(model).latched_pose(latch(counts))
+    pose = Pipeline(model, SetClock()).latched_pose(latch(counts))
     readings = [reading_by_hand(j, counts[c]) for j, c in enumerate((2, 0, 1))]
     assert np.allclose(
         np.cos(pose.angles_rad - readings), 1
@@ -68,7 +68,7 @@ def test_a_latch_gives_the_pose_computed_by_matrices(model, counts):
 
 def test_a_stream_over_many_turns_gives_the_poses_computed_by_matrices(model):
     counts = moved(1, 400)
-    poses = Pipeline(model).poses(count_samples(counts))
+    poses = Pipeline(model, SetClock()).poses(count_samples(counts))
     angles = poses.angles_rad
     assert np.abs(np.diff(angles, axis=0)).max() < 0.31 * 2 * math.pi  # no jumps
     assert np.ptp(angles, axis=0).min() > 2 * math.pi
@@ -85,8 +85,8 @@ def test_a_stream_over_many_turns_gives_the_poses_computed_by_matrices(model):
 @given(st.lists(st.integers(1, 99), max_size=6), st.integers(0, 1000))
 def test_cutting_a_stream_into_blocks_changes_no_bit(model, cuts, seed):
     counts = moved(seed, 100)
-    whole = Pipeline(model).poses(count_samples(counts))
-    pipeline, bounds = Pipeline(model), sorted({0, *cuts, 100})
+    whole = Pipeline(model, SetClock()).poses(count_samples(counts))
+    pipeline, bounds = Pipeline(model, SetClock()), sorted({0, *cuts, 100})
     parts = [
         pipeline.poses(count_samples(counts[a:b], first=a)) for a, b in pairwise(bounds)
     ]
@@ -97,22 +97,22 @@ def test_cutting_a_stream_into_blocks_changes_no_bit(model, cuts, seed):
 
 def test_a_latch_takes_the_turn_of_the_stream_and_leaves_it_alone(model):
     counts = moved(2, 200)
-    pipeline = Pipeline(model)
+    pipeline = Pipeline(model, SetClock())
     last = pipeline.poses(count_samples(counts[:150])).counts[-1]
     near = (counts[149] + 5) % np.array(MODULI)
     pose = pipeline.latched_pose(latch(tuple(near.tolist())))
     assert (pose.counts - last).tolist() == [5, 5, 5]
     after = pipeline.poses(count_samples(counts[150:], first=150))
-    whole = Pipeline(model).poses(count_samples(counts))
+    whole = Pipeline(model, SetClock()).poses(count_samples(counts))
     assert after.counts.tolist() == whole.counts[150:].tolist()
 
 
 def test_after_a_restart_the_turns_are_those_nearest_to_the_zero(model):
-    pipeline = Pipeline(model)
+    pipeline = Pipeline(model, SetClock())
     pipeline.poses(count_samples(moved(1, 400)))
     pipeline.restart()
     afresh = pipeline.poses(count_samples(moved(1, 1)))
-    first = Pipeline(model).poses(count_samples(moved(1, 1)))
+    first = Pipeline(model, SetClock()).poses(count_samples(moved(1, 1)))
     assert afresh.counts.tolist() == first.counts.tolist()
 
 
@@ -122,7 +122,9 @@ def test_status_bits_become_quality_flags_of_the_joints_channels_only(model):
     status[1, 2], status[2, 0], status[3, 1], status[4] = 1, 2, 4 | 8, (0x40, 0, 1, 0)
     status[5, 3] = 0xFF  # a channel that belongs to no joint
     counts = np.hstack([samples.counts, np.zeros((6, 1), np.uint32)])
-    poses = Pipeline(model).poses(replace(samples, counts=counts, status=status))
+    poses = Pipeline(model, SetClock()).poses(
+        replace(samples, counts=counts, status=status)
+    )
     flags = [Quality.from_bits(int(bits)).flags for bits in poses.quality]
     assert flags == [
         (),
@@ -132,7 +134,7 @@ def test_status_bits_become_quality_flags_of_the_joints_channels_only(model):
         ("encoder_error", "encoder_warning"),
         (),
     ]
-    pose = Pipeline(model).latched_pose(latch((1, 2, 3), status=(0, 4, 0)))
+    pose = Pipeline(model, SetClock()).latched_pose(latch((1, 2, 3), status=(0, 4, 0)))
     assert Quality.from_bits(pose.quality) == Quality(ok=False, flags=("late",))
 
 

@@ -41,7 +41,7 @@ class Bench:
         self.scanner = Scanner(clock, lambda scan: not self.scans.append(scan), 0.05)
         self.measuring = Measuring(
             clock=clock,
-            pipeline=Pipeline(model),
+            pipeline=Pipeline(model, clock),
             capture=capture,
             triggers=Triggers({("base", 0): "button"}),
             scanner=self.scanner,

@@ -152,5 +152,5 @@ class PoseMaker:
             np.zeros((n, joints)),
             np.repeat(instants[:, np.newaxis].astype(float), 3, axis=1),
             np.tile([0.0, 0.0, 1.0], (n, 1)),
-            np.zeros(n, np.uint16),
+            np.zeros(n, np.uint32),
         )

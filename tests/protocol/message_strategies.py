@@ -42,7 +42,7 @@ plain = st.recursive(
     max_leaves=8,
 )
 maps = st.dictionaries(names, plain, max_size=5)
-qualities = st.integers(0, 2**16 - 1).map(Quality.from_bits)
+qualities = st.integers(0, 2**32 - 1).map(Quality.from_bits)
 labels = st.builds(Label, artefact=names, feature=st.none() | names) | st.just(Label())
 
 
@@ -87,7 +87,7 @@ def scans(draw) -> Scan:
     """Blocks of 0 to 6 points."""
     n, n_joints = draw(st.integers(0, 6)), draw(st.integers(1, 8))
     total = draw(st.none() | natural)
-    bits = st.integers(0, 2**16 - 1)
+    bits = st.integers(0, 2**32 - 1)
     limits = {"min_value": -LARGEST, "max_value": LARGEST}
     steps = draw(st.lists(st.integers(0, 2**50), min_size=n, max_size=n))
     return Scan(
@@ -109,7 +109,7 @@ def scans(draw) -> Scan:
             | arrays_of.arrays(np.int64, (n, n_joints), elements=st.integers(**limits))
         ),
         part_xyz_mm=draw(st.none() | _rows(n, 3)),
-        quality=draw(arrays_of.arrays(np.uint16, (n,), elements=bits)),
+        quality=draw(arrays_of.arrays(np.uint32, (n,), elements=bits)),
         dropped=draw(natural),
         lost=draw(natural),
         last=total is not None,

@@ -62,8 +62,8 @@ REFUSED = [
     (SCAN, {"xyz_mm": SCAN.xyz_mm * np.nan}, "finite"),
     (SCAN, {"xyz_mm": [[1.0, 2.0, 3.0], [1.0, 2.0]]}, "equal length"),
     (SCAN, {"xyz_mm": [[1.0, 2.0, "3"], [1.0, 2.0, 3.0]]}, "numbers of float64"),
-    (SCAN, {"quality": [0, 1.0]}, "numbers of uint16"),
-    (SCAN, {"quality": [0, 65536]}, "range of uint16"),
+    (SCAN, {"quality": [0, 1.0]}, "numbers of uint32"),
+    (SCAN, {"quality": [0, 1 << 32]}, "range of uint32"),
     (SCAN, {"quality": 0}, "shape"),
     (SCAN, {"counts": SCAN.counts[:, :1]}, "as many joints"),
     (SCAN, {"dtime_ns": np.array([1, 0])}, "never decreasing"),
@@ -131,7 +131,7 @@ def test_last_block_may_be_without_points():
         ijk=nothing[:, :3],
         angles_rad=nothing,
         counts=None,
-        quality=np.zeros(0, np.uint16),
+        quality=np.zeros(0, np.uint32),
     )
     assert isinstance(empty, Scan)
     assert empty.xyz_mm.shape == (0, 3)
@@ -146,7 +146,7 @@ def test_retraction_repeats_the_measurement_under_its_own_number():
 
 
 def test_every_flag_has_one_bit_of_sixteen_and_a_meaning():
-    assert sorted(FLAG_MEANINGS) == [1 << bit for bit in range(16)]
+    assert sorted(FLAG_MEANINGS) == [1 << bit for bit in range(19)]
     assert set(FLAG_MEANINGS) == set(QualityFlag)
 
 
