@@ -1,0 +1,130 @@
+"""Over what a term is drawn: the covariate that matters for its kind."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.campaign import Campaign, Poses
+from lab.diagnosis.diagnosis import Term
+
+Floats = NDArray[np.float64]
+
+_OWN_ANGLE = (
+    "encoder_eccentricity",
+    "encoder_harmonic",
+    "encoder_scale",
+    "axis_wobble",
+    "axis_runout",
+)
+_TIME = ("encoder_drift", "count_slip", "base_drift", "base_step")
+_TEMPERATURE = ("encoder_temperature", "thermal_expansion")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Covariate:
+    """A quantity that poses are drawn over.
+
+    Attributes:
+        label: With its unit.
+        values: (n_poses,); NaN where unknown.
+        is_function: Whether the term is a function of it alone, so that a line can
+            be drawn.
+        signs: Of the covariate where shifts have none of their own, (n_poses,).
+        one_direction: Whether shifts point the same way in all poses.
+    """
+
+    label: str
+    values: Floats
+    is_function: bool
+    signs: Floats
+    one_direction: bool = False
+
+
+def covariate_of(
+    term: Term, campaign: Campaign, amounts: Floats, reference_c: float
+) -> Covariate:
+    """Choose what a term is drawn over.
+
+    Args:
+        term: To draw.
+        campaign: With the covariates.
+        amounts: What the term does to each pose, (n_poses,): the last resort.
+        reference_c: Temperature at which thermal effects are zero.
+    """
+    kind, joint = term.candidate.kind, term.candidate.joint
+    poses = campaign.poses
+    plain = np.ones(len(poses))
+    name = _column_name(kind, joint)
+    if kind == "empirical":
+        name = term.candidate.covariate
+    if name is None:
+        size = float(np.nanmax(np.abs(amounts), initial=0.0))
+        label = "what the effect does to the pose, of the largest"
+        return Covariate(label, amounts / (size or 1.0), True, plain)
+    label, values = column(campaign, name)
+    if kind in _TEMPERATURE:
+        away = np.nan_to_num(values - reference_c)
+        return Covariate(label, values, joint is not None, away)
+    is_function = kind not in ("axis_wobble", "axis_runout")
+    one_direction = kind in _TIME and joint is None
+    return Covariate(label, values, is_function, plain, one_direction)
+
+
+def _column_name(kind: str, joint: str | None) -> str | None:
+    """Name the column that a kind is drawn over; None: there is no such column."""
+    if kind in _TIME:
+        return "time_s"
+    if joint is None:
+        return "temperature_c" if kind in _TEMPERATURE else None
+    if kind in _OWN_ANGLE:
+        return f"{joint}_rad"
+    return {
+        "encoder_temperature": f"{joint}_temperature_c",
+        "thermal_expansion": f"{joint}_temperature_c",
+        "encoder_latency": f"{joint}_speed_rad_s",
+        "backlash": f"{joint}_approach",
+    }.get(kind)
+
+
+def column(campaign: Campaign, name: str) -> tuple[str, Floats]:
+    """Find a column of the table of poses, angles in degrees: its label and values."""
+    poses = campaign.poses
+    for joint, own in enumerate(campaign.joint_names):
+        if not name.startswith(own):
+            continue
+        rest = name.removeprefix(own)
+        if rest == "_rad":
+            angles_deg = np.degrees(poses.angles_rad[:, joint])
+            return f"reading of {own} [degrees]", angles_deg
+        found = _of_joint(poses, rest, joint)
+        if found is not None:
+            return _LABELS[rest].format(own), found
+    of_arm = {
+        "time_s": ("time [s]", poses.time_s),
+        "temperature_c": ("temperature [°C]", poses.temperature_c),
+        "force_n": ("contact force [N]", poses.force_n),
+    }
+    label, values = of_arm.get(name, (name, None))
+    return label, np.full(len(poses), np.nan) if values is None else values
+
+
+_LABELS = {
+    "_temperature_c": "temperature of {} [°C]",
+    "_speed_rad_s": "speed of {} [rad/s]",
+    "_approach": "sense of the last motion of {}",
+}
+
+
+def _of_joint(poses: Poses, rest: str, joint: int) -> Floats | None:
+    if rest == "_temperature_c":
+        own = poses.joint_temperatures_c
+        if own is None:
+            return poses.temperature_c
+        mine: Floats = own[:, joint]
+        if poses.temperature_c is None:
+            return mine
+        return np.where(np.isnan(mine), poses.temperature_c, mine)
+    table = {"_speed_rad_s": poses.speeds_rad_s, "_approach": poses.approaches}
+    found = table.get(rest)
+    return None if found is None else found[:, joint]

@@ -1,0 +1,170 @@
+"""Effects and their sizes in words for people."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from lab.diagnosis.candidate import Candidate
+from lab.diagnosis.diagnosis import Detectable, Estimate, Term
+
+_KINDS = {
+    "encoder_eccentricity": "encoder eccentricity",
+    "encoder_harmonic": "encoder error {order} times a turn",
+    "encoder_scale": "encoder scale",
+    "encoder_temperature": "encoder zero with temperature",
+    "encoder_drift": "drift of the encoder's zero",
+    "count_slip": "jump of the encoder's zero",
+    "encoder_latency": "latency of readings",
+    "backlash": "backlash",
+    "joint_compliance": "torsion under gravity",
+    "bearing_compliance": "tilt of the bearing under gravity",
+    "mount_compliance": "tilt of the mount under gravity",
+    "thermal_expansion": "thermal expansion of the link",
+    "axis_wobble": "wobble of the axis {order} times a turn",
+    "axis_runout": "{component} runout {order} times a turn",
+    "probe_radius": "radius of the probe's ball",
+    "probe_lobing": "lobing of the probe",
+    "stylus_bending": "bending of the stylus",
+    "base_drift": "drift of the base",
+    "base_step": "step of the base",
+    "artefact_length": "length of {artefact}",
+}
+_WHOLE_ARM = {
+    "encoder_latency": "latency of all readings",
+    "thermal_expansion": "thermal expansion of all links",
+}
+_MOVED = {"angle": "its angle", "tilt": "the tilt of its axis", "shift": "its place"}
+# Keys that say where or when, not how much.
+_NO_SIZES = ("phase_rad", "at_s")
+_PREFIXES = ((1.0, ""), (1e3, "m"), (1e6, "µ"), (1e9, "n"), (1e12, "p"))
+_LENGTHS = [(1.0, "mm"), (1e3, "µm"), (1e6, "nm"), (1e9, "pm")]
+_BARE = {"ppm": "ppm"}
+
+
+def name_in_words(candidate: Candidate) -> str:
+    """Say what a candidate is, for example `encoder eccentricity, joint J3`."""
+    if candidate.kind == "empirical":
+        return _curve(candidate)
+    kind = _KINDS.get(candidate.kind, candidate.kind.replace("_", " "))
+    if candidate.joint is None:
+        kind = _WHOLE_ARM.get(candidate.kind, kind)
+    said = kind.format(
+        order=candidate.order,
+        component=candidate.component,
+        artefact=candidate.artefact,
+    )
+    of = "" if candidate.joint is None else f", joint {candidate.joint}"
+    at = "" if candidate.at_s is None else f", at {candidate.at_s:.1f} s"
+    return f"{said}{of}{at}"
+
+
+def _curve(candidate: Candidate) -> str:
+    over = candidate.covariate or "an unknown covariate"
+    if candidate.joint is None:
+        return f"something over {over} that moves the whole arm"
+    moved = _MOVED.get(candidate.component or "angle", str(candidate.component))
+    return f"something over {over} that changes joint {candidate.joint} ({moved})"
+
+
+def size_in_words(term: Term) -> str:
+    """Say how large a term is, with its standard deviation."""
+    found = term_size(term.estimates)
+    if found is None:
+        return ""
+    value, std, unit = found
+    if term.candidate.kind == "empirical":
+        return f"{quantity(value, None, unit)} from lowest to highest"
+    return quantity(value, std, unit)
+
+
+def term_size(
+    estimates: Mapping[str, Estimate],
+) -> tuple[float, float, str] | None:
+    """Reduce the keys of an effect to one size, its standard deviation and unit.
+
+    One number stays as it is; of cosine and sine, and of vectors, it is the amplitude;
+    of a curve the range.
+    """
+    sizes = {key: e for key, e in estimates.items() if key not in _NO_SIZES}
+    if not sizes:
+        return None
+    unit = next(iter(sizes.values())).unit
+    values = np.concatenate([np.ravel(e.value) for e in sizes.values()]).astype(float)
+    stds = np.concatenate([np.ravel(e.std) for e in sizes.values()]).astype(float)
+    if "values_rad" in sizes:
+        return float(np.ptp(values)), float(np.sqrt(np.mean(stds**2))), unit
+    if len(values) == 1:
+        return float(values[0]), float(stds[0]), unit
+    amplitude = float(np.linalg.norm(values))
+    if amplitude == 0.0:
+        return 0.0, float(np.linalg.norm(stds)), unit
+    return amplitude, float(np.linalg.norm(values * stds) / amplitude), unit
+
+
+def quantity(value: float, std: float | None, unit: str) -> str:
+    """Write a number with its unit: `23.1 ± 1.2 µrad`.
+
+    Args:
+        value: In the unit.
+        std: Standard deviation, or None.
+        unit: A unit of the arm file's keys; a prefix is chosen.
+    """
+    factor, shown = shown_unit(max(abs(value), 0.0 if std is None else std), unit)
+    value = factor * value
+    if std is None:
+        return f"{value:.3g} {shown}" if abs(value) < 1e3 else f"{value:.0f} {shown}"
+    std = factor * std
+    digits = _digits(std if std > 0.0 else abs(value))
+    return f"{value:.{digits}f} ± {std:.{digits}f} {shown}"
+
+
+def shown_unit(largest: float, unit: str) -> tuple[float, str]:
+    """Choose a prefix so that numbers are short: a factor, and the unit's name."""
+    if unit in _BARE:
+        return 1.0, unit
+    if unit == "1/C":
+        return 1e6, "ppm/°C"
+    base, slash, per = unit.partition("/")
+    per = {"C": "°C", "(N m)": "(N m)"}.get(per, per)
+    # Millimetres have a prefix already.
+    known = (
+        _LENGTHS if base == "mm" else [(f, prefix + base) for f, prefix in _PREFIXES]
+    )
+    for factor, name in known:
+        if factor * largest >= 1.0 or largest == 0.0:
+            return factor, f"{name}{slash}{per}"
+    factor, name = known[-1]
+    return factor, f"{name}{slash}{per}"
+
+
+def minimum_in_words(entry: Detectable) -> str:
+    """Say the smallest size that would have been seen."""
+    if entry.minimum is None:
+        return "cannot be seen"
+    return quantity(entry.minimum, None, entry.unit)
+
+
+def odds(log_factor: float) -> str:
+    """Write a Bayes factor as odds of one to something.
+
+    Args:
+        log_factor: Natural logarithm, of the better against the worse.
+    """
+    decades = log_factor / np.log(10.0)
+    if decades < 4.0:
+        return f"1:{np.exp(max(log_factor, 0.0)):.3g}"
+    return f"1:10^{decades:.0f}"
+
+
+def p_in_words(log10_p: float) -> str:
+    """Write a p-value that may be too small for a number."""
+    if log10_p > -4.0:
+        return f"p = {10.0**log10_p:.2g}"
+    return f"p = 10^{log10_p:.0f}"
+
+
+def _digits(std: float) -> int:
+    """Decimals that show two digits of a standard deviation."""
+    if not std > 0.0 or not np.isfinite(std):
+        return 1
+    return int(np.clip(1 - np.floor(np.log10(std)), 0, 6))

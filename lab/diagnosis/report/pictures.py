@@ -1,0 +1,175 @@
+"""Pictures of a diagnosis: the ledger, and each term over what matters for it."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from lab.diagnosis.diagnosis import Diagnosis
+from lab.diagnosis.report.binning import Bins, binned
+from lab.diagnosis.report.names import name_in_words
+from lab.diagnosis.report.term_curve import TermCurve
+from lab.identification.report.pictures import (
+    BLUE,
+    GREY,
+    ORANGE,
+    VERMILION,
+    dot_size,
+    picture,
+    shown_unit,
+    symmetric_limit,
+    thinned,
+    zero_line,
+)
+
+Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
+
+# Poses that say so much less than usual are no dots; means weigh all.
+_NOISY = 3.0
+_LONGEST_NAME = 44
+
+
+def ledger_picture(diagnosis: Diagnosis) -> bytes:
+    """Draw the gap after every term."""
+    n_rows = len(diagnosis.ledger)
+    return picture(
+        180.0, 22.0 + 9.0 * n_rows, lambda figure: _paint_ledger(figure, diagnosis)
+    )
+
+
+def term_picture(curve: TermCurve, shown: Booleans) -> bytes:
+    """Draw a term: what was left over before and after, and the term itself.
+
+    Args:
+        curve: Of the term.
+        shown: Poses to draw, (n_poses,).
+    """
+    return picture(180.0, 68.0, lambda figure: _paint_term(figure, curve, shown))
+
+
+def _paint_ledger(figure: Figure, diagnosis: Diagnosis) -> None:
+    left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1.0, 1.0))
+    names = ["nothing added"]
+    names += [f"+ {step.effect}" for step in diagnosis.ledger[1:]]
+    rows = np.arange(len(names))
+    rms_mm = np.array([step.held_out.rms_mm for step in diagnosis.ledger])
+    factor, unit = shown_unit(float(np.max(rms_mm, initial=0.0)), "mm")
+    left.barh(rows, factor * rms_mm, height=0.55, color=BLUE)
+    for row, value in zip(rows, factor * rms_mm, strict=True):
+        left.annotate(
+            f"{value:.3g} {unit}",
+            (value, row),
+            xytext=(3.0, 0.0),
+            textcoords="offset points",
+            va="center",
+            fontsize=7.0,
+        )
+    left.set_xlim(0.0, 1.28 * float(np.max(factor * rms_mm, initial=1e-9)))
+    left.set_xlabel(f"held-out rms [{unit}]")
+    left.set_yticks(rows, [_short(name) for name in names])
+    left.invert_yaxis()
+    chi2 = np.array([step.held_out.chi2 for step in diagnosis.ledger])
+    right.plot(chi2, rows, color=BLUE, marker="o", markersize=5.0, linewidth=1.0)
+    for row, value in zip(rows, chi2, strict=True):
+        right.annotate(
+            f"{value:.3g}",
+            (value, row),
+            xytext=(6.0, 0.0),
+            textcoords="offset points",
+            va="center",
+            fontsize=7.0,
+        )
+    right.axvline(1.0, color=ORANGE, linewidth=1.2, linestyle="--")
+    top = float(np.max(chi2, initial=1.0))
+    if top > 10.0:
+        right.set_xscale("log")
+        right.set_xlim(min(0.7, 0.8 * float(chi2.min())), 2.0 * top)
+    else:
+        right.set_xlim(0.0, 1.2 * max(top, 1.0))
+    right.set_xlabel("held-out misfit; dashed: noise alone")
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1]}…"
+
+
+def _paint_term(figure: Figure, curve: TermCurve, shown: Booleans) -> None:
+    left, right = figure.subplots(1, 2)
+    x = curve.covariate.values
+    seen = shown & np.isfinite(x) & np.isfinite(curve.stds)
+    with_term = curve.after + curve.fitted
+    limit = max(
+        symmetric_limit(binned(x[seen], values[seen], curve.stds[seen]).means, 1.0)
+        for values in (curve.before, with_term)
+    )
+    limit = 1.5 * max(limit, symmetric_limit(curve.fitted[seen], 1.0))
+    factor, unit = shown_unit(limit, curve.unit)
+    usual = float(np.median(curve.stds[seen])) if np.any(seen) else 1.0
+    clear = seen & (curve.stds < _NOISY * usual)
+    dots = thinned(np.flatnonzero(clear))
+    for axes in (left, right):
+        zero_line(axes)
+        axes.set_xlabel(curve.covariate.label)
+        axes.set_ylim(-factor * limit, factor * limit)
+    left.set_ylabel(f"{curve.what} [{unit}]")
+    for values, colour, mark, label in (
+        (curve.before, VERMILION, "s", "before, without any term"),
+        (curve.after, BLUE, "o", "after, with all terms"),
+    ):
+        _scattered(left, x[dots], factor * values[dots], colour)
+        means = binned(x[seen], factor * values[seen], curve.stds[seen])
+        _means(left, means, (colour, mark, label))
+    left.set_title("what is left over")
+    left.legend(loc="best")
+    _scattered(right, x[dots], factor * with_term[dots], GREY)
+    order = np.flatnonzero(seen)[np.argsort(x[seen], kind="stable")]
+    fitted, band = factor * curve.fitted[order], 2.0 * factor * curve.band[order]
+    if curve.covariate.is_function:
+        right.fill_between(
+            x[order], fitted - band, fitted + band, color=ORANGE, alpha=0.45, lw=0.0
+        )
+        right.plot(x[order], fitted, color="black", linewidth=1.2, label="the term")
+    else:
+        right.scatter(
+            x[order], fitted, s=9.0, marker="+", color="black", label="the term"
+        )
+    look = (VERMILION, "s", "data, all else modelled")
+    means = binned(x[seen], factor * with_term[seen], curve.stds[seen])
+    _means(right, means, look)
+    right.set_title("the term (band: ± 2 sigma), and what the data say")
+    right.legend(loc="best")
+
+
+def _scattered(axes: Axes, x: Floats, y: Floats, colour: str) -> None:
+    low, high = axes.get_ylim()
+    inside = (y > low) & (y < high)
+    axes.scatter(
+        x[inside],
+        y[inside],
+        s=0.5 * dot_size(len(x)),
+        color=colour,
+        alpha=0.25,
+        linewidths=0.0,
+    )
+
+
+def _means(axes: Axes, found: Bins, look: tuple[str, str, str]) -> None:
+    """Draw means over parts of the range, with two standard errors."""
+    colour, mark, label = look
+    axes.errorbar(
+        found.centres,
+        found.means,
+        yerr=2.0 * found.errors,
+        color=colour,
+        fmt=mark,
+        markersize=3.2,
+        linewidth=1.0,
+        label=label,
+    )
+
+
+def term_caption(diagnosis: Diagnosis, number: int) -> str:
+    """Describe the picture of a term for who cannot see it."""
+    term = diagnosis.terms[number]
+    return f"{name_in_words(term.candidate)}: the data and the term"

@@ -1,0 +1,68 @@
+"""The covariance of a term's values, for the band about its curve."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.effects.arm_effects import ArmEffects
+from lab.diagnosis.diagnosis import Diagnosis, Term
+
+Floats = NDArray[np.float64]
+
+
+def value_covariance(diagnosis: Diagnosis, term: Term, effects: ArmEffects) -> Floats:
+    """Find the covariance of the values of a term.
+
+    From the final fit, scaled to the standard deviations that the term is told with;
+    of a term that is not in it, those alone.
+
+    Args:
+        diagnosis: With the fit.
+        term: One of its terms.
+        effects: The term as the only effect.
+
+    Returns:
+        (n_values, n_values), in the order of the effect's values.
+    """
+    stds = np.zeros(len(effects.values))
+    correction = effects.corrections[0]
+    for at, name in enumerate(correction.parameters):
+        key, dot, part = name.partition(".")
+        told = term.estimates.get(key)
+        if told is not None:
+            place = "xyz".index(part) if part in ("x", "y", "z") else int(part or 1) - 1
+            stds[at] = float(
+                np.ravel(told.std)[place] if dot else np.ravel(told.std)[0]
+            )
+    correlation = _correlation(diagnosis, effects)
+    found: Floats = stds[:, np.newaxis] * correlation * stds
+    return found
+
+
+def _correlation(diagnosis: Diagnosis, effects: ArmEffects) -> Floats:
+    """Find the correlation of the values in the final fit; else the identity."""
+    n_values = len(effects.values)
+    adjustment = diagnosis.after
+    parameters = adjustment.network.parameters
+    model = parameters.effects
+    if model is None:
+        return np.eye(n_values)
+    wanted = effects.name(effects.corrections[0])
+    corrections = model.effects.corrections
+    names = [model.effects.name(correction) for correction in corrections]
+    if wanted not in names:
+        return np.eye(n_values)
+    index = names.index(wanted)
+    geometry = adjustment.state.arm.geometry
+    free = [c.free_directions(geometry).shape[1] for c in corrections]
+    first = len(parameters.names) - sum(free) + sum(free[:index])
+    own = np.arange(first, first + free[index])
+    places = np.flatnonzero(parameters.free)
+    if not np.all(np.isin(own, places)):
+        return np.eye(n_values)
+    inverse = adjustment.split.inverse[np.searchsorted(places, own)]
+    directions = corrections[index].free_directions(geometry)
+    covariance = directions @ (inverse @ inverse.T) @ directions.T
+    sizes = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    safe = np.where(sizes > 0.0, sizes, 1.0)
+    found: Floats = covariance / np.outer(safe, safe)
+    return found

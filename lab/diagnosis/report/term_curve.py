@@ -1,0 +1,170 @@
+"""What a term says over the covariate that matters for it, and what the data say.
+
+Both are told as one amount a pose: an error of the joint's reading, or a shift of the
+ball along the way that the term moves it. What the data say with the term taken out
+again is the discrepancy that is left plus the term's own amount.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.arm_file import Arm, Effect
+from kinematics.effects.arm_effects import ArmEffects, effects_of
+from kinematics.effects.block import Block
+from kinematics.effects.pose import corrected_pose
+from kinematics.effects.setting import utc_ns
+from kinematics.geometry import Geometry, geometry_from_arm
+from lab.campaign import Campaign
+from lab.diagnosis.compare import Discrepancies
+from lab.diagnosis.diagnosis import Diagnosis, Term
+from lab.diagnosis.report.covariates import Covariate, covariate_of
+from lab.diagnosis.report.term_covariance import value_covariance
+from lab.identification.effect_model import block_of
+from lab.identification.plausible import campaign_span
+
+Floats = NDArray[np.float64]
+
+# Kinds that are told as an error of their joint's reading.
+READING_KINDS = (
+    "encoder_eccentricity",
+    "encoder_harmonic",
+    "encoder_scale",
+    "encoder_temperature",
+    "encoder_drift",
+    "count_slip",
+    "encoder_latency",
+    "backlash",
+    "joint_compliance",
+    "empirical",
+)
+# A move smaller than this part of the largest has no direction worth naming.
+_LEAST_MOVE = 1e-3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TermCurve:
+    """A term and the data over a covariate, an entry a pose.
+
+    Attributes:
+        covariate: What it is drawn over.
+        unit: Of the amounts, "rad" or "mm".
+        what: The amounts, in words.
+        before: What the data said without any term, (n_poses,).
+        after: What is left with all of them, (n_poses,).
+        stds: Of both, by noise alone, (n_poses,).
+        fitted: What the term says, (n_poses,).
+        band: Its standard deviation, (n_poses,).
+    """
+
+    covariate: Covariate
+    unit: str
+    what: str
+    before: Floats
+    after: Floats
+    stds: Floats
+    fitted: Floats
+    band: Floats
+
+
+def term_curve(
+    diagnosis: Diagnosis, term: Term, before: Discrepancies, after: Discrepancies
+) -> TermCurve | None:
+    """Work out what a term and the data say; None: the term moves no pose.
+
+    Args:
+        diagnosis: Whose term it is.
+        term: To show.
+        before: Measurement against the model without terms.
+        after: Against the model with all terms.
+    """
+    campaign, arm = diagnosis.campaign, diagnosis.adapted
+    effects = _effects(arm, term.effect, campaign)
+    values = effects.values
+    if term.candidate.kind == "artefact_length" or not len(values):
+        return None
+    geometry, block = geometry_from_arm(arm), _block(campaign)
+    covariance = value_covariance(diagnosis, term, effects)
+    moves_mm = _moves_mm(geometry, effects, block)
+    steps = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    steps = np.where(steps > 0.0, steps, 1e-3 * np.abs(values))
+    slopes_mm = [
+        (_moves_mm(geometry, _changed(effects, at, step), block) - moves_mm) / step
+        if step > 0.0
+        else np.zeros_like(moves_mm)
+        for at, step in enumerate(steps)
+    ]
+    joint, reference_c = term.candidate.joint, arm.reference.temperature_c
+    if term.candidate.kind in READING_KINDS and joint is not None:
+        index = campaign.joint_names.index(joint)
+        fitted = after.as_reading_rad(index, moves_mm)
+        slopes = [after.as_reading_rad(index, slope) for slope in slopes_mm]
+        data = [when.reading_errors_rad(index) for when in (before, after)]
+        unit, what = "rad", f"reading of {joint}, measured less simulated"
+        covariate = covariate_of(term, campaign, fitted, reference_c)
+    else:
+        size_mm = np.linalg.norm(moves_mm, axis=1)
+        covariate = covariate_of(term, campaign, size_mm, reference_c)
+        directions = _directions(moves_mm, covariate)
+        # A correction that moves the model's ball takes what is measured away.
+        fitted = np.einsum("ni,ni->n", moves_mm, directions)
+        slopes = [np.einsum("ni,ni->n", slope, directions) for slope in slopes_mm]
+        data = [when.along(directions) for when in (before, after)]
+        unit, what = "mm", "ball along the way the effect moves it"
+    by_values = np.stack(slopes, axis=1)
+    variance = np.einsum("np,pq,nq->n", by_values, covariance, by_values)
+    (at_first, _), (at_last, stds) = data
+    return TermCurve(
+        covariate,
+        unit,
+        what,
+        at_first,
+        at_last,
+        stds,
+        fitted,
+        np.sqrt(np.maximum(variance, 0.0)),
+    )
+
+
+def _effects(arm: Arm, effect: Effect, campaign: Campaign) -> ArmEffects:
+    return effects_of(arm, (effect,), campaign_span(campaign))
+
+
+def _changed(effects: ArmEffects, at: int, step: float) -> ArmEffects:
+    values = effects.values.copy()
+    values[at] += step
+    return effects.with_values(values)
+
+
+def _block(campaign: Campaign) -> Block:
+    gravity = campaign.gravity_m_s2
+    return block_of(
+        campaign.poses,
+        utc_ns(campaign_span(campaign)[0]),
+        None if gravity is None else np.array(gravity),
+    )
+
+
+def _moves_mm(geometry: Geometry, effects: ArmEffects, block: Block) -> Floats:
+    """Compute what effects do to the model's ball, (n_poses, 3)."""
+    nothing = effects.with_values(np.zeros_like(effects.values))
+    with_it = corrected_pose(geometry, effects, block)[0]
+    found: Floats = with_it - corrected_pose(geometry, nothing, block)[0]
+    return found
+
+
+def _directions(moves_mm: Floats, covariate: Covariate) -> Floats:
+    """Choose the way along which to look at each pose, unit vectors or zero."""
+    if covariate.one_direction:
+        total = moves_mm.sum(axis=0)
+        size = float(np.linalg.norm(total))
+        if size == 0.0:
+            return np.zeros_like(moves_mm)
+        return np.broadcast_to(total / size, moves_mm.shape)
+    sizes = np.linalg.norm(moves_mm, axis=1)
+    seen = sizes > _LEAST_MOVE * sizes.max(initial=0.0)
+    units = moves_mm / np.where(seen, sizes, 1.0)[:, np.newaxis]
+    signs = np.where(covariate.signs < 0.0, -1.0, 1.0)
+    found: Floats = np.where(seen[:, np.newaxis], signs[:, np.newaxis] * units, 0.0)
+    return found
