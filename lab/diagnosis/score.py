@@ -1,0 +1,226 @@
+"""How good a diagnosis is, where the truth is known.
+
+The truth comes as plain values, from wherever effects were hidden. A name counts as
+right modulo its aliases: names that no poses of the campaign could ever tell apart.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from lab.diagnosis.diagnosis import Diagnosis, Status, Term, Verdict
+
+Identity = tuple[str, str | None, int | None, str | None, str | None]
+Value = float | tuple[float, ...]
+
+# An effect's signature lies within another's columns to this part: an alias.
+ALIAS = 0.9995
+# Of the largest component's: a component of less is no freedom. Vectors across an axis
+# have a small one along it where the true axis is not quite the designed one.
+_LEAST_STD = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class TrueTerm:
+    """What was hidden.
+
+    Attributes:
+        identity: Kind, joint, order, component of a runout, artefact; the kind of what
+            no name of the library fits is none of the arm file's.
+        sizes: Keys of the arm file that are estimated, with their true values.
+        aliases: Other names of the same thing.
+        in_library: Whether a name of the arm file fits at all.
+    """
+
+    identity: Identity
+    sizes: Mapping[str, Value]
+    aliases: frozenset[Identity] = frozenset()
+    in_library: bool = True
+
+    @property
+    def joint(self) -> str | None:
+        """Where it lives, or None for the whole arm."""
+        return self.identity[1]
+
+    @property
+    def names(self) -> frozenset[Identity]:
+        """Its name and all aliases."""
+        return self.aliases | {self.identity}
+
+    @property
+    def joints(self) -> frozenset[str | None]:
+        """Where it lives by any of its names."""
+        return frozenset(name[1] for name in self.names)
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """What a diagnosis made of what was hidden.
+
+    Attributes:
+        verdict: Of the diagnosis.
+        detected: It found anything.
+        n_terms: How many.
+        exact: The strongest term bears a name of a true one.
+        right_joint: The strongest term is at the joint of a true one.
+        in_set: A true name is among the strongest term's name and alternatives.
+        set_size: How many names the strongest term leaves, aliases counted as one.
+        single: It leaves one name.
+        unknown: Any term is unknown.
+        unknown_right_joint: An unknown term is at the joint of a true one.
+        confident_wrong: A term is called named, and its name is wrong.
+        n_matched: True terms whose names were found.
+        all_exact: Every true term found, and nothing else.
+        n_spurious: Terms beyond those that match.
+        deviations: Of estimated keys from the truth, in stated standard deviations,
+            where the name is exactly right.
+    """
+
+    verdict: Verdict
+    detected: bool
+    n_terms: int
+    exact: bool
+    right_joint: bool
+    in_set: bool
+    set_size: int
+    single: bool
+    unknown: bool
+    unknown_right_joint: bool
+    confident_wrong: bool
+    n_matched: int
+    all_exact: bool
+    n_spurious: int
+    deviations: tuple[float, ...]
+
+
+def scored(truths: tuple[TrueTerm, ...], diagnosis: Diagnosis) -> Score:
+    """Compare what was found with what was hidden.
+
+    Args:
+        truths: What was hidden; none on clean data.
+        diagnosis: What was found.
+    """
+    return scored_terms(truths, diagnosis.terms, diagnosis.verdict)
+
+
+def scored_terms(
+    truths: tuple[TrueTerm, ...], terms: tuple[Term, ...], verdict: Verdict
+) -> Score:
+    """Compare terms with what was hidden; see `scored`."""
+    first = max(terms, key=_strength, default=None)
+    names = frozenset().union(*(truth.names for truth in truths))
+    joints = frozenset().union(*(truth.joints for truth in truths))
+    matched = _matches(truths, terms)
+    n_matched = len(matched)
+    unknown = [term for term in terms if term.status == "unknown"]
+    wrong = [
+        term
+        for term in terms
+        if term.status == "named" and term.candidate.identity not in names
+    ]
+    return Score(
+        verdict=verdict,
+        detected=verdict != "clean",
+        n_terms=len(terms),
+        exact=first is not None and _is_one_of(first, names),
+        right_joint=first is not None and first.candidate.joint in joints,
+        in_set=first is not None and bool(_set_of(first) & names),
+        set_size=0 if first is None else _set_size(first, truths),
+        single=first is not None
+        and first.status != "unknown"
+        and _set_size(first, truths) == 1,
+        unknown=bool(unknown),
+        unknown_right_joint=any(term.candidate.joint in joints for term in unknown),
+        confident_wrong=bool(wrong),
+        n_matched=n_matched,
+        all_exact=n_matched == len(truths) == len(terms),
+        n_spurious=len(terms) - n_matched,
+        deviations=tuple(
+            deviation
+            for truth, term in matched
+            if term.candidate.identity == truth.identity
+            for deviation in deviations(truth, term)
+        ),
+    )
+
+
+def deviations(truth: TrueTerm, term: Term) -> tuple[float, ...]:
+    """Compute (estimated - true) / std of every number of a term."""
+    found: list[float] = []
+    for key, size in truth.sizes.items():
+        estimate = term.estimates.get(key)
+        if estimate is None:
+            continue
+        errors = np.atleast_1d(estimate.value) - np.atleast_1d(size)
+        if key == "phase_rad":
+            errors = np.angle(np.exp(1j * errors))
+        stds = np.atleast_1d(estimate.std)
+        free = stds > _LEAST_STD * np.max(stds, initial=0.0)
+        found += (errors[free] / stds[free]).tolist()
+    return tuple(found)
+
+
+def pooled_gap(gaps: list[tuple[float, float, float]]) -> float | None:
+    """Pool the part of the gap that was closed over many diagnoses.
+
+    Args:
+        gaps: Held-out mean squares before, after, and of the oracle: the model with
+            the true effects.
+
+    Returns:
+        sum(before - after) / sum(before - oracle), None where there was no gap.
+    """
+    closed = sum(before - after for before, after, _ in gaps)
+    possible = sum(before - oracle for before, _, oracle in gaps)
+    return closed / possible if possible > 0.0 else None
+
+
+def _strength(term: Term) -> float:
+    return term.log_bayes_factor
+
+
+def _has_name(status: Status) -> bool:
+    return status != "unknown"
+
+
+def _is_one_of(term: Term, names: frozenset[Identity]) -> bool:
+    return _has_name(term.status) and term.candidate.identity in names
+
+
+def _matches(
+    truths: tuple[TrueTerm, ...], terms: tuple[Term, ...]
+) -> list[tuple[TrueTerm, Term]]:
+    """Pair true terms with found ones, each once; exact names before aliases."""
+    pairs: list[tuple[TrueTerm, Term]] = []
+    left = list(terms)
+    missing = list(truths)
+    for exactly in (True, False):
+        for truth in tuple(missing):
+            names = frozenset({truth.identity}) if exactly else truth.names
+            found = next((term for term in left if _is_one_of(term, names)), None)
+            if found is not None:
+                pairs.append((truth, found))
+                left.remove(found)
+                missing.remove(truth)
+    return pairs
+
+
+def _set_of(term: Term) -> frozenset[Identity]:
+    """All names that a term leaves."""
+    others = (other.candidate.identity for other in term.alternatives)
+    return frozenset(others) | {term.candidate.identity}
+
+
+def _set_size(term: Term, truths: tuple[TrueTerm, ...]) -> int:
+    """Count the names that a term leaves, its aliases and the truth's as one."""
+    name = term.candidate.identity
+    others = {
+        other.candidate.identity for other in term.alternatives if not other.alias
+    } - {name}
+    for truth in truths:
+        if name in truth.names:
+            others -= truth.names
+        elif others & truth.names:
+            others = (others - truth.names) | {truth.identity}
+    return 1 + len(others)

@@ -1,0 +1,204 @@
+"""The score of a diagnosis, on findings made by hand."""
+
+import numpy as np
+import pytest
+
+from kinematics.arm_file import effect_from_table
+from lab.diagnosis.candidate import BankName, Candidate
+from lab.diagnosis.diagnosis import Alternative, Estimate, Term
+from lab.diagnosis.score import TrueTerm, deviations, pooled_gap, scored_terms
+
+J3_ECCENTRICITY = ("encoder_eccentricity", "J3", None, None, None)
+J3_RUNOUT = ("axis_runout", "J3", 2, "radial", None)
+J5_SCALE = ("encoder_scale", "J5", None, None, None)
+
+
+def candidate(identity):
+    kind, joint, order, component, artefact = identity
+    return Candidate(
+        bank=BankName.LIBRARY,
+        kind=kind,
+        joint=joint,
+        order=order,
+        component=component,
+        covariate=None,
+        artefact=artefact,
+        at_s=None,
+        parameters=("a",),
+        scales=(1.0,),
+        log_prior=0.0,
+    )
+
+
+def term(identity, status="named", alternatives=(), evidence=50.0, estimates=None):
+    others = tuple(
+        Alternative(candidate(other), evidence - 2.0, 0.9, alias)
+        for other, alias in alternatives
+    )
+    return Term(
+        status=status,
+        candidate=candidate(identity),
+        effect=effect_from_table(
+            {
+                "kind": "encoder_eccentricity",
+                "joint": "J3",
+                "cos_rad": 1e-5,
+                "sin_rad": 0.0,
+            }
+        ),
+        estimates=estimates or {},
+        log_bayes_factor=evidence,
+        log10_p=-20.0,
+        harmonic=None,
+        alternatives=others,
+        separate_by="",
+        accepted=True,
+    )
+
+
+def truth(identity, *aliases, sizes=None, in_library=True):
+    names = frozenset({identity, *aliases})
+    return TrueTerm(identity, sizes or {}, names, in_library)
+
+
+def test_right_name_alone_is_exact_and_single():
+    score = scored_terms((truth(J3_ECCENTRICITY),), (term(J3_ECCENTRICITY),), "named")
+    assert score.exact
+    assert score.right_joint
+    assert score.in_set
+    assert score.single
+    assert score.all_exact
+    assert not score.confident_wrong
+    assert score.n_spurious == 0
+
+
+def test_another_name_at_the_same_joint_is_wrong_but_near():
+    score = scored_terms((truth(J3_ECCENTRICITY),), (term(J3_RUNOUT),), "named")
+    assert not score.exact
+    assert score.right_joint
+    assert not score.in_set
+    assert score.confident_wrong
+    assert score.n_spurious == 1
+
+
+def test_an_alias_counts_as_the_name():
+    hidden = truth(J3_ECCENTRICITY, J3_RUNOUT)
+    score = scored_terms((hidden,), (term(J3_RUNOUT),), "named")
+    assert score.exact
+    assert score.all_exact
+    assert not score.confident_wrong
+
+
+def test_truth_among_the_alternatives_is_in_the_set():
+    found = term(J3_RUNOUT, "tentative", [(J3_ECCENTRICITY, False)])
+    score = scored_terms((truth(J3_ECCENTRICITY),), (found,), "tentative")
+    assert score.in_set
+    assert score.set_size == 2
+    assert not score.single
+    assert not score.confident_wrong
+
+
+def test_aliases_do_not_make_a_set_larger():
+    found = term(J3_ECCENTRICITY, alternatives=[(J3_RUNOUT, True)])
+    score = scored_terms((truth(J3_ECCENTRICITY),), (found,), "named")
+    assert score.set_size == 1
+    assert score.single
+
+
+def test_clean_says_nothing_was_found():
+    score = scored_terms((truth(J3_ECCENTRICITY),), (), "clean")
+    assert not score.detected
+    assert not score.exact
+    assert not score.in_set
+    assert score.n_terms == 0
+    assert not score.all_exact
+
+
+def test_clean_is_right_where_nothing_is_hidden():
+    assert scored_terms((), (), "clean").all_exact
+
+
+def test_a_name_for_nothing_is_spurious_and_wrong():
+    score = scored_terms((), (term(J5_SCALE),), "named")
+    assert score.detected
+    assert score.confident_wrong
+    assert score.n_spurious == 1
+
+
+def test_a_pair_needs_both_names_and_nothing_else():
+    hidden = (truth(J3_ECCENTRICITY), truth(J5_SCALE))
+    both = (term(J5_SCALE), term(J3_ECCENTRICITY))
+    assert scored_terms(hidden, both, "named").all_exact
+    one = scored_terms(hidden, both[:1], "named")
+    assert one.n_matched == 1
+    assert not one.all_exact
+    three = scored_terms(hidden, (*both, term(J3_RUNOUT)), "named")
+    assert three.n_matched == 2
+    assert three.n_spurious == 1
+    assert not three.all_exact
+
+
+def test_one_term_does_not_match_two_truths():
+    hidden = (truth(J3_ECCENTRICITY, J3_RUNOUT), truth(J3_RUNOUT, J3_ECCENTRICITY))
+    assert scored_terms(hidden, (term(J3_RUNOUT),), "named").n_matched == 1
+
+
+def test_the_strongest_term_is_the_one_that_is_judged():
+    found = (term(J5_SCALE, evidence=8.0), term(J3_ECCENTRICITY, evidence=80.0))
+    assert scored_terms((truth(J3_ECCENTRICITY),), found, "named").exact
+
+
+def test_an_unknown_at_the_right_joint_is_the_answer_outside_the_library():
+    hidden = truth(("bump", "J3", None, None, None), in_library=False)
+    found = term(("empirical", "J3", None, None, None), "unknown")
+    score = scored_terms((hidden,), (found,), "unknown")
+    assert score.unknown_right_joint
+    assert score.right_joint
+    assert not score.exact
+    assert not score.single
+    assert not score.confident_wrong
+
+
+def test_deviations_are_in_stated_standard_deviations():
+    estimates = {
+        "cos_rad": Estimate(3.0e-5, 1e-6, "rad"),
+        "sin_rad": Estimate(-1.0e-5, 2e-6, "rad"),
+    }
+    found = term(J3_ECCENTRICITY, estimates=estimates)
+    hidden = truth(J3_ECCENTRICITY, sizes={"cos_rad": 2.9e-5, "sin_rad": -1.6e-5})
+    assert deviations(hidden, found) == pytest.approx((1.0, 3.0))
+    score = scored_terms((hidden,), (found,), "named")
+    assert score.deviations == pytest.approx((1.0, 3.0))
+
+
+def test_no_parameters_are_compared_under_another_name():
+    estimates = {"cos_rad": Estimate(3.0e-5, 1e-6, "rad")}
+    hidden = truth(J3_ECCENTRICITY, J3_RUNOUT, sizes={"cos_rad": 0.0})
+    found = term(J3_RUNOUT, estimates=estimates)
+    assert scored_terms((hidden,), (found,), "named").deviations == ()
+
+
+def test_a_phase_is_compared_around_the_circle():
+    found = term(
+        ("probe_lobing", None, None, None, None),
+        estimates={"phase_rad": Estimate(3.1, 0.1, "rad")},
+    )
+    hidden = truth(("probe_lobing", None, None, None, None), sizes={"phase_rad": -3.1})
+    assert deviations(hidden, found) == pytest.approx(((6.2 - 2.0 * np.pi) / 0.1,))
+
+
+def test_components_that_are_no_freedoms_are_left_out():
+    estimates = {"cos_mm": Estimate((0.01, 0.02, 3e-5), (1e-3, 1e-3, 2e-6), "mm")}
+    found = term(J3_RUNOUT, estimates=estimates)
+    hidden = truth(J3_RUNOUT, sizes={"cos_mm": (0.01, 0.019, 0.0)})
+    assert deviations(hidden, found) == pytest.approx((0.0, 1.0))
+
+
+def test_gap_is_pooled_and_not_averaged():
+    # 9 of 10 and 0 of 0.1 closed: 9 / 10.1 together.
+    assert pooled_gap([(11.0, 2.0, 1.0), (1.1, 1.1, 1.0)]) == pytest.approx(9.0 / 10.1)
+
+
+def test_gap_without_a_gap_is_none():
+    assert pooled_gap([(1.0, 1.0, 1.0)]) is None
+    assert pooled_gap([]) is None
