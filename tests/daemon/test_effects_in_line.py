@@ -4,53 +4,28 @@ What the effects compute is proved with `kinematics.effects`; here the formulas 
 arm file's table are done by hand, on readings that the test itself makes.
 """
 
-import math
-from itertools import pairwise
-
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from daemon.pipeline import Pipeline
-from daemon.poses import PoseBlock
 from kinematics.effect_kinds import EFFECT_KINDS
 from kinematics.effects.block import Block
 from kinematics.effects.pose import corrected_pose
 from protocol.messages import Quality
-from tests.daemon.test_pipeline import ZEROS, probe_by_hand
-from tests.daemon.values import (
-    ARM,
-    MODULI,
-    UTC_OFFSET_NS,
-    SetClock,
-    arm_model,
-    count_samples,
-    latch,
+from tests.daemon.effect_entries import (
+    CONTACTS,
+    FIRST_UTC,
+    IDENTIFIED,
+    MASSES,
+    OF_POSTURE,
+    READINGS,
+    TEMPERATURE_C,
+    N,
+    counts_of,
+    effect,
 )
-
-CHANNEL_TURNS = (1048576, 8388608, 65536)
-N = 60
-TEMPERATURE_C = 27.5  # 7.5 above the reference
-# Of the first sample, at 10^12 ns monotonic; they are 10 ms apart.
-FIRST_UTC = "2023-11-14T22:30:00Z"
-assert UTC_OFFSET_NS + 10**12 == 1_700_001_000 * 10**9
-
-MASSES = ARM.replace('name = "J3"', 'name = "J3"\nmass_kg = 2.5')
-IDENTIFIED = '[identification]\ndate = "2023-11-14T22:30:00.3Z"\n'
-
-
-def counts_of(seed=5, n=N):
-    """Smooth motion of all joints, to and fro, on the board's three channels."""
-    rng = np.random.default_rng(seed)
-    times_s = np.arange(n)[:, np.newaxis] * 0.01
-    turns = 0.1 * np.sin(rng.uniform(5, 20, 3) * times_s + rng.uniform(0, 6, 3))
-    return np.rint(turns * CHANNEL_TURNS).astype(np.int64) % np.array(MODULI)
-
-
-def effect(kind, **keys):
-    lines = (f"{key} = {value}" for key, value in keys.items())
-    return "\n".join(["[[effects]]", f'kind = "{kind}"', *lines, ""])
+from tests.daemon.test_pipeline import probe_by_hand
+from tests.daemon.values import SetClock, arm_model, count_samples
 
 
 def posed(folder, *effects, temperature_c=TEMPERATURE_C, before=""):
@@ -69,37 +44,6 @@ def with_readings_off(poses, joint, d_alpha):
     readings[:, joint] -= d_alpha
     found = [probe_by_hand(row) for row in readings]
     return np.array([place for place, _ in found]), np.array([ijk for _, ijk in found])
-
-
-ANGLE = 'covariate = "J1_rad"'
-READINGS = {
-    "encoder_eccentricity": (
-        {"cos_rad": 3e-4, "sin_rad": -1e-4},
-        lambda a, _: 3e-4 * np.cos(a) - 1e-4 * np.sin(a),
-    ),
-    "encoder_harmonic": (
-        {"order": 3, "cos_rad": 3e-4, "sin_rad": -1e-4},
-        lambda a, _: 3e-4 * np.cos(3 * a) - 1e-4 * np.sin(3 * a),
-    ),
-    "encoder_scale": ({"scale_ppm": 200.0}, lambda a, _: 2e-4 * (a - ZEROS[1])),
-    "encoder_temperature": ({"rate_rad_c": 1e-4}, lambda a, _: 7.5e-4 + 0 * a),
-    "encoder_drift": (
-        {"rate_rad_s": 1e-3, "epoch_utc": FIRST_UTC},
-        lambda _, t: 1e-3 * np.minimum(t, 0.3),  # held beyond the campaign
-    ),
-    "count_slip": (
-        {"at_s": 0.25, "step_rad": 1e-3, "epoch_utc": FIRST_UTC},
-        lambda _, t: 1e-3 * (t > 0.245),
-    ),
-    "encoder_latency": (
-        {"latency_s": 2e-3},
-        lambda a, _: -2e-3 * np.diff(a, prepend=a[0]) / 0.01,
-    ),
-    "backlash": (
-        {"half_width_rad": 4e-4},
-        lambda a, _: 4e-4 * np.sign(np.diff(a, prepend=a[0])),
-    ),
-}
 
 
 @pytest.mark.parametrize("kind", READINGS)
@@ -166,26 +110,6 @@ def test_the_base_moves_with_the_time_in_utc(tmp_path):
     assert not Quality.from_bits(int(drifted.quality[-1])).ok
 
 
-OF_POSTURE = {
-    "joint_compliance": {"joint": '"J2"', "compliance_rad_nm": 1e-4},
-    "bearing_compliance": {"joint": '"J2"', "compliance_rad_nm": 1e-4},
-    "mount_compliance": {"compliance_rad_nm": 1e-4},
-    "axis_wobble": {
-        "joint": '"J2"',
-        "order": 2,
-        "cos_rad": [1e-4, 0.0, 0.0],
-        "sin_rad": [0.0, 0.0, 1e-4],
-    },
-    "axis_runout": {
-        "joint": '"J2"',
-        "component": '"axial"',
-        "order": 1,
-        "cos_mm": [0.0, 0.01, 0.0],
-        "sin_mm": [0.0, 0.01, 0.0],
-    },
-}
-
-
 @pytest.mark.parametrize("kind", OF_POSTURE)
 def test_corrections_of_the_posture_are_applied(tmp_path, kind):
     poses = posed(tmp_path, effect(kind, **OF_POSTURE[kind]))
@@ -197,13 +121,6 @@ def test_corrections_of_the_posture_are_applied(tmp_path, kind):
     assert poses.ijk.tobytes() == ijk.tobytes()
     assert np.abs(poses.xyz_mm - posed(tmp_path).xyz_mm).max() > 0.005
     assert not poses.quality.any()
-
-
-CONTACTS = {
-    "probe_radius": {"radius_error_mm": 0.1},
-    "probe_lobing": {"amplitude_mm": 0.1, "phase_rad": 0.0},
-    "stylus_bending": {"compliance_mm_n": 0.1},
-}
 
 
 @pytest.mark.parametrize("kind", CONTACTS)
@@ -253,73 +170,3 @@ def test_before_any_motion_it_is_unknown_and_flagged(tmp_path):
     pipeline = Pipeline(backlash, SetClock())
     poses = pipeline.poses(count_samples(still))
     assert [bool(bits) for bits in poses.quality] == [True] * 9 + [False] * (N - 9)
-
-
-def everything():
-    entries = [
-        effect(kind, joint='"J2"', **keys) for kind, (keys, _) in READINGS.items()
-    ]
-    entries += [effect(kind, **keys) for kind, keys in (OF_POSTURE | CONTACTS).items()]
-    curve = {"knots": [-1.0, 0.0, 1.0], "values_rad": [0.0, 1e-4, 0.0]}
-    entries += [
-        effect("thermal_expansion", expansion_per_c=2e-5),
-        effect("empirical", joint='"J3"', covariate='"J2_speed_rad_s"', **curve),
-    ]
-    return "".join(entries)
-
-
-@pytest.fixture(scope="module")
-def full_model(tmp_path_factory):
-    return arm_model(tmp_path_factory.mktemp("arm"), MASSES + IDENTIFIED + everything())
-
-
-@given(st.lists(st.integers(1, N - 1), max_size=6), st.integers(0, 1000))
-@settings(max_examples=40)
-def test_cutting_a_stream_into_blocks_changes_no_bit(full_model, cuts, seed):
-    counts = counts_of(seed)
-    samples = count_samples(counts)
-    whole = Pipeline(full_model, SetClock()).poses(samples, TEMPERATURE_C)
-    pipeline = Pipeline(full_model, SetClock())
-    parts = [
-        pipeline.poses(count_samples(counts[a:b], first=a), TEMPERATURE_C)
-        for a, b in pairwise(sorted({0, *cuts, N}))
-    ]
-    joined = PoseBlock.joined(parts)
-    for name in ("angles_rad", "xyz_mm", "ijk", "quality"):
-        assert getattr(joined, name).tobytes() == getattr(whole, name).tobytes()
-
-
-@pytest.mark.parametrize("row", [1, 30, N - 1])
-@pytest.mark.parametrize("late", [0, 1])
-def test_a_latch_is_corrected_like_a_sample_of_its_time(full_model, row, late):
-    counts = counts_of()
-    whole = Pipeline(full_model, SetClock()).poses(count_samples(counts), TEMPERATURE_C)
-    pipeline = Pipeline(full_model, SetClock())
-    pipeline.poses(count_samples(counts[: row + late]), TEMPERATURE_C)
-    time_ns = int(whole.sample_time_ns[row])
-    edge = latch(tuple(counts[row].tolist()), now_ns=time_ns + 400_000)
-    assert edge.sample_time_ns == time_ns
-    pose = pipeline.latched_pose(edge, TEMPERATURE_C)
-    assert pose.xyz_mm.tobytes() == whole.xyz_mm[row].tobytes()
-    assert pose.ijk.tobytes() == whole.ijk[row].tobytes()
-    assert pose.quality == whole.quality[row]
-
-
-def test_a_restart_forgets_the_motion_and_a_new_model_replaces_all_effects(tmp_path):
-    model = arm_model(tmp_path, MASSES + effect("encoder_latency", latency_s=2e-3))
-    pipeline = Pipeline(model, SetClock())
-    counts = counts_of()
-    pipeline.poses(count_samples(counts[:20]))
-    pipeline.restart()
-    after = pipeline.poses(count_samples(counts[20:40], first=20))
-    assert [flags(after, row) for row in (0, 1)] == [("motion_unknown",), ()]
-    grown = arm_model(tmp_path, MASSES + effect("thermal_expansion", expansion_per_c=1))
-    pipeline.use_model(grown)
-    poses = pipeline.poses(count_samples(counts[40:], first=40), 21.0)
-    alone = Pipeline(grown, SetClock()).poses(
-        count_samples(counts[40:], first=40), 21.0
-    )
-    assert poses.xyz_mm.tobytes() == alone.xyz_mm.tobytes()
-    assert not poses.quality.any()
-    place, _ = probe_by_hand(poses.angles_rad[-1])
-    assert math.dist(poses.xyz_mm[-1], place) > 100.0

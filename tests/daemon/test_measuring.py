@@ -26,7 +26,14 @@ from drivers.values import (
 )
 from protocol.encoding import decode, encode
 from protocol.messages import BrokerHealth, Health
-from tests.daemon.values import MODULI, SetClock, arm_model, count_samples, latch
+from tests.daemon.values import (
+    ARM,
+    MODULI,
+    SetClock,
+    arm_model,
+    count_samples,
+    latch,
+)
 
 BOARD = Identity("latch board 07", "1.2.3", MODULI, 2, 10_000.0)
 OTHER_BOARD = Identity("latch board 08", "1.2.3", MODULI[:1], 2, 10_000.0)
@@ -217,6 +224,52 @@ async def test_alarms_are_raised_and_cleared_with_their_channel(bench):
         ("alarm.1", "base/1", False),
     ]
     assert "350" in bench.events[0].text
+
+
+WARM = """
+[[effects]]
+kind = "thermal_expansion"
+expansion_per_c = 1e-5
+"""
+
+
+async def test_effects_without_a_temperature_are_told_once_it_should_have_come(
+    tmp_path,
+):
+    bench = Bench(arm_model(tmp_path, ARM + WARM))
+    bench.take(DeviceUp("base", BOARD, False), count_samples(np.zeros((3, 3))))
+    bench.take(latch((5, 6, 7)))
+    assert bench.points[0].quality.flags == ("temperature_unknown",)
+    assert "device.temperature_unknown" not in bench.codes()
+    bench.clock.now_ns += 5 * 10**9
+    for first in (500, 503):
+        bench.take(count_samples(np.zeros((3, 3)), first=first))
+    bench.take(DeviceTemperatures("base", (None, 21.5)), latch((5, 6, 7), token=1))
+    assert bench.points[1].quality.ok
+    bench.take(DeviceTemperatures("base", (None, None)))
+    told = [e for e in bench.events if e.code == "device.temperature_unknown"]
+    assert [event.active for event in told] == [True, False, True]
+    assert "20 C is taken" in told[0].text
+    assert "sensor" in told[0].remedy
+    bench.device.driver.close()
+
+
+async def test_a_device_that_comes_back_tells_its_temperature_anew(bench):
+    bench.take(
+        DeviceUp("base", BOARD, False),
+        DeviceTemperatures("base", (21.5,)),
+        DeviceLost("base", "unplugged", "plug it in"),
+        DeviceUp("base", BOARD, False),
+        latch((5, 6, 7)),
+    )
+    assert bench.points[0].temperature_c is None
+
+
+async def test_without_effects_nobody_misses_the_temperature(bench):
+    bench.take(DeviceUp("base", BOARD, False))
+    bench.clock.now_ns += 60 * 10**9
+    bench.take(count_samples(np.zeros((3, 3))), DeviceTemperatures("base", ()))
+    assert bench.codes() == []
 
 
 async def test_health_tells_figures_and_takes_them_anew_each_time(bench):

@@ -34,7 +34,7 @@ class Bench:
         clock = HostClock()
         self.board = board
         self.room = True
-        self.points, self.scans, self.events = [], [], []
+        self.points, self.scans, self.events, self.live = [], [], [], []
         section = DeviceSection(id="base", driver="latch-board", port=str(board.link))
         self.device = open_device(section, asyncio.get_running_loop())
         capture = Capture(clock, self.offer)
@@ -48,7 +48,7 @@ class Bench:
             live=LiveView(clock, 20.0),
             events=EventLog(clock, self.events.append),
             health=HealthReport(clock),
-            offer_live=lambda live: None,
+            offer_live=self.live.append,
             status_changed=lambda: None,
         )
         self.requests = Requests(
