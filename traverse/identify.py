@@ -168,6 +168,7 @@ class _Progress:
         shortened = "" if iteration.fraction == 1.0 else f" x {iteration.fraction:.3g}"
         typer.echo(
             f"iteration {self._n_told:3d}: misfit {misfit:.4g} sigma, "
+            f"{iteration.rms_mm:.4g} mm rms, "
             f"step {iteration.step:.3g} sigma{shortened}, "
             f"{iteration.n_determined} directions determined",
             err=True,

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.identification.datum import scale_direction
+from lab.identification.misfit import rms_mm
 from lab.identification.network import Network, State, has_length
 from lab.identification.parameters import ArmValues
 from lab.identification.rank import Split, split
@@ -46,6 +47,7 @@ class Iteration:
     Attributes:
         number: From 1.
         sum_of_squares: Weighted, before the step.
+        rms_mm: Root mean square of all scalar misclosures, before the step.
         step: Length of the whitened step, in standard deviations.
         fraction: Of the step that was taken.
         n_determined: Directions of the arm's parameters that count.
@@ -53,6 +55,7 @@ class Iteration:
 
     number: int
     sum_of_squares: float
+    rms_mm: float
     step: float
     fraction: float
     n_determined: int
@@ -115,6 +118,7 @@ def adjust(
     converged = False
     while not converged and len(iterations) < most_iterations:
         number = len(iterations) + 1
+        misfit_mm = rms_mm(network, state)
         parts = _split(network, state, system, n_determined)
         to_design = parameters.coordinates(design, state.arm)[parameters.free]
         step, held = parts.step(to_design)
@@ -126,7 +130,7 @@ def adjust(
         if size < _NEAR or number >= _RANK_SETTLES_AT:
             n_determined = parts.n_determined
         found = Iteration(
-            number, system.sum_of_squares, size, fraction, parts.n_determined
+            number, system.sum_of_squares, misfit_mm, size, fraction, parts.n_determined
         )
         iterations.append(found)
         if progress is not None:

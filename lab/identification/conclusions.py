@@ -9,7 +9,8 @@ from kinematics.arm_file import Arm, Probe
 from lab.identification.adjustment import Adjustment
 from lab.identification.artefacts.artefact import Length
 from lab.identification.distributions import chi_square_p_value
-from lab.identification.network import Network, State, Station, misclosures_mm
+from lab.identification.misfit import rms_mm
+from lab.identification.network import Station
 from lab.identification.parameters import ArmValues
 from lab.identification.pose_statistics import PoseStatistics
 from lab.identification.result import (
@@ -19,6 +20,17 @@ from lab.identification.result import (
     GlobalTest,
     ParameterEstimate,
 )
+
+__all__ = [
+    "artefact_results",
+    "cartesian_covariance",
+    "condition_number",
+    "global_test",
+    "identified_arm",
+    "parameter_estimates",
+    "rms_mm",
+    "variance_factor",
+]
 
 Floats = NDArray[np.float64]
 
@@ -172,16 +184,6 @@ def condition_number(adjustment: Adjustment) -> float:
     sizes = np.linalg.norm(columns, axis=0)
     values = np.linalg.svd(columns / np.where(sizes > 0.0, sizes, 1.0))[1]
     return float(values[0] / values[adjustment.split.n_determined - 1])
-
-
-def rms_mm(network: Network, state: State) -> float:
-    """Compute the root mean square of all scalar misclosures of a state."""
-    total, n_rows = 0.0, 0
-    for station, unknowns in zip(network.stations, state.unknowns, strict=True):
-        found_mm = misclosures_mm(network, station, state.arm, unknowns)
-        total += float(np.sum(found_mm**2))
-        n_rows += found_mm.size
-    return float(np.sqrt(total / max(n_rows, 1)))
 
 
 def _artefact_result(

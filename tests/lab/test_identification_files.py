@@ -143,6 +143,8 @@ def test_iterations_are_told_as_they_happen():
     assert tuple(told) == result.iterations
     assert told[0].number == 1
     assert told[-1].step < 1e-6
+    assert told[0].rms_mm == pytest.approx(result.rms_before_mm, rel=1e-9)
+    assert told[-1].rms_mm == pytest.approx(result.rms_after_mm, rel=1e-3)
 
 
 def test_an_own_certificate_is_left_out_of_what_the_arm_measures():

@@ -155,6 +155,7 @@ def test_a_terminal_sees_a_line_for_every_iteration(identified: Path) -> None:
     assert len(told) == json.loads(ran.stdout)["iterations"]
     assert told[0].startswith("iteration   1: misfit ")
     assert all("sigma" in line and "directions determined" in line for line in told)
+    assert all(" mm rms, " in line for line in told)
 
 
 def test_undetermined_scale_is_a_warning_unless_strict(lengthless: Path) -> None:
