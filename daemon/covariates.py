@@ -57,7 +57,7 @@ class Covariates:
         times_ns: NDArray[np.int64],
         angles_rad: Floats,
         temperature_c: float | None,
-        are_valid: NDArray[np.bool_],
+        quality: Bits,
     ) -> tuple[Block, Bits]:
         """Continue the stream by a block.
 
@@ -65,18 +65,23 @@ class Covariates:
             times_ns: host monotonic times, (n_samples,).
             angles_rad: readings, (n_samples, n_joints).
             temperature_c: of the arm; None where no sensor tells it.
-            are_valid: whether all readings of a sample are, (n_samples,).
+            quality: bits of what there is to say so far, (n_samples,).
 
         Returns:
-            The block, and bits of what it lacks, (n_samples,).
+            The block, and `quality` with what it lacks.
         """
         motion = None
         if self._wants_motion:
+            are_valid = (quality & QualityFlag.ENCODER_ERROR) == 0
             motion = self._trail.follow(times_ns, angles_rad, are_valid)
-        return self._block(times_ns, angles_rad, temperature_c, motion)
+        return self._block(times_ns, angles_rad, temperature_c, quality, motion)
 
     def latched(
-        self, time_ns: int, angles_rad: Floats, temperature_c: float | None
+        self,
+        time_ns: int,
+        angles_rad: Floats,
+        temperature_c: float | None,
+        quality: Bits,
     ) -> tuple[Block, Bits]:
         """One latch beside the stream, which it leaves where it is.
 
@@ -84,36 +89,39 @@ class Covariates:
             time_ns: host monotonic time.
             angles_rad: readings, (n_joints,).
             temperature_c: as for `block`.
+            quality: as for `block`, (1,).
 
         Returns:
-            As for `block`, with one sample.
+            As for `block`.
         """
         motion = None
         if self._wants_motion:
             motion = self._trail.beside(time_ns, angles_rad)
         times_ns = np.array([time_ns], dtype=np.int64)
-        return self._block(times_ns, angles_rad[np.newaxis], temperature_c, motion)
+        return self._block(
+            times_ns, angles_rad[np.newaxis], temperature_c, quality, motion
+        )
 
     def _block(
         self,
         times_ns: NDArray[np.int64],
         angles_rad: Floats,
         temperature_c: float | None,
+        quality: Bits,
         motion: Motion | None,
     ) -> tuple[Block, Bits]:
         n = len(angles_rad)
-        lacks = np.zeros(n, dtype=np.uint32)
         temperatures_c = None
         if self._wants_temperature:
             known_c = self._reference_c if temperature_c is None else temperature_c
             temperatures_c = np.full(n, known_c)
             if temperature_c is None:
-                lacks |= np.uint32(QualityFlag.TEMPERATURE_UNKNOWN)
+                quality = quality | np.uint32(QualityFlag.TEMPERATURE_UNKNOWN)
         if motion is not None:
             is_unknown = (motion.approaches[:, self._approaching] == 0.0).any(axis=1)
             if self._wants_speed:
                 is_unknown |= ~motion.are_speeds_known
-            lacks[is_unknown] |= np.uint32(QualityFlag.MOTION_UNKNOWN)
+            quality = quality | is_unknown * np.uint32(QualityFlag.MOTION_UNKNOWN)
         block = Block(
             angles_rad=angles_rad,
             speeds_rad_s=None if motion is None else motion.speeds_rad_s,
@@ -121,4 +129,4 @@ class Covariates:
             temperature_c=temperatures_c,
             utc_ns=times_ns + self._clock.utc_offset_ns() if self._wants_utc else None,
         )
-        return block, lacks
+        return block, quality

@@ -81,10 +81,9 @@ class Pipeline:
         counts = self._unwrapper.unwrap(samples.counts[:, model.channels])
         angles_rad = counts_to_angles(model.encoders, counts)
         quality = _quality(samples.status[:, model.channels])
-        are_valid = (quality & QualityFlag.ENCODER_ERROR) == 0
-        xyz_mm, ijk, said = self._corrected(
+        xyz_mm, ijk, quality = self._corrected(
             *self._covariates.block(
-                samples.sample_time_ns, angles_rad, temperature_c, are_valid
+                samples.sample_time_ns, angles_rad, temperature_c, quality
             )
         )
         return PoseBlock(
@@ -97,7 +96,7 @@ class Pipeline:
             angles_rad,
             xyz_mm,
             ijk,
-            quality | said,
+            quality,
         )
 
     def latched_pose(
@@ -109,8 +108,10 @@ class Pipeline:
         counts = self._unwrapper.near(latched)
         status = np.array([latch.status], dtype=np.uint8)[:, model.channels]
         angles_rad = counts_to_angles(model.encoders, counts[np.newaxis])[0]
-        xyz_mm, ijk, said = self._corrected(
-            *self._covariates.latched(latch.sample_time_ns, angles_rad, temperature_c)
+        xyz_mm, ijk, quality = self._corrected(
+            *self._covariates.latched(
+                latch.sample_time_ns, angles_rad, temperature_c, _quality(status)
+            )
         )
         return LatchedPose(
             latch.sample_time_ns,
@@ -118,18 +119,18 @@ class Pipeline:
             angles_rad,
             xyz_mm[0],
             ijk[0],
-            int((said | _quality(status))[0]),
+            int(quality[0]),
         )
 
     def _corrected(
-        self, block: Block, lacks: Bits
+        self, block: Block, quality: Bits
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], Bits]:
         """Poses with the arm's effects, and what to say about each."""
         model = self.model
         xyz_mm, ijk, flags = corrected_pose(model.geometry, model.effects, block)
         if model.effects.corrections:
-            lacks = lacks | _quality_of_pose(flags)
-        return xyz_mm, ijk, lacks
+            quality = quality | _quality_of_pose(flags)
+        return xyz_mm, ijk, quality
 
 
 def _quality_of_pose(flags: PoseFlags) -> Bits:

@@ -71,15 +71,15 @@ async def test_an_effect_that_cannot_be_applied_stops_the_start(
     alone: Workbench,
 ) -> None:
     effect = (
-        '[[effects]]\nkind = "encoder_eccentricity"\njoint = "J3"\n'
-        "cos_rad = 3.1e-5\nsin_rad = -1.2e-5\n"
+        '[[effects]]\nkind = "empirical"\njoint = "J3"\ncovariate = "time_s"\n'
+        "knots = [0.0, 60.0]\nvalues_rad = [0.0, 1e-5]\n"
     )
     text = alone.arm_file.read_text("utf-8")
     alone.arm_file.write_text(f"{text}\n{effect}", "utf-8")
     with alone.daemon() as daemon:
         assert await daemon.ended() == REFUSED
         assert "effects[0]" in daemon.log
-        assert "encoder_eccentricity" in daemon.log
+        assert "J3.empirical.time_s" in daemon.log
 
 
 async def test_a_missing_configuration_is_refused(tmp_path: Path) -> None:
