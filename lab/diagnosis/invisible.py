@@ -30,9 +30,9 @@ def reason(rows: Rows, candidate: Candidate, moved: float) -> str:
     if candidate.kind == "artefact_length":
         return "nothing else tells how long a millimetre is: it equals the arm's scale"
     if joint is not None:
-        if candidate.kind == "joint_compliance" and _is_vertical(rows, joint):
+        if candidate.kind == "joint_compliance" and is_vertical(rows, joint):
             return f"{joint} is vertical: gravity does not twist it"
-        if _acts_on_angle(candidate.kind) and _probe_is_on_axis(rows, joint):
+        if _acts_on_angle(candidate.kind) and probe_is_on_axis(rows, joint):
             return f"the probe lies on the axis of {joint}: its angle moves nothing"
     if moved > LEAST_SINGULAR_VALUE:
         return _absorbed(candidate)
@@ -57,7 +57,7 @@ def _acts_on_angle(kind: str) -> bool:
     )
 
 
-def _is_vertical(rows: Rows, joint: str) -> bool:
+def is_vertical(rows: Rows, joint: str) -> bool:
     """Say whether a joint's axis stays along gravity."""
     campaign = rows.adjustment.network.campaign
     # The arm's own gravity is not part of a fit; without an override it is usual.
@@ -68,7 +68,7 @@ def _is_vertical(rows: Rows, joint: str) -> bool:
     return at == 0 and bool(across < _VERTICAL)
 
 
-def _probe_is_on_axis(rows: Rows, joint: str) -> bool:
+def probe_is_on_axis(rows: Rows, joint: str) -> bool:
     """Say whether a turn of a joint moves the probe in no pose."""
     campaign = rows.adjustment.network.campaign
     geometry = rows.adjustment.state.arm.geometry

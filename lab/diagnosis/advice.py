@@ -1,0 +1,184 @@
+"""Which experiment would tell a finding from what else it may be, in words."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.arm_file import Arm
+from lab.campaign import Campaign
+from lab.diagnosis.aliases import KnownPair, is_alias, known_pair
+from lab.diagnosis.candidate import Candidate
+from lab.diagnosis.diagnosis import Alternative
+from lab.diagnosis.discrimination import Experiment, experiment
+from lab.diagnosis.naming import Naming
+from lab.diagnosis.rows import Rows
+
+Floats = NDArray[np.float64]
+
+# Evidence that takes a name out of the printed set, as natural logarithm.
+_SETTLED = float(np.log(100.0))
+# Of the normal distribution: 90 % of the experiments bring that evidence.
+_SURE = 1.28
+_MOST_POSES = 40
+# Correlation above which a pair of the table that is one by structure is one here.
+_NEARLY_ALIAS = 0.99
+# These depend on when, how warm or how fast, rather than on where.
+_NOT_OF_POSES = (
+    "encoder_drift",
+    "encoder_temperature",
+    "thermal_expansion",
+    "base_drift",
+    "base_step",
+    "count_slip",
+    "encoder_latency",
+    "backlash",
+    "artefact_length",
+)
+
+
+def separate_by(naming: Naming, rows: Rows, arm: Arm) -> str:
+    """Say which experiment separates a finding from its alternatives.
+
+    Args:
+        naming: The finding and its alternatives, the best first.
+        rows: Of the fit with all terms.
+        arm: Of that fit.
+
+    Returns:
+        Empty where there are no alternatives.
+    """
+    own = naming.own
+    amplitudes, _ = own.found.amplitudes(own.residuals)
+    told = []
+    for other in _worth_telling(naming.alternatives):
+        known = known_pair(own.candidate, other.candidate, rows)
+        if _is_structural(other, known):
+            told.append(_alias_in_words(own.candidate, other.candidate, known))
+            continue
+        ahead = own.score - other.log_bayes_factor - other.candidate.log_prior
+        found = None
+        if other.candidate.kind not in _NOT_OF_POSES or (
+            own.candidate.kind not in _NOT_OF_POSES
+        ):
+            found = experiment(
+                (own.candidate, other.candidate),
+                amplitudes,
+                rows,
+                arm,
+                index=naming.added.index,
+                gain=gain_needed(ahead),
+                n_most=_MOST_POSES,
+            )
+        told.append(_pair_in_words(own.candidate, other.candidate, known, found, rows))
+    return " ".join(told)
+
+
+def gain_needed(ahead: float) -> float:
+    """Say by how much the separation must grow to take a name out of the set.
+
+    A separation of Delta brings the evidence Delta / 2 on average, with the standard
+    deviation sqrt(Delta).
+
+    Args:
+        ahead: Evidence by which the finding leads already, natural logarithm.
+    """
+    lacking = max(_SETTLED - ahead, 1.0)
+    return float((_SURE + np.sqrt(_SURE**2 + 2.0 * lacking)) ** 2)
+
+
+def where_in_words(poses_rad: Floats, campaign: Campaign, joints: Sequence[str]) -> str:
+    """Say where chosen poses lie, compared with those that were measured.
+
+    Args:
+        poses_rad: Readings of the chosen poses, (n_poses, n_joints).
+        campaign: What was measured.
+        joints: Those that matter first.
+    """
+    names = list(campaign.joint_names)
+    order = [names.index(joint) for joint in joints]
+    order += [at for at in range(len(names)) if at not in order]
+    measured_rad = campaign.poses.angles_rad
+    for at in order:
+        low, high = np.quantile(measured_rad[:, at], (0.2, 0.8))
+        below = float(np.mean(poses_rad[:, at] < low))
+        above = float(np.mean(poses_rad[:, at] > high))
+        if max(below, above) > 0.6:
+            return (
+                f"with {names[at]} above {high:.1f} rad"
+                if above > below
+                else f"with {names[at]} below {low:.1f} rad"
+            )
+        if below + above > 0.75:
+            return (
+                f"with {names[at]} near the ends of its travel, below {low:.1f} rad "
+                f"and above {high:.1f} rad"
+            )
+    return "in postures all over the travelled ranges"
+
+
+def _worth_telling(alternatives: Sequence[Alternative]) -> list[Alternative]:
+    """Take the first alternative, and the first one that is no alias."""
+    told = list(alternatives[:1])
+    if told and is_alias(told[0].correlation):
+        told += [one for one in alternatives[1:] if not is_alias(one.correlation)][:1]
+    return told
+
+
+def _is_structural(other: Alternative, known: KnownPair | None) -> bool:
+    if known is not None and known.is_structural:
+        return other.correlation >= _NEARLY_ALIAS
+    return known is None and is_alias(other.correlation)
+
+
+def _alias_in_words(own: Candidate, other: Candidate, known: KnownPair | None) -> str:
+    why = "they do the same to every pose of this kind"
+    remedy = "use another stylus, payload, base attitude or sensor"
+    if known is not None:
+        why, remedy = known.why, known.experiment
+    return (
+        f"{own.name} and {other.name} are aliases by structure: {why}. No further "
+        f"poses of this kind tell them apart; {remedy}."
+    )
+
+
+def _pair_in_words(
+    own: Candidate,
+    other: Candidate,
+    known: KnownPair | None,
+    found: Experiment | None,
+    rows: Rows,
+) -> str:
+    """Say a number of poses where few are enough, else the known experiment."""
+    beginning = f"To tell {own.name} from {other.name}: "
+    poses = "" if found is None else _poses_in_words(own, other, found, rows)
+    if poses and known is not None:
+        return f"{beginning}{poses}; or {known.experiment}."
+    if poses:
+        return f"{beginning}{poses}."
+    if known is not None:
+        return f"{beginning}{known.experiment} ({known.why})."
+    return (
+        f"{beginning}no {_MOST_POSES} further poses within the travelled ranges do; "
+        "turn the joints through wider ranges, or change the stylus or the payload."
+    )
+
+
+def _poses_in_words(
+    own: Candidate, other: Candidate, found: Experiment, rows: Rows
+) -> str:
+    n = len(found.poses)
+    if n == 0 or n >= _MOST_POSES:
+        return ""
+    campaign = rows.adjustment.network.campaign
+    joints = dict.fromkeys(one.joint for one in (own, other) if one.joint is not None)
+    where = where_in_words(found.poses.angles_rad, campaign, tuple(joints))
+    touched = np.bincount(found.poses.artefacts, minlength=len(campaign.artefacts))
+    best = int(np.argmax(touched))
+    at = campaign.artefacts[best].id
+    chance = 100.0 * float(found.chances[-1])
+    return (
+        f"{n} more pose{'s' if n > 1 else ''} {where}, "
+        f"{'' if touched[best] == n else 'mostly '}at {at}, bring the chance of a "
+        f"wrong name to {max(chance, 0.1):.1f} %"
+    )

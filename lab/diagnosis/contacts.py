@@ -1,0 +1,124 @@
+"""Further contacts that a campaign could have: random postures on its artefacts."""
+
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.derivatives import probe_derivatives
+from kinematics.forward import probe_centre
+from kinematics.geometry import Geometry
+from lab.campaign import Poses
+from lab.diagnosis.rows import Rows, rows_of
+from lab.identification.adjustment import Adjustment, adjust
+from lab.identification.network import State, Station, stations
+
+Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
+
+_STEPS = 15
+_REACHED_MM = 1e-3
+
+
+def further_contacts(adjustment: Adjustment, n_tries: int, seed: int) -> Poses:
+    """Draw postures within the travelled ranges that touch the fit's artefacts.
+
+    What else a pose says (time, temperature, motion, force) is taken from a random
+    pose of the same artefact; the direction of a surface is its normal.
+
+    Args:
+        adjustment: The fit: where artefacts stand, which poses took part.
+        n_tries: Of every artefact; those that do not reach it fall away.
+        seed: Of the postures.
+    """
+    rng = np.random.default_rng(seed)
+    found = [
+        _contacts(adjustment, at, n_tries, rng)
+        for at in range(len(adjustment.network.stations))
+    ]
+    return joined_poses(found, adjustment.network.campaign.poses)
+
+
+def joined_poses(parts: list[Poses], like: Poses) -> Poses:
+    """Put poses one after the other, with the columns that `like` has."""
+    columns: dict[str, Any] = {
+        field.name: np.concatenate([getattr(part, field.name) for part in parts])
+        for field in fields(Poses)
+        if getattr(like, field.name) is not None
+    }
+    return Poses(**columns)
+
+
+def extended_rows(adjustment: Adjustment, further: Poses) -> Rows:
+    """Set up the rows of a fit, where it is, as if further poses had taken part.
+
+    The campaign's own poses come first.
+    """
+    network = adjustment.network
+    n_own = len(network.campaign.poses)
+    poses = joined_poses([network.campaign.poses, further], network.campaign.poses)
+    campaign = replace(network.campaign, poses=poses)
+    included = np.zeros(len(poses), dtype=np.bool_)
+    included[n_own:] = True
+    for station in network.stations:
+        included[station.poses] = True
+    radius_mm = network.stations[0].touches.radius_mm
+    everyone = stations(campaign, radius_mm, included)
+    weights = np.ones(len(poses))
+    wider = replace(network, campaign=campaign, stations=everyone, weights=weights)
+    n_corrected = network.parameters.n_joints + 3
+    nothing = tuple(np.zeros((len(s.poses), n_corrected)) for s in everyone)
+    state = State(adjustment.state.arm, adjustment.state.unknowns, nothing)
+    return rows_of(adjust(wider, state, state.arm, None, 0))
+
+
+def _contacts(
+    adjustment: Adjustment, at: int, n_tries: int, rng: np.random.Generator
+) -> Poses:
+    network, state = adjustment.network, adjustment.state
+    station, geometry = network.stations[at], state.arm.geometry
+    taken = np.concatenate([one.poses for one in network.stations])
+    travelled_rad = network.campaign.poses.angles_rad[taken]
+    least_rad, largest_rad = travelled_rad.min(axis=0), travelled_rad.max(axis=0)
+    like = rng.integers(len(station.poses), size=n_tries)
+    part = station.part(like)
+    tries_rad = rng.uniform(least_rad, largest_rad, (n_tries, len(least_rad)))
+    angles_rad = _reached(part, geometry, state.unknowns[at], tries_rad)
+    centres_mm = probe_centre(geometry, angles_rad)
+    equations = part.artefact.equations(state.unknowns[at], centres_mm, part.touches)
+    misses_mm = np.max(np.abs(equations.misclosures_mm), axis=1)
+    good = misses_mm < _REACHED_MM
+    good &= np.all((angles_rad >= least_rad) & (angles_rad <= largest_rad), axis=1)
+    poses = network.campaign.poses.part(part.poses)
+    poses = replace(poses, angles_rad=angles_rad)
+    if poses.directions is not None and part.artefact.rows_per_pose == 1:
+        normals = equations.by_centre[:, 0]
+        before = station.artefact.equations(
+            state.unknowns[at],
+            probe_centre(geometry, network.campaign.poses.angles_rad[station.poses]),
+            station.touches,
+        ).by_centre[like, 0]
+        along = np.sum(before * poses.directions, axis=1, keepdims=True)
+        poses = replace(poses, directions=np.sign(along) * normals)
+    return poses.part(good)
+
+
+def _reached(
+    station: Station, geometry: Geometry, unknowns: Floats, tries_rad: Floats
+) -> Floats:
+    """Turn the joints by least steps until the ball touches, (n, n_joints)."""
+    angles_rad = tries_rad
+    for _ in range(_STEPS):
+        derivatives = probe_derivatives(geometry, angles_rad)
+        equations = station.artefact.equations(
+            unknowns, derivatives.centres_mm, station.touches
+        )
+        slopes = equations.by_centre @ derivatives.by_angles
+        square = slopes @ slopes.swapaxes(1, 2)
+        # A hundredth of the reach keeps steps bounded where the arm is stretched.
+        square = square + 100.0 * np.eye(square.shape[1])
+        solved = np.linalg.solve(square, equations.misclosures_mm[:, :, np.newaxis])
+        step = -(slopes.swapaxes(1, 2) @ solved)[:, :, 0]
+        angles_rad = angles_rad + np.clip(step, -0.5, 0.5)
+    return angles_rad
