@@ -18,7 +18,8 @@ from simulator.campaigns import CampaignSpec, simulate_campaign
 
 Floats = NDArray[np.float64]
 
-# As derived for an arm of seven joints beforehand, by another program.
+# As derived beforehand, by another program, for an arm and places that are not known:
+# the pattern is to be compared, not the figures.
 EXPECTED = {
     "full": (17.0, 22.0, 31.0),
     "wide": (28.0, 72.0, 683.0),

@@ -1,9 +1,9 @@
 """Which poses would help most next (A-optimality).
 
 Candidates are random postures that touch the campaign's artefacts where they are,
-found by the condition equations themselves: minimum-norm steps of the joints until
-w = 0. Of these, greedily, the ones that lower the mean variance of the probe over
-the travelled volume most.
+within the travel that the campaign itself has shown, found by the condition equations
+themselves: minimum-norm steps of the joints until w = 0. Of these, greedily, the ones
+that lower the mean variance of the probe over the travelled volume most.
 """
 
 from dataclasses import dataclass
@@ -15,6 +15,8 @@ from kinematics.derivatives import probe_derivatives
 from kinematics.forward import probe_centre
 from lab.identification.adjustment import Adjustment
 from lab.identification.artefacts.artefact import Touches
+from lab.identification.coverage import joint_coverage
+from lab.identification.network import Network
 from lab.identification.probe_effect import posture_columns
 from lab.identification.whitening import whiteners
 
@@ -111,12 +113,24 @@ def _joint_covariance(adjustment: Adjustment) -> Floats:
     return covariance
 
 
+def _travel(network: Network) -> tuple[Floats, Floats]:
+    """Say from where to where joints may turn, (n_joints,) each.
+
+    Nobody told their stops: where they have been they can go again. Only joints that
+    hardly turned are asked for more.
+    """
+    poses = np.concatenate([station.poses for station in network.stations])
+    coverage = joint_coverage(network.campaign, poses)
+    wider = np.array([_WIDER_RAD if joint.hardly_turned else 0.0 for joint in coverage])
+    least = np.array([joint.least_rad for joint in coverage])
+    largest = np.array([joint.largest_rad for joint in coverage])
+    return least - wider, largest + wider
+
+
 def _candidates(adjustment: Adjustment) -> list[_Candidate]:
     network = adjustment.network
     rng = np.random.default_rng(_SEED)
-    angles_rad = network.campaign.poses.angles_rad
-    least = angles_rad.min(axis=0) - _WIDER_RAD
-    largest = angles_rad.max(axis=0) + _WIDER_RAD
+    least, largest = _travel(network)
     chosen = network.stations[:_MOST_ARTEFACTS]
     widths = [len(station.scales) for station in chosen]
     n_free = network.parameters.n_free

@@ -10,6 +10,8 @@ from lab.campaign import Campaign
 Floats = NDArray[np.float64]
 
 _N_SECTORS = 36
+# Below this travel a joint is blamed for what cannot be told.
+_SMALL_TRAVEL_RAD = np.radians(20.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,6 +34,11 @@ class JointCoverage:
     def travel_rad(self) -> float:
         """From the smallest to the largest reading."""
         return self.largest_rad - self.least_rad
+
+    @property
+    def hardly_turned(self) -> bool:
+        """Whether to turn it further is the first thing to advise."""
+        return bool(self.travel_rad < _SMALL_TRAVEL_RAD)
 
     @property
     def part_of_turn(self) -> float:

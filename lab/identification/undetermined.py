@@ -22,8 +22,6 @@ Floats = NDArray[np.float64]
 
 # Components smaller than this part of the largest are not named.
 _NAMED = 0.1
-# Below this travel a joint is blamed for what cannot be told.
-_SMALL_TRAVEL_RAD = np.radians(20.0)
 # A direction known worse than this part of its tolerance is called weak, and so is
 # one that moves the probe by more than ten contacts' noise.
 _WEAK = 0.2
@@ -162,9 +160,7 @@ def _reason(
     named = _named(network.parameters, direction)
     joints = {name.split(".")[0] for name in named}
     still = [
-        joint
-        for joint in coverage
-        if joint.joint in joints and joint.travel_rad < _SMALL_TRAVEL_RAD
+        joint for joint in coverage if joint.joint in joints and joint.hardly_turned
     ]
     if still:
         joint = min(still, key=lambda entry: entry.travel_rad)

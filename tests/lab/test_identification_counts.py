@@ -1,6 +1,4 @@
-"""How many parameters data determine, and how well: the figures of the theory."""
-
-from dataclasses import dataclass
+"""How many parameters data determine: the counts of the theory."""
 
 import numpy as np
 import pytest
@@ -15,7 +13,6 @@ from tests.lab.simulated import (
     simulate,
 )
 
-PLAIN = Options(snooping=False, n_suggestions=0)
 CORNERS = {
     f"P{i}": [float(x) for x in place]
     for i, place in enumerate(
@@ -81,72 +78,3 @@ def test_redundancy_counts_equations_less_unknowns():
     result = determined([*cones(3), bar()])
     equations = 3 * 3 * 40 + 40 + 3  # three certified lengths
     assert result.redundancy == equations - 3 * 3 - 8 - 25
-
-
-@dataclass(frozen=True)
-class Harmonics:
-    """Encoder errors cos and sin of order times the reading, of every joint."""
-
-    order: int
-    n_joints: int
-
-    @property
-    def names(self):
-        return tuple(
-            f"J{k + 1}.h{self.order}.{part}"
-            for k in range(self.n_joints)
-            for part in ("cos", "sin")
-        )
-
-    @property
-    def units(self):
-        return ("rad",) * (2 * self.n_joints)
-
-    @property
-    def tolerances(self):
-        return (1.0,) * (2 * self.n_joints)
-
-    def columns(self, geometry, derivatives, poses):
-        angles = self.order * poses.angles_rad[:, np.newaxis, :]
-        parts = [
-            derivatives.by_angles * np.cos(angles),
-            derivatives.by_angles * np.sin(angles),
-        ]
-        joined = np.stack(parts, axis=3)
-        return joined.reshape(*joined.shape[:2], -1)
-
-
-def condition(hinge_deg, roll_deg, orders, seed):
-    design = seven_joints()
-    travel = np.radians([roll_deg, hinge_deg] * 3 + [roll_deg])
-    pair = {
-        "id": "pair",
-        "kind": "points",
-        "frame": "own",
-        "points_mm": {"A": [0.0, 0, 0], "B": [300.0, 0, 0]},
-    }
-    rng = np.random.default_rng(seed)
-    middles = design.centres(design.zeros_rad + rng.uniform(-0.5, 0.5, (6, 7)) * travel)
-    tables = [*cones(5), pair]
-    for table, middle in zip(tables, middles, strict=True):
-        table["place_mm"] = middle
-    campaign = simulate(design, tables, 17, seed, travel_rad=travel)
-    terms = tuple(Harmonics(order, 7) for order in orders)
-    options = Options(terms=terms, snooping=False, coarse_start=False, n_suggestions=0)
-    return identify(campaign, arm_value(design), options).condition_number
-
-
-@pytest.mark.slow
-def test_condition_numbers_grow_as_travel_shrinks_and_harmonics_join():
-    travels = [(180, 180), (75, 150), (40, 60)]
-    table = np.array(
-        [
-            [condition(*travel, orders, 1) for orders in ((), (1,), (1, 2))]
-            for travel in travels
-        ]
-    )
-    assert np.all(np.diff(table, axis=1) > 0)
-    assert np.all(np.diff(table, axis=0) > 0)
-    # Mild with whole turns, hopeless for second harmonics with little travel.
-    assert table[0].max() < 150
-    assert table[2, 2] > 50 * table[0, 2]

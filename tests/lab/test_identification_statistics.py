@@ -144,6 +144,27 @@ def test_an_error_of_the_detectable_size_is_about_as_large_as_said(result):
     assert np.all(result.statistics.influence >= 0.0)
 
 
+def test_suggested_poses_stay_within_the_travel_that_was_shown():
+    design = seven_joints()
+    travel_rad = np.radians([150, 75, 150, 75, 150, 60, 4.0])
+    turns = np.random.default_rng(2).uniform(-0.4, 0.4, (3, 7))
+    middles_mm = design.centres(design.zeros_rad + turns * travel_rad)
+    tables = [
+        {**table, "place_mm": middle_mm}
+        for table, middle_mm in zip(cones(3), middles_mm, strict=True)
+    ]
+    campaign = simulate(disturbed(design, 1), tables, 40, 5, travel_rad=travel_rad)
+    found = identify(campaign, arm_value(design), OPTIONS)
+    angles_rad = np.array([entry.angles_rad for entry in found.suggestions])
+    assert len(angles_rad) == 8
+    shown_rad = campaign.poses.angles_rad
+    # The last joint hardly turned: it alone is asked for more.
+    below = shown_rad.min(axis=0) - angles_rad.min(axis=0)
+    above = angles_rad.max(axis=0) - shown_rad.max(axis=0)
+    assert max(below[:6].max(), above[:6].max()) <= 0.0
+    assert 0.0 < max(below[6], above[6]) <= np.radians(30.0)
+
+
 def test_suggested_poses_touch_and_help(result):
     assert len(result.suggestions) == 8
     left = [entry.variance_left for entry in result.suggestions]
