@@ -14,6 +14,8 @@ from kinematics.effects.covariate import Covariate
 from kinematics.geometry import Geometry, geometry_from_arm
 from kinematics.readings import Encoders, encoders_from_arm
 
+LARGEST_TIME_S = 9.2e9  # since 1970, in nanoseconds 63 bits
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmModel:
@@ -85,7 +87,7 @@ def read_model(path: Path, device_ids: Mapping[str, object]) -> ArmModel:
         raise FileError(
             str(path), [*problems, Problem("effects", str(error))]
         ) from None
-    problems += _never_known(effects)
+    problems += [*_never_known(effects), *_never_coming(arm)]
     if problems:
         raise FileError(str(path), problems)
     encoders = [joint.encoder for joint in arm.joints if joint.encoder is not None]
@@ -153,6 +155,25 @@ def _never_known(effects: ArmEffects) -> list[Problem]:
         for need in effect.needs
         if need.covariate in _NEVER_KNOWN
     ]
+
+
+def _never_coming(arm: Arm) -> list[Problem]:
+    """Effects bound to moments that the nanoseconds of a sample cannot tell."""
+    problems = []
+    for index, effect in enumerate(arm.effects):
+        if effect.epoch_utc is None:
+            continue
+        moment_s = effect.epoch_utc.timestamp() + effect.values.get("at_s", 0.0)
+        if abs(moment_s) > LARGEST_TIME_S:
+            problems.append(
+                Problem(
+                    f"effects[{index}].epoch_utc",
+                    f"{effect.epoch_utc} and at_s, if there is one, are a moment that "
+                    "times of samples do not reach, expected 1678 to 2261; correct the "
+                    "date",
+                )
+            )
+    return problems
 
 
 def _in_line(effects: ArmEffects) -> ArmEffects:

@@ -53,6 +53,25 @@ def test_an_effect_that_does_not_fit_the_arm_is_refused_with_the_rest(tmp_path):
     assert "effects[0]: mount_compliance yields to weights" in text
 
 
+@pytest.mark.parametrize(
+    ("epoch", "at_s"), [("2925-01-01", 0.0), ("1625-01-01", 0.0), ("2025-01-01", 1e10)]
+)
+def test_a_moment_that_samples_never_reach_is_refused(tmp_path, epoch, at_s):
+    slip = """
+[[effects]]
+kind = "count_slip"
+joint = "J1"
+at_s = {}
+step_rad = 1e-5
+epoch_utc = {}T00:00:00Z
+"""
+    text = refused(tmp_path, ARM + slip.format(at_s, epoch))
+    assert "effects[0].epoch_utc" in text
+    assert "correct the date" in text
+    good = arm_model(tmp_path, ARM + slip.format(60.0, "2025-01-01"))
+    assert good.effect_names == ["J1.count_slip.60s"]
+
+
 def test_the_effects_in_line_are_those_of_the_file_but_of_standards(tmp_path):
     length = '[[effects]]\nkind = "artefact_length"\nartefact = "b"\nerror_ppm = 2.0\n'
     model = arm_model(tmp_path, ARM + length + empirical("J1_temperature_c"))
