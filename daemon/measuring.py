@@ -14,6 +14,7 @@ from daemon.health import HealthReport
 from daemon.live import LiveView
 from daemon.pipeline import Pipeline
 from daemon.scanner import Scanner
+from daemon.temperature_watch import TemperatureWatch
 from drivers.values import (
     CountSamples,
     Delivery,
@@ -28,8 +29,6 @@ from drivers.values import (
 )
 from protocol.messages import Live, Point
 from protocol.messages.point import Trigger
-
-TEMPERATURE_NS = 5_000_000_000  # boards tell it every 2 s
 
 
 class Measuring:
@@ -62,6 +61,7 @@ class Measuring:
         self._scanner = scanner
         self._live = live
         self._events = events
+        self._temperature = TemperatureWatch(clock, events)
         self._health = health
         self._offer_live = offer_live
         self._status_changed = status_changed
@@ -81,7 +81,8 @@ class Measuring:
                     self.stream_started.set()
             case DeviceTemperatures():
                 device.temperatures_c = delivery.values_c
-                self._watch_temperature(device)
+                if self._measures(device):
+                    self._temperature.look(self._pipeline.model, device)
             case DeviceCounters():
                 device.counters.clear()
                 device.counters.update(delivery.values)
@@ -116,7 +117,7 @@ class Measuring:
         live = self._live.message(model, poses, session, device.section.id)
         if live is not None:
             self._offer_live(live)
-        self._watch_temperature(device)
+        self._temperature.look(model, device)
 
     def _take_latch(self, device: Device, latch: LatchedCounts) -> None:
         if latch.input is None:
@@ -163,27 +164,6 @@ class Measuring:
         """Whether this device's counts are the arm's, as the arm file describes it."""
         own = device.section.id == self._pipeline.model.device
         return own and not device.problems
-
-    def _watch_temperature(self, device: Device) -> None:
-        """Tell that effects lack the temperature, once it should have come."""
-        model = self._pipeline.model
-        if not (model.uses_temperature and self._measures(device)):
-            return
-        is_missing = device.temperature_c is None
-        if is_missing and self._clock.monotonic_ns() - device.up_ns < TEMPERATURE_NS:
-            return
-        text = f"the reference of {model.reference_temperature_c:g} C is taken instead"
-        self._events.change(
-            is_missing,
-            "error",
-            "device.temperature_unknown",
-            f"{device.section.id} has no temperature for the arm's effects; {text}"
-            if is_missing
-            else f"{device.section.id} tells the temperature again",
-            source=device.section.id,
-            remedy="connect the board's sensor, or take the effects that need the "
-            "temperature out of the arm file",
-        )
 
     def _refused(self, text: str, remedy: str) -> None:
         self._events.report(

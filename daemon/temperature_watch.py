@@ -1,0 +1,43 @@
+"""Tells when effects of the arm lack the temperature that they need."""
+
+from daemon.clock import HostClock
+from daemon.device import Device
+from daemon.events import EventLog
+from daemon.model import ArmModel
+
+PATIENCE_NS = 5_000_000_000  # boards tell the temperature every 2 s
+
+
+class TemperatureWatch:
+    """Raises and clears one lasting condition.
+
+    Args:
+        clock: the host's.
+        events: where it is told.
+    """
+
+    def __init__(self, clock: HostClock, events: EventLog) -> None:
+        self._clock = clock
+        self._events = events
+
+    def look(self, model: ArmModel, device: Device) -> None:
+        """Look at the device that latches the arm; call it with every block."""
+        if not model.uses_temperature:
+            return
+        name = device.section.id
+        is_missing = device.temperature_c is None
+        if is_missing and self._clock.monotonic_ns() - device.up_ns < PATIENCE_NS:
+            return  # it has just come, its first message is on the way
+        missing = (
+            f"{name} has no temperature for the arm's effects; the reference of "
+            f"{model.reference_temperature_c:g} C is taken instead"
+        )
+        self._events.change(
+            is_missing,
+            "error",
+            "device.temperature_unknown",
+            missing if is_missing else f"{name} tells the temperature again",
+            source=name,
+            remedy="connect the board's sensor, or take the effects that need the "
+            "temperature out of the arm file",
+        )
