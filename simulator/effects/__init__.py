@@ -1,0 +1,37 @@
+"""What makes a real arm differ from its geometry, played forwards.
+
+True turns of the hinges go in; what encoders show and where the ball really is come
+out. The corrections of an arm file go the other way and live elsewhere; nothing is
+shared with them but the table of an `[[effects]]` entry.
+"""
+
+from simulator.effects.extra import (
+    Bump,
+    CrossCoupling,
+    CubicError,
+    JumpInAngle,
+    Sawtooth,
+    SquareOfTemperature,
+)
+from simulator.effects.fault import BodyFault, Fault, ReadingFault, TouchFault
+from simulator.effects.faulty_arm import FaultyArm, MissedContactError
+from simulator.effects.from_arm import faults_from_effects, on_true_axes
+from simulator.effects.surroundings import Surroundings
+
+__all__ = [
+    "BodyFault",
+    "Bump",
+    "CrossCoupling",
+    "CubicError",
+    "Fault",
+    "FaultyArm",
+    "JumpInAngle",
+    "MissedContactError",
+    "ReadingFault",
+    "Sawtooth",
+    "SquareOfTemperature",
+    "Surroundings",
+    "TouchFault",
+    "faults_from_effects",
+    "on_true_axes",
+]

@@ -1,0 +1,121 @@
+"""Faults that no arm file can name; a diagnosis should say that it knows no name.
+
+All spoil one encoder; angles are true ones: reading minus errors.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simulator.effects.fault import ReadingFault, Seen
+from simulator.physics import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Bump(ReadingFault):
+    """Damaged lines: a smooth hill over a range of angles, nothing elsewhere.
+
+    Attributes:
+        joints: Of one encoder.
+        middle_rad: Of the hill.
+        half_width_rad: To where it ends.
+        height_rad: Of the hill.
+    """
+
+    joints: slice
+    middle_rad: float
+    half_width_rad: float
+    height_rad: float
+
+    def errors_rad(self, seen: Seen) -> Floats:
+        """A raised cosine."""
+        off = (_angles_rad(seen, self.joints) - self.middle_rad) / self.half_width_rad
+        hill = 0.5 * (1.0 + np.cos(np.pi * np.clip(off, -1.0, 1.0)))
+        return self.height_rad * hill
+
+
+@dataclass(frozen=True, slots=True)
+class JumpInAngle(ReadingFault):
+    """Lines are missing: beyond an angle all readings are off."""
+
+    joints: slice
+    at_rad: float
+    step_rad: float
+
+    def errors_rad(self, seen: Seen) -> Floats:
+        """Nothing below the angle."""
+        beyond = _angles_rad(seen, self.joints) >= self.at_rad
+        return np.where(beyond, self.step_rad, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class CubicError(ReadingFault):
+    """An error that grows with the third power of the turn."""
+
+    joints: slice
+    rate_per_rad2: float
+
+    def errors_rad(self, seen: Seen) -> Floats:
+        """Of the turn from the base posture."""
+        cubes: Floats = seen.turns_rad[:, self.joints] ** 3
+        return self.rate_per_rad2 * cubes
+
+
+@dataclass(frozen=True, slots=True)
+class Sawtooth(ReadingFault):
+    """A gear or interpolator that creeps and snaps back, so many times a turn."""
+
+    joints: slice
+    teeth: int
+    height_rad: float
+
+    def errors_rad(self, seen: Seen) -> Floats:
+        """From minus half to plus half of the height."""
+        cycles = self.teeth * _angles_rad(seen, self.joints) / (2.0 * np.pi)
+        return self.height_rad * (cycles % 1.0 - 0.5)
+
+
+@dataclass(frozen=True, slots=True)
+class CrossCoupling(ReadingFault):
+    """One joint's reading follows another joint's angle, say by a cable that pulls.
+
+    Attributes:
+        joints: Of the encoder that is spoilt.
+        other: The joint that it follows.
+        height_rad: Largest error.
+        order: Periods a turn of the other joint.
+        phase_rad: Of the wave.
+    """
+
+    joints: slice
+    other: int
+    height_rad: float
+    order: int = 1
+    phase_rad: float = 0.0
+
+    def errors_rad(self, seen: Seen) -> Floats:
+        """A wave of the other joint's angle."""
+        angles_rad = _angles_rad(seen, slice(self.other, self.other + 1))
+        waves: Floats = np.sin(self.order * angles_rad + self.phase_rad)
+        return self.height_rad * waves
+
+
+@dataclass(frozen=True, slots=True)
+class SquareOfTemperature(ReadingFault):
+    """An error that grows with the square of the departure from a temperature."""
+
+    joints: slice
+    rate_rad_c2: float
+    reference_c: float = 20.0
+
+    def errors_rad(self, seen: Seen) -> Floats:
+        """Equal for warmer and colder."""
+        warmer_c = seen.around.temperature_c - self.reference_c
+        squares: Floats = warmer_c[:, None] ** 2
+        return self.rate_rad_c2 * squares
+
+
+def _angles_rad(seen: Seen, joints: slice) -> Floats:
+    """True angles on the disc, (n, n_chosen)."""
+    angles: Floats = seen.turns_rad[:, joints] + seen.build.zeros_rad[joints]
+    return angles

@@ -1,0 +1,136 @@
+"""An arm with faults: turns in, readings and places of the ball out."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from kinematics.arm_file import Arm
+from simulator.effects.fault import (
+    BodyFault,
+    Fault,
+    ReadingFault,
+    Seen,
+    Touch,
+    TouchFault,
+)
+from simulator.effects.posture import Build, Posture, build_of
+from simulator.effects.surroundings import Surroundings
+from simulator.effects.yielding import no_yielding, yielded_motion
+from simulator.physics import Floats, Mechanism, probe_rates
+
+N_LOOKS = 12  # for a reading; each look is 1e-3 of the last one off, or better
+SAME_RAD = 1e-15
+N_STEPS = 12
+TOLERANCE_MM = 1e-10
+DAMPING_MM = 1e-6
+
+
+class MissedContactError(ValueError):
+    """A ball that faults keep from where it should be."""
+
+
+@dataclass(frozen=True, slots=True)
+class FaultyArm:
+    """The true arm and all that is wrong with it.
+
+    Attributes:
+        build: Geometry and masses.
+        readings: What spoils readings.
+        bodies: What moves bodies.
+        touches: What the probe does.
+    """
+
+    build: Build
+    readings: tuple[ReadingFault, ...]
+    bodies: tuple[BodyFault, ...]
+    touches: tuple[TouchFault, ...]
+
+    @property
+    def is_stiff(self) -> bool:
+        """The ball is where the rigid arm has it."""
+        return not self.bodies and not self.touches
+
+    def readings_rad(self, turns_rad: Floats, around: Surroundings) -> Floats:
+        """What the encoders show at true turns, (n, n_joints).
+
+        Errors depend on what is shown: looked up until they agree.
+        """
+        perfect_rad = turns_rad + self.build.zeros_rad
+        if not self.readings:
+            return perfect_rad
+        shown_rad = perfect_rad
+        for _ in range(N_LOOKS):
+            seen = Seen(self.build, turns_rad, shown_rad, around)
+            errors_rad = np.zeros_like(perfect_rad)
+            for fault in self.readings:
+                errors_rad[:, fault.joints] += fault.errors_rad(seen)
+            before_rad, shown_rad = shown_rad, perfect_rad + errors_rad
+            if np.max(np.abs(shown_rad - before_rad), initial=0.0) <= SAME_RAD:
+                break
+        return shown_rad
+
+    def balls_mm(self, turns_rad: Floats, around: Surroundings) -> Floats:
+        """Where the ball (n, 3) is, as touching material sees it.
+
+        That is where the centre of a ball of the arm file's radius is that begins
+        where this one does.
+        """
+        motion = self._motion(turns_rad, around)
+        probe_mm = self.build.mechanism.probe_mm
+        ends_mm: Floats = motion[:, :3, :3] @ probe_mm + motion[:, :3, 3]
+        if self.touches:
+            touch = Touch(self.build, motion, around.towards_or_nothing, around.force_n)
+            for fault in self.touches:
+                ends_mm = ends_mm - fault.offsets_mm(touch)
+        return ends_mm
+
+    def touching_turns(
+        self, turns_rad: Floats, balls_mm: Floats, around: Surroundings
+    ) -> Floats:
+        """Bring the ball to places (n, 3) that the rigid arm reaches at some turns.
+
+        The joints move least. The rigid arm's derivatives serve for all steps, since
+        faults are small.
+
+        Raises:
+            MissedContactError: Faults are not small.
+        """
+        if self.is_stiff or len(turns_rad) == 0:
+            return turns_rad
+        _, _, rates, _ = probe_rates(self.build.mechanism, turns_rad)
+        back = rates.transpose(0, 2, 1)
+        normal = rates @ back + DAMPING_MM**2 * np.eye(3)
+        gains = back @ np.linalg.inv(normal)
+        moved_rad = turns_rad
+        for _ in range(N_STEPS):
+            misses_mm = balls_mm - self.balls_mm(moved_rad, around)
+            worst_mm = float(np.max(np.abs(misses_mm)))
+            if worst_mm < TOLERANCE_MM:
+                return moved_rad
+            moved_rad = moved_rad + np.einsum("nij,nj->ni", gains, misses_mm)
+        raise MissedContactError(
+            f"effects keep the ball {worst_mm:g} mm off a contact after {N_STEPS} "
+            "corrections of the posture; make them smaller, or the limits narrower"
+        )
+
+    def _motion(self, turns_rad: Floats, around: Surroundings) -> Floats:
+        """Of the last element, (n, 4, 4)."""
+        yielding = no_yielding(*turns_rad.shape)
+        posture = Posture(self.build, turns_rad, around)
+        for fault in self.bodies:
+            fault.move(posture, yielding)
+        return yielded_motion(self.build, turns_rad, yielding)
+
+
+def faulty_arm(
+    arm: Arm, mechanism: Mechanism, zeros_rad: Floats, faults: Iterable[Fault]
+) -> FaultyArm:
+    """Put faults into a true arm."""
+    faults = tuple(faults)
+    return FaultyArm(
+        build_of(arm, mechanism, zeros_rad),
+        tuple(fault for fault in faults if isinstance(fault, ReadingFault)),
+        tuple(fault for fault in faults if isinstance(fault, BodyFault)),
+        tuple(fault for fault in faults if isinstance(fault, TouchFault)),
+    )
