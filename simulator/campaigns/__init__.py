@@ -18,7 +18,8 @@ from simulator.campaigns.campaign import (
 )
 from simulator.campaigns.drawing import draw_noise, simulate_campaign
 from simulator.campaigns.mixes import MIXES
-from simulator.campaigns.poses import PlacedArtefact, PoseSet, make_poses
+from simulator.campaigns.pose_set import PlacedArtefact, PoseSet
+from simulator.campaigns.poses import make_poses
 from simulator.campaigns.siting import UnreachableError
 from simulator.campaigns.spec import (
     CampaignFile,
@@ -26,6 +27,7 @@ from simulator.campaigns.spec import (
     ConditionTable,
     NoiseTable,
 )
+from simulator.campaigns.with_effects import with_effects
 from simulator.campaigns.writing import true_arm_file, write_campaign
 
 __all__ = [
@@ -53,5 +55,6 @@ __all__ = [
     "make_poses",
     "simulate_campaign",
     "true_arm_file",
+    "with_effects",
     "write_campaign",
 ]

@@ -7,7 +7,7 @@ import numpy as np
 from simulator.campaigns.artefacts.artefact import Indices
 from simulator.campaigns.campaign import Blunder, Names
 from simulator.campaigns.noise import contact_stds, encoder_stds
-from simulator.campaigns.poses import PoseSet
+from simulator.campaigns.pose_set import PoseSet
 from simulator.campaigns.spec import BlunderKind, NoiseTable
 from simulator.physics import Floats, probe_rates
 

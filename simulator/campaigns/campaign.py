@@ -6,8 +6,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.campaigns.poses import PlacedArtefact
+from kinematics.arm_file import Effect
+from simulator.campaigns.pose_set import PlacedArtefact
 from simulator.campaigns.spec import BlunderKind
+from simulator.effects import Fault
 from simulator.physics import Floats, probe_pose
 from simulator.truth import TrueArm
 
@@ -120,26 +122,38 @@ class Truth:
         arm: The true arm.
         artefacts: Where they truly stand.
         turns_rad: (n, n_joints) true turns from the base posture at the contact.
+        contacts_mm: (n, 3) where the centre of a ball of the arm file's radius was, or
+            would have been, on a stiff stylus: what corrected readings should give.
         contact_noise_mm: (n, 3) displacement of the ball from the exact contact,
             blunders included.
         encoder_noise_rad: (n, n_joints) what was added to the true readings before
             they were rounded, blunders included.
         blunders: In the order of rows.
+        effects: That were played, with vectors that suit the true axes.
+        faults: Further ones, which no arm file can name.
     """
 
     arm: TrueArm
     artefacts: tuple[PlacedArtefact, ...]
     turns_rad: Floats
+    contacts_mm: Floats
     contact_noise_mm: Floats
     encoder_noise_rad: Floats
     blunders: tuple[Blunder, ...]
+    effects: tuple[Effect, ...]
+    faults: tuple[Fault, ...]
 
     def __post_init__(self) -> None:
-        for array in (self.turns_rad, self.contact_noise_mm, self.encoder_noise_rad):
+        for array in (
+            self.turns_rad,
+            self.contacts_mm,
+            self.contact_noise_mm,
+            self.encoder_noise_rad,
+        ):
             array.setflags(write=False)
 
     def centres_mm(self, readings_rad: Floats) -> Floats:
-        """Where the ball (n, 3) truly is at readings (n, n_joints).
+        """Where the ball (n, 3) truly is at readings (n, n_joints) without effects.
 
         Distances between them do not depend on any datum or base posture.
         """

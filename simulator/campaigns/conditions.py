@@ -42,12 +42,14 @@ def drawn_conditions(
     progress = time_s / max(float(time_s[-1]), table.interval_s)
     swing = np.sin(2.0 * np.pi * (cycles * progress + phase))
     senses = rng.integers(0, 2, (n_poses, n_joints), dtype=np.int8)
+    temperature_c = table.temperature_c + table.swing_c * swing
+    temperature_c += table.drift_c * (progress - 0.5)
     approach = (2 * senses - 1).astype(np.int8)
     speeds = np.abs(rng.standard_normal((n_poses, n_joints)))
     force_n = table.force_n * np.exp(table.force_spread * rng.standard_normal(n_poses))
     return Conditions(
         time_s=time_s,
-        temperature_c=table.temperature_c + table.swing_c * swing,
+        temperature_c=temperature_c,
         approach=approach,
         speed_rad_s=table.speed_rad_s * speeds * approach + 0.0,  # no -0.0
         force_n=force_n,

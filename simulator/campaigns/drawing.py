@@ -17,7 +17,8 @@ from simulator.campaigns.noise import (
     encoder_stds,
     serial_noise,
 )
-from simulator.campaigns.poses import PoseSet, make_poses
+from simulator.campaigns.pose_set import PoseSet
+from simulator.campaigns.poses import make_poses
 from simulator.campaigns.postures import shifted_postures
 from simulator.campaigns.spec import CampaignSpec, NoiseTable
 from simulator.campaigns.streams import stream
@@ -54,7 +55,7 @@ def draw_noise(
         turns_rad = shifted_postures(poses.truth.mechanism, turns_rad, shifts_mm)
     errors_rad = serial_noise(stream(seed, "encoders"), poses.n_poses, n_joints, noise)
     errors_rad = errors_rad * encoder_stds(noise, n_joints) + spoilt.jumps_rad
-    readings_rad = turns_rad + poses.truth.zeros_rad + errors_rad
+    readings_rad = poses.faulty.readings_rad(turns_rad, poses.around) + errors_rad
     if noise.quantised:
         readings_rad = _whole_counts(readings_rad, poses.arm)
     conditions, columns = poses.conditions, poses.spec.conditions.columns
@@ -86,9 +87,12 @@ def draw_noise(
         arm=poses.truth,
         artefacts=poses.artefacts,
         turns_rad=turns_rad.copy(),
+        contacts_mm=poses.contacts_mm + shifts_mm,
         contact_noise_mm=shifts_mm,
         encoder_noise_rad=errors_rad,
         blunders=spoilt.blunders,
+        effects=poses.effects,
+        faults=poses.faults,
     )
     return SimulatedCampaign(campaign, truth)
 
@@ -116,9 +120,26 @@ def _stated_artefacts(poses: PoseSet, seed: int) -> tuple[StatedArtefact, ...]:
     rng = stream(seed, "certificates")
     stated = []
     for placed in poses.artefacts:
-        table: Table = placed.artefact.stated(rng, placed.placement)
-        stated.append(StatedArtefact(placed.artefact.id, placed.artefact.kind, table))
+        artefact = placed.artefact
+        table: Table = artefact.stated(rng, placed.placement)
+        factor = 1.0 + poses.length_error(artefact.id)
+        if factor != 1.0:
+            table = _divided(table, factor)
+        stated.append(StatedArtefact(artefact.id, artefact.kind, table))
     return tuple(stated)
+
+
+def _divided(table: Table, factor: float) -> Table:
+    """What is said of a standard that is longer than is said."""
+    divided = dict(table)
+    if "distance_mm" in table:
+        divided["distance_mm"] = table["distance_mm"] / factor
+    if "points_mm" in table:
+        divided["points_mm"] = {
+            name: [component / factor for component in at_mm]
+            for name, at_mm in table["points_mm"].items()
+        }
+    return divided
 
 
 def _stated_directions(towards: Floats, noise: NoiseTable, seed: int) -> Floats:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from simulator.campaigns.poses import PoseSet
+from simulator.campaigns.pose_set import PoseSet
 from simulator.campaigns.spec import NoiseTable
 from simulator.physics import Floats
 

@@ -1,7 +1,6 @@
 """Contacts as they truly are, before any noise."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,63 +10,20 @@ from simulator.campaigns.artefacts import Artefact
 from simulator.campaigns.artefacts.artefact import REFERENCE_C, Contacts, Indices
 from simulator.campaigns.conditions import Conditions, drawn_conditions
 from simulator.campaigns.fitting import misfits, spec_artefacts
-from simulator.campaigns.placement import Placement
+from simulator.campaigns.pose_set import PlacedArtefact, PoseSet
 from simulator.campaigns.postures import reaching_postures
 from simulator.campaigns.siting import UnreachableError, place_artefacts
 from simulator.campaigns.spec import CampaignSpec
 from simulator.campaigns.streams import stream
 from simulator.campaigns.travel import travel_limits
-from simulator.physics import Floats
+from simulator.campaigns.with_effects import with_effects
+from simulator.effects.faulty_arm import faulty_arm
+from simulator.physics import Floats, probe_pose
 from simulator.truth import Deviations, TrueArm, true_arm
 
+__all__ = ["PlacedArtefact", "PoseSet", "make_poses"]
+
 N_REDRAWS = 12  # of contacts that are out of reach
-
-
-@dataclass(frozen=True, slots=True)
-class PlacedArtefact:
-    """An artefact where it stands."""
-
-    artefact: Artefact
-    placement: Placement
-
-    def true_table(self) -> dict[str, Any]:
-        """What is true of it at 20 C, in the arm's system."""
-        names = {"id": self.artefact.id, "kind": self.artefact.kind}
-        return {**names, **self.artefact.true_table(self.placement)}
-
-
-@dataclass(frozen=True, slots=True)
-class PoseSet:
-    """Contacts in the order of time; any number of noises can be drawn for them.
-
-    Attributes:
-        spec: What was asked for.
-        arm: What the arm file says.
-        truth: The arm as it is.
-        limits_rad: (n_joints, 2) of the turns.
-        artefacts: Where they stand.
-        artefact_index: (n,) which of them is touched.
-        feature_index: (n,) which part of it.
-        turns_rad: (n, n_joints) from the base posture, exact.
-        towards: (n, 3) from the ball towards the material; NaN in seats.
-        conditions: Of every contact.
-    """
-
-    spec: CampaignSpec
-    arm: Arm
-    truth: TrueArm
-    limits_rad: Floats
-    artefacts: tuple[PlacedArtefact, ...]
-    artefact_index: Indices
-    feature_index: Indices
-    turns_rad: Floats
-    towards: Floats
-    conditions: Conditions
-
-    @property
-    def n_poses(self) -> int:
-        """Number of contacts."""
-        return len(self.turns_rad)
 
 
 def make_poses(
@@ -76,13 +32,14 @@ def make_poses(
     """Draw the true arm, place the artefacts, touch them.
 
     Args:
-        arm: What the arm file says.
+        arm: What the arm file says. Its effects are played: they are part of the truth.
         spec: What is asked for.
         seed: Equal seeds give equal poses.
         truth: Instead of drawing it.
 
     Raises:
-        FileError: Everything in the specification that does not fit the arm.
+        FileError: Everything in the specification that does not fit the arm, or all
+            effects of the arm that cannot be played.
         UnreachableError: What the arm cannot reach.
     """
     problems = list(misfits(spec, arm))
@@ -116,18 +73,24 @@ def make_poses(
     )
     touching = _Touching(placed, artefact_index, feature_index, conditions, truth)
     turns_rad, towards = touching.postures(limits_rad, stream(seed, "contacts"))
-    return PoseSet(
-        spec,
-        arm,
-        truth,
-        limits_rad,
-        placed,
-        artefact_index,
-        feature_index,
-        turns_rad,
-        towards,
-        conditions,
+    rigid = PoseSet(
+        spec=spec,
+        arm=arm,
+        truth=truth,
+        limits_rad=limits_rad,
+        artefacts=placed,
+        artefact_index=artefact_index,
+        feature_index=feature_index,
+        contacts_mm=probe_pose(truth.mechanism, turns_rad)[0],
+        rigid_turns_rad=turns_rad,
+        turns_rad=turns_rad,
+        towards=towards,
+        conditions=conditions,
+        effects=(),
+        faults=(),
+        faulty=faulty_arm(arm, truth.mechanism, truth.zeros_rad, ()),
     )
+    return with_effects(rigid, arm.effects) if arm.effects else rigid
 
 
 def _touched(artefacts: tuple[Artefact, ...], n_visits: int) -> tuple[Indices, Indices]:

@@ -80,7 +80,8 @@ class ConditionTable(StrictModel):
         interval_s: From pose to pose, on average.
         visits: How often the operator comes back to every artefact.
         temperature_c: In the middle.
-        swing_c: Largest departure of the temperature from that.
+        swing_c: Largest departure of the temperature from that, in a slow wave.
+        drift_c: By how much it also rises, evenly, from the first pose to the last.
         speed_rad_s: Standard deviation of the joints' speeds at a contact.
         force_n: Median contact force.
         force_spread: Standard deviation of its logarithm.
@@ -92,6 +93,7 @@ class ConditionTable(StrictModel):
     visits: int = Field(default=3, ge=1)
     temperature_c: float = 20.0
     swing_c: float = Field(default=0.0, ge=0.0)
+    drift_c: float = 0.0
     speed_rad_s: float = Field(default=0.0, ge=0.0)
     force_n: float = Field(default=0.5, gt=0.0)
     force_spread: float = Field(default=0.3, ge=0.0)

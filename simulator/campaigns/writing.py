@@ -14,6 +14,7 @@ from simulator.campaigns.campaign import (
     StatedArtefact,
     Truth,
 )
+from simulator.effects import on_true_axes
 from simulator.physics import Floats
 from simulator.truth import TrueArm
 
@@ -27,7 +28,8 @@ def write_campaign(folder: Path, simulated: SimulatedCampaign, arm: Arm) -> None
     Args:
         folder: Made if it is not there.
         simulated: What to write.
-        arm: What the arm file says; written too, to start an identification from.
+        arm: What the arm file says; written too, to start an identification from,
+            but without effects: those of the truth are for others to find.
     """
     folder.mkdir(parents=True, exist_ok=True)
     campaign = simulated.campaign
@@ -38,7 +40,7 @@ def write_campaign(folder: Path, simulated: SimulatedCampaign, arm: Arm) -> None
             (folder / _points_name(artefact)).write_text(text, encoding="utf-8")
     with (folder / "poses.csv").open("w", encoding="utf-8", newline="") as file:
         file.writelines(pose_lines(campaign))
-    write_arm(folder / "arm.toml", arm)
+    write_arm(folder / "arm.toml", _without_effects(arm))
     _write_truth(folder / "truth", simulated.truth, arm)
 
 
@@ -108,7 +110,11 @@ def column_names(campaign: Campaign) -> list[str]:
 
 
 def true_arm_file(arm: Arm, truth: TrueArm) -> Arm:
-    """An arm file with the true geometry in the place of the design's."""
+    """An arm file with the true geometry in the place of the design's.
+
+    Effects stay; their vectors are turned onto the true axes. The shank's direction
+    is said, since the true last link does not tell it.
+    """
     mechanism = truth.mechanism
     vector_mm = np.array(arm.probe.vector_mm)
     ends_mm = np.vstack([mechanism.origins_mm[1:], mechanism.probe_mm - vector_mm])
@@ -121,16 +127,28 @@ def true_arm_file(arm: Arm, truth: TrueArm) -> Arm:
             "zero_rad": float(truth.zeros_rad[k]),
         }
         joints.append(joint.model_copy(update=values))
-    return arm.model_copy(update={"joints": tuple(joints)})
+    effects = on_true_axes(arm, arm.effects, mechanism.axes)
+    shank = tuple(mechanism.shank.tolist())
+    changes: dict[str, Any] = {
+        "joints": tuple(joints),
+        "probe": arm.probe.model_copy(update={"direction": shank}),
+    }
+    if effects:
+        changes["effects"] = effects
+    return arm.model_copy(update=changes)
 
 
 def _write_truth(folder: Path, truth: Truth, arm: Arm) -> None:
     """Write what the campaign does not say."""
     folder.mkdir(exist_ok=True)
-    write_arm(folder / "arm.toml", true_arm_file(arm, truth.arm))
+    true = true_arm_file(arm, truth.arm)
+    if truth.effects or arm.effects:
+        true = true.model_copy(update={"effects": truth.effects})
+    write_arm(folder / "arm.toml", true)
     np.savez(
         folder / "noise.npz",
         turns_rad=truth.turns_rad,
+        contacts_mm=truth.contacts_mm,
         contact_noise_mm=truth.contact_noise_mm,
         encoder_noise_rad=truth.encoder_noise_rad,
     )
@@ -147,9 +165,14 @@ def _write_truth(folder: Path, truth: Truth, arm: Arm) -> None:
             }
             for blunder in truth.blunders
         ],
+        "faults": [repr(fault) for fault in truth.faults],
     }
     text = json.dumps(table, indent=1, allow_nan=False) + "\n"
     (folder / "truth.json").write_text(text, encoding="utf-8")
+
+
+def _without_effects(arm: Arm) -> Arm:
+    return arm.model_copy(update={"effects": ()}) if arm.effects else arm
 
 
 def _has_many_points(artefact: StatedArtefact) -> bool:

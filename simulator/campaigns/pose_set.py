@@ -1,0 +1,104 @@
+"""A set of contacts: one posture each, with all that surrounds it."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from kinematics.arm_file import Arm, Effect
+from simulator.campaigns.artefacts import Artefact
+from simulator.campaigns.artefacts.artefact import Indices
+from simulator.campaigns.conditions import Conditions
+from simulator.campaigns.placement import Placement
+from simulator.campaigns.spec import CampaignSpec
+from simulator.effects import Fault, FaultyArm, Surroundings
+from simulator.physics import Floats
+from simulator.truth import TrueArm
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedArtefact:
+    """An artefact where it stands."""
+
+    artefact: Artefact
+    placement: Placement
+
+    def true_table(self) -> dict[str, Any]:
+        """What is true of it at 20 C, in the arm's system."""
+        names = {"id": self.artefact.id, "kind": self.artefact.kind}
+        return {**names, **self.artefact.true_table(self.placement)}
+
+
+@dataclass(frozen=True, slots=True)
+class PoseSet:
+    """Contacts in the order of time; any number of noises can be drawn for them.
+
+    Attributes:
+        spec: What was asked for.
+        arm: What the arm file says.
+        truth: The geometry as it is.
+        limits_rad: (n_joints, 2) of the turns.
+        artefacts: Where they stand.
+        artefact_index: (n,) which of them is touched.
+        feature_index: (n,) which part of it.
+        contacts_mm: (n, 3) centre of a ball of the arm file's radius that touches.
+        rigid_turns_rad: (n, n_joints) from the base posture, with which an arm
+            without effects touches.
+        turns_rad: (n, n_joints) with which the arm as it is touches.
+        towards: (n, 3) from the ball towards the material; NaN in seats.
+        conditions: Of every contact.
+        effects: Of the arm as it is, and of standards.
+        faults: What else is wrong with it, which no arm file can name.
+        faulty: The arm as it is.
+    """
+
+    spec: CampaignSpec
+    arm: Arm
+    truth: TrueArm
+    limits_rad: Floats
+    artefacts: tuple[PlacedArtefact, ...]
+    artefact_index: Indices
+    feature_index: Indices
+    contacts_mm: Floats
+    rigid_turns_rad: Floats
+    turns_rad: Floats
+    towards: Floats
+    conditions: Conditions
+    effects: tuple[Effect, ...]
+    faults: tuple[Fault, ...]
+    faulty: FaultyArm
+
+    @property
+    def n_poses(self) -> int:
+        """Number of contacts."""
+        return len(self.turns_rad)
+
+    @property
+    def around(self) -> Surroundings:
+        """What surrounds the contacts."""
+        conditions, start_utc = self.conditions, self.spec.conditions.start_utc
+        start_s = None if start_utc is None else start_utc.timestamp()
+        return Surroundings(
+            time_s=conditions.time_s,
+            utc_s=None if start_s is None else start_s + conditions.time_s,
+            temperature_c=conditions.temperature_c,
+            speed_rad_s=conditions.speed_rad_s,
+            approach=conditions.approach.astype(np.float64),
+            towards=self.towards,
+            force_n=conditions.force_n,
+        )
+
+    @property
+    def readings_rad(self) -> Floats:
+        """What the encoders show at the contacts, without noise, (n, n_joints)."""
+        return self.faulty.readings_rad(self.turns_rad, self.around)
+
+    def length_error(self, artefact: str) -> float:
+        """By how much of its certified length a standard is longer."""
+        errors_ppm = [
+            float(effect.values["error_ppm"])
+            for effect in self.effects
+            if effect.kind == "artefact_length"
+            and effect.values["artefact"] == artefact
+        ]
+        return 1e-6 * sum(errors_ppm)
