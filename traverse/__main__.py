@@ -8,6 +8,7 @@ import typer
 from traverse.arm import arm
 from traverse.check import check
 from traverse.demo import demo
+from traverse.diagnose import diagnose
 from traverse.identify import identify
 from traverse.run import run
 from traverse.simulate import simulate
@@ -20,7 +21,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (demo, run, simulate, watch, check, identify):
+for command in (demo, run, simulate, watch, check, identify, diagnose):
     app.command()(command)
 app.add_typer(arm, name="arm")
 

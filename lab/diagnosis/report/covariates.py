@@ -18,6 +18,8 @@ _OWN_ANGLE = (
     "axis_runout",
 )
 _TIME = ("encoder_drift", "count_slip", "base_drift", "base_step")
+# Waves that repeat more often are drawn one upon the other.
+_MOST_PERIODS = 6
 _TEMPERATURE = ("encoder_temperature", "thermal_expansion")
 
 
@@ -58,6 +60,11 @@ def covariate_of(
     name = _column_name(kind, joint)
     if kind == "empirical":
         name = term.candidate.covariate
+    compliance = getattr(term.effect, "compliance_rad_nm", 0.0)
+    if kind == "joint_compliance" and compliance != 0.0:
+        # The joint turns further: as if it had read too little.
+        label = f"gravity torque about {joint} [N m]"
+        return Covariate(label, -amounts / compliance, True, plain)
     if name is None:
         size = float(np.nanmax(np.abs(amounts), initial=0.0))
         label = "what the effect does to the pose, of the largest"
@@ -66,9 +73,20 @@ def covariate_of(
     if kind in _TEMPERATURE:
         away = np.nan_to_num(values - reference_c)
         return Covariate(label, values, joint is not None, away)
+    periods = _periods(term)
+    if periods > _MOST_PERIODS and name == f"{joint}_rad":
+        label = f"reading of {joint} within one of {periods} periods [degrees]"
+        values = np.mod(values, 360.0 / periods)
     is_function = kind not in ("axis_wobble", "axis_runout")
     one_direction = kind in _TIME and joint is None
     return Covariate(label, values, is_function, plain, one_direction)
+
+
+def _periods(term: Term) -> int:
+    """Count the periods of a term in a turn of its joint; 0: it has none."""
+    if term.harmonic is not None:
+        return term.harmonic
+    return (term.candidate.order or 0) if "harmonic" in term.candidate.kind else 0
 
 
 def _column_name(kind: str, joint: str | None) -> str | None:

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from lab.diagnosis.candidate import Candidate
-from lab.diagnosis.diagnosis import Detectable, Estimate, Term
+from lab.diagnosis.diagnosis import Detectable, Diagnosis, Estimate, Term
 
 _KINDS = {
     "encoder_eccentricity": "encoder eccentricity",
@@ -64,6 +64,19 @@ def _curve(candidate: Candidate) -> str:
         return f"something over {over} that moves the whole arm"
     moved = _MOVED.get(candidate.component or "angle", str(candidate.component))
     return f"something over {over} that changes joint {candidate.joint} ({moved})"
+
+
+def step_names(diagnosis: Diagnosis) -> list[str]:
+    """Name the steps of the ledger."""
+    found = ["nothing added"]
+    for number, step in enumerate(diagnosis.ledger[1:]):
+        # The ledger keeps terms that were taken back later.
+        known = len(diagnosis.terms) == len(diagnosis.ledger) - 1
+        words = step.effect
+        if known:
+            words = name_in_words(diagnosis.terms[number].candidate)
+        found.append(f"+ {words}")
+    return found
 
 
 def size_in_words(term: Term) -> str:

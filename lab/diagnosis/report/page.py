@@ -5,16 +5,14 @@ from html import escape
 import numpy as np
 
 from lab.diagnosis.diagnosis import Diagnosis
-from lab.diagnosis.report.plots import Plots
-from lab.diagnosis.report.sections import (
+from lab.diagnosis.report.closing_sections import (
     detectable_section,
     excluded_section,
-    ledger_section,
     leftover_section,
-    map_section,
     method_section,
-    term_section,
 )
+from lab.diagnosis.report.plots import Plots
+from lab.diagnosis.report.sections import ledger_section, map_section, term_section
 from lab.diagnosis.report.words import verdict_sentences
 from lab.identification.report.markup import note, paragraph, section
 

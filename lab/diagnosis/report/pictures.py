@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from lab.diagnosis.diagnosis import Diagnosis
 from lab.diagnosis.report.binning import Bins, binned
-from lab.diagnosis.report.names import name_in_words
+from lab.diagnosis.report.names import name_in_words, step_names
 from lab.diagnosis.report.term_curve import TermCurve
 from lab.identification.report.pictures import (
     BLUE,
@@ -50,8 +50,7 @@ def term_picture(curve: TermCurve, shown: Booleans) -> bytes:
 
 def _paint_ledger(figure: Figure, diagnosis: Diagnosis) -> None:
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1.0, 1.0))
-    names = ["nothing added"]
-    names += [f"+ {step.effect}" for step in diagnosis.ledger[1:]]
+    names = step_names(diagnosis)
     rows = np.arange(len(names))
     rms_mm = np.array([step.held_out.rms_mm for step in diagnosis.ledger])
     factor, unit = shown_unit(float(np.max(rms_mm, initial=0.0)), "mm")
@@ -99,16 +98,16 @@ def _paint_term(figure: Figure, curve: TermCurve, shown: Booleans) -> None:
     x = curve.covariate.values
     seen = shown & np.isfinite(x) & np.isfinite(curve.stds)
     with_term = curve.after + curve.fitted
-    limit = max(
-        symmetric_limit(binned(x[seen], values[seen], curve.stds[seen]).means, 1.0)
-        for values in (curve.before, with_term)
-    )
-    limit = 1.5 * max(limit, symmetric_limit(curve.fitted[seen], 1.0))
-    factor, unit = shown_unit(limit, curve.unit)
+    limits = [
+        1.5 * symmetric_limit(binned(x[seen], one[seen], curve.stds[seen]).means, 1.0)
+        for one in (curve.before, with_term)
+    ]
+    limits[1] = max(limits[1], 1.3 * symmetric_limit(curve.fitted[seen], 1.0))
+    factor, unit = shown_unit(max(limits), curve.unit)
     usual = float(np.median(curve.stds[seen])) if np.any(seen) else 1.0
     clear = seen & (curve.stds < _NOISY * usual)
     dots = thinned(np.flatnonzero(clear))
-    for axes in (left, right):
+    for axes, limit in zip((left, right), limits, strict=True):
         zero_line(axes)
         axes.set_xlabel(curve.covariate.label)
         axes.set_ylim(-factor * limit, factor * limit)
@@ -132,12 +131,18 @@ def _paint_term(figure: Figure, curve: TermCurve, shown: Booleans) -> None:
         right.plot(x[order], fitted, color="black", linewidth=1.2, label="the term")
     else:
         right.scatter(
-            x[order], fitted, s=9.0, marker="+", color="black", label="the term"
+            x[order],
+            fitted,
+            s=12.0,
+            marker="+",
+            color="black",
+            linewidths=0.6,
+            label="the term",
         )
     look = (VERMILION, "s", "data, all else modelled")
     means = binned(x[seen], factor * with_term[seen], curve.stds[seen])
     _means(right, means, look)
-    right.set_title("the term (band: ± 2 sigma), and what the data say")
+    right.set_title("the term ± 2 sigma, and what the data say")
     right.legend(loc="best")
 
 

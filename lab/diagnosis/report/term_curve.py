@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from kinematics.arm_file import Arm, Effect
 from kinematics.effects.arm_effects import ArmEffects, effects_of
 from kinematics.effects.block import Block
-from kinematics.effects.pose import corrected_pose
+from kinematics.effects.pose import angle_corrections, corrected_pose
 from kinematics.effects.setting import utc_ns
 from kinematics.geometry import Geometry, geometry_from_arm
 from lab.campaign import Campaign
@@ -68,6 +68,22 @@ class TermCurve:
     band: Floats
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Scene:
+    """The arm and the poses that effects are looked at in."""
+
+    geometry: Geometry
+    block: Block
+
+    def moves_mm(self, effects: ArmEffects) -> Floats:
+        """Compute what effects do to the model's ball, (n_poses, 3)."""
+        nothing = effects.with_values(np.zeros_like(effects.values))
+        with_them = corrected_pose(self.geometry, effects, self.block)[0]
+        without = corrected_pose(self.geometry, nothing, self.block)[0]
+        found: Floats = with_them - without
+        return found
+
+
 def term_curve(
     diagnosis: Diagnosis, term: Term, before: Discrepancies, after: Discrepancies
 ) -> TermCurve | None:
@@ -81,37 +97,43 @@ def term_curve(
     """
     campaign, arm = diagnosis.campaign, diagnosis.adapted
     effects = _effects(arm, term.effect, campaign)
-    values = effects.values
-    if term.candidate.kind == "artefact_length" or not len(values):
+    if term.candidate.kind == "artefact_length":
         return None
-    geometry, block = geometry_from_arm(arm), _block(campaign)
+    scene = _Scene(geometry_from_arm(arm), _block(campaign))
     covariance = value_covariance(diagnosis, term, effects)
-    moves_mm = _moves_mm(geometry, effects, block)
-    steps = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    steps = np.where(steps > 0.0, steps, 1e-3 * np.abs(values))
-    slopes_mm = [
-        (_moves_mm(geometry, _changed(effects, at, step), block) - moves_mm) / step
-        if step > 0.0
-        else np.zeros_like(moves_mm)
-        for at, step in enumerate(steps)
-    ]
     joint, reference_c = term.candidate.joint, arm.reference.temperature_c
     if term.candidate.kind in READING_KINDS and joint is not None:
         index = campaign.joint_names.index(joint)
-        fitted = after.as_reading_rad(index, moves_mm)
-        slopes = [after.as_reading_rad(index, slope) for slope in slopes_mm]
+
+        def amounts(of: ArmEffects) -> Floats:
+            if of.readings:
+                return angle_corrections(scene.geometry, of, scene.block)[:, index]
+            return after.as_reading_rad(index, scene.moves_mm(of))
+
+        fitted = amounts(effects)
         data = [when.reading_errors_rad(index) for when in (before, after)]
-        unit, what = "rad", f"reading of {joint}, measured less simulated"
+        unit, what = "rad", f"{joint}: measured - simulated"
         covariate = covariate_of(term, campaign, fitted, reference_c)
     else:
+        moves_mm = scene.moves_mm(effects)
         size_mm = np.linalg.norm(moves_mm, axis=1)
         covariate = covariate_of(term, campaign, size_mm, reference_c)
         directions = _directions(moves_mm, covariate)
-        # A correction that moves the model's ball takes what is measured away.
-        fitted = np.einsum("ni,ni->n", moves_mm, directions)
-        slopes = [np.einsum("ni,ni->n", slope, directions) for slope in slopes_mm]
+
+        def amounts(of: ArmEffects) -> Floats:
+            along: Floats = np.einsum("ni,ni->n", scene.moves_mm(of), directions)
+            return along
+
+        fitted = amounts(effects)
         data = [when.along(directions) for when in (before, after)]
-        unit, what = "mm", "ball along the way the effect moves it"
+        unit, what = "mm", "ball, along the effect"
+    steps = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    slopes = [
+        (amounts(_changed(effects, at, step)) - fitted) / step
+        if step > 0.0
+        else np.zeros_like(fitted)
+        for at, step in enumerate(steps)
+    ]
     by_values = np.stack(slopes, axis=1)
     variance = np.einsum("np,pq,nq->n", by_values, covariance, by_values)
     (at_first, _), (at_last, stds) = data
@@ -144,14 +166,6 @@ def _block(campaign: Campaign) -> Block:
         utc_ns(campaign_span(campaign)[0]),
         None if gravity is None else np.array(gravity),
     )
-
-
-def _moves_mm(geometry: Geometry, effects: ArmEffects, block: Block) -> Floats:
-    """Compute what effects do to the model's ball, (n_poses, 3)."""
-    nothing = effects.with_values(np.zeros_like(effects.values))
-    with_it = corrected_pose(geometry, effects, block)[0]
-    found: Floats = with_it - corrected_pose(geometry, nothing, block)[0]
-    return found
 
 
 def _directions(moves_mm: Floats, covariate: Covariate) -> Floats:
