@@ -8,6 +8,9 @@ With o_k the origin of joint k and P_k the rotation of the element that it carri
 
 the last one for each column e of I - u_k u_k^T: an axis is a unit vector, so only its
 tangent perturbations count.
+
+`numpy_derivatives` is the readable definition, and computes where the kernel in C was
+not built or is not wanted.
 """
 
 from collections.abc import Iterator
@@ -17,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.geometry import Geometry
+from kinematics.kernel.choice import compiled_chain
 from kinematics.quaternion import multiply, rotate, turn
 
 Floats = NDArray[np.float64]
@@ -74,13 +78,22 @@ def probe_derivatives(geometry: Geometry, angles_rad: Floats) -> ProbeDerivative
             f"angles_rad has shape {angles_rad.shape}, expected (n_samples, "
             f"{expected}): one column a joint of the arm"
         )
+    angles_rad = np.asarray(angles_rad, dtype=np.float64)
+    chain = compiled_chain(geometry)
+    if chain is None:
+        return numpy_derivatives(geometry, angles_rad)
+    return ProbeDerivatives(*chain.derivatives(angles_rad))
+
+
+def numpy_derivatives(geometry: Geometry, angles_rad: Floats) -> ProbeDerivatives:
+    """Compute what `probe_derivatives` does, by NumPy."""
     axes = geometry.axes.T[:, :, np.newaxis]
     turns_rad = np.ascontiguousarray((angles_rad - geometry.zeros_rad).T)
     turns = turn(axes, turns_rad)
     # after[:, k] is P_k, everything (4, n_joints, n_samples).
     after = np.empty_like(turns)
     after[:, 0] = turns[:, 0]
-    for k in range(1, expected):
+    for k in range(1, geometry.n_joints):
         after[:, k] = multiply(after[:, k - 1], turns[:, k])
     links_mm = geometry.links_mm.copy()
     links_mm[-1] += geometry.probe_vector_mm

@@ -5,12 +5,16 @@ written in the base posture (Benciolini and Vitti, 2017):
 
     x         = x_0 + sum_k P_k r_k + P_n vector        the ball's centre
     direction = P_n d                                   the shank, towards the ball
+
+The functions called numpy_... are the readable definition, and compute where the kernel
+in C was not built or is not wanted.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.geometry import Geometry
+from kinematics.kernel.choice import compiled_chain
 from kinematics.quaternion import multiply, rotate, turn
 
 Floats = NDArray[np.float64]
@@ -34,18 +38,19 @@ def probe_pose(geometry: Geometry, angles_rad: Floats) -> tuple[Floats, Floats]:
         (n_samples, 3).
     """
     angles_rad = _checked(geometry, angles_rad)
-    centres_mm = np.empty((len(angles_rad), 3))
-    directions = np.empty((len(angles_rad), 3))
-    for chunk in _chunks(len(angles_rad)):
-        rotations = _rotations(geometry, angles_rad[chunk])
-        centres_mm[chunk] = _positions_mm(geometry, rotations)[:, -1].T
-        directions[chunk] = rotate(rotations[:, -1], geometry.probe_direction).T
-    return centres_mm, directions
+    chain = compiled_chain(geometry)
+    if chain is None:
+        return numpy_pose(geometry, angles_rad)
+    return chain.poses(angles_rad)
 
 
 def probe_centre(geometry: Geometry, angles_rad: Floats) -> Floats:
     """Compute the ball's centres in mm: (n_samples, n_joints) -> (n_samples, 3)."""
-    return probe_pose(geometry, angles_rad)[0]
+    angles_rad = _checked(geometry, angles_rad)
+    chain = compiled_chain(geometry)
+    if chain is None:
+        return numpy_pose(geometry, angles_rad)[0]
+    return chain.centres(angles_rad)
 
 
 def stylus_direction(geometry: Geometry, angles_rad: Floats) -> Floats:
@@ -64,6 +69,25 @@ def joint_positions(geometry: Geometry, angles_rad: Floats) -> Floats:
         Positions in mm, (n_samples, n_joints + 1, 3).
     """
     angles_rad = _checked(geometry, angles_rad)
+    chain = compiled_chain(geometry)
+    if chain is None:
+        return numpy_positions(geometry, angles_rad)
+    return chain.positions(angles_rad)
+
+
+def numpy_pose(geometry: Geometry, angles_rad: Floats) -> tuple[Floats, Floats]:
+    """Compute what `probe_pose` does, by NumPy."""
+    centres_mm = np.empty((len(angles_rad), 3))
+    directions = np.empty((len(angles_rad), 3))
+    for chunk in _chunks(len(angles_rad)):
+        rotations = _rotations(geometry, angles_rad[chunk])
+        centres_mm[chunk] = _positions_mm(geometry, rotations)[:, -1].T
+        directions[chunk] = rotate(rotations[:, -1], geometry.probe_direction).T
+    return centres_mm, directions
+
+
+def numpy_positions(geometry: Geometry, angles_rad: Floats) -> Floats:
+    """Compute what `joint_positions` does, by NumPy."""
     positions_mm = np.empty((len(angles_rad), geometry.n_joints + 1, 3))
     for chunk in _chunks(len(angles_rad)):
         rotations = _rotations(geometry, angles_rad[chunk])
@@ -107,4 +131,4 @@ def _checked(geometry: Geometry, angles_rad: Floats) -> Floats:
             f"angles_rad has shape {angles_rad.shape}, expected (n_samples, "
             f"{expected}): one column a joint of the arm"
         )
-    return angles_rad
+    return np.asarray(angles_rad, dtype=np.float64)

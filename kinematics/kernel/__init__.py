@@ -1,0 +1,1 @@
+"""The kernel: forward kinematics and derivatives in C, where it could be built."""

@@ -1,0 +1,53 @@
+"""Which kernel computes: NumPy, or the one in C in a variant that runs here.
+
+Chosen once, at import: the fastest, or what the environment variable TRAVERSE_KERNEL
+names. All variants in C give the same bits; NumPy's last digits differ from theirs.
+"""
+
+import os
+from functools import lru_cache
+
+from kinematics.geometry import Geometry
+
+try:
+    from kinematics.kernel.compiled import LARGEST_N_JOINTS, Chain, runnable_variants
+except ImportError:  # not built: no compiler, or no Cython
+    _RUNNABLE: tuple[str, ...] = ()
+else:
+    _RUNNABLE = runnable_variants()
+
+VARIABLE = "TRAVERSE_KERNEL"
+# In rising order of speed.
+KERNELS = ("numpy", *_RUNNABLE)
+
+
+def chosen_kernel(wanted: str | None, kernels: tuple[str, ...]) -> str:
+    """Choose among kernels in rising order of speed: the last, or the one wanted.
+
+    Raises:
+        ValueError: What is wanted does not run here.
+    """
+    if not wanted:
+        return kernels[-1]
+    if wanted not in kernels:
+        raise ValueError(
+            f"{VARIABLE} is {wanted!r}, which does not run here; expected one of "
+            f"{', '.join(kernels)}, or nothing for the fastest"
+        )
+    return wanted
+
+
+KERNEL = chosen_kernel(os.environ.get(VARIABLE), KERNELS)
+
+
+def compiled_chain(geometry: Geometry) -> "Chain | None":
+    """Give the arm to the kernel in C; None where NumPy is to compute."""
+    if KERNEL == "numpy" or geometry.n_joints > LARGEST_N_JOINTS:
+        return None
+    return _chain(geometry)
+
+
+# A geometry never changes, and most calls are for the same one.
+@lru_cache(maxsize=8)
+def _chain(geometry: Geometry) -> "Chain":
+    return Chain(geometry, KERNEL)

@@ -1,0 +1,35 @@
+"""The optional kernel in C; everything else stands in pyproject.toml.
+
+Without Cython nothing is built, and a failed build is a warning: NumPy computes then.
+"""
+
+from setuptools import Extension, setup
+
+try:
+    from Cython.Build import cythonize
+except ImportError:
+    cythonize = None
+
+KERNEL = "kinematics/kernel"
+
+
+def extensions() -> list[Extension]:
+    """Describe what there is to build."""
+    if cythonize is None:
+        return []
+    kernel = Extension(
+        "kinematics.kernel.compiled",
+        [f"{KERNEL}/compiled.pyx", f"{KERNEL}/variants.c"],
+        include_dirs=[KERNEL],
+        depends=[f"{KERNEL}/{name}" for name in ("arm.h", "variant.inc")],
+        # Strict IEEE: no contraction into fused operations, no -ffast-math; and no
+        # instructions beyond the baseline but in the variants chosen at import.
+        extra_compile_args=["-O3", "-ffp-contract=off", "-fno-math-errno"],
+        libraries=["m"],
+        optional=True,
+    )
+    found: list[Extension] = cythonize([kernel], build_dir="build/cython", quiet=True)
+    return found
+
+
+setup(ext_modules=extensions())
