@@ -3,6 +3,9 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
+# What the kernel in C is built from.
+KERNEL := setup.py $(wildcard kinematics/kernel/*.pyx kinematics/kernel/*.c \
+    kinematics/kernel/*.h kinematics/kernel/*.inc)
 
 .PHONY: help venv system demo test lint format schemas lock bench bench-identification prove soak clean
 
@@ -11,7 +14,7 @@ help:  ## what can be made
 
 venv: $(STAMP)  ## the virtual environment in .venv
 
-$(STAMP): pyproject.toml requirements.lock
+$(STAMP): pyproject.toml requirements.lock $(KERNEL)
 	@sh deploy/debian-packages.sh python
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --constraint requirements.lock --editable '.[demo,lab,dev]'
@@ -56,4 +59,4 @@ lock: venv  ## requirements.lock anew from pyproject.toml
 	    --output-file requirements.lock pyproject.toml
 
 clean:  ## remove what was built
-	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) build dist *.egg-info kinematics/kernel/*.so .pytest_cache .mypy_cache .ruff_cache .hypothesis
