@@ -65,14 +65,11 @@ def natural_slopes(knots: Floats, values: Floats) -> Floats:
     s_(i+1)/h_i = 3 (c_(i-1)/h_(i-1) + c_i/h_i), c the slopes of the chords; at the
     ends 2 s_0 + s_1 = 3 c_0.
     """
-    weights: Floats = 1.0 / np.diff(knots)
-    pulls: Floats = 3.0 * weights**2 * np.diff(values)
-    n_knots = len(knots)
-    system, right = np.zeros((n_knots, n_knots)), np.zeros(n_knots)
-    for i in range(n_knots - 1):
-        pair: Floats = weights[i] * np.array([[2.0, 1.0], [1.0, 2.0]])
-        system[i : i + 2, i : i + 2] += pair
+    weights = 1.0 / np.diff(knots)
+    pulls = 3.0 * weights**2 * np.diff(values)
+    system, right = np.zeros((len(knots), len(knots))), np.zeros(len(knots))
+    for i, weight in enumerate(weights.tolist()):
+        system[i : i + 2, i : i + 2] += weight * np.array([[2.0, 1.0], [1.0, 2.0]])
     right[:-1] += pulls
     right[1:] += pulls
-    slopes: Floats = np.linalg.solve(system, right)
-    return slopes
+    return np.asarray(np.linalg.solve(system, right), dtype=np.float64)

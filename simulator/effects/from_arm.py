@@ -1,20 +1,13 @@
 """From entries of `[[effects]]` to faults."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
 from kinematics.arm_file import Arm, Effect, FileError, Problem
-from simulator.effects import body_faults, encoder_faults, touch_faults
-from simulator.effects.empirical_fault import (
-    OF_ARM,
-    OF_JOINT,
-    CurvedError,
-    natural_slopes,
-)
+from simulator.effects.empirical_fault import OF_ARM, OF_JOINT
 from simulator.effects.fault import Fault
+from simulator.effects.makers import MAKERS, Entry, covariate_of
 from simulator.physics import Floats
 
 TIMED = {"encoder_drift", "count_slip", "base_drift", "base_step"}
@@ -24,18 +17,6 @@ POINTING = {
     "axis_runout": ("cos_mm", "sin_mm"),
 }
 OF_STANDARDS = "artefact_length"
-
-
-@dataclass(frozen=True, slots=True)
-class _Entry:
-    """An effect of an arm file with what it refers to."""
-
-    values: Mapping[str, Any]
-    joints: slice
-    joint: int
-    reference_c: float
-    epoch_utc_s: float
-    names: tuple[str, ...]
 
 
 def faults_from_effects(
@@ -62,7 +43,7 @@ def faults_from_effects(
             problems.append(Problem(f"{where}.joint", message))
             continue
         joint = -1 if effect.joint is None else names.index(effect.joint)
-        entry = _Entry(
+        entry = Entry(
             values=effect.values,
             joints=slice(None) if joint < 0 else slice(joint, joint + 1),
             joint=joint,
@@ -73,7 +54,7 @@ def faults_from_effects(
         if effect.kind in WEIGHED and not _has_weight(arm, max(joint, 0)):
             message = f"{effect.kind}: nothing beyond has a mass_kg; add what it weighs"
             problems.append(Problem(where, message))
-        elif effect.kind == "empirical" and _covariate(entry) is None:
+        elif effect.kind == "empirical" and covariate_of(entry) is None:
             shown = effect.values["covariate"]
             message = (
                 f"'{shown}' is no column of a campaign; expected {', '.join(OF_ARM)}, "
@@ -81,7 +62,7 @@ def faults_from_effects(
             )
             problems.append(Problem(f"{where}.covariate", message))
         else:
-            faults.append(_MAKERS[effect.kind](entry))
+            faults.append(MAKERS[effect.kind](entry))
     if problems:
         raise FileError(source, problems)
     return tuple(faults)
@@ -119,137 +100,3 @@ def on_true_axes(
 def _has_weight(arm: Arm, joint: int) -> bool:
     masses = [*(beyond.mass_kg for beyond in arm.joints[joint:]), arm.probe.mass_kg]
     return any(mass is not None for mass in masses)
-
-
-def _covariate(entry: _Entry) -> tuple[str, int] | None:
-    """Column and joint (-1 for none) of an empirical effect."""
-    name = str(entry.values["covariate"])
-    if name in OF_ARM:
-        return name, -1
-    for number, joint in enumerate(entry.names):
-        if name.startswith(joint) and name.removeprefix(joint) in OF_JOINT:
-            return name.removeprefix(joint), number
-    return None
-
-
-def _wave(entry: _Entry) -> Fault:
-    v = entry.values
-    return encoder_faults.WavyDisc(
-        entry.joints, v.get("order", 1), v["cos_rad"], v["sin_rad"]
-    )
-
-
-def _scale(entry: _Entry) -> Fault:
-    return encoder_faults.LongTape(entry.joints, entry.values["scale_ppm"])
-
-
-def _warm_head(entry: _Entry) -> Fault:
-    rate = entry.values["rate_rad_c"]
-    return encoder_faults.WarmHead(entry.joints, rate, entry.reference_c)
-
-
-def _zero(entry: _Entry) -> Fault:
-    rate = entry.values["rate_rad_s"]
-    return encoder_faults.CreepingZero(entry.joints, rate, entry.epoch_utc_s)
-
-
-def _slip(entry: _Entry) -> Fault:
-    v = entry.values
-    return encoder_faults.LostCounts(
-        entry.joints, v["step_rad"], v["at_s"], entry.epoch_utc_s
-    )
-
-
-def _late(entry: _Entry) -> Fault:
-    return encoder_faults.LateReading(entry.joints, entry.values["latency_s"])
-
-
-def _play(entry: _Entry) -> Fault:
-    return encoder_faults.Play(entry.joints, entry.values["half_width_rad"])
-
-
-def _curve(entry: _Entry) -> Fault:
-    found = _covariate(entry)
-    if found is None:
-        raise ValueError(f"'{entry.values['covariate']}' is no column of a campaign")
-    knots = np.array(entry.values["knots"], dtype=np.float64)
-    values_rad = np.array(entry.values["values_rad"], dtype=np.float64)
-    slopes = natural_slopes(knots, values_rad)
-    return CurvedError(entry.joints, *found, knots, values_rad, slopes)
-
-
-def _joint(entry: _Entry) -> Fault:
-    return body_faults.SoftJoint(entry.joint, entry.values["compliance_rad_nm"])
-
-
-def _bearing(entry: _Entry) -> Fault:
-    return body_faults.SoftBearing(entry.joint, entry.values["compliance_rad_nm"])
-
-
-def _mount(entry: _Entry) -> Fault:
-    return body_faults.SoftMount(entry.values["compliance_rad_nm"])
-
-
-def _elements(entry: _Entry) -> Fault:
-    rate = entry.values["expansion_per_c"]
-    return body_faults.WarmElements(entry.joints, rate, entry.reference_c)
-
-
-def _wobble(entry: _Entry) -> Fault:
-    v = entry.values
-    cos, sin = np.array(v["cos_rad"]), np.array(v["sin_rad"])
-    return body_faults.WanderingAxis(entry.joint, True, v["order"], cos, sin)
-
-
-def _runout(entry: _Entry) -> Fault:
-    v = entry.values
-    cos, sin = np.array(v["cos_mm"]), np.array(v["sin_mm"])
-    return body_faults.WanderingAxis(entry.joint, False, v["order"], cos, sin)
-
-
-def _base(entry: _Entry) -> Fault:
-    rate = np.array(entry.values["rate_mm_s"])
-    return body_faults.CreepingBase(rate, entry.epoch_utc_s)
-
-
-def _knock(entry: _Entry) -> Fault:
-    v = entry.values
-    return body_faults.KnockedBase(np.array(v["step_mm"]), v["at_s"], entry.epoch_utc_s)
-
-
-def _ball(entry: _Entry) -> Fault:
-    return touch_faults.LargerBall(entry.values["radius_error_mm"])
-
-
-def _seats(entry: _Entry) -> Fault:
-    return touch_faults.ThreeSeats(
-        entry.values["amplitude_mm"], entry.values["phase_rad"]
-    )
-
-
-def _stylus(entry: _Entry) -> Fault:
-    return touch_faults.SoftStylus(entry.values["compliance_mm_n"])
-
-
-_MAKERS: Mapping[str, Callable[[_Entry], Fault]] = {
-    "encoder_eccentricity": _wave,
-    "encoder_harmonic": _wave,
-    "encoder_scale": _scale,
-    "encoder_temperature": _warm_head,
-    "encoder_drift": _zero,
-    "count_slip": _slip,
-    "encoder_latency": _late,
-    "backlash": _play,
-    "empirical": _curve,
-    "joint_compliance": _joint,
-    "bearing_compliance": _bearing,
-    "mount_compliance": _mount,
-    "thermal_expansion": _elements,
-    "axis_wobble": _wobble,
-    "axis_runout": _runout,
-    "base_drift": _base,
-    "base_step": _knock,
-    "probe_radius": _ball,
-    "probe_lobing": _seats,
-    "stylus_bending": _stylus,
-}

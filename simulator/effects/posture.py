@@ -106,6 +106,6 @@ class Posture:
 
 def moved_points(motions: Floats, points_mm: Floats) -> Floats:
     """Points (m, 3) each moved by its own motion (n, m, 4, 4): (n, m, 3)."""
-    turned = np.einsum("nmij,mj->nmi", motions[..., :3, :3], points_mm)
+    turned = (motions[..., :3, :3] @ points_mm[:, :, None])[..., 0]
     moved: Floats = turned + motions[..., :3, 3]
     return moved

@@ -42,8 +42,8 @@ RIGID = make_poses(
     seed=4,
 )
 OF_ARM = sorted(set(TABLES) - {"artefact_length"})
-# Both follow one table to the letter, so what is left is rounding. Two kinds follow
-# covariates that the campaign tells, and differ no more.
+# For every kind: both follow the same table to the letter, second orders included, so
+# that what is left is the tolerance of the posture, 1e-10 mm an axis, and rounding.
 SAME_MM = 1e-9
 
 
