@@ -21,6 +21,8 @@ _SETTLED = float(np.log(100.0))
 # Of the normal distribution: 90 % of the experiments bring that evidence.
 _SURE = 1.28
 _MOST_POSES = 40
+# How far a joint may go beyond what it has travelled.
+_BEYOND_RAD = 1.0
 # Correlation above which a pair of the table that is one by structure is one here.
 _NEARLY_ALIAS = 0.99
 # These depend on when, how warm or how fast, rather than on where.
@@ -48,30 +50,59 @@ def separate_by(naming: Naming, rows: Rows, arm: Arm) -> str:
     Returns:
         Empty where there are no alternatives.
     """
-    own = naming.own
-    amplitudes, _ = own.found.amplitudes(own.residuals)
+    own = naming.own.candidate
     told = []
     for other in _worth_telling(naming.alternatives):
-        known = known_pair(own.candidate, other.candidate, rows)
+        known = known_pair(own, other.candidate, rows)
         if _is_structural(other, known):
-            told.append(_alias_in_words(own.candidate, other.candidate, known))
-            continue
-        ahead = own.score - other.log_bayes_factor - other.candidate.log_prior
-        found = None
-        if other.candidate.kind not in _NOT_OF_POSES or (
-            own.candidate.kind not in _NOT_OF_POSES
-        ):
-            found = experiment(
-                (own.candidate, other.candidate),
-                amplitudes,
-                rows,
-                arm,
-                index=naming.added.index,
-                gain=gain_needed(ahead),
-                n_most=_MOST_POSES,
-            )
-        told.append(_pair_in_words(own.candidate, other.candidate, known, found, rows))
+            told.append(_alias_in_words(own, other.candidate, known))
+        else:
+            found = experiment_against(naming, other, rows, arm)
+            told.append(_pair_in_words(own, other.candidate, known, found, rows))
     return " ".join(told)
+
+
+def experiment_against(
+    naming: Naming, other: Alternative, rows: Rows, arm: Arm
+) -> Experiment | None:
+    """Choose the poses that tell a finding from another name.
+
+    Within what the joints have travelled, or, where that is not enough, a radian
+    beyond it in the joints of the two.
+
+    Args:
+        naming: The finding.
+        other: What it is to be told from.
+        rows: Of the fit with all terms.
+        arm: Of that fit.
+
+    Returns:
+        None where both depend on other things than on poses, or no
+        few poses are enough.
+    """
+    own = naming.own
+    effects = own.candidate, other.candidate
+    if all(one.kind in _NOT_OF_POSES for one in effects):
+        return None
+    amplitudes, _ = own.found.amplitudes(own.residuals)
+    ahead = own.score - other.log_bayes_factor - other.candidate.log_prior
+    joints = {one.joint for one in effects}
+    names = rows.adjustment.network.campaign.joint_names
+    beyond_rad = np.array([_BEYOND_RAD * (name in joints) for name in names])
+    for wider_rad in (np.zeros(len(names)), beyond_rad):
+        found = experiment(
+            effects,
+            amplitudes,
+            rows,
+            arm,
+            index=naming.added.index,
+            wider_rad=wider_rad,
+            gain=gain_needed(ahead),
+            n_most=_MOST_POSES,
+        )
+        if found is None or found.is_enough:
+            return found
+    return None
 
 
 def gain_needed(ahead: float) -> float:
@@ -100,6 +131,13 @@ def where_in_words(poses_rad: Floats, campaign: Campaign, joints: Sequence[str])
     order += [at for at in range(len(names)) if at not in order]
     measured_rad = campaign.poses.angles_rad
     for at in order:
+        least, largest = measured_rad[:, at].min(), measured_rad[:, at].max()
+        outside = (poses_rad[:, at] < least) | (poses_rad[:, at] > largest)
+        if np.mean(outside) > 0.5:
+            return (
+                f"with {names[at]} beyond what it has travelled, below {least:.1f} rad "
+                f"or above {largest:.1f} rad"
+            )
         low, high = np.quantile(measured_rad[:, at], (0.2, 0.8))
         below = float(np.mean(poses_rad[:, at] < low))
         above = float(np.mean(poses_rad[:, at] > high))
@@ -159,7 +197,7 @@ def _pair_in_words(
     if known is not None:
         return f"{beginning}{known.experiment} ({known.why})."
     return (
-        f"{beginning}no {_MOST_POSES} further poses within the travelled ranges do; "
+        f"{beginning}no {_MOST_POSES} further poses of the kind do; "
         "turn the joints through wider ranges, or change the stylus or the payload."
     )
 
@@ -168,8 +206,6 @@ def _poses_in_words(
     own: Candidate, other: Candidate, found: Experiment, rows: Rows
 ) -> str:
     n = len(found.poses)
-    if n == 0 or n >= _MOST_POSES:
-        return ""
     campaign = rows.adjustment.network.campaign
     joints = dict.fromkeys(one.joint for one in (own, other) if one.joint is not None)
     where = where_in_words(found.poses.angles_rad, campaign, tuple(joints))

@@ -118,7 +118,8 @@ def _of_one_angle(one: Candidate, other: Candidate, rows: Rows) -> KnownPair | N
         f"{one.joint} travelled {travelled_rad:.1f} rad only, where both look alike"
         if travelled_rad < 2.0 * np.pi
         else f"both are functions of the reading of {one.joint}",
-        f"turn {one.joint} through a wider range, out to both of its stops",
+        f"turn {one.joint} through a wider range, out to both of its stops, with one "
+        "artefact close to the base and one far from it",
     )
 
 

@@ -21,8 +21,10 @@ _STEPS = 15
 _REACHED_MM = 1e-3
 
 
-def further_contacts(adjustment: Adjustment, n_tries: int, seed: int) -> Poses:
-    """Draw postures within the travelled ranges that touch the fit's artefacts.
+def further_contacts(
+    adjustment: Adjustment, n_tries: int, seed: int, wider_rad: Floats
+) -> Poses:
+    """Draw postures that touch the fit's artefacts.
 
     What else a pose says (time, temperature, motion, force) is taken from a random
     pose of the same artefact; the direction of a surface is its normal.
@@ -31,13 +33,21 @@ def further_contacts(adjustment: Adjustment, n_tries: int, seed: int) -> Poses:
         adjustment: The fit: where artefacts stand, which poses took part.
         n_tries: Of every artefact; those that do not reach it fall away.
         seed: Of the postures.
+        wider_rad: By how much each joint may go beyond either end of what it has
+            travelled, (n_joints,).
     """
     rng = np.random.default_rng(seed)
+    network = adjustment.network
+    taken = np.concatenate([station.poses for station in network.stations])
+    travelled_rad = network.campaign.poses.angles_rad[taken]
+    limits_rad = np.stack(
+        [travelled_rad.min(axis=0) - wider_rad, travelled_rad.max(axis=0) + wider_rad]
+    )
     found = [
-        _contacts(adjustment, at, n_tries, rng)
-        for at in range(len(adjustment.network.stations))
+        _contacts(adjustment, at, limits_rad, n_tries, rng)
+        for at in range(len(network.stations))
     ]
-    return joined_poses(found, adjustment.network.campaign.poses)
+    return joined_poses(found, network.campaign.poses)
 
 
 def joined_poses(parts: list[Poses], like: Poses) -> Poses:
@@ -74,13 +84,15 @@ def extended_rows(adjustment: Adjustment, further: Poses) -> Rows:
 
 
 def _contacts(
-    adjustment: Adjustment, at: int, n_tries: int, rng: np.random.Generator
+    adjustment: Adjustment,
+    at: int,
+    limits_rad: Floats,
+    n_tries: int,
+    rng: np.random.Generator,
 ) -> Poses:
     network, state = adjustment.network, adjustment.state
     station, geometry = network.stations[at], state.arm.geometry
-    taken = np.concatenate([one.poses for one in network.stations])
-    travelled_rad = network.campaign.poses.angles_rad[taken]
-    least_rad, largest_rad = travelled_rad.min(axis=0), travelled_rad.max(axis=0)
+    least_rad, largest_rad = limits_rad
     like = rng.integers(len(station.poses), size=n_tries)
     part = station.part(like)
     tries_rad = rng.uniform(least_rad, largest_rad, (n_tries, len(least_rad)))

@@ -42,10 +42,12 @@ class Experiment:
     Attributes:
         poses: What to touch and how, (n_poses,).
         separations: Delta now and after each pose, (n_poses + 1,).
+        is_enough: Whether Delta grows by what was wanted.
     """
 
     poses: Poses
     separations: Floats
+    is_enough: bool
 
     @property
     def chances(self) -> Floats:
@@ -80,10 +82,11 @@ def experiment(
     arm: Arm,
     *,
     index: int | None = None,
+    wider_rad: Floats | float = 0.0,
     gain: float = 21.0,
     n_most: int = 40,
 ) -> Experiment | None:
-    """Choose poses, on the campaign's artefacts and within the travelled ranges.
+    """Choose poses on the campaign's artefacts.
 
     Args:
         effects: What is there, and what is to be excluded.
@@ -91,26 +94,30 @@ def experiment(
         rows: Of a fit.
         arm: For the columns of effects.
         index: Of the first effect among those of the fit's arm, if it is one.
+        wider_rad: By how much joints may go beyond what they have travelled,
+            (n_joints,) or one number.
         gain: Of Delta; enough poses for that are chosen.
         n_most: Poses at most.
 
     Returns:
         None where an effect has no columns at other poses.
     """
-    contest = _contest(effects, amplitudes, rows, arm, index)
+    adjustment = rows.adjustment
+    n_tries = _MOST_CONTACTS // len(adjustment.network.stations)
+    wider = np.broadcast_to(wider_rad, adjustment.network.parameters.n_joints)
+    further = further_contacts(adjustment, n_tries, _SEED, wider)
+    contest = _contest(effects, amplitudes, (rows, further), arm, index)
     return None if contest is None else _chosen(contest, gain, n_most)
 
 
 def _contest(
     effects: tuple[Candidate, Candidate],
     amplitudes: Floats,
-    rows: Rows,
+    poses: tuple[Rows, Poses],
     arm: Arm,
     index: int | None,
 ) -> _Contest | None:
-    adjustment = rows.adjustment
-    n_stations = len(adjustment.network.stations)
-    further = further_contacts(adjustment, _MOST_CONTACTS // n_stations, _SEED)
+    adjustment, further = poses[0].adjustment, poses[1]
     wider = extended_rows(adjustment, further)
     blocks = _blocks(wider, arm, effects)
     if blocks is None:
@@ -183,7 +190,8 @@ def _chosen(contest: _Contest, gain: float, n_most: int) -> Experiment:
         waiting[at] = group.without(place)
         waiting = [one for one in waiting if len(one.poses)]
     poses = contest.further.part(np.array(chosen, dtype=np.int64))
-    return Experiment(poses, np.maximum(np.array(separations), 0.0))
+    enough = separations[-1] - separations[0] >= gain
+    return Experiment(poses, np.maximum(np.array(separations), 0.0), enough)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
