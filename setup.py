@@ -4,6 +4,8 @@ Without Cython nothing is built, and a failed build is a warning: NumPy computes
 """
 
 from setuptools import Extension, setup
+from setuptools.command.build_ext import build_ext
+from setuptools.errors import CompileError
 
 try:
     from Cython.Build import cythonize
@@ -11,6 +13,17 @@ except ImportError:
     cythonize = None
 
 KERNEL = "kinematics/kernel"
+
+
+class OptionalBuild(build_ext):
+    """Builds what can be built."""
+
+    def build_extension(self, ext: Extension) -> None:
+        """Take a compiler that is not there as a failed build, which is optional."""
+        try:
+            super().build_extension(ext)
+        except OSError as error:
+            raise CompileError(f"cannot run the compiler: {error}") from error
 
 
 def extensions() -> list[Extension]:
@@ -32,4 +45,4 @@ def extensions() -> list[Extension]:
     return found
 
 
-setup(ext_modules=extensions())
+setup(ext_modules=extensions(), cmdclass={"build_ext": OptionalBuild})
