@@ -67,7 +67,7 @@ def write_diagnosis(
 
 def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
     """Put a diagnosis into the plain values of `diagnosis.json`."""
-    lines = diagnosis.campaign.poses.lines[diagnosis.excluded].tolist()
+    lines = sorted(diagnosis.campaign.poses.lines[diagnosis.excluded].tolist())
     noise = diagnosis.noise
     unwritten = terms_without_epoch(diagnosis)
     return {

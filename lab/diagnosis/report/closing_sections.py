@@ -71,7 +71,8 @@ def excluded_section(diagnosis: Diagnosis, plots: Plots) -> str:
     """List the poses that were left out."""
     sentence = paragraph(excluded_sentence(diagnosis))
     poses, campaign = diagnosis.campaign.poses, diagnosis.campaign
-    places = [int(at) for at in diagnosis.excluded.nonzero()[0]]
+    left_out = diagnosis.excluded | plots.contradicting
+    places = [int(at) for at in left_out.nonzero()[0]]
     if not places:
         return section("excluded", "Excluded poses", sentence)
     rows = []
@@ -97,7 +98,9 @@ def excluded_section(diagnosis: Diagnosis, plots: Plots) -> str:
         *([paragraph(f"And {more} more, in discrepancies.csv.")] if more else []),
         note(
             "Line: of the table of poses, its header being line 1. All poses were "
-            "tried again after every term: a missing effect can look like a blunder."
+            "tried again after every term: a missing effect can look like a blunder. "
+            "Poses kept aside that contradict the final model count neither before "
+            "nor after."
         ),
     )
 

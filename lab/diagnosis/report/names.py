@@ -34,6 +34,17 @@ _WHOLE_ARM = {
     "thermal_expansion": "thermal expansion of all links",
 }
 _MOVED = {"angle": "its angle", "tilt": "the tilt of its axis", "shift": "its place"}
+_COLUMNS = {
+    "time_s": "time",
+    "temperature_c": "temperature",
+    "force_n": "the contact force",
+}
+_OF_JOINT = {
+    "_temperature_c": "temperature",
+    "_speed_rad_s": "speed",
+    "_approach": "sense of approach",
+    "_rad": "reading",
+}
 # Keys that say where or when, not how much.
 _NO_SIZES = ("phase_rad", "at_s")
 _PREFIXES = ((1.0, ""), (1e3, "m"), (1e6, "µ"), (1e9, "n"), (1e12, "p"))
@@ -59,11 +70,21 @@ def name_in_words(candidate: Candidate) -> str:
 
 
 def _curve(candidate: Candidate) -> str:
-    over = candidate.covariate or "an unknown covariate"
+    over = _covariate(candidate.covariate or "an unknown covariate")
     if candidate.joint is None:
         return f"something over {over} that moves the whole arm"
     moved = _MOVED.get(candidate.component or "angle", str(candidate.component))
     return f"something over {over} that changes joint {candidate.joint} ({moved})"
+
+
+def _covariate(column: str) -> str:
+    """Say a column of the campaign in words."""
+    if column in _COLUMNS:
+        return _COLUMNS[column]
+    for end, words in _OF_JOINT.items():
+        if column.endswith(end):
+            return f"the {words} of {column.removesuffix(end)}"
+    return column
 
 
 def step_names(diagnosis: Diagnosis) -> list[str]:

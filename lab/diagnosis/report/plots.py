@@ -3,9 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.diagnosis.compare import Discrepancies, discrepancies
 from lab.diagnosis.diagnosis import Diagnosis
+from lab.diagnosis.gap import believable
 from lab.diagnosis.report.maps import artefact_map, condition_map, joint_map
 from lab.diagnosis.report.pictures import ledger_picture, term_picture
 from lab.diagnosis.report.term_curve import term_curve
@@ -18,6 +20,7 @@ class Plots:
     Attributes:
         before: Measurement against the model without terms.
         after: Against the model with all accepted terms, in units of the same noise.
+        contradicting: Held-out poses that no model explains, (n_poses,): not shown.
         ledger: The gap after every term.
         terms: Each term over what matters for it; None where there is no such picture.
         artefacts: Misclosures by artefact.
@@ -27,6 +30,7 @@ class Plots:
 
     before: Discrepancies
     after: Discrepancies
+    contradicting: NDArray[np.bool_]
     ledger: bytes
     terms: tuple[bytes | None, ...]
     artefacts: bytes
@@ -48,16 +52,25 @@ class Plots:
         return found
 
 
+def contradicting_held_out(diagnosis: Diagnosis) -> NDArray[np.bool_]:
+    """Find held-out poses that contradict the final model: blunders, (n_poses,)."""
+    radius_mm = diagnosis.arm.probe.radius_mm
+    held_out = diagnosis.held_out
+    return held_out & ~believable(diagnosis.after, held_out, radius_mm)
+
+
 def plots_of(diagnosis: Diagnosis) -> Plots:
     """Compare simulation and measurement, and paint all pictures."""
     noise = diagnosis.after.network.noise
     before = discrepancies(diagnosis.before, noise)
     after = discrepancies(diagnosis.after, noise)
-    shown = ~diagnosis.excluded & np.any(np.isfinite(after.misclosures_mm), axis=1)
+    contradicting = contradicting_held_out(diagnosis)
+    shown = ~diagnosis.excluded & ~contradicting
     curves = [term_curve(diagnosis, t, before, after) for t in diagnosis.terms]
     return Plots(
         before,
         after,
+        contradicting,
         ledger_picture(diagnosis),
         tuple(None if c is None else term_picture(c, shown) for c in curves),
         artefact_map(before, after, shown),

@@ -139,6 +139,6 @@ def map_section(plots: Plots) -> str:
             "were the only cause, as means of parts of the range with two standard "
             "errors: what belongs to one joint shows at others too, but weaker. "
             "Below: root mean square in standard deviations of noise. All poses are "
-            "shown but those left out; single poses stand in discrepancies.csv."
+            "shown but the excluded ones; each stands in discrepancies.csv."
         ),
     )

@@ -25,6 +25,10 @@ def value_covariance(diagnosis: Diagnosis, term: Term, effects: ArmEffects) -> F
     """
     stds = np.zeros(len(effects.values))
     correction = effects.corrections[0]
+    fitted = _fitted_covariance(diagnosis, effects)
+    if correction.kind == "empirical" and fitted is not None:
+        # Its mean is the joint's zero: the fit holds it, single values do not know.
+        return fitted
     for at, name in enumerate(correction.parameters):
         key, dot, part = name.partition(".")
         told = term.estimates.get(key)
@@ -33,24 +37,27 @@ def value_covariance(diagnosis: Diagnosis, term: Term, effects: ArmEffects) -> F
             stds[at] = float(
                 np.ravel(told.std)[place] if dot else np.ravel(told.std)[0]
             )
-    correlation = _correlation(diagnosis, effects)
+    correlation = np.eye(len(stds))
+    if fitted is not None:
+        sizes = np.sqrt(np.maximum(np.diag(fitted), 0.0))
+        safe = np.where(sizes > 0.0, sizes, 1.0)
+        correlation = fitted / np.outer(safe, safe)
     found: Floats = stds[:, np.newaxis] * correlation * stds
     return found
 
 
-def _correlation(diagnosis: Diagnosis, effects: ArmEffects) -> Floats:
-    """Find the correlation of the values in the final fit; else the identity."""
-    n_values = len(effects.values)
+def _fitted_covariance(diagnosis: Diagnosis, effects: ArmEffects) -> Floats | None:
+    """Find the covariance of the values in the final fit; None: not all are in it."""
     adjustment = diagnosis.after
     parameters = adjustment.network.parameters
     model = parameters.effects
     if model is None:
-        return np.eye(n_values)
+        return None
     wanted = effects.name(effects.corrections[0])
     corrections = model.effects.corrections
     names = [model.effects.name(correction) for correction in corrections]
     if wanted not in names:
-        return np.eye(n_values)
+        return None
     index = names.index(wanted)
     geometry = adjustment.state.arm.geometry
     free = [c.free_directions(geometry).shape[1] for c in corrections]
@@ -58,11 +65,9 @@ def _correlation(diagnosis: Diagnosis, effects: ArmEffects) -> Floats:
     own = np.arange(first, first + free[index])
     places = np.flatnonzero(parameters.free)
     if not np.all(np.isin(own, places)):
-        return np.eye(n_values)
+        return None
     inverse = adjustment.split.inverse[np.searchsorted(places, own)]
     directions = corrections[index].free_directions(geometry)
     covariance = directions @ (inverse @ inverse.T) @ directions.T
-    sizes = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    safe = np.where(sizes > 0.0, sizes, 1.0)
-    found: Floats = covariance / np.outer(safe, safe)
+    found: Floats = adjustment.sigma0**2 * covariance
     return found

@@ -135,6 +135,9 @@ def term_curve(
         for at, step in enumerate(steps)
     ]
     by_values = np.stack(slopes, axis=1)
+    if term.candidate.kind == "empirical":
+        # A curve of readings has no height of its own: that is the joint's zero.
+        by_values = by_values - by_values.mean(axis=0)
     variance = np.einsum("np,pq,nq->n", by_values, covariance, by_values)
     (at_first, _), (at_last, stds) = data
     return TermCurve(

@@ -119,7 +119,9 @@ def held_out_sentence(diagnosis: Diagnosis) -> str:
             f"{said}. The misfit was so near to the noise that the part of the gap "
             "that is closed cannot be told."
         )
-    return f"{said} ({100.0 * diagnosis.closed:.0f} % of what is achievable)."
+    # Poses may be predicted better than the noise leads to expect, by chance.
+    percent = 100.0 * min(diagnosis.closed, 1.0)
+    return f"{said} ({percent:.0f} % of what is achievable)."
 
 
 def noise_sentences(diagnosis: Diagnosis) -> list[str]:
@@ -155,7 +157,7 @@ def _range(values: tuple[float, ...], unit: str) -> str:
 
 def excluded_sentence(diagnosis: Diagnosis) -> str:
     """Say which poses contradict all others."""
-    lines = diagnosis.campaign.poses.lines[diagnosis.excluded].tolist()
+    lines = sorted(diagnosis.campaign.poses.lines[diagnosis.excluded].tolist())
     n_poses = len(diagnosis.campaign.poses)
     if not lines:
         return f"No pose of {n_poses} contradicts the others."

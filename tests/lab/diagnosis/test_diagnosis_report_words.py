@@ -69,7 +69,8 @@ def candidate(kind, joint=None, **more) -> Candidate:
         ),
         (
             candidate("empirical", "J4", covariate="J5_rad", component="tilt"),
-            "something over J5_rad that changes joint J4 (the tilt of its axis)",
+            "something over the reading of J5 that changes joint J4 (the tilt of its "
+            "axis)",
         ),
     ],
 )
@@ -179,7 +180,7 @@ def test_statuses_have_their_own_words():
         candidate=candidate("empirical", "J3", covariate="J5_rad"),
     )
     said = " ".join(missing_sentences(replace(found, terms=(unknown,))))
-    assert "no known effect explains it: something over J5_rad" in said
+    assert "no known effect explains it: something over the reading of J5" in said
     assert "repeats 3 times a turn" in said
 
 
