@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from traverse.arm import arm
+from traverse.blind import blind
 from traverse.check import check
 from traverse.demo import demo
 from traverse.diagnose import diagnose
@@ -21,7 +22,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (demo, run, simulate, watch, check, identify, diagnose):
+for command in (demo, run, simulate, watch, check, identify, diagnose, blind):
     app.command()(command)
 app.add_typer(arm, name="arm")
 

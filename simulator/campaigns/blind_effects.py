@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from kinematics.arm_file import Effect, effect_from_table
-from simulator.campaigns.poses import PoseSet
+from simulator.campaigns.pose_set import PoseSet
 
 Size = float | tuple[float, ...]
 

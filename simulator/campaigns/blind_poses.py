@@ -9,7 +9,8 @@ from functools import lru_cache
 
 from kinematics.arm_file import Arm
 from simulator.campaigns.artefacts import BallBar, Cone, Sphere
-from simulator.campaigns.poses import PoseSet, make_poses
+from simulator.campaigns.pose_set import PoseSet
+from simulator.campaigns.poses import make_poses
 from simulator.campaigns.spec import CampaignSpec, ConditionTable, NoiseTable
 
 ENCODER_RAD = 5e-6

@@ -1,0 +1,1 @@
+"""The blind test: hundreds of hidden effects, and how many of them are found."""

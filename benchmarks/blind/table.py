@@ -1,0 +1,195 @@
+"""The score table: what was found of what was hidden, beside the rivals."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from benchmarks.blind.outcomes import Line
+from benchmarks.blind.rates import Question, Row, Runs, binomial_row, share
+from benchmarks.proofs.statistics import binomial_interval
+from lab.diagnosis.rivals import RIVALS
+from lab.diagnosis.score import pooled_gap
+
+_NORMAL = 1.96
+_ALL_SIZES = tuple(f"one at {size}" for size in (6, 8, 10, 14, 20))
+HEADER = (
+    "| what | figure | runs | found | 95 % interval | holds | "
+    + " | ".join(RIVALS)
+    + " |\n"
+    + "|---" * (6 + len(RIVALS))
+    + "|"
+)
+
+
+def rows(lines: Sequence[Line]) -> Iterator[Row]:
+    """Go through the table; rows without runs are left out.
+
+    Args:
+        lines: Of all runs; broken ones count as nothing found.
+    """
+    runs = Runs(lines)
+
+    def row(
+        what: str,
+        names: Sequence[str],
+        question: Question,
+        *,
+        at_least: float | None = None,
+        at_most: float | None = None,
+        rival: str | None = None,
+    ) -> Iterator[Row]:
+        answers = runs.asked(names, question)
+        if not answers:
+            return
+        theirs = tuple(
+            share(runs.asked(names, _of_rival(rival_name, rival)))
+            for rival_name in RIVALS
+        )
+        yield binomial_row(what, answers, at_least, at_most, theirs)
+
+    for name, most in zip(
+        ("noise known", "noise 1.4 x stated", "noise serial"),
+        (0.01, 0.02, 0.03),
+        strict=True,
+    ):
+        of = f"clean, {name}"
+        detected = _score("detected")
+        yield from row(
+            f"false alarms, {name}", [of], detected, at_most=most, rival="detected"
+        )
+    for what, key, figures, rival in (
+        ("detection", "detected", {6: 0.95, 8: 0.99}, "detected"),
+        ("exact name", "exact", {6: 0.85, 8: 0.93, 10: 0.95, 14: 0.97}, "exact"),
+        ("right joint", "right_joint", {6: 0.95, 8: 0.98}, None),
+    ):
+        for size, least in figures.items():
+            of = f"one at {size}"
+            yield from row(
+                f"{what} at {size}", [of], _score(key), at_least=least, rival=rival
+            )
+    yield from row("truth in the set", _ALL_SIZES, _if_found("in_set"), at_least=0.97)
+    yield from row("single name right", _ALL_SIZES, _if_single("exact"), at_least=0.99)
+    for size, least in {6: 0.65, 8: 0.80, 10: 0.85, 14: 0.90}.items():
+        of = f"two at {size}"
+        yield from row(
+            f"exact pair at {size}",
+            [of],
+            _score("all_exact"),
+            at_least=least,
+            rival="all_exact",
+        )
+    yield from _worse_with_blunders(runs)
+    for size, most, least in ((10, 0.05, 0.85), (15, 0.01, 0.97)):
+        outside = [f"outside at {size}"]
+        yield from row(
+            f"outside, wrong name, at {size}",
+            outside,
+            _score("confident_wrong"),
+            at_most=most,
+            rival="named",
+        )
+        yield from row(
+            f"outside, right joint, at {size}",
+            outside,
+            _score("right_joint"),
+            at_least=least,
+        )
+    for size, least in ((10, 0.90), (20, 0.97)):
+        yield from _gap(size, runs.of(f"one at {size}"), least)
+    yield from _deviations(lines)
+    yield from row("false unknown, inside", _ALL_SIZES, _score("unknown"), at_most=0.02)
+    yield from row("runs that broke", runs.names, _broke, at_most=0.0)
+
+
+def _score(key: str) -> Question:
+    return lambda line: bool(line["score"][key]) if line.get("score") else False
+
+
+def _if_found(key: str) -> Question:
+    """Ask only where anything was detected."""
+    return lambda line: (
+        bool(line["score"][key])
+        if line.get("score") and line["score"]["detected"]
+        else None
+    )
+
+
+def _if_single(key: str) -> Question:
+    return lambda line: (
+        bool(line["score"][key])
+        if line.get("score") and line["score"]["single"]
+        else None
+    )
+
+
+def _broke(line: Line) -> bool:
+    return line["error"] is not None
+
+
+def _of_rival(name: str, question: str | None) -> Question:
+    def asked(line: Line) -> bool | None:
+        answer = (line.get("rivals") or {}).get(name)
+        if answer is None or question is None:
+            return None
+        if name == "overall test" and question != "detected":
+            return None  # it has no names
+        return bool(answer["detected" if question == "named" else question])
+
+    return asked
+
+
+def _worse_with_blunders(runs: Runs) -> Iterator[Row]:
+    exact = _score("exact")
+    plain = {line["seed"]: bool(exact(line)) for line in runs.of("one at 8")}
+    for part in ("2%", "5%"):
+        spoilt = runs.of(f"one at 8, {part} blunders")
+        worse = np.array(
+            [
+                plain[s["seed"]] - float(exact(s) or 0)
+                for s in spoilt
+                if s["seed"] in plain
+            ]
+        )
+        if len(worse) < 2:
+            continue
+        mean = float(np.mean(worse))
+        # Where no run differs, a single one might have: Laplace's rule.
+        spread = max(float(np.std(worse)), 1.0 / len(worse)) / np.sqrt(len(worse))
+        interval = (mean - _NORMAL * spread, mean + _NORMAL * spread)
+        what = f"exact name at 8 lost by {part} blunders"
+        holds = interval[0] <= 0.03
+        yield Row(what, "<= 3 points", len(worse), mean, interval, holds)
+
+
+def _gap(size: int, lines: Sequence[Line], least: float) -> Iterator[Row]:
+    gaps = [tuple(line["gap"]) for line in lines if line.get("gap")]
+    whole = pooled_gap(gaps)
+    if whole is None or len(gaps) < 2:
+        return
+    without = [pooled_gap(gaps[:at] + gaps[at + 1 :]) for at in range(len(gaps))]
+    left = np.array([one for one in without if one is not None])
+    spread = float(np.sqrt((len(left) - 1) * np.var(left)))
+    interval = (whole - _NORMAL * spread, whole + _NORMAL * spread)
+    what = f"gap closed at {size}, pooled against the oracle"
+    yield Row(what, f">= {least:.0%}", len(gaps), whole, interval, interval[1] >= least)
+
+
+def _deviations(lines: Sequence[Line]) -> Iterator[Row]:
+    found = [
+        abs(deviation)
+        for line in lines
+        if line.get("score") and not line["scenario"].startswith("outside")
+        for deviation in line["score"]["deviations"]
+    ]
+    if not found:
+        return
+    inside = sum(deviation <= 2.0 for deviation in found)
+    low, high = binomial_interval(inside, len(found))
+    yield Row(
+        "parameters within two sigma",
+        "93 to 97 %",
+        len(found),
+        inside / len(found),
+        (low, high),
+        low <= 0.97 and high >= 0.93,
+    )
