@@ -77,8 +77,8 @@ def experiment_against(
         arm: Of that fit.
 
     Returns:
-        None where both depend on other things than on poses, or no
-        few poses are enough.
+        None where both depend on other things than on poses, or where more poses
+        than anyone likes to measure would be needed.
     """
     own = naming.own
     effects = own.candidate, other.candidate
