@@ -3,6 +3,8 @@
 Without Cython nothing is built, and a failed build is a warning: NumPy computes then.
 """
 
+from subprocess import SubprocessError
+
 from setuptools import Extension, setup
 from setuptools.command.build_ext import build_ext
 from setuptools.errors import CompileError
@@ -19,11 +21,11 @@ class OptionalBuild(build_ext):
     """Builds what can be built."""
 
     def build_extension(self, ext: Extension) -> None:
-        """Take a compiler that is not there as a failed build, which is optional."""
+        """Take a compiler that is not there, or fails, as a build that is left out."""
         try:
             super().build_extension(ext)
-        except OSError as error:
-            raise CompileError(f"cannot run the compiler: {error}") from error
+        except (OSError, SubprocessError) as error:
+            raise CompileError(f"the compiler does not do it: {error}") from error
 
 
 def extensions() -> list[Extension]:
@@ -39,9 +41,10 @@ def extensions() -> list[Extension]:
         # instructions beyond the baseline but in the variants chosen at import.
         extra_compile_args=["-O3", "-ffp-contract=off", "-fno-math-errno"],
         libraries=["m"],
-        optional=True,
     )
     found: list[Extension] = cythonize([kernel], build_dir="build/cython", quiet=True)
+    for extension in found:  # cythonize forgets it
+        extension.optional = True
     return found
 
 
