@@ -33,7 +33,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     lines = stored(given.out)
     todo = list(missing(lines, wanted, given.seed))
     begun_s = time.monotonic()
-    ends_s = begun_s + 60.0 * given.minutes if given.minutes else float("inf")
+    ends_s = float("inf")
+    if given.minutes is not None:
+        ends_s = begun_s + 60.0 * given.minutes
     print(f"{given.out}: {len(lines)} runs; {len(todo)} to go", flush=True)
     for line in _made(todo, ends_s):
         append(given.out, line)
@@ -61,7 +63,9 @@ def _arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("--seed", type=int, default=0, help="of the first run")
     parser.add_argument("--scenarios", nargs="*", default=[], help="parts of names")
-    parser.add_argument("--minutes", type=float, help="begin no run after that")
+    parser.add_argument(
+        "--minutes", type=float, help="begin no run after that; 0: only the table"
+    )
     given = parser.parse_args(arguments)
     given.out.parent.mkdir(parents=True, exist_ok=True)
     return given
@@ -73,6 +77,8 @@ def _fits(name: str, parts: Sequence[str]) -> bool:
 
 def _made(todo: Sequence[tuple[str, int]], ends_s: float) -> Iterator[Line]:
     """Make runs on all cores, told in the order in which they end."""
+    if not todo or time.monotonic() >= ends_s:
+        return
     # Many small matrices: threads of the linear algebra would only get in the way.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     waiting = iter(todo)
