@@ -7,10 +7,11 @@ from numpy.typing import NDArray
 
 from kinematics.arm_file import Arm
 from lab.campaign import Campaign
-from lab.diagnosis.aliases import KnownPair, is_alias, known_pair
+from lab.diagnosis.aliases import is_alias
 from lab.diagnosis.candidate import Candidate
 from lab.diagnosis.diagnosis import Alternative
 from lab.diagnosis.discrimination import Experiment, experiment
+from lab.diagnosis.known_pairs import KnownPair, known_pair
 from lab.diagnosis.naming import Naming
 from lab.diagnosis.rows import Rows
 

@@ -9,11 +9,12 @@ from scipy import stats
 
 from kinematics.arm_file import effect_from_table
 from lab.diagnosis.advice import gain_needed, separate_by, where_in_words
-from lab.diagnosis.aliases import canonical_correlations, is_alias, known_pair
+from lab.diagnosis.aliases import canonical_correlations, is_alias
 from lab.diagnosis.contacts import extended_rows, further_contacts
 from lab.diagnosis.decision import decided
 from lab.diagnosis.discrimination import experiment
 from lab.diagnosis.findings import project
+from lab.diagnosis.known_pairs import known_pair
 from lab.diagnosis.library import library_bank
 from lab.diagnosis.options import DiagnosisOptions
 from lab.identification.network import station_centres
