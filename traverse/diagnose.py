@@ -67,6 +67,8 @@ def diagnose(
     """
     with _refusals():
         if plan:
+            if accept or accept_tentative or out is not None:
+                _refuse("--plan writes nothing; leave out --out and --accept")
             _plan(campaign, arm, as_json=as_json)
             return
         if out is None:

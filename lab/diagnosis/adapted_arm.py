@@ -7,6 +7,7 @@ from kinematics.arm_file import Arm, FileError, Problem, parse_arm
 from kinematics.arm_file import Identification as Provenance
 from kinematics.arm_text import arm_text, write_whole
 from kinematics.effect_kinds import EFFECT_KINDS
+from kinematics.effects.arm_effects import effects_of
 from lab.diagnosis.diagnosis import Diagnosis, Term
 from lab.identification.plausible import campaign_span
 
@@ -47,9 +48,25 @@ def arm_with_provenance(diagnosis: Diagnosis, when: datetime | None = None) -> A
         redundancy=diagnosis.after.redundancy,
         date=(when or datetime.now(UTC)).replace(microsecond=0),
         campaign_digest=campaign.digest or None,
-        parameters=diagnosis.after.network.parameters.free_names,
+        parameters=_parameters(diagnosis, arm.model_copy(update={"effects": effects})),
     )
     return arm.model_copy(update={"effects": effects, "identification": provenance})
+
+
+def _parameters(diagnosis: Diagnosis, arm: Arm) -> tuple[str, ...]:
+    """Name what was estimated, as far as it is in the arm."""
+    parameters = diagnosis.after.network.parameters
+    if parameters.effects is None:
+        return parameters.free_names
+    built = effects_of(arm, arm.effects, campaign_span(diagnosis.campaign))
+    written = {built.name(correction) for correction in built.corrections}
+    missing = {
+        name
+        for name in parameters.effects.names
+        if name.rpartition(".")[0] not in written
+        and name.rpartition(".")[0].rpartition(".")[0] not in written
+    }
+    return tuple(name for name in parameters.free_names if name not in missing)
 
 
 def write_adapted(path: Path, arm: Arm, source: Path) -> None:

@@ -154,6 +154,11 @@ def test_a_plan_looks_at_no_misclosure(campaign_folder: Path) -> None:
 
 
 def test_what_is_missing_is_said(campaign_folder: Path) -> None:
+    ran = run_diagnose(
+        campaign_folder, "campaign", "--arm", "arm.toml", "--plan", "--accept"
+    )
+    assert ran.returncode == 2
+    assert "--plan writes nothing" in ran.stderr
     ran = run_diagnose(campaign_folder, "campaign", "--arm", "arm.toml")
     assert ran.returncode == 2
     assert "--out missing" in ran.stderr

@@ -4,7 +4,12 @@ from collections.abc import Sequence
 
 from lab.diagnosis.candidate import Candidate
 from lab.diagnosis.diagnosis import Detectable
-from lab.diagnosis.report.names import minimum_in_words, name_in_words, quantity
+from lab.diagnosis.report.names import (
+    minimum_in_words,
+    name_in_words,
+    quantity,
+    shown_unit,
+)
 
 NOT_SEEN = "—"
 
@@ -12,19 +17,29 @@ NOT_SEEN = "—"
 def joint_rows(
     detectable: Sequence[Detectable], joint_names: Sequence[str]
 ) -> list[list[str]]:
-    """List the effects of joints, a column a joint."""
-    found: dict[str, dict[str, str]] = {}
+    """List the effects of joints, a column a joint, each line in its own unit."""
+    found: dict[str, dict[str, Detectable]] = {}
     for entry in detectable:
-        candidate = entry.candidate
-        if candidate.joint is None:
-            continue
-        row = found.setdefault(_without_joint(candidate), {})
-        seen = entry.minimum is not None
-        row[candidate.joint] = minimum_in_words(entry) if seen else NOT_SEEN
-    return [
-        [name, *(row.get(joint, "") for joint in joint_names)]
-        for name, row in found.items()
-    ]
+        if entry.candidate.joint is not None:
+            row = found.setdefault(_without_joint(entry.candidate), {})
+            row[entry.candidate.joint] = entry
+    rows = []
+    for name, row in found.items():
+        seen = [entry.minimum for entry in row.values() if entry.minimum is not None]
+        unit = next(iter(row.values())).unit
+        factor, shown = shown_unit(min(seen, default=1.0), unit)
+        cells = [_cell(row.get(joint), factor) for joint in joint_names]
+        rows.append([f"{name} [{shown}]", *cells])
+    return rows
+
+
+def _cell(entry: Detectable | None, factor: float) -> str:
+    if entry is None:
+        return ""
+    if entry.minimum is None:
+        return NOT_SEEN
+    size = factor * entry.minimum
+    return f"{size:.2g}" if size < 100.0 else f"{size:.0f}"
 
 
 def whole_arm_rows(detectable: Sequence[Detectable]) -> list[list[str]]:

@@ -9,7 +9,7 @@ from lab.diagnosis.diagnosis import Detectable, Diagnosis, Estimate, Term
 
 _KINDS = {
     "encoder_eccentricity": "encoder eccentricity",
-    "encoder_harmonic": "encoder error {order} times a turn",
+    "encoder_harmonic": "encoder error {often} a turn",
     "encoder_scale": "encoder scale",
     "encoder_temperature": "encoder zero with temperature",
     "encoder_drift": "drift of the encoder's zero",
@@ -20,8 +20,8 @@ _KINDS = {
     "bearing_compliance": "tilt of the bearing under gravity",
     "mount_compliance": "tilt of the mount under gravity",
     "thermal_expansion": "thermal expansion of the link",
-    "axis_wobble": "wobble of the axis {order} times a turn",
-    "axis_runout": "{component} runout {order} times a turn",
+    "axis_wobble": "wobble of the axis {often} a turn",
+    "axis_runout": "{component} runout {often} a turn",
     "probe_radius": "radius of the probe's ball",
     "probe_lobing": "lobing of the probe",
     "stylus_bending": "bending of the stylus",
@@ -60,13 +60,18 @@ def name_in_words(candidate: Candidate) -> str:
     if candidate.joint is None:
         kind = _WHOLE_ARM.get(candidate.kind, kind)
     said = kind.format(
-        order=candidate.order,
+        often=often(candidate.order or 0),
         component=candidate.component,
         artefact=candidate.artefact,
     )
     of = "" if candidate.joint is None else f", joint {candidate.joint}"
     at = "" if candidate.at_s is None else f", at {candidate.at_s:.1f} s"
     return f"{said}{of}{at}"
+
+
+def often(times: int) -> str:
+    """Say how often."""
+    return {1: "once", 2: "twice"}.get(times, f"{times} times")
 
 
 def _curve(candidate: Candidate) -> str:
@@ -186,7 +191,7 @@ def odds(log_factor: float) -> str:
     """
     decades = log_factor / np.log(10.0)
     if decades < 4.0:
-        return f"1:{np.exp(max(log_factor, 0.0)):.3g}"
+        return f"1:{np.exp(max(log_factor, 0.0)):.0f}"
     return f"1:10^{decades:.0f}"
 
 

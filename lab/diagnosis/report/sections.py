@@ -21,22 +21,18 @@ from lab.identification.report.markup import image, note, paragraph, section, ta
 
 def ledger_section(diagnosis: Diagnosis, plots: Plots) -> str:
     """Show how the gap shrank."""
-    head = [
-        "model",
-        "held-out rms [mm]",
-        "held-out misfit",
-        "mean distance [mm]",
-        "sigma0",
-    ]
+    head = ["model", "held-out rms [mm]", "held-out misfit", "sigma0"]
+    distances = [step.held_out.mean_distance_mm for step in diagnosis.ledger]
+    has_points = None not in distances
+    if has_points:
+        head.append("mean distance [mm]")
     rows = [
         [
             name,
             f"{step.held_out.rms_mm:.5f}",
             f"{step.held_out.chi2:.3f}",
-            ""
-            if step.held_out.mean_distance_mm is None
-            else f"{step.held_out.mean_distance_mm:.5f}",
             f"{step.sigma0:.3f}",
+            *([f"{step.held_out.mean_distance_mm:.5f}"] if has_points else []),
         ]
         for name, step in zip(step_names(diagnosis), diagnosis.ledger, strict=True)
     ]

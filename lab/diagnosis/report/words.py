@@ -7,6 +7,7 @@ from lab.diagnosis.diagnosis import Alternative, Diagnosis, Term
 from lab.diagnosis.report.names import (
     name_in_words,
     odds,
+    often,
     quantity,
     size_in_words,
 )
@@ -60,7 +61,7 @@ def _missing(term: Term) -> str:
         )
     else:
         wave = (
-            f"; it repeats {term.harmonic} times a turn"
+            f"; it repeats {often(term.harmonic)} a turn"
             if term.harmonic is not None
             else ""
         )

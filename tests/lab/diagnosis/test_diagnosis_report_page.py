@@ -92,7 +92,7 @@ def test_figures_are_those_of_the_result(page):
     line = str(int(found.campaign.poses.lines[100]))
     assert line in page.cells
     assert f"Seed {found.seed}" in page.text
-    assert "7 µrad" in page.cells
+    assert "encoder eccentricity [µrad]" in page.cells
     assert "J1 is vertical: gravity does not twist it" in page.text
 
 

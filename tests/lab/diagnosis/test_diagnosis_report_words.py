@@ -55,7 +55,7 @@ def candidate(kind, joint=None, **more) -> Candidate:
         (candidate("encoder_eccentricity", "J3"), "encoder eccentricity, joint J3"),
         (
             candidate("axis_runout", "J5", order=2, component="radial"),
-            "radial runout 2 times a turn, joint J5",
+            "radial runout twice a turn, joint J5",
         ),
         (candidate("thermal_expansion"), "thermal expansion of all links"),
         (
@@ -161,7 +161,7 @@ def test_rivals_and_aliases_are_told_apart():
     )
     excluded, alias = rival_sentences(replace(term, alternatives=rivals))
     assert excluded == (
-        "Cannot be excluded: radial runout 2 times a turn, joint J3 (evidence 1:40)."
+        "Cannot be excluded: radial runout twice a turn, joint J3 (evidence 1:40)."
     )
     assert "structural alias): encoder scale, joint J3." in alias
 
@@ -235,8 +235,8 @@ DETECTABLE = (
 
 def test_detectable_sizes_stand_in_a_table_of_joints():
     assert joint_rows(DETECTABLE, ["J1", "J2", "J3"]) == [
-        ["encoder eccentricity", "7 µrad", "9 µrad", ""],
-        ["torsion under gravity", "—", "", ""],
+        ["encoder eccentricity [µrad]", "7", "9", ""],
+        ["torsion under gravity [rad/(N m)]", "—", "", ""],
     ]
     assert whole_arm_rows(DETECTABLE) == [["drift of the base", "10 nm/s", "3 µm"]]
 
