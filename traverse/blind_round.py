@@ -27,6 +27,8 @@ _TAG = 0x626C696E
 _APART = 1_000_000
 # Draws of a kind's joint and direction before another round is drawn.
 _DRAWS = 40
+# Half of all effects of this size are seen.
+_HARDLY_SEEN = 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,11 +180,18 @@ def _drawn_sizes(
     for kind in kinds:
         for _ in range(_DRAWS):
             one = measure.sized(drawn(rng, measure.poses, kind), scenario.size)
-            # What a name of the library fits exactly is not outside of it.
-            if one is not None and not (scenario.outside and measure.names_like(one)):
-                hidden.append(one)
-                break
+            if one is None or (scenario.outside and _has_a_name(measure, one)):
+                continue
+            hidden.append(one)
+            break
     return tuple(hidden)
+
+
+def _has_a_name(measure: Ruler, hidden: Hidden) -> bool:
+    """Say whether a name fits so well that what it leaves over is not seen."""
+    size = float(np.linalg.norm(measure.signal((hidden,))))
+    left = size * np.sqrt(max(1.0 - measure.likeness(hidden) ** 2, 0.0))
+    return bool(left < _HARDLY_SEEN)
 
 
 def _truth(measure: Ruler, hidden: Hidden) -> TrueTerm:
