@@ -154,9 +154,8 @@ class _Progress:
 
 def _plan(folder: Path, arm_file: Path, *, as_json: bool) -> None:
     """Say what a campaign could see; its measured misclosures are not looked at."""
-    from lab.diagnosis.plan import planned  # noqa: PLC0415
-
     from lab.diagnosis.files import detectable_json  # noqa: PLC0415
+    from lab.diagnosis.plan import planned  # noqa: PLC0415
     from lab.diagnosis.report.detectable_table import (  # noqa: PLC0415
         detectable_lines,
     )
