@@ -3,6 +3,7 @@
 Without Cython nothing is built, and a failed build is a warning: NumPy computes then.
 """
 
+from pathlib import Path
 from subprocess import SubprocessError
 
 from setuptools import Extension, setup
@@ -36,7 +37,11 @@ def extensions() -> list[Extension]:
         "kinematics.kernel.compiled",
         [f"{KERNEL}/compiled.pyx", f"{KERNEL}/variants.c"],
         include_dirs=[KERNEL],
-        depends=[f"{KERNEL}/{name}" for name in ("arm.h", "variant.inc")],
+        depends=[
+            str(path)
+            for path in sorted(Path(KERNEL).iterdir())
+            if path.suffix in {".h", ".inc", ".pxd", ".pxi"}
+        ],
         # Strict IEEE: no contraction into fused operations, no -ffast-math; and no
         # instructions beyond the baseline but in the variants chosen at import.
         extra_compile_args=["-O3", "-ffp-contract=off", "-fno-math-errno"],

@@ -15,46 +15,20 @@ from cpython.buffer cimport (
 )
 from cpython.list cimport PyList_CheckExact, PyList_GET_ITEM, PyList_GET_SIZE
 from cpython.tuple cimport PyTuple_CheckExact, PyTuple_GET_ITEM, PyTuple_GET_SIZE
+from libc.string cimport memcpy
 
 import numpy as np
 
-
-cdef extern from "arm.h" nogil:
-    const int MOST_JOINTS
-    const int N_VARIANTS
-    ctypedef struct arm_t:
-        int n_joints
-        double origin_mm[3]
-        double direction[3]
-        double zeros_rad[32]
-        double axes[32][3]
-        double links_mm[32][3]
-    ctypedef struct table_t:
-        char *data
-        Py_ssize_t row
-        Py_ssize_t column
-    ctypedef struct derivatives_t:
-        double *centres_mm
-        double *by_angles
-        double *by_axes
-        double *by_links
-    ctypedef struct variant_t:
-        const char *name
-        void (*poses)(
-            const arm_t *, table_t, Py_ssize_t, table_t, table_t
-        ) noexcept nogil
-        void (*skeletons)(
-            const arm_t *, table_t, Py_ssize_t, double *, double *
-        ) noexcept nogil
-        void (*derivatives)(
-            const arm_t *, table_t, Py_ssize_t, derivatives_t
-        ) noexcept nogil
-        void (*pose)(
-            const arm_t *, const double *, double *, double *
-        ) noexcept nogil
-    const variant_t *variant_at(int which)
-    int variant_runs(int which)
-
+from kinematics.kernel.arm cimport (
+    MOST_JOINTS,
+    N_VARIANTS,
+    arm_t,
+    derivatives_t,
+    table_t,
+    variant_at,
+    variant_runs,
+    variant_t,
+)
 
 LARGEST_N_JOINTS = MOST_JOINTS
 
@@ -79,48 +53,7 @@ cdef const variant_t *variant_named(str name) except NULL:
     )
 
 
-cdef class Floats:
-    """An array of float64 while the kernel has hold of its memory."""
-
-    cdef Py_buffer buffer
-    cdef bint held
-
-    def __cinit__(self):
-        self.held = False
-
-    def __dealloc__(self):
-        if self.held:
-            PyBuffer_Release(&self.buffer)
-
-    cdef double *data(self) noexcept:
-        return <double *>self.buffer.buf
-
-    cdef table_t table(self) noexcept:
-        cdef table_t found
-        found.data = <char *>self.buffer.buf
-        found.row = self.buffer.strides[0]
-        found.column = self.buffer.strides[1]
-        return found
-
-
-cdef Floats held(str name, object array, tuple shape, int flags):
-    """Take hold of an array, checked: everything behind this trusts its shape."""
-    cdef Floats floats = Floats()
-    cdef Py_buffer *buffer = &floats.buffer
-    cdef int axis
-    if array.shape != shape:
-        raise ValueError(f"{name} has shape {array.shape}, expected {shape}")
-    PyObject_GetBuffer(array, buffer, PyBUF_FORMAT | PyBUF_STRIDES | flags)
-    floats.held = True
-    cdef bint aligned = <size_t>buffer.buf % sizeof(double) == 0
-    for axis in range(buffer.ndim):
-        aligned = aligned and buffer.strides[axis] % <Py_ssize_t>sizeof(double) == 0
-    if buffer.format[0] != b"d" or buffer.format[1] != 0 or not aligned:
-        raise ValueError(
-            f"{name} has dtype {array.dtype}, expected aligned float64 in the byte "
-            "order of this machine"
-        )
-    return floats
+include "floats.pxi"
 
 
 cdef class Chain:
@@ -300,7 +233,7 @@ cdef class Chain:
         cdef double readings[32]
         cdef double x[3]
         cdef double d[3]
-        self._take(angles_rad, readings)
+        take(angles_rad, self.arm.n_joints, readings)
         self.code.pose(&self.arm, readings, x, d)
         return (x[0], x[1], x[2]), (d[0], d[1], d[2])
 
@@ -308,49 +241,9 @@ cdef class Chain:
         """Compute one sample's centre, three floats, of what `pose` takes."""
         cdef double readings[32]
         cdef double x[3]
-        self._take(angles_rad, readings)
+        take(angles_rad, self.arm.n_joints, readings)
         self.code.pose(&self.arm, readings, x, NULL)
         return x[0], x[1], x[2]
 
     cdef Floats _readings(self, angles_rad, Py_ssize_t n_samples):
         return held("angles_rad", angles_rad, (n_samples, self.arm.n_joints), 0)
-
-    cdef int _take(self, angles_rad, double *readings) except -1:
-        cdef Py_ssize_t n_joints = self.arm.n_joints
-        cdef Py_ssize_t k
-        cdef Py_buffer buffer
-        if PyTuple_CheckExact(angles_rad):
-            if PyTuple_GET_SIZE(angles_rad) != n_joints:
-                raise self._wrong(angles_rad)
-            for k in range(n_joints):
-                readings[k] = <object>PyTuple_GET_ITEM(angles_rad, k)
-            return 0
-        if PyList_CheckExact(angles_rad):
-            if PyList_GET_SIZE(angles_rad) != n_joints:
-                raise self._wrong(angles_rad)
-            for k in range(n_joints):
-                # An odd float could change the list while it is read.
-                if k >= PyList_GET_SIZE(angles_rad):
-                    raise self._wrong(angles_rad)
-                readings[k] = <object>PyList_GET_ITEM(angles_rad, k)
-            return 0
-        PyObject_GetBuffer(angles_rad, &buffer, PyBUF_FORMAT | PyBUF_STRIDES)
-        try:
-            if (
-                buffer.ndim != 1
-                or buffer.shape[0] != n_joints
-                or buffer.format[0] != b"d"
-                or buffer.format[1] != 0
-            ):
-                raise self._wrong(angles_rad)
-            for k in range(n_joints):
-                readings[k] = (<double *>(<char *>buffer.buf + k * buffer.strides[0]))[0]
-        finally:
-            PyBuffer_Release(&buffer)
-        return 0
-
-    cdef _wrong(self, angles_rad):
-        return ValueError(
-            f"angles_rad is {angles_rad!r}, expected {self.arm.n_joints} floats: one "
-            "for each joint of the arm"
-        )
