@@ -4,8 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
 # What the kernel in C is built from.
-KERNEL := setup.py $(wildcard kinematics/kernel/*.pyx kinematics/kernel/*.c \
-    kinematics/kernel/*.h kinematics/kernel/*.inc)
+KERNEL := setup.py $(foreach kind,pyx pxd pxi c h inc,$(wildcard kinematics/kernel/*.$(kind)))
 
 .PHONY: help venv system demo test lint format schemas lock bench bench-identification prove soak clean
 
