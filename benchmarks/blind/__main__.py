@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     seconds = [line["seconds"] for line in lines if "seconds" in line]
     if seconds:
         median, most = np.median(seconds), np.max(seconds)
-        print(f"\na decision took {median:.2f} s in the middle, {most:.2f} s at most")
+        print(f"\na decision took {median:.2f} s of a core, {most:.2f} s at most")
     print(f"took {time.monotonic() - begun_s:.0f} s")
     return 0 if holds else 1
 

@@ -24,9 +24,10 @@ def run(scenario: str, seed: int) -> Line:
     try:
         case = hide(demo_arm(), SCENARIOS[scenario], seed)
         line |= _hidden(case)
-        hidden_s = time.monotonic()
+        hidden_s = time.process_time()
         diagnosis = find(case)
-        line["seconds"] = time.monotonic() - hidden_s
+        # Of a core: how many others there are does not matter.
+        line["seconds"] = time.process_time() - hidden_s
         line |= _found(diagnosis)
         line["score"] = asdict(scored(case.truths, diagnosis))
         line["gap"] = gap_of(case, diagnosis)
