@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from kinematics.kernel.choice import KERNEL
 from traverse.arm import arm
 from traverse.blind import blind
 from traverse.check import check
@@ -29,7 +30,7 @@ app.add_typer(arm, name="arm")
 
 def _show_version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"traverse {version('traverse-cmm')} (kernel: numpy)")
+        typer.echo(f"traverse {version('traverse-cmm')} (kernel: {KERNEL})")
         raise typer.Exit
 
 

@@ -7,6 +7,7 @@ from importlib.metadata import version
 import pytest
 from typer.testing import CliRunner
 
+from kinematics.kernel.choice import KERNEL
 from traverse.__main__ import app
 
 COMMANDS = ("demo", "run", "simulate", "watch", "check")
@@ -21,7 +22,7 @@ def said(*arguments: str) -> tuple[int, str]:
 def test_version_says_which_kernel_computes() -> None:
     status, text = said("--version")
     assert status == 0
-    assert text == f"traverse {version('traverse-cmm')} (kernel: numpy)"
+    assert text == f"traverse {version('traverse-cmm')} (kernel: {KERNEL})"
 
 
 def test_the_module_is_the_command() -> None:
