@@ -22,6 +22,9 @@ _SETTLED = float(np.log(100.0))
 # Of the normal distribution: 90 % of the experiments bring that evidence.
 _SURE = 1.28
 _MOST_POSES = 40
+_MOST_RIVALS = 4
+# Correlation below which two effects are hardly ever taken for each other.
+_UNLIKE = 0.3
 # How far a joint may go beyond what it has travelled.
 _BEYOND_RAD = 1.0
 # Correlation above which a pair of the table that is one by structure is one here.
@@ -52,41 +55,57 @@ def separate_by(naming: Naming, rows: Rows, arm: Arm) -> str:
         Empty where there are no alternatives.
     """
     own = naming.own.candidate
-    told = []
-    for other in _worth_telling(naming.alternatives):
+    told, apart = [], []
+    named = [o for o in naming.alternatives if o.candidate.kind != "empirical"]
+    if not named or own.kind == "empirical":
+        return _curve_in_words(own, naming.alternatives)
+    for other in named:
         known = known_pair(own, other.candidate, rows)
         if _is_structural(other, known):
             told.append(_alias_in_words(own, other.candidate, known))
         else:
-            found = experiment_against(naming, other, rows, arm)
-            told.append(_pair_in_words(own, other.candidate, known, found, rows))
-    return " ".join(told)
+            apart.append(other)
+    if not apart:
+        return " ".join(told[:1])
+    for others in _goals(apart):
+        found = experiment_against(naming, others, rows, arm)
+        if found is not None:
+            told.insert(0, _poses_in_words(own, others, found, rows))
+            break
+    else:
+        told.insert(0, _experiment_in_words(own, apart[0], rows))
+    return " ".join(told[:2])
 
 
 def experiment_against(
-    naming: Naming, other: Alternative, rows: Rows, arm: Arm
+    naming: Naming, others: Sequence[Alternative], rows: Rows, arm: Arm
 ) -> Experiment | None:
-    """Choose the poses that tell a finding from another name.
+    """Choose the poses that tell a finding from other names.
 
     Within what the joints have travelled, or, where that is not enough, a radian
-    beyond it in the joints of the two.
+    beyond it in the joints of the effects.
 
     Args:
         naming: The finding.
-        other: What it is to be told from.
+        others: What it is to be told from.
         rows: Of the fit with all terms.
         arm: Of that fit.
 
     Returns:
-        None where both depend on other things than on poses, or where more poses
-        than anyone likes to measure would be needed.
+        None where it depends on other things than on poses, or where more poses than
+        anyone likes to measure would be needed.
     """
     own = naming.own
-    effects = own.candidate, other.candidate
-    if all(one.kind in _NOT_OF_POSES for one in effects):
+    effects = (own.candidate, *(other.candidate for other in others))
+    if any(other.kind in _NOT_OF_POSES for other in effects[1:]) and (
+        own.candidate.kind in _NOT_OF_POSES
+    ):
         return None
     amplitudes, _ = own.found.amplitudes(own.residuals)
-    ahead = own.score - other.log_bayes_factor - other.candidate.log_prior
+    gains = [
+        gain_needed(own.score - other.log_bayes_factor - other.candidate.log_prior)
+        for other in others
+    ]
     joints = {one.joint for one in effects}
     names = rows.adjustment.network.campaign.joint_names
     beyond_rad = np.array([_BEYOND_RAD * (name in joints) for name in names])
@@ -96,9 +115,9 @@ def experiment_against(
             amplitudes,
             rows,
             arm,
+            gains=gains,
             index=naming.added.index,
             wider_rad=wider_rad,
-            gain=gain_needed(ahead),
             n_most=_MOST_POSES,
         )
         if found is None or found.is_enough:
@@ -156,12 +175,22 @@ def where_in_words(poses_rad: Floats, campaign: Campaign, joints: Sequence[str])
     return "in postures all over the travelled ranges"
 
 
-def _worth_telling(alternatives: Sequence[Alternative]) -> list[Alternative]:
-    """Take the first alternative, and the first one that is no alias."""
-    told = list(alternatives[:1])
-    if told and is_alias(told[0].correlation):
-        told += [one for one in alternatives[1:] if not is_alias(one.correlation)][:1]
-    return told
+def _goals(apart: list[Alternative]) -> list[list[Alternative]]:
+    """List what to tell a finding from: all its rivals, or at least the best one."""
+    return [apart[:n] for n in (_MOST_RIVALS, 1) if n == 1 or len(apart) > 1]
+
+
+def _curve_in_words(own: Candidate, alternatives: Sequence[Alternative]) -> str:
+    """Say what becomes of curves, which fit whatever depends on the same."""
+    if not alternatives:
+        return ""
+    curve = own if own.kind == "empirical" else alternatives[0].candidate
+    what = curve.covariate or "the readings"
+    return (
+        f"A curve over {what} imitates every effect that depends on it: poses spread "
+        f"evenly over the whole range of {what} show whether its shape is that of a "
+        "named effect."
+    )
 
 
 def _is_structural(other: Alternative, known: KnownPair | None) -> bool:
@@ -181,41 +210,40 @@ def _alias_in_words(own: Candidate, other: Candidate, known: KnownPair | None) -
     )
 
 
-def _pair_in_words(
-    own: Candidate,
-    other: Candidate,
-    known: KnownPair | None,
-    found: Experiment | None,
-    rows: Rows,
-) -> str:
-    """Say a number of poses where few are enough, else the known experiment."""
-    beginning = f"To tell {own.name} from {other.name}: "
-    poses = "" if found is None else _poses_in_words(own, other, found, rows)
-    if poses and known is not None:
-        return f"{beginning}{poses}; or {known.experiment}."
-    if poses:
-        return f"{beginning}{poses}."
+def _experiment_in_words(own: Candidate, other: Alternative, rows: Rows) -> str:
+    beginning = f"To tell {own.name} from {other.candidate.name}: "
+    known = known_pair(own, other.candidate, rows)
     if known is not None:
         return f"{beginning}{known.experiment} ({known.why})."
+    if other.correlation < _UNLIKE:
+        return (
+            f"{beginning}repeat the campaign; the two are unlike, and only the scatter "
+            "of so small an effect leaves the other name open."
+        )
     return (
-        f"{beginning}no {_MOST_POSES} further poses of the kind do; "
-        "turn the joints through wider ranges, or change the stylus or the payload."
+        f"{beginning}turn the joints through wider ranges, or change the stylus or the "
+        f"payload; {_MOST_POSES} further poses like those so far are not enough."
     )
 
 
 def _poses_in_words(
-    own: Candidate, other: Candidate, found: Experiment, rows: Rows
+    own: Candidate, others: Sequence[Alternative], found: Experiment, rows: Rows
 ) -> str:
-    n = len(found.poses)
-    campaign = rows.adjustment.network.campaign
-    joints = dict.fromkeys(one.joint for one in (own, other) if one.joint is not None)
+    """Say how many poses, where, and what they bring; and the known experiment."""
+    n, campaign = len(found.poses), rows.adjustment.network.campaign
+    effects = (own, *(other.candidate for other in others))
+    joints = dict.fromkeys(one.joint for one in effects if one.joint is not None)
     where = where_in_words(found.poses.angles_rad, campaign, tuple(joints))
     touched = np.bincount(found.poses.artefacts, minlength=len(campaign.artefacts))
     best = int(np.argmax(touched))
-    at = campaign.artefacts[best].id
-    chance = 100.0 * float(found.chances[-1])
+    mostly = "" if touched[best] == n else "mostly "
+    chance = max(100.0 * float(np.max(found.chances[-1])), 0.1)
+    names = " and ".join(other.candidate.name for other in others)
+    known = known_pair(own, others[0].candidate, rows)
+    instead = "" if known is None else f"; or {known.experiment}"
+    poses = "1 more pose" if n == 1 else f"{n} more poses"
     return (
-        f"{n} more pose{'s' if n > 1 else ''} {where}, "
-        f"{'' if touched[best] == n else 'mostly '}at {at}, bring the chance of a "
-        f"wrong name to {max(chance, 0.1):.1f} %"
+        f"To tell {own.name} from {names}: {poses} {where}, "
+        f"{mostly}at {campaign.artefacts[best].id}, bring the chance of a wrong name "
+        f"to {chance:.1f} %{instead}."
     )

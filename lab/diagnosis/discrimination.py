@@ -7,10 +7,11 @@ imitate, the unknowns X of the model and the other's amplitudes adjusted,
 
 and is taken for it with the chance Phi(-sqrt(Delta) / 2). Poses are added one by one,
 each time the one that raises Delta most, by e^T (I + X_p N^-1 X_p^T)^-1 e for its
-misclosures e (Atkinson and Fedorov).
+misclosures e (Atkinson and Fedorov); of several others, for the one that lacks most.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,12 +38,13 @@ _LEAST_EFFECT = 0.016
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Experiment:
-    """Further poses that tell an effect from another, the best first.
+    """Further poses that tell an effect from others, the best first.
 
     Attributes:
         poses: What to touch and how, (n_poses,).
-        separations: Delta now and after each pose, (n_poses + 1,).
-        is_enough: Whether Delta grows by what was wanted.
+        separations: Delta from each other effect, now and after each pose,
+            (n_poses + 1, n_others).
+        is_enough: Whether all grow by what was wanted.
     """
 
     poses: Poses
@@ -51,52 +53,33 @@ class Experiment:
 
     @property
     def chances(self) -> Floats:
-        """Of taking one effect for the other, now and later, (n_poses + 1,)."""
+        """Of taking another effect for this one, (n_poses + 1, n_others)."""
         found: Floats = special.ndtr(-0.5 * np.sqrt(self.separations))
         return found
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Contest:
-    """The equations of two effects: what is there, and what is tried instead.
-
-    Attributes:
-        own: y, (n_rows,).
-        columns: X, (n_rows, n_columns).
-        poses: Of the rows, (n_rows,).
-        n_measured: Poses that were measured; those after them are further ones.
-        further: All further poses.
-    """
-
-    own: Floats
-    columns: Floats
-    poses: Integers
-    n_measured: int
-    further: Poses
-
-
 def experiment(
-    effects: tuple[Candidate, Candidate],
+    effects: tuple[Candidate, ...],
     amplitudes: Floats,
     rows: Rows,
     arm: Arm,
     *,
+    gains: Sequence[float],
     index: int | None = None,
     wider_rad: Floats | float = 0.0,
-    gain: float = 21.0,
     n_most: int = 40,
 ) -> Experiment | None:
     """Choose poses on the campaign's artefacts.
 
     Args:
-        effects: What is there, and what is to be excluded.
+        effects: What is there, and then what is to be excluded.
         amplitudes: Of the first, in the unit of its keys, (n_columns,).
         rows: Of a fit.
         arm: For the columns of effects.
+        gains: By how much each Delta is to grow.
         index: Of the first effect among those of the fit's arm, if it is one.
         wider_rad: By how much joints may go beyond what they have travelled,
             (n_joints,) or one number.
-        gain: Of Delta; enough poses for that are chosen.
         n_most: Poses at most.
 
     Returns:
@@ -104,39 +87,41 @@ def experiment(
     """
     adjustment = rows.adjustment
     n_tries = _MOST_CONTACTS // len(adjustment.network.stations)
-    wider = np.broadcast_to(wider_rad, adjustment.network.parameters.n_joints)
-    further = further_contacts(adjustment, n_tries, _SEED, wider)
-    contest = _contest(effects, amplitudes, (rows, further), arm, index)
-    return None if contest is None else _chosen(contest, gain, n_most)
-
-
-def _contest(
-    effects: tuple[Candidate, Candidate],
-    amplitudes: Floats,
-    poses: tuple[Rows, Poses],
-    arm: Arm,
-    index: int | None,
-) -> _Contest | None:
-    adjustment, further = poses[0].adjustment, poses[1]
+    beyond_rad = np.broadcast_to(wider_rad, adjustment.network.parameters.n_joints)
+    further = further_contacts(adjustment, n_tries, _SEED, beyond_rad)
     wider = extended_rows(adjustment, further)
     blocks = _blocks(wider, arm, effects)
     if blocks is None:
         return None
     own = blocks[0] @ (amplitudes / np.array(effects[0].scales))
     unknowns = (wider if index is None else rows_without(wider, index)).columns
-    return _Contest(
-        own,
-        np.hstack([unknowns, blocks[1]]),
-        wider.poses,
-        len(adjustment.network.campaign.poses),
-        further,
+    n_measured = len(adjustment.network.campaign.poses)
+    contests = [
+        _Contest(own, np.hstack([unknowns, block]), wider.poses - n_measured, gain)
+        for block, gain in zip(blocks[1:], gains, strict=True)
+    ]
+    chosen: list[int] = []
+    while len(chosen) < min(n_most, len(further)) and any(
+        one.lacking > 0.0 for one in contests
+    ):
+        worst = max(contests, key=lambda one: one.lacking)
+        growths = worst.growths()
+        growths[chosen] = -1.0
+        chosen.append(int(np.argmax(growths)))
+        for one in contests:
+            one.add(chosen[-1])
+    separations = np.array([one.separations for one in contests]).T
+    return Experiment(
+        further.part(np.array(chosen, dtype=np.int64)),
+        np.maximum(separations, 0.0),
+        all(one.lacking <= 0.0 for one in contests),
     )
 
 
 def _blocks(
-    rows: Rows, arm: Arm, effects: tuple[Candidate, Candidate]
+    rows: Rows, arm: Arm, effects: tuple[Candidate, ...]
 ) -> list[Floats] | None:
-    """Compute the columns of two effects in units of their scales."""
+    """Compute the columns of effects in units of their scales."""
     banks: dict[BankName, Bank] = {}
     blocks = []
     for effect in effects:
@@ -162,84 +147,60 @@ def _blocks(
     return blocks
 
 
-def _chosen(contest: _Contest, gain: float, n_most: int) -> Experiment:
-    measured = contest.poses < contest.n_measured
-    _, values, turned = np.linalg.svd(contest.columns[measured], full_matrices=False)
-    # Unknowns of unit variance: N is the unit matrix before anything is added.
-    units = turned.T / np.sqrt(values**2 + _LEAST_EFFECT**2)
-    contest = replace(contest, columns=contest.columns @ units)
-    columns, own = contest.columns[measured], contest.own[measured]
-    inverse = np.eye(columns.shape[1])
-    best = columns.T @ own
-    separations = [float(own @ (own - columns @ best))]
-    waiting = _by_pose(contest)
-    chosen: list[int] = []
-    while len(chosen) < n_most and waiting and separations[-1] - separations[0] < gain:
-        gains = [_gains(group, inverse, best) for group in waiting]
-        at = int(np.argmax([np.max(one) for one in gains]))
-        group = waiting[at]
-        place = int(np.argmax(gains[at]))
-        chosen.append(int(group.poses[place]))
-        part, values = group.columns[place], group.own[place]
-        across = inverse @ part.T
-        weights = np.linalg.inv(np.eye(len(part)) + part @ across)
-        misses = values - part @ best
-        separations.append(separations[-1] + float(misses @ weights @ misses))
-        best = best + across @ (weights @ misses)
-        inverse = inverse - across @ weights @ across.T
-        waiting[at] = group.without(place)
-        waiting = [one for one in waiting if len(one.poses)]
-    poses = contest.further.part(np.array(chosen, dtype=np.int64))
-    enough = separations[-1] - separations[0] >= gain
-    return Experiment(poses, np.maximum(np.array(separations), 0.0), enough)
+class _Contest:
+    """An effect against another one: Delta while poses are added.
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Group:
-    """Further poses with as many equations each.
-
-    Attributes:
-        poses: Among the further ones, (n_poses,).
-        columns: (n_poses, n_rows, n_columns).
-        own: (n_poses, n_rows).
+    Args:
+        own: y of the one, (n_rows,).
+        columns: X with the other, (n_rows, n_columns).
+        numbers: Of each row's further pose; below 0: measured already, (n_rows,).
+        gain: By how much Delta is to grow.
     """
 
-    poses: Integers
-    columns: Floats
-    own: Floats
+    def __init__(
+        self, own: Floats, columns: Floats, numbers: Integers, gain: float
+    ) -> None:
+        measured = numbers < 0
+        _, values, turned = np.linalg.svd(columns[measured], full_matrices=False)
+        # Unknowns of unit variance: N is the unit matrix before anything is added.
+        columns = columns @ (turned.T / np.sqrt(values**2 + _LEAST_EFFECT**2))
+        self._inverse = np.eye(columns.shape[1])
+        self._best = columns[measured].T @ own[measured]
+        left = own[measured] - columns[measured] @ self._best
+        self.separations = [float(own[measured] @ left)]
+        self._gain = gain
+        # Three rows a pose: those of surfaces are filled up with zeros.
+        rows = np.flatnonzero(~measured)
+        rows = rows[np.argsort(numbers[rows], kind="stable")]
+        poses = numbers[rows]
+        within = np.arange(len(rows)) - np.searchsorted(poses, poses)
+        n_poses = int(poses.max(initial=-1)) + 1
+        self._columns = np.zeros((n_poses, 3, columns.shape[1]))
+        self._columns[poses, within] = columns[rows]
+        self._own = np.zeros((n_poses, 3))
+        self._own[poses, within] = own[rows]
 
-    def without(self, place: int) -> "_Group":
-        """Take a pose out."""
-        return _Group(
-            np.delete(self.poses, place),
-            np.delete(self.columns, place, axis=0),
-            np.delete(self.own, place, axis=0),
-        )
+    @property
+    def lacking(self) -> float:
+        """The part of the wanted growth that is still lacking."""
+        return 1.0 - (self.separations[-1] - self.separations[0]) / self._gain
 
+    def growths(self) -> Floats:
+        """Compute by how much each further pose raises Delta, (n_poses,)."""
+        covariances = self._columns @ self._inverse @ self._columns.swapaxes(1, 2)
+        covariances = covariances + np.eye(3)
+        misses = (self._own - self._columns @ self._best)[:, :, np.newaxis]
+        solved = np.linalg.solve(covariances, misses)
+        found: Floats = np.sum(misses * solved, axis=(1, 2))
+        return found
 
-def _by_pose(contest: _Contest) -> list[_Group]:
-    numbers = contest.poses - contest.n_measured
-    rows = np.flatnonzero(numbers >= 0)
-    rows = rows[np.argsort(numbers[rows], kind="stable")]
-    poses, counts = np.unique(numbers[rows], return_counts=True)
-    groups = []
-    for count in np.unique(counts):
-        mine = rows[np.repeat(counts == count, counts)]
-        groups.append(
-            _Group(
-                poses[counts == count],
-                contest.columns[mine].reshape(-1, count, contest.columns.shape[1]),
-                contest.own[mine].reshape(-1, count),
-            )
-        )
-    return groups
-
-
-def _gains(group: _Group, inverse: Floats, best: Floats) -> Floats:
-    """Compute by how much each pose raises Delta, (n_poses,)."""
-    across = group.columns @ inverse
-    covariances = across @ group.columns.swapaxes(1, 2)
-    covariances = covariances + np.eye(covariances.shape[1])
-    misses = (group.own - group.columns @ best)[:, :, np.newaxis]
-    found: Floats = np.sum(misses * np.linalg.solve(covariances, misses), axis=(1, 2))
-    return found
+    def add(self, pose: int) -> None:
+        """Measure a further pose."""
+        part = self._columns[pose]
+        across = self._inverse @ part.T
+        weights = np.linalg.inv(np.eye(3) + part @ across)
+        misses = self._own[pose] - part @ self._best
+        growth = float(misses @ weights @ misses)
+        self.separations.append(self.separations[-1] + growth)
+        self._best = self._best + across @ (weights @ misses)
+        self._inverse = self._inverse - across @ weights @ across.T

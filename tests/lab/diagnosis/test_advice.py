@@ -12,6 +12,7 @@ from lab.diagnosis.advice import gain_needed, separate_by, where_in_words
 from lab.diagnosis.aliases import canonical_correlations, is_alias
 from lab.diagnosis.contacts import extended_rows, further_contacts
 from lab.diagnosis.decision import decided
+from lab.diagnosis.diagnosis import Alternative
 from lab.diagnosis.discrimination import experiment
 from lab.diagnosis.findings import project
 from lab.diagnosis.known_pairs import known_pair
@@ -118,7 +119,7 @@ def found_experiment():
     effects = candidate_of(*ECCENTRIC_6), candidate_of(*SECOND_6)
     amplitudes = np.array([2e-5, -1e-5])
     found = experiment(
-        effects, amplitudes, measured_rows(), measured().arm, gain=6.0, n_most=12
+        effects, amplitudes, measured_rows(), measured().arm, gains=[6.0], n_most=12
     )
     assert found is not None
     return effects, amplitudes, found
@@ -131,20 +132,21 @@ def test_the_separation_is_that_of_all_equations_together():
     own = rows.project(own[:, np.newaxis])
     other = rows.project(columns_of(rows, effects[1]))
     left = own - other @ np.linalg.lstsq(other, own, rcond=None)[0]
-    assert found.separations[-1] == pytest.approx(float(np.sum(left**2)), rel=0.01)
+    assert found.separations[-1, 0] == pytest.approx(float(np.sum(left**2)), rel=0.01)
     chance = stats.norm.cdf(-0.5 * np.linalg.norm(left))
-    assert found.chances[-1] == pytest.approx(chance, rel=0.05)
+    assert found.chances[-1, 0] == pytest.approx(chance, rel=0.05)
 
 
 def test_every_chosen_pose_helps_and_more_than_poses_at_random():
     _, _, found = found_experiment()
     n = len(found.poses)
-    assert np.all(np.diff(found.separations) > 0.0)
-    assert found.is_enough == (found.separations[-1] - found.separations[0] >= 6.0)
+    assert np.all(np.diff(found.separations[:, 0]) > 0.0)
+    growth = float(found.separations[-1, 0] - found.separations[0, 0])
+    assert found.is_enough == (growth >= 6.0)
     assert found.is_enough or n == 12
     # A pose so far brought the mean; a chosen one brings a multiple of that.
-    so_far = found.separations[0] / len(measured().campaign.poses)
-    assert found.separations[-1] - found.separations[0] > 2.0 * n * so_far
+    so_far = float(found.separations[0, 0]) / len(measured().campaign.poses)
+    assert growth > 2.0 * n * so_far
 
 
 def test_a_curve_without_a_name_has_no_columns_at_other_poses():
@@ -153,7 +155,7 @@ def test_a_curve_without_a_name_has_no_columns_at_other_poses():
         candidate_of("encoder_drift", "J2"), kind="count_slip", joint="J9", at_s=None
     )
     effects = candidate_of(*ECCENTRIC_6), step
-    assert experiment(effects, np.array([2e-5, -1e-5]), rows, arm) is None
+    assert experiment(effects, np.array([2e-5, -1e-5]), rows, arm, gains=[6.0]) is None
 
 
 def test_the_gain_that_is_needed_settles_nine_of_ten():
@@ -200,3 +202,49 @@ def test_a_finding_with_an_alias_is_told_so_without_a_number_of_poses():
     assert "more pose" not in told
     alone = replace(naming, alternatives=())
     assert not separate_by(alone, search.stage.rows, search.fit.arm)
+
+
+def test_all_rivals_are_told_apart_at_once():
+    effects = (
+        candidate_of(*ECCENTRIC_6),
+        candidate_of(*SECOND_6),
+        candidate_of("encoder_scale", "J6"),
+    )
+    found = experiment(
+        effects,
+        np.array([2e-5, -1e-5]),
+        measured_rows(),
+        measured().arm,
+        gains=[3.0, 3.0],
+        n_most=30,
+    )
+    assert found is not None
+    assert found.separations.shape == (len(found.poses) + 1, 2)
+    grown = found.separations[-1] - found.separations[0]
+    assert found.is_enough == bool(np.all(grown >= 3.0))
+    assert found.is_enough
+
+
+def test_a_curve_is_no_alias_by_structure():
+    of = measured().with_effect(
+        effect_from_table(
+            {
+                "kind": "encoder_harmonic",
+                "joint": "J3",
+                "order": 2,
+                "cos_rad": 3e-5,
+                "sin_rad": 0.0,
+            }
+        )
+    )
+    everyone = np.ones(len(of.campaign.poses), dtype=np.bool_)
+    decision = decided(of.campaign, of.arm, everyone, DiagnosisOptions(n_draws=200))
+    naming = decision.names[0]
+    curve = replace(naming.own.candidate, kind="empirical", covariate="J3_rad")
+    naming = replace(
+        naming, alternatives=(Alternative(curve, 1.0, correlation=1.0, alias=True),)
+    )
+    search = decision.search
+    told = separate_by(naming, search.stage.rows, search.fit.arm)
+    assert "structure" not in told
+    assert "whole range of J3_rad" in told
