@@ -71,6 +71,10 @@ def corrected_pose(
     flags = pose_flags(effects, block)
     if not effects.corrections:
         return *probe_pose(geometry, block.angles_rad), flags
+    if not effects.mechanical and not effects.contacts:
+        # The plain arm at other readings, which the kernel knows how to do.
+        readings_rad = block.angles_rad - _d_alpha_rad(geometry, effects, block).T
+        return *probe_pose(geometry, readings_rad), flags
     centres_mm = np.empty((len(block), 3))
     directions = np.empty((len(block), 3))
     for chunk in chunks(len(block), _CHUNK_SAMPLES):
