@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from kinematics.arm_file import Arm
 from lab.campaign import Campaign
 from lab.diagnosis.findings import Projected, project
+from lab.diagnosis.harmonics import harmonic_bank
 from lab.diagnosis.library import library_bank
 from lab.diagnosis.rows import Rows, rows_of
 from lab.diagnosis.score import ALIAS, Identity
@@ -45,7 +46,7 @@ class Ruler:
         poses: Without effects.
         exact: Their campaign without noise.
         rows: Of a fit to these, of the poses that are used for choosing.
-        library: All names, to find aliases.
+        library: All names but steps, to find aliases.
     """
 
     poses: PoseSet
@@ -122,7 +123,8 @@ def ruler(poses: PoseSet, arm: Arm, choosing: Booleans) -> Ruler:
     )
     # No tests: nothing contradicts anything where there is no noise.
     rows = rows_of(adjust(network, start_state(network, design), design))
-    library = project(rows, library_bank(rows, arm))
+    banks = (library_bank(rows, arm), harmonic_bank(rows))
+    library = tuple(one for bank in banks for one in project(rows, bank))
     return Ruler(poses, exact_columns(poses), rows, library)
 
 

@@ -42,8 +42,6 @@ def test_the_library_knows_what_the_simulator_plays(kind):
     if kind in ("count_slip", "base_step"):
         assert of.likeness(effect) < 1.0
         return
-    if effect.kind == "encoder_harmonic" and effect.fixed["order"] > 4:
-        return
     names = {name[0] for name in of.names_like(effect)}
     assert kind in names
 
