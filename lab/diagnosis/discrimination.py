@@ -32,6 +32,8 @@ Integers = NDArray[np.int64]
 
 _SEED = 7
 _MOST_CONTACTS = 360
+# Fewer could not contradict a blunder among them.
+_LEAST_POSES = 5
 # What a combination of unknowns must do to the data to count; the banks' limit.
 _LEAST_EFFECT = 0.016
 
@@ -101,8 +103,8 @@ def experiment(
         for block, gain in zip(blocks[1:], gains, strict=True)
     ]
     chosen: list[int] = []
-    while len(chosen) < min(n_most, len(further)) and any(
-        one.lacking > 0.0 for one in contests
+    while len(chosen) < min(n_most, len(further)) and (
+        len(chosen) < _LEAST_POSES or any(one.lacking > 0.0 for one in contests)
     ):
         worst = max(contests, key=lambda one: one.lacking)
         growths = worst.growths()

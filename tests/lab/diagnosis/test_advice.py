@@ -221,8 +221,10 @@ def test_all_rivals_are_told_apart_at_once():
     assert found is not None
     assert found.separations.shape == (len(found.poses) + 1, 2)
     grown = found.separations[-1] - found.separations[0]
-    assert found.is_enough == bool(np.all(grown >= 3.0))
+    assert np.all(grown >= 3.0)
     assert found.is_enough
+    # A single pose could be a blunder.
+    assert len(found.poses) >= 5
 
 
 def test_a_curve_is_no_alias_by_structure():
