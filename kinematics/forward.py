@@ -7,7 +7,8 @@ written in the base posture (Benciolini and Vitti, 2017):
     direction = P_n d                                   the shank, towards the ball
 
 The functions called numpy_... are the readable definition, and compute where the kernel
-in C was not built or is not wanted.
+in C was not built or is not wanted. The ball is reached from the tip inwards, which
+needs no P_k; the skeleton goes outwards with P_k as quaternions.
 """
 
 import numpy as np
@@ -18,7 +19,10 @@ from kinematics.kernel.choice import compiled_chain
 from kinematics.quaternion import multiply, rotate, turn
 
 Floats = NDArray[np.float64]
-
+_Axis = tuple[float, float, float]
+# Three components, each of one vector or of as many as there are samples.
+_Components = tuple[Floats, Floats, Floats]
+_Joint = tuple[_Axis, _Axis, Floats, Floats]
 
 # Samples computed at a time, so that the intermediate arrays stay in the cache.
 _CHUNK_SAMPLES = 1024
@@ -49,7 +53,7 @@ def probe_centre(geometry: Geometry, angles_rad: Floats) -> Floats:
     angles_rad = _checked(geometry, angles_rad)
     chain = compiled_chain(geometry)
     if chain is None:
-        return numpy_pose(geometry, angles_rad)[0]
+        return numpy_centre(geometry, angles_rad)
     return chain.centres(angles_rad)
 
 
@@ -76,14 +80,26 @@ def joint_positions(geometry: Geometry, angles_rad: Floats) -> Floats:
 
 
 def numpy_pose(geometry: Geometry, angles_rad: Floats) -> tuple[Floats, Floats]:
-    """Compute what `probe_pose` does, by NumPy."""
+    """Compute what `probe_pose` does, by NumPy: v <- R(u_k, theta_k) (r_k + v)."""
     centres_mm = np.empty((len(angles_rad), 3))
     directions = np.empty((len(angles_rad), 3))
     for chunk in _chunks(len(angles_rad)):
-        rotations = _rotations(geometry, angles_rad[chunk])
-        centres_mm[chunk] = _positions_mm(geometry, rotations)[:, -1].T
-        directions[chunk] = rotate(rotations[:, -1], geometry.probe_direction).T
+        joints = _joints_inwards(geometry, angles_rad[chunk])
+        centres_mm[chunk] = _centre_mm(geometry, joints)
+        shank = tuple(geometry.probe_direction)
+        for axis, _, sine, cosine in joints:
+            shank = _turned(shank, axis, sine, cosine)
+        directions[chunk] = np.stack(shank, axis=1)
     return centres_mm, directions
+
+
+def numpy_centre(geometry: Geometry, angles_rad: Floats) -> Floats:
+    """Compute what `probe_centre` does, by NumPy."""
+    centres_mm = np.empty((len(angles_rad), 3))
+    for chunk in _chunks(len(angles_rad)):
+        joints = _joints_inwards(geometry, angles_rad[chunk])
+        centres_mm[chunk] = _centre_mm(geometry, joints)
+    return centres_mm
 
 
 def numpy_positions(geometry: Geometry, angles_rad: Floats) -> Floats:
@@ -100,6 +116,43 @@ def _chunks(n_samples: int) -> list[slice]:
         slice(start, min(start + _CHUNK_SAMPLES, n_samples))
         for start in range(0, n_samples, _CHUNK_SAMPLES)
     ]
+
+
+def _joints_inwards(geometry: Geometry, angles_rad: Floats) -> list[_Joint]:
+    """Take the joints from the tip inwards, each with its turn."""
+    # Contiguous rows: strided ones may take another path through sin and cos.
+    turns_rad = np.ascontiguousarray((angles_rad - geometry.zeros_rad).T)
+    links_mm = geometry.links_mm.copy()
+    links_mm[-1] += geometry.probe_vector_mm
+    joints = zip(
+        geometry.axes.tolist(),
+        links_mm.tolist(),
+        np.sin(turns_rad),
+        np.cos(turns_rad),
+        strict=True,
+    )
+    return list(joints)[::-1]
+
+
+def _centre_mm(geometry: Geometry, joints: list[_Joint]) -> Floats:
+    x = y = z = np.zeros(1)
+    for axis, (rx, ry, rz), sine, cosine in joints:
+        x, y, z = _turned((x + rx, y + ry, z + rz), axis, sine, cosine)
+    return np.stack([x, y, z], axis=1) + geometry.origin_mm
+
+
+def _turned(
+    vector: _Components, axis: _Axis, sine: Floats, cosine: Floats
+) -> _Components:
+    """Turn vectors about one axis: w cos + (u x w) sin + u (u . w) (1 - cos)."""
+    x, y, z = vector
+    ux, uy, uz = axis
+    along = (1.0 - cosine) * (ux * x + uy * y + uz * z)
+    return (
+        cosine * x + sine * (uy * z - uz * y) + along * ux,
+        cosine * y + sine * (uz * x - ux * z) + along * uy,
+        cosine * z + sine * (ux * y - uy * x) + along * uz,
+    )
 
 
 def _rotations(geometry: Geometry, angles_rad: Floats) -> Floats:

@@ -6,8 +6,8 @@ From the base outwards, Q_0 the small turn of the mount,
     x   = x_0 + b + sum_k (Q_(k-1) d_k + Q_k r_k (1 + g_k)) + Q_n vector
 
 e_k, w_k, d_k, g_k, b are the sums of all amounts of one target. Where nothing of a
-target is there, nothing is computed: without any it is `forward.numpy_pose`, bit for
-bit.
+target is there, nothing is computed: without any it is `forward.probe_pose` but for the
+last digits.
 """
 
 from collections.abc import Mapping

@@ -61,7 +61,7 @@ def test_laws_of_the_kinematics_hold_without_the_kernel():
     assert run.returncode == 0, run.stdout
 
 
-@pytest.mark.skipif(KERNEL == "numpy", reason="no kernel in C was built")
+@pytest.mark.skipif(KERNEL == "numpy", reason="NumPy runs")
 def test_gil_is_free_while_a_block_is_computed():
     """With threads never made to yield, another one runs only where the GIL is let go.
 
