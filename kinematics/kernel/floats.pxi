@@ -33,8 +33,13 @@ cdef Floats held(str name, object array, tuple shape, int flags):
         raise ValueError(f"{name} has shape {array.shape}, expected {shape}")
     PyObject_GetBuffer(array, buffer, PyBUF_FORMAT | PyBUF_STRIDES | flags)
     floats.held = True
+    if buffer.ndim != len(shape):
+        raise ValueError(f"{name} has {buffer.ndim} dimensions, expected {len(shape)}")
     cdef bint aligned = <size_t>buffer.buf % sizeof(double) == 0
     for axis in range(buffer.ndim):
+        # What an object says of itself need not be what its memory is.
+        if buffer.shape[axis] != <Py_ssize_t>shape[axis]:
+            raise ValueError(f"{name} has memory of another shape, expected {shape}")
         aligned = aligned and buffer.strides[axis] % <Py_ssize_t>sizeof(double) == 0
     if buffer.format[0] != b"d" or buffer.format[1] != 0 or not aligned:
         raise ValueError(

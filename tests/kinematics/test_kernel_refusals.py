@@ -23,6 +23,15 @@ def test_readings_of_another_shape_are_refused(of, shape):
         of(np.zeros(shape))
 
 
+@pytest.mark.parametrize("shape", [(4, 3), (15,)])
+def test_arrays_that_lie_about_their_shape_are_refused(shape):
+    class Lying(np.ndarray):
+        shape = (5, 3)
+
+    with pytest.raises(ValueError, match=r"dimensions|memory of another shape"):
+        CHAIN.centres(ANGLES, out=np.zeros(shape).view(Lying))
+
+
 @pytest.mark.parametrize("dtype", [np.int64, np.float32, ">f8"])
 def test_readings_of_another_kind_are_refused(dtype):
     with pytest.raises(ValueError, match="expected aligned float64"):
