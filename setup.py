@@ -40,7 +40,7 @@ def extensions() -> list[Extension]:
         depends=[
             str(path)
             for path in sorted(Path(KERNEL).iterdir())
-            if path.suffix in {".h", ".inc", ".pxd", ".pxi"}
+            if path.suffix in {".h", ".inc", ".pxd", ".pxi", ".pyx"}
         ],
         # Strict IEEE: no contraction into fused operations, no -ffast-math; and no
         # instructions beyond the baseline but in the variants chosen at import.
