@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.geometry import Geometry
-from kinematics.kernel.choice import compiled_chain
+from kinematics.kernel.choice import aligned_floats, compiled_chain
 from kinematics.quaternion import multiply, rotate, turn
 
 Floats = NDArray[np.float64]
@@ -78,7 +78,7 @@ def probe_derivatives(geometry: Geometry, angles_rad: Floats) -> ProbeDerivative
             f"angles_rad has shape {angles_rad.shape}, expected (n_samples, "
             f"{expected}): one column a joint of the arm"
         )
-    angles_rad = np.asarray(angles_rad, dtype=np.float64)
+    angles_rad = aligned_floats(angles_rad)
     chain = compiled_chain(geometry)
     if chain is None:
         return numpy_derivatives(geometry, angles_rad)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.geometry import Geometry
-from kinematics.kernel.choice import compiled_chain
+from kinematics.kernel.choice import aligned_floats, compiled_chain
 from kinematics.quaternion import multiply, rotate, turn
 
 Floats = NDArray[np.float64]
@@ -184,4 +184,4 @@ def _checked(geometry: Geometry, angles_rad: Floats) -> Floats:
             f"angles_rad has shape {angles_rad.shape}, expected (n_samples, "
             f"{expected}): one column a joint of the arm"
         )
-    return np.asarray(angles_rad, dtype=np.float64)
+    return aligned_floats(angles_rad)

@@ -7,6 +7,9 @@ names. All variants in C give the same bits; NumPy's last digits differ from the
 import os
 from functools import lru_cache
 
+import numpy as np
+from numpy.typing import NDArray
+
 from kinematics.geometry import Geometry
 
 try:
@@ -45,6 +48,12 @@ def compiled_chain(geometry: Geometry) -> "Chain | None":
     if KERNEL == "numpy" or geometry.n_joints > LARGEST_N_JOINTS:
         return None
     return _chain(geometry)
+
+
+def aligned_floats(angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Give what the kernel reads, copied only where numbers lie or are otherwise."""
+    floats = np.asarray(angles_rad, dtype=np.float64)
+    return floats if floats.flags.aligned else floats.copy()
 
 
 # A geometry never changes, and most calls are for the same one.

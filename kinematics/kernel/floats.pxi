@@ -40,7 +40,9 @@ cdef Floats held(str name, object array, tuple shape, int flags):
         # What an object says of itself need not be what its memory is.
         if buffer.shape[axis] != <Py_ssize_t>shape[axis]:
             raise ValueError(f"{name} has memory of another shape, expected {shape}")
-        aligned = aligned and buffer.strides[axis] % <Py_ssize_t>sizeof(double) == 0
+        # Nothing is that far apart where there is only one.
+        if buffer.shape[axis] > 1 and buffer.strides[axis] % sizeof(double) != 0:
+            aligned = False
     if buffer.format[0] != b"d" or buffer.format[1] != 0 or not aligned:
         raise ValueError(
             f"{name} has dtype {array.dtype}, expected aligned float64 in the byte "

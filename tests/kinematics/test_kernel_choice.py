@@ -10,7 +10,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from kinematics.forward import numpy_pose, probe_pose
+from kinematics.derivatives import probe_derivatives
+from kinematics.forward import (
+    joint_positions,
+    numpy_pose,
+    probe_centre,
+    probe_pose,
+)
 from kinematics.kernel.choice import KERNEL, KERNELS, chosen_kernel, compiled_chain
 from kinematics.kernel.single_pose import PlainChain, pose_function
 from tests.kinematics.arms import geometries, random_geometry, seeds, size_mm
@@ -131,6 +137,23 @@ def test_one_pose_is_that_of_the_block():
         found = pose(sample.tolist())
         np.testing.assert_allclose(found[0], centre, rtol=0, atol=1e-11)
         np.testing.assert_allclose(found[1], direction, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("n_samples", [1, 2, 40])
+def test_readings_are_taken_however_they_lie(n_samples):
+    geometry = random_geometry(1, 3)
+    angles = np.random.default_rng(1).uniform(-3, 3, (n_samples, 3))
+    packed = np.zeros(n_samples, np.dtype([("status", "u1"), ("angles", "f8", 3)]))
+    packed["angles"] = angles
+    for other in (packed["angles"], angles.astype(">f8"), np.asfortranarray(angles)):
+        for of in (probe_pose, joint_positions, probe_derivatives):
+            found, expected = of(geometry, other), of(geometry, angles)
+            if of is probe_derivatives:
+                found, expected = found.by_axes, expected.by_axes
+            assert np.array_equal(found, expected)
+    whole = np.round(angles)
+    found = probe_centre(geometry, whole.astype(np.int64))
+    assert np.array_equal(found, probe_centre(geometry, whole))
 
 
 def test_arm_with_more_joints_than_the_kernel_takes_is_computed_by_numpy():
