@@ -33,7 +33,8 @@ class Board:
         identity: What it says in HELLO.
         ticks: Its counter.
         latched: Its encoders and inputs.
-        temperatures_c: What its sensors show, None for a missing one.
+        temperatures_c: What its sensors show at first, None for a missing one.
+        warming_c: By how much they show more at a time.
         power_up_s: Time of power-up.
         on_edge: Told of every edge with its sequence number when it is reported.
     """
@@ -47,6 +48,7 @@ class Board:
         temperatures_c: Sequence[float | None],
         power_up_s: float,
         on_edge: Callable[[int, LatchedEdge], None],
+        warming_c: Callable[[float], float] = lambda _now_s: 0.0,
     ) -> None:
         self.identity = identity
         self.edges = EdgeQueue()
@@ -57,6 +59,7 @@ class Board:
         self._ticks = ticks
         self._latched = latched
         self._temperatures_c = temperatures_c
+        self._warming_c = warming_c
         self._settings = Settings()
         self._now_s = power_up_s
         self._greeted = False
@@ -150,7 +153,9 @@ class Board:
         self._temperature_s = now_s + period_s if period_s else float("inf")
         if not self._temperatures_c:
             return []
-        return [wire.temperatures(self._shown(now_s), self._temperatures_c)]
+        warmer_c = self._warming_c(now_s)
+        shown_c = [None if c is None else c + warmer_c for c in self._temperatures_c]
+        return [wire.temperatures(self._shown(now_s), shown_c)]
 
     def _take_change(self, _now_s: float) -> list[bytes]:
         change = self._latched.peek_change()

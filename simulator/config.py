@@ -3,9 +3,10 @@
 from collections.abc import Iterator, Mapping
 from typing import Any, Literal
 
-from pydantic import Field
+from pydantic import AwareDatetime, Field
 
 from kinematics.arm_file import Problem, StrictModel
+from simulator.climate import ClimateTable
 from simulator.faults import AnyFault
 from simulator.motions import AnyMotion
 
@@ -63,10 +64,12 @@ class SimulatorConfig(StrictModel):
     seed: int = Field(default=1, ge=0)
     clock: Literal["real", "fast"] = "real"
     start: Literal["power_up", "first_start"] = "power_up"
+    start_utc: AwareDatetime | None = None
     repeat: bool = False
     exit_at_end: bool = False
     truth_log: str | None = None
     arm: ArmTable
+    climate: ClimateTable = ClimateTable()
     operator: OperatorTable = OperatorTable()
     device: tuple[DeviceTable, ...]
     motion: tuple[AnyMotion, ...]

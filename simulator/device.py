@@ -6,8 +6,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from simulator import wire
 from simulator.board import Board
+from simulator.climate import ClimateTable
 from simulator.config import DeviceTable
 from simulator.edges import LatchedEdge
 from simulator.encoder import EncoderSet
@@ -35,6 +38,7 @@ class Device:
         faults: That concern it.
         seed: Of this device.
         on_edge: Told of every edge.
+        climate: What its temperature sensors feel.
     """
 
     def __init__(
@@ -49,6 +53,7 @@ class Device:
         faults: tuple[Fault, ...],
         seed: tuple[int, int],
         on_edge: OnEdge,
+        climate: ClimateTable,
     ) -> None:
         self.id = table.id
         self.line = DisturbedLine(
@@ -58,6 +63,7 @@ class Device:
         self._table, self._encoders = table, encoders
         self._source, self._script, self._clock = source, script, clock
         self._faults, self._seed, self._on_edge = faults, seed, on_edge
+        self._climate = climate
         self._sent_before = {
             "samples": 0,
             "tx_dropped": 0,
@@ -184,8 +190,13 @@ class Device:
             temperatures_c=table.temperatures_c,
             power_up_s=now_s,
             on_edge=self._note_edge,
+            warming_c=self._warming_c,
         )
         self.port = PtyPort(self.path, table.transmit_buffer_bytes)
+
+    def _warming_c(self, now_s: float) -> float:
+        script_s = np.array(self._clock.script_s(now_s))
+        return float(self._climate.change_c(script_s))
 
     def _note_edge(self, seq: int, edge: LatchedEdge) -> None:
         event = self.wiring.event_at(edge.time_s, edge.input_number)

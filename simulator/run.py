@@ -8,8 +8,6 @@ from pathlib import Path
 from threading import Event
 from types import FrameType
 
-import numpy as np
-
 from kinematics.arm_file import FileError, Problem, read_strict
 from simulator.clock import MonotonicClock
 from simulator.config import SimulatorConfig, config_problems
@@ -20,7 +18,7 @@ from simulator.motions import Replay
 from simulator.pacing import live_fast, live_real
 from simulator.script import ScriptEvent
 from simulator.truth_log import TruthLog
-from simulator.virtual_arm import build_arm, build_script, build_sources
+from simulator.virtual_arm import build_arm, build_course, build_script, build_sources
 from simulator.wiring import ScriptClock
 
 DONE, REFUSED = 0, 2
@@ -44,26 +42,19 @@ def _run(path: Path) -> int:
     arm = build_arm(config, folder, str(path))
     script = build_script(config, arm, folder, str(path))
     replayed = isinstance(config.motion[0], Replay)
-    sources = build_sources(config, arm, script, folder)
+    course = None if replayed else build_course(config, arm, script)
+    sources = build_sources(config, arm, course, folder)
     clock = ScriptClock(0.0 if config.start == "power_up" else None)
     log_path = None if config.truth_log is None else folder / config.truth_log
     with ExitStack() as life:
         stopped = life.enter_context(_signals())
-        log = life.enter_context(TruthLog(log_path, arm.truth))
+        log = life.enter_context(TruthLog(log_path, course))
 
         def note(
             device: str, seq: int, edge: LatchedEdge, event: ScriptEvent | None
         ) -> None:
             script_s = clock.script_s(edge.time_s)
-            turns = script.turns(np.array([script_s]))[0]
-            log.edge(
-                device,
-                seq,
-                edge,
-                event=event,
-                script_s=script_s,
-                turns_rad=None if replayed else turns,
-            )
+            log.edge(device, seq, edge, event=event, script_s=script_s)
 
         devices = []
         for number, (table, encoders, source) in enumerate(
@@ -80,6 +71,7 @@ def _run(path: Path) -> int:
                     faults=of_device(config.fault, table.id),
                     seed=(config.seed, number),
                     on_edge=note,
+                    climate=config.climate,
                 )
             except OSError as error:
                 where = f"device[{number}].port"

@@ -52,9 +52,24 @@ class Script:
 
     def turns(self, times_s: Floats) -> Floats:
         """Turns (n, n_joints) at script times (n,)."""
+        return self.trajectory.turns(self._in_loop_s(times_s))
+
+    def speeds(self, times_s: Floats) -> Floats:
+        """Speeds of the turns (n, n_joints) [rad/s]."""
+        return self.trajectory.speeds(self._in_loop_s(times_s))
+
+    def senses(self, times_s: Floats) -> Floats:
+        """Sense of the last motion, (n, n_joints): -1, +1, or 0 before any."""
+        senses = self.trajectory.senses(self._in_loop_s(times_s))
         if self.repeat:
-            times_s = np.where(times_s > 0.0, times_s % self.duration_s, 0.0)
-        return self.trajectory.turns(times_s)
+            again = (times_s >= self.duration_s)[:, None] & (senses == 0.0)
+            senses = np.where(again, self.trajectory.last_senses, senses)
+        return senses
+
+    def _in_loop_s(self, times_s: Floats) -> Floats:
+        if self.repeat:
+            return np.where(times_s > 0.0, times_s % self.duration_s, 0.0)
+        return times_s
 
     def event(self, number: int) -> tuple[float, ScriptEvent] | None:
         """Event by number, counted over all loops, with its script time."""

@@ -1,10 +1,14 @@
 """Where the joints are at any time: pieces of polynomials of the fifth degree."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simulator.physics import Floats
+
+STANDING_RAD_S = 1e-9  # slower is no motion
+NEARLY_OVER = 1.0 - 1e-3  # of a piece, where those that end at rest still move
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,6 +22,10 @@ class Trajectory:
 
     breaks_s: Floats
     coefficients: Floats
+    _senses: Floats = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_senses", self._left_senses())
 
     @property
     def duration_s(self) -> float:
@@ -26,16 +34,61 @@ class Trajectory:
 
     def turns(self, times_s: Floats) -> Floats:
         """Turns from the base posture (n, n_joints) at times (n,)."""
-        at = np.clip(times_s, 0.0, self.breaks_s[-1])
-        piece = np.searchsorted(self.breaks_s, at, side="right") - 1
-        piece = np.clip(piece, 0, len(self.coefficients) - 1)
-        start = self.breaks_s[piece]
-        u = ((at - start) / (self.breaks_s[piece + 1] - start))[:, None]
+        piece, u, _ = self._places(times_s)
         terms = self.coefficients[piece]
         turns = terms[:, 5]
         for power in (4, 3, 2, 1, 0):
             turns = turns * u + terms[:, power]
         return turns
+
+    def speeds(self, times_s: Floats) -> Floats:
+        """Speeds of the turns (n, n_joints) [rad/s] at times (n,)."""
+        piece, u, lengths_s = self._places(times_s)
+        speeds: Floats = self._rates(piece, u) / lengths_s
+        return speeds
+
+    def senses(self, times_s: Floats) -> Floats:
+        """Sense of the last motion, (n, n_joints): -1, +1, or 0 before any."""
+        piece, u, lengths_s = self._places(times_s)
+        speeds = self._rates(piece, u) / lengths_s
+        moving = np.abs(speeds) > STANDING_RAD_S
+        # Who stands late in a piece has come to rest in it.
+        left = self._senses[piece + (u[:, 0] > 0.5)]
+        return np.where(moving, np.sign(speeds), left)
+
+    @property
+    def last_senses(self) -> Floats:
+        """In which sense the joints (n_joints,) come to rest at the end."""
+        last: Floats = self._senses[-1]
+        return last
+
+    def _left_senses(self) -> Floats:
+        """Sense of the last motion before each piece, and at the end."""
+        n_pieces, _, n_joints = self.coefficients.shape
+        u = np.full((n_pieces, 1), NEARLY_OVER)
+        rates = self._rates(np.arange(n_pieces), u) / np.diff(self.breaks_s)[:, None]
+        senses = np.zeros((n_pieces + 1, n_joints))
+        for piece, rate in enumerate(rates):
+            moving = np.abs(rate) > STANDING_RAD_S
+            senses[piece + 1] = np.where(moving, np.sign(rate), senses[piece])
+        return senses
+
+    def _rates(self, piece: NDArray[np.intp], u: Floats) -> Floats:
+        """Derivatives by u, (n, n_joints)."""
+        terms = self.coefficients[piece]
+        rates = 5.0 * terms[:, 5]
+        for power in (4, 3, 2, 1):
+            rates = rates * u + power * terms[:, power]
+        return rates
+
+    def _places(self, times_s: Floats) -> tuple[NDArray[np.intp], Floats, Floats]:
+        """Pieces (n,), where in them (n, 1) and how long they are (n, 1)."""
+        at = np.clip(times_s, 0.0, self.breaks_s[-1])
+        piece = np.searchsorted(self.breaks_s, at, side="right") - 1
+        piece = np.clip(piece, 0, len(self.coefficients) - 1)
+        start = self.breaks_s[piece]
+        lengths_s = self.breaks_s[piece + 1] - start
+        return piece, ((at - start) / lengths_s)[:, None], lengths_s[:, None]
 
 
 def rest_pieces(posture_rad: Floats) -> Floats:

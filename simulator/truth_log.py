@@ -8,10 +8,9 @@ from typing import Any, Self
 
 import numpy as np
 
+from simulator.course import Course
 from simulator.edges import LatchedEdge
-from simulator.physics import Floats, probe_pose
 from simulator.script import ScriptEvent
-from simulator.truth import TrueArm
 
 
 class TruthLog:
@@ -19,11 +18,11 @@ class TruthLog:
 
     Args:
         path: Of the file, None to write nothing.
-        arm: The true arm.
+        course: Of the true arm; None in a replay.
     """
 
-    def __init__(self, path: Path | None, arm: TrueArm) -> None:
-        self._arm = arm
+    def __init__(self, path: Path | None, course: Course | None) -> None:
+        self._course = course
         self._file = None if path is None else path.open("w", encoding="utf-8")
 
     def __enter__(self) -> Self:
@@ -46,9 +45,8 @@ class TruthLog:
         *,
         event: ScriptEvent | None,
         script_s: float,
-        turns_rad: Floats | None,
     ) -> None:
-        """Write an edge; turns (n_joints,) are None in a replay."""
+        """Write an edge."""
         if self._file is None:
             return
         line: dict[str, Any] = {
@@ -65,9 +63,10 @@ class TruthLog:
             "centre_mm": None,
             "shank": None,
         }
-        if turns_rad is not None:
-            centres, shanks = probe_pose(self._arm.mechanism, turns_rad[None, :])
-            line["angles_rad"] = (turns_rad + self._arm.zeros_rad).tolist()
+        if self._course is not None:
+            now_s = np.array([script_s])
+            centres, shanks = self._course.probe(now_s)
+            line["angles_rad"] = self._course.readings_rad(now_s)[0].tolist()
             line["centre_mm"] = np.asarray(centres[0]).tolist()
             line["shank"] = np.asarray(shanks[0]).tolist()
         if event is not None:

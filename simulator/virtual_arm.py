@@ -2,12 +2,21 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 
 from kinematics.arm_file import Arm, FileError, Problem, read_arm
 from simulator.config import DeviceTable, SimulatorConfig
+from simulator.course import Course
+from simulator.effects import (
+    FaultyArm,
+    effect_problems,
+    faults_from_effects,
+    on_true_axes,
+)
+from simulator.effects.faulty_arm import faulty_arm
 from simulator.encoder import EncoderSet
 from simulator.inverse import Reach
 from simulator.motions import Replay
@@ -27,11 +36,13 @@ class VirtualArm:
 
     Attributes:
         truth: Geometry as it really is.
+        faulty: The same with all effects of the arm file.
         limits_rad: (n_joints, 2)
         encoders: Of each device, in the order of the configuration.
     """
 
     truth: TrueArm
+    faulty: FaultyArm
     limits_rad: np.ndarray[tuple[int, int], np.dtype[np.float64]]
     encoders: tuple[EncoderSet, ...]
 
@@ -48,11 +59,10 @@ def build_arm(config: SimulatorConfig, folder: Path, source: str) -> VirtualArm:
         FileError: With all that does not fit together.
     """
     nominal = read_arm(folder / config.arm.file)
-    problems = _effect_problems("arm.file", nominal)
-    really = nominal
+    problems: list[Problem] = []
+    really, true_key = nominal, "arm.file"
     if config.arm.true_file is not None:
-        really = read_arm(folder / config.arm.true_file)
-        problems += _effect_problems("arm.true_file", really)
+        really, true_key = read_arm(folder / config.arm.true_file), "arm.true_file"
         if [j.name for j in really.joints] != [j.name for j in nominal.joints]:
             problems.append(
                 Problem("arm.true_file", "its joints are not those of arm.file")
@@ -67,6 +77,7 @@ def build_arm(config: SimulatorConfig, folder: Path, source: str) -> VirtualArm:
             f"{len(nominal.joints)} joints, low below high"
         )
         problems.append(Problem("arm.turn_limits_rad", message))
+    problems += effect_problems(really, true_key)
     problems += _source_problems(config.device, nominal)
     encoders = []
     if not problems:
@@ -84,7 +95,14 @@ def build_arm(config: SimulatorConfig, folder: Path, source: str) -> VirtualArm:
     table = config.arm.deviations
     deviations = Deviations(table.links_mm, table.axes_rad, table.zeros_rad)
     truth = true_arm(really, deviations, config.seed)
-    return VirtualArm(truth, np.array(limits, dtype=np.float64), tuple(encoders))
+    effects = on_true_axes(really, really.effects, truth.mechanism.axes)
+    faults = faults_from_effects(really, effects)
+    return VirtualArm(
+        truth,
+        faulty_arm(really, truth.mechanism, truth.zeros_rad, faults),
+        np.array(limits, dtype=np.float64),
+        tuple(encoders),
+    )
 
 
 def build_script(
@@ -128,18 +146,25 @@ def build_script(
     return Script(stage.trajectory(), events, config.repeat)
 
 
+def build_course(config: SimulatorConfig, arm: VirtualArm, script: Script) -> Course:
+    """Let the arm follow the script, from now on where nobody says from when."""
+    start_utc = config.start_utc or datetime.now(tz=UTC)
+    return Course(script, arm.faulty, config.climate, start_utc.timestamp())
+
+
 def build_sources(
-    config: SimulatorConfig, arm: VirtualArm, script: Script, folder: Path
+    config: SimulatorConfig, arm: VirtualArm, course: Course | None, folder: Path
 ) -> list[CountSource]:
-    """Say where the counts of each device come from.
+    """Say where the counts of each device come from; without a course a replay.
 
     Raises:
         FileError: A recording that has not what the devices have.
     """
+    if course is not None:
+        return [ScriptedCounts(course, encoders) for encoders in arm.encoders]
     first = config.motion[0]
     if not isinstance(first, Replay):
-        zeros_rad = arm.truth.zeros_rad
-        return [ScriptedCounts(script, zeros_rad, e) for e in arm.encoders]
+        raise ValueError(f"a {first.kind} is no replay and needs a course")
     recording = read_recording(folder / first.file)
     names = [
         [f"{device.id}/{channel}" for channel in range(len(encoders.joints))]
@@ -172,16 +197,6 @@ def encoders_of(device: DeviceTable, arm: Arm, noise_rad: float) -> EncoderSet:
         moduli=per_turn * device.encoder_turns,
         noise_rad=noise_rad,
     )
-
-
-def _effect_problems(where: str, arm: Arm) -> list[Problem]:
-    return [
-        Problem(
-            f"{where} effects[{number}]",
-            f"'{effect.kind}' cannot be played by this simulator; remove it",
-        )
-        for number, effect in enumerate(arm.effects)
-    ]
 
 
 def _source_problems(devices: Sequence[DeviceTable], arm: Arm) -> list[Problem]:

@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.course import Course
 from simulator.encoder import EncoderSet
 from simulator.faults import EncoderFault, JumpFault, StatusFault
 from simulator.latched import AlarmChange, InputChange
@@ -25,16 +26,14 @@ class CountSource(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ScriptedCounts:
-    """Counts of encoders on an arm that follows a script."""
+    """Counts of encoders on an arm that follows a course."""
 
-    script: Script
-    zeros_rad: Floats
+    course: Course
     encoders: EncoderSet
 
     def counts(self, script_s: Floats, noise: np.random.Generator) -> NDArray[np.int64]:
         """Counts (n, n_channels) at times (n,) of the script."""
-        readings_rad = self.zeros_rad + self.script.turns(script_s)
-        return self.encoders.counts(readings_rad, noise)
+        return self.encoders.counts(self.course.readings_rad(script_s), noise)
 
 
 @dataclass(slots=True)

@@ -15,7 +15,11 @@ from simulator.effects.extra import (
 )
 from simulator.effects.fault import BodyFault, Fault, ReadingFault, TouchFault
 from simulator.effects.faulty_arm import FaultyArm, MissedContactError
-from simulator.effects.from_arm import faults_from_effects, on_true_axes
+from simulator.effects.from_arm import (
+    effect_problems,
+    faults_from_effects,
+    on_true_axes,
+)
 from simulator.effects.surroundings import Surroundings
 
 __all__ = [
@@ -32,6 +36,7 @@ __all__ = [
     "SquareOfTemperature",
     "Surroundings",
     "TouchFault",
+    "effect_problems",
     "faults_from_effects",
     "on_true_axes",
 ]

@@ -24,6 +24,8 @@ SAME_RAD = 1e-15
 N_STEPS = 12
 TOLERANCE_MM = 1e-10
 DAMPING_MM = 1e-6
+N_LED_STEPS = 3
+LED_DAMPING_MM = 1.0  # a stretched arm goes on without being exact
 
 
 class MissedContactError(ValueError):
@@ -76,14 +78,18 @@ class FaultyArm:
         That is where the centre of a ball of the arm file's radius is that begins
         where this one does.
         """
+        return self.probe(turns_rad, around)[0]
+
+    def probe(self, turns_rad: Floats, around: Surroundings) -> tuple[Floats, Floats]:
+        """The ball (n, 3), as in `balls_mm`, and where the shank points, (n, 3)."""
         motion = self._motion(turns_rad, around)
-        probe_mm = self.build.mechanism.probe_mm
-        ends_mm: Floats = motion[:, :3, :3] @ probe_mm + motion[:, :3, 3]
+        mechanism = self.build.mechanism
+        ends_mm: Floats = motion[:, :3, :3] @ mechanism.probe_mm + motion[:, :3, 3]
         if self.touches:
             touch = Touch(self.build, motion, around.towards_or_nothing, around.force_n)
             for fault in self.touches:
                 ends_mm = ends_mm - fault.offsets_mm(touch)
-        return ends_mm
+        return ends_mm, motion[:, :3, :3] @ mechanism.shank
 
     def touching_turns(
         self, turns_rad: Floats, balls_mm: Floats, around: Surroundings
@@ -98,10 +104,7 @@ class FaultyArm:
         """
         if self.is_stiff or len(turns_rad) == 0:
             return turns_rad
-        _, _, rates, _ = probe_rates(self.build.mechanism, turns_rad)
-        back = rates.transpose(0, 2, 1)
-        normal = rates @ back + DAMPING_MM**2 * np.eye(3)
-        gains = back @ np.linalg.inv(normal)
+        gains = self._gains(turns_rad, DAMPING_MM)
         moved_rad = turns_rad
         for _ in range(N_STEPS):
             misses_mm = balls_mm - self.balls_mm(moved_rad, around)
@@ -113,6 +116,27 @@ class FaultyArm:
             f"effects keep the ball {worst_mm:g} mm off a contact after {N_STEPS} "
             "corrections of the posture; make them smaller, or the limits narrower"
         )
+
+    def led_turns(
+        self, turns_rad: Floats, balls_mm: Floats, around: Surroundings
+    ) -> Floats:
+        """Bring the ball nearly there, in as many steps wherever it is.
+
+        Samples do not depend on each other, and postures from which the rigid arm
+        cannot move its ball everywhere are no matter.
+        """
+        gains = self._gains(turns_rad, LED_DAMPING_MM)
+        for _ in range(N_LED_STEPS):
+            misses_mm = balls_mm - self.balls_mm(turns_rad, around)
+            turns_rad = turns_rad + np.einsum("nij,nj->ni", gains, misses_mm)
+        return turns_rad
+
+    def _gains(self, turns_rad: Floats, damping_mm: float) -> Floats:
+        """Least turns that make up for a miss, (n, n_joints, 3) [rad/mm]."""
+        _, _, rates, _ = probe_rates(self.build.mechanism, turns_rad)
+        back = rates.transpose(0, 2, 1)
+        gains: Floats = back @ np.linalg.inv(rates @ back + damping_mm**2 * np.eye(3))
+        return gains
 
     def _motion(self, turns_rad: Floats, around: Surroundings) -> Floats:
         """Of the last element, (n, 4, 4)."""

@@ -68,6 +68,15 @@ def faults_from_effects(
     return tuple(faults)
 
 
+def effect_problems(arm: Arm, where: str) -> list[Problem]:
+    """Say which effects of an arm file cannot be played, its key path before them."""
+    try:
+        faults_from_effects(arm, arm.effects)
+    except FileError as error:
+        return [Problem(f"{where} {p.where}", p.message) for p in error.problems]
+    return []
+
+
 def on_true_axes(
     arm: Arm, effects: Sequence[Effect], axes: Floats
 ) -> tuple[Effect, ...]:

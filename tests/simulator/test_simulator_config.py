@@ -76,12 +76,12 @@ def refuse(folder, capsys, text):
     return capsys.readouterr().err
 
 
-def test_an_arm_with_effects_is_refused(folder, capsys):
-    effect = '\n[[effects]]\nkind = "probe_radius"\nradius_error_mm = 0.01\n'
+def test_an_effect_that_cannot_be_played_is_refused(folder, capsys):
+    effect = '\n[[effects]]\nkind = "mount_compliance"\ncompliance_rad_nm = 1e-5\n'
     (folder / "arm.toml").write_text(arm_text() + effect)
     said = refuse(folder, capsys, config_text(REST))
-    assert "effects[0]" in said
-    assert "probe_radius" in said
+    assert "arm.file effects[0]" in said
+    assert "mass_kg" in said
 
 
 def test_channels_that_do_not_match_are_refused(folder, capsys):

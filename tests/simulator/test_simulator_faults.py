@@ -1,9 +1,14 @@
 import numpy as np
 import pytest
 
+from simulator.climate import ClimateTable
+from simulator.course import Course
+from simulator.effects import FaultyArm
+from simulator.effects.posture import Build
 from simulator.encoder import EncoderSet
 from simulator.faults import DisturbedLine, fault_from_table
 from simulator.latched import AlarmChange
+from simulator.physics import Mechanism
 from simulator.script import Script
 from simulator.trajectory import Trajectory, move_pieces
 from simulator.wiring import ScriptClock, ScriptedCounts, Wiring
@@ -47,6 +52,20 @@ def test_a_fault_lasts_from_its_beginning_for_its_duration():
     assert disturbed.counts.silenced == 2
 
 
+def course(script: Script) -> Course:
+    axes, nowhere = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]), np.zeros((2, 3))
+    mechanism = Mechanism(nowhere, axes, np.ones(3), axes[0])
+    build = Build(
+        mechanism,
+        zeros_rad=np.array([0.5, 0.0]),
+        links_mm=nowhere,
+        masses_kg=np.zeros(3),
+        centres_mm=np.zeros((3, 3)),
+        gravity_m_s2=np.zeros(3),
+    )
+    return Course(script, FaultyArm(build, (), (), ()), ClimateTable(), 0.0)
+
+
 def wiring(*faults, begin_s=0.0):
     trajectory = Trajectory(
         np.array([0.0, 4.0]), move_pieces(np.zeros(2), np.array([1.0, -2.0]))
@@ -60,7 +79,7 @@ def wiring(*faults, begin_s=0.0):
         noise_rad=0.0,
     )
     return Wiring(
-        ScriptedCounts(script, np.array([0.5, 0.0]), encoders),
+        ScriptedCounts(course(script), encoders),
         script,
         ScriptClock(begin_s),
         inputs=["button"],
