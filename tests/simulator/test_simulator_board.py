@@ -37,7 +37,7 @@ class Bench:
 class Talk:
     """A board, spoken to in bodies."""
 
-    def __init__(self, changes=(), first_ticks=0, ppm=0.0):
+    def __init__(self, changes=(), first_ticks=0, ppm=0.0, warming_c_s=0.0):
         self.edges = []
         self.board = Board(
             IDENTITY,
@@ -46,6 +46,7 @@ class Talk:
             temperatures_c=[21.5],
             power_up_s=0.0,
             on_edge=lambda seq, edge: self.edges.append((seq, edge)),
+            warming_c=lambda now_s: warming_c_s * now_s,
         )
 
     def until(self, time_s, kinds="all"):
@@ -158,6 +159,12 @@ def test_temperatures_come_every_five_seconds():
     bodies = talk.until(10.0, 0x85)
     assert len(bodies) == 3
     assert shown(bodies)[0] == "85 00 00 00 00 66 08"
+
+
+def test_temperatures_follow_the_climate():
+    bodies = Talk(warming_c_s=0.1).until(10.0, 0x85)
+    shown_c = [struct.unpack_from("<h", body, 5)[0] / 100.0 for body in bodies]
+    assert shown_c == [21.5, 22.0, 22.5]
 
 
 @pytest.mark.parametrize("rate_millihz", [333_333, 9_999_999, 1_000_000, 7, 10_000_000])

@@ -1,5 +1,6 @@
 """The streaming simulator plays the effects of its arm file."""
 
+import json
 from collections.abc import Callable
 from datetime import timedelta
 from pathlib import Path
@@ -18,9 +19,11 @@ from simulator.climate import ClimateTable
 from simulator.config import SimulatorConfig, config_problems
 from simulator.contacts import contact_directions
 from simulator.course import Course
+from simulator.edges import LatchedEdge
 from simulator.physics import probe_pose
 from simulator.script import Script
 from simulator.trajectory import Trajectory, move_pieces, rest_pieces
+from simulator.truth_log import TruthLog
 from simulator.virtual_arm import (
     VirtualArm,
     build_arm,
@@ -28,6 +31,7 @@ from simulator.virtual_arm import (
     build_script,
     build_sources,
 )
+from simulator.wiring import ScriptClock, ScriptedCounts, Wiring
 from tests.simulator.conftest import config_text
 from tests.simulator.effect_examples import START, example, heavy_arm
 
@@ -133,6 +137,45 @@ def test_counts_contain_the_effect(played, tmp_path):
     shown_rad = counts[:, 3] * step_rad
     expected_rad = 2e-4 * np.cos(shown_rad) - 1e-4 * np.sin(shown_rad)
     np.testing.assert_allclose(wrong_rad, expected_rad, rtol=0, atol=abs(step_rad))
+
+
+def test_a_board_latches_the_effect(played, tmp_path):
+    _, virtual, script, course = played(example("backlash"), example("base_step"))
+    wiring = Wiring(
+        ScriptedCounts(course, virtual.encoders[0]),
+        script,
+        ScriptClock(5.0),
+        inputs=["button"],
+        faults=[],
+        moduli=virtual.encoders[0].moduli,
+        seed=(1, 0),
+    )
+    times_s = np.linspace(0.0, script.duration_s, 100)
+    counts, _ = wiring.latch(5.0 + times_s, edge=False)
+    quiet = np.random.default_rng(0)
+    readings_rad = course.readings_rad(times_s)
+    expected = virtual.encoders[0].counts(readings_rad, quiet)
+    # The clock's times are rounded: a count more or less where the arm moves.
+    off = (counts.astype(np.int64) - expected + 2**22) % 2**23 - 2**22
+    assert np.max(np.abs(off)) <= 1
+    rigid_rad = script.turns(times_s) + virtual.truth.zeros_rad
+    rigid = virtual.encoders[0].counts(rigid_rad, quiet)
+    off = (counts.astype(np.int64) - rigid + 2**22) % 2**23 - 2**22
+    assert np.min(np.abs(off[10:, 3])) > 100
+
+
+def test_the_truth_log_tells_the_true_ball(played, tmp_path):
+    _, _, script, course = played(example("joint_compliance"))
+    event = script.events[0]
+    edge = LatchedEdge(event.time_s, 0, 1, 1, 0, np.zeros(7), np.zeros(7))
+    with TruthLog(tmp_path / "truth.jsonl", course) as log:
+        log.edge("base", 0, edge, event=event, script_s=event.time_s)
+    line = json.loads((tmp_path / "truth.jsonl").read_text())
+    touching_mm = np.array(event.surface_mm) + 3.0 * np.array(event.normal)
+    np.testing.assert_allclose(line["centre_mm"], touching_mm, atol=1e-6)
+    now_s = np.array([event.time_s])
+    assert line["angles_rad"] == course.readings_rad(now_s)[0].tolist()
+    assert np.max(np.abs(course.turns_rad(now_s) - script.turns(now_s))) > 1e-5
 
 
 def test_blocks_do_not_matter(played):
