@@ -180,7 +180,7 @@ class Diagnosis:
         adapted: With the accepted terms, everything estimated together.
         campaign: As given.
         before: Fit of the geometry to the choosing poses, without terms.
-        after: Fit with all accepted terms.
+        after: Fit with all terms, accepted or not.
         choosing: Poses that were used for choosing, (n_poses,).
         held_out: Poses kept aside, (n_poses,).
         excluded: Poses that contradict all others, (n_poses,).
