@@ -6,7 +6,7 @@ STAMP := $(VENV)/.ready
 # What the kernel in C is built from.
 KERNEL := setup.py $(foreach kind,pyx pxd pxi c h inc,$(wildcard kinematics/kernel/*.$(kind)))
 
-.PHONY: help venv system demo test lint format schemas lock bench bench-identification prove soak clean
+.PHONY: help venv system demo test lint format schemas lock bench bench-identification prove blind blind-full soak clean
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -49,6 +49,12 @@ bench-identification: venv  ## the adjustment beside scipy's least squares; take
 
 prove: venv  ## the statistics of the identification over hundreds of campaigns; takes many minutes
 	$(BIN)/python -m benchmarks.proofs
+
+blind: venv  ## 200 hidden effects and what the diagnosis says of them; takes minutes
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.blind --out build/blind.jsonl
+
+blind-full: venv  ## thousands of them, goes on from its file; takes an hour or two
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.blind --full --out build/blind-full.jsonl
 
 soak: venv system  ## a stream through outages of broker and board; takes about a minute
 	$(BIN)/python -m benchmarks.soak

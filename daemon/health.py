@@ -9,6 +9,7 @@ from pathlib import Path
 from daemon.clock import HostClock
 from daemon.device import Device
 from daemon.latencies import Latencies
+from kinematics.kernel.choice import KERNEL
 from protocol.messages import BrokerHealth, Health, Latency
 
 LATENCY_NAMES = ("capture_to_publish", "publish_to_ack", "sample_to_pose", "queue_wait")
@@ -67,7 +68,7 @@ class HealthReport:
             session=session,
             time_ns=now_ns + self._clock.utc_offset_ns(),
             uptime_s=(now_ns - self._start_ns) * 1e-9,
-            kernel="numpy",
+            kernel=KERNEL,
             cpu_share=(cpu_s - self._last_cpu_s) / elapsed_s,
             rss_bytes=_resident_bytes(),
             counters={name: max(0, value) for name, value in totals.items()},

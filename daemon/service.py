@@ -32,6 +32,7 @@ from daemon.startup import (
     check_devices,
     read_inputs,
 )
+from kinematics.kernel.choice import KERNEL
 from protocol import topics
 from protocol.encoding import Encoding
 from protocol.messages import BrokerHealth, Point, Status
@@ -272,7 +273,7 @@ class Service:
             arm=self._arm,
             model=self._model.digest,
             version=version("traverse-cmm"),
-            kernel="numpy",
+            kernel=KERNEL,
             encoding=self._encoding,
             session=self._capture.session.id,
             time_ns=self._clock.monotonic_ns() + self._clock.utc_offset_ns(),

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 
 from kinematics.arm_file import Arm
 from lab.campaign import Campaign
+from lab.diagnosis.aliases import ALIAS
 from lab.diagnosis.findings import Projected, project
 from lab.diagnosis.harmonics import harmonic_bank
 from lab.diagnosis.library import library_bank
 from lab.diagnosis.rows import Rows, rows_of
-from lab.diagnosis.score import ALIAS, Identity
+from lab.diagnosis.score import Identity
 from lab.identification.adjustment import adjust
 from lab.identification.identify import prepared
 from lab.identification.network import Network, start_state, stations

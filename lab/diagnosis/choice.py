@@ -17,6 +17,8 @@ DECIDED = float(np.log(20.0))
 NAMED_BANKS = (BankName.LIBRARY, BankName.STEPS, BankName.HARMONIC)
 # Kinds that are functions of the joint's own reading.
 OWN_ANGLE_KINDS = ("encoder_eccentricity", "encoder_harmonic", "encoder_scale")
+# Kinds that go round with the joint: two of them fit nearly any curve.
+TURNING_KINDS = (*OWN_ANGLE_KINDS, "axis_wobble", "axis_runout")
 _N_PAIRED = 3
 
 
@@ -108,11 +110,11 @@ def next_choice(stage: Stage, settled: Collection[str]) -> Choice | None:
 
 
 def imitates(first: Candidate, second: Candidate) -> bool:
-    """Say whether two effects are functions of one reading: they fit any curve."""
+    """Say whether two effects go round with one joint: together they fit any curve."""
     return (
         first.joint == second.joint
-        and first.kind in OWN_ANGLE_KINDS
-        and second.kind in OWN_ANGLE_KINDS
+        and first.kind in TURNING_KINDS
+        and second.kind in TURNING_KINDS
     )
 
 

@@ -1,6 +1,7 @@
 """Diagnosis: find what the model lacks, name it, add it, show that the gap shrank."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -8,9 +9,11 @@ from numpy.typing import NDArray
 
 from kinematics.arm_file import Arm
 from lab.campaign import Campaign
-from lab.diagnosis.candidate import BankName
+from lab.diagnosis.advice import separate_by
+from lab.diagnosis.candidate import BankName, Candidate
 from lab.diagnosis.choice import ranked
 from lab.diagnosis.decision import Decision, decided
+from lab.diagnosis.detectable import detectable
 from lab.diagnosis.diagnosis import (
     Detectable,
     Diagnosis,
@@ -23,6 +26,7 @@ from lab.diagnosis.diagnosis import (
 from lab.diagnosis.fit import Fit
 from lab.diagnosis.gap import Gap, gap_between
 from lab.diagnosis.holdout import split
+from lab.diagnosis.library import absent_candidates
 from lab.diagnosis.naming import Naming
 from lab.diagnosis.options import DiagnosisOptions
 from lab.diagnosis.rows import Rows, rows_of
@@ -65,7 +69,7 @@ def diagnose(
     search = decision.search
     clock.lap("decision")
     told("looking at the poses kept aside", 0.7)
-    fits = _ledger_fits(decision, choosing)
+    fits = _ledger_fits(decision)
     gaps = [
         gap_between(fit.adjustment, fits[-1].adjustment, held_out, arm.probe.radius_mm)
         for fit in fits
@@ -75,9 +79,9 @@ def diagnose(
     accepted = _accepted(decision.names, gap, options)
     adapted, rows = _adapted(campaign, decision, accepted, options)
     clock.lap("final estimates")
-    terms = _terms(decision, accepted, adapted, rows)
+    terms = _terms(decision, accepted, rows, options)
     told("working out what could have been seen", 0.85)
-    detectable = _detectable(search, arm) if options.details else ()
+    seen = _detectable(search) if options.details else ()
     clock.lap("detectable sizes")
     return Diagnosis(
         verdict=_verdict(terms),
@@ -85,7 +89,7 @@ def diagnose(
         arm=arm,
         adapted=adapted.arm,
         campaign=campaign,
-        before=decision.start.adjustment,
+        before=fits[0].adjustment,
         after=search.fit.adjustment,
         choosing=choosing,
         held_out=held_out,
@@ -95,23 +99,32 @@ def diagnose(
         vetoed=bool(terms) and gap.is_worse,
         noise=_noise(search),
         leftovers=_leftovers(search),
-        detectable=detectable,
+        detectable=seen,
         seed=options.seed,
         seconds=clock.laps,
     )
 
 
-def _ledger_fits(decision: Decision, choosing: Booleans) -> list[Fit]:
-    """Fit without terms, with the first, with the first two, and so on."""
+def _ledger_fits(decision: Decision) -> list[Fit]:
+    """Fit without terms, with the first, with the first two, and so on.
+
+    All to the poses of the last one: what a missing effect spoils looks like blunders
+    to a model without it, and would be left out where it hurts most.
+    """
     search = decision.search
+    if not search.terms:
+        return [search.fit]
     effects = search.fit.arm.effects
-    fits = [decision.start]
-    for count in range(1, len(search.terms)):
-        some = effects[: search.n_given + count]
-        fits.append(refitted(search.fit, some, choosing))
-    if search.terms:
-        fits.append(search.fit)
-    return fits
+    fits = [
+        refitted(
+            search.fit,
+            effects[: search.n_given + count],
+            search.fit.included,
+            snooping=False,
+        )
+        for count in range(len(search.terms))
+    ]
+    return [*fits, search.fit]
 
 
 def _ledger(decision: Decision, fits: list[Fit], gaps: list[Gap]) -> tuple[Step, ...]:
@@ -129,7 +142,9 @@ def _accepted(
     if gap.is_worse:
         return (False,) * len(names)
     return tuple(
-        naming.status != "tentative" or options.accept_tentative for naming in names
+        naming.harmonic is None
+        and (naming.status != "tentative" or options.accept_tentative)
+        for naming in names
     )
 
 
@@ -164,8 +179,12 @@ def _adapted(
 
 
 def _terms(
-    decision: Decision, accepted: tuple[bool, ...], adapted: Fit, rows: Rows
+    decision: Decision,
+    accepted: tuple[bool, ...],
+    rows: Rows,
+    options: DiagnosisOptions,
 ) -> tuple[Term, ...]:
+    search = decision.search
     whole = rows.adjustment.network.parameters.effects
     terms = []
     for naming, is_accepted in zip(decision.names, accepted, strict=True):
@@ -174,22 +193,38 @@ def _terms(
             raise ValueError("terms without effects in the fit")
         values = rows.adjustment.state.arm.amplitudes
         correction = whole.at(values[-len(whole.effects.values) :]).corrections[index]
-        effect = decision.search.fit.arm.effects[index]
+        effect = search.fit.arm.effects[index]
         terms.append(
             Term(
                 status=naming.status,
-                candidate=naming.added.candidate,
+                candidate=_shown(naming),
                 effect=effect.model_copy(update=correction.keys),
                 estimates=estimates_of(rows, index),
                 log_bayes_factor=naming.own.evidence,
                 log10_p=naming.own.log_p / _LOG_10,
                 harmonic=naming.harmonic,
                 alternatives=naming.alternatives,
-                separate_by="",
+                separate_by=separate_by(naming, search.stage.rows, search.fit.arm)
+                if options.details
+                else "",
                 accepted=is_accepted,
             )
         )
     return tuple(terms)
+
+
+def _shown(naming: Naming) -> Candidate:
+    """Say as what a term is told: a harmonic with overtones is a curve."""
+    candidate = naming.added.candidate
+    if naming.harmonic is None:
+        return candidate
+    return replace(
+        candidate,
+        kind="empirical",
+        order=None,
+        component="angle",
+        covariate=f"{candidate.joint}_rad",
+    )
 
 
 def _verdict(terms: tuple[Term, ...]) -> Verdict:
@@ -220,8 +255,14 @@ def _leftovers(search: Search) -> tuple[Leftover, ...]:
     return tuple(found)
 
 
-def _detectable(search: Search, arm: Arm) -> tuple[Detectable, ...]:
-    return ()
+def _detectable(search: Search) -> tuple[Detectable, ...]:
+    rows, arm = search.stage.rows, search.fit.arm
+    return detectable(
+        rows,
+        search.stage.banks[BankName.LIBRARY],
+        absent_candidates(rows, arm),
+        search.thresholds[BankName.LIBRARY],
+    )
 
 
 def _nobody(_what: str, _part: float) -> None:

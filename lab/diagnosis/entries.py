@@ -10,7 +10,7 @@ from kinematics.effect_kinds import EFFECT_KINDS, Vector
 from kinematics.effects.axis_motion import across
 from lab.diagnosis.candidate import Candidate
 from lab.diagnosis.rows import Rows
-from lab.identification.plausible import campaign_span
+from lab.identification.plausible import campaign_start
 
 Floats = NDArray[np.float64]
 
@@ -65,7 +65,7 @@ def effect_from_candidate(candidate: Candidate, values: Floats, rows: Rows) -> E
     if candidate.joint is not None:
         table["joint"] = candidate.joint
     if EFFECT_KINDS[candidate.kind].effect_class == "A":
-        table["epoch_utc"] = campaign_span(campaign)[0]
+        table["epoch_utc"] = campaign_start(campaign)
     if candidate.kind == "probe_lobing":
         cosine, sine = values.tolist()
         table["amplitude_mm"] = float(np.hypot(cosine, sine))

@@ -13,7 +13,7 @@ from lab.identification.conclusions import identified_arm
 from lab.identification.effect_model import effect_model
 from lab.identification.identify import prepared
 from lab.identification.network import Network, stations
-from lab.identification.noise import Noise, a_priori_noise
+from lab.identification.noise import a_priori_noise
 from lab.identification.options import Options
 from lab.identification.pose_statistics import PoseStatistics
 from lab.identification.rounds import Rounds
@@ -40,7 +40,12 @@ class Fit:
 
 
 def fitted(
-    campaign: Campaign, arm: Arm, eligible: Booleans, noise: Noise | None = None
+    campaign: Campaign,
+    arm: Arm,
+    eligible: Booleans,
+    before: Fit | None = None,
+    *,
+    snooping: bool = True,
 ) -> Fit:
     """Fit an arm and all its effects.
 
@@ -51,7 +56,8 @@ def fitted(
         campaign: What was measured.
         arm: Where to begin.
         eligible: Poses that may take part, (n_poses,).
-        noise: Where to begin, instead of the campaign's or the usual one.
+        before: An earlier fit, whose noise and poses are begun with.
+        snooping: Whether contradicting poses are left out at all.
 
     Raises:
         IdentificationError: The campaign does not tell what effects need.
@@ -61,18 +67,19 @@ def fitted(
         free = tuple(
             escape(name) for name in effect_model(arm, arm.effects, campaign).names
         )
-    options = Options(coarse_start=False, n_suggestions=0, free=free)
+    options = Options(coarse_start=False, n_suggestions=0, free=free, snooping=snooping)
     design, parameters = prepared(campaign, arm, options)
     radius_mm = arm.probe.radius_mm
     network = Network(
         campaign,
         stations(campaign, radius_mm, eligible),
         parameters,
-        noise or a_priori_noise(campaign),
+        a_priori_noise(campaign) if before is None else before.adjustment.network.noise,
         np.ones(len(campaign.poses)),
     )
     rounds = Rounds(design, options, radius_mm, None)
-    adjustment, statistics, included, _ = rounds.to_the_end(network)
+    first = None if before is None else before.included
+    adjustment, statistics, included, _ = rounds.to_the_end(network, first)
     return Fit(identified_arm(arm, adjustment), adjustment, statistics, included)
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.diagnosis.aliases import ALIAS
 from lab.diagnosis.candidate import Bank, BankName, Candidate
 from lab.diagnosis.choice import (
     DECIDED,
@@ -25,8 +26,6 @@ Floats = NDArray[np.float64]
 
 # Whoever is within this of the best belongs to the printed set.
 _SET = float(np.log(100.0))
-# Two blocks that explain a finding equally well to this part are one.
-ALIAS = 0.9995
 _OVERTONES = (2, 3, 4)
 _OVERTONE_LOG_P = float(np.log(0.003))
 
@@ -68,16 +67,17 @@ def _naming(search: Search, added: Added) -> Naming:
     settled = settled_joints(others)
     names = ranked(stage, NAMED_BANKS, settled)
     curves = ranked(stage, (BankName.GENERIC,), settled)
-    own = own_choice(added, names + curves)
+    # A term may be a function of a reading that got a curve after it.
+    own = own_choice(added, ranked(stage, tuple(BankName), ()))
     if added.candidate.kind == "empirical":
         rivals = _rivals(own, names + curves[:1], own.score)
         return Naming(added, own, "unknown", None, rivals, own)
-    best = names[0]
+    best = names[0] if names else own
     harmonic = _with_overtones(search, own.candidate)
     status: Status = "named"
     if harmonic is not None:
         status = "unknown"
-    elif _is_doubtful(search, added, own, curves):
+    elif _is_doubtful(search, own, names, curves):
         status = "tentative"
     shown = names + [one for one in curves[:1] if one.score > own.score - _SET]
     rivals = _rivals(own, shown, max(best.score, own.score))
@@ -120,18 +120,33 @@ def _rivals(
         ):
             continue
         rho = correlation(own.found, own.residuals, choice.found)
-        found.append(Alternative(choice.candidate, choice.evidence, rho, rho >= ALIAS))
+        # A curve that follows an effect closely is no other name for it.
+        alias = rho >= ALIAS and choice.candidate.kind != "empirical"
+        found.append(Alternative(choice.candidate, choice.evidence, rho, alias))
     return tuple(found)
 
 
 def _is_doubtful(
-    search: Search, added: Added, own: Choice, curves: Sequence[Choice]
+    search: Search, own: Choice, names: Sequence[Choice], curves: Sequence[Choice]
 ) -> bool:
-    """Say whether a curve, or something else still unexplained, may be behind it."""
-    others = [term for term in search.terms if term is not added]
-    imitation = any(imitates(added.candidate, other.candidate) for other in others)
-    curve_is_as_good = bool(curves) and own.score < curves[0].score + DECIDED
-    return imitation or curve_is_as_good or not search.is_finished
+    """Say whether a name is not sure enough to stand for itself.
+
+    Because the evidence is small for having been looked for among so many, because
+    another name or a curve is nearly as good, because a second term of the joint helps
+    it to imitate a curve, or because something is still unexplained.
+    """
+    if own.evidence < DECIDED + np.log(len(names)) or not search.is_finished:
+        return True
+    for term in search.terms:
+        other = term.candidate
+        if other.identity != own.candidate.identity and imitates(own.candidate, other):
+            return True
+    near = [one for one in (*names, *curves[:1]) if one.score > own.score - DECIDED]
+    return any(
+        one.candidate.identity != own.candidate.identity
+        and correlation(own.found, own.residuals, one.found) < ALIAS
+        for one in near
+    )
 
 
 def _with_overtones(search: Search, candidate: Candidate) -> int | None:

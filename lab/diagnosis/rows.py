@@ -24,7 +24,7 @@ from kinematics.effects.setting import utc_ns
 from lab.identification.adjustment import Adjustment
 from lab.identification.effect_model import block_of
 from lab.identification.network import white_rows
-from lab.identification.plausible import campaign_span
+from lab.identification.plausible import campaign_start
 from lab.identification.system import certified
 
 Floats = NDArray[np.float64]
@@ -32,7 +32,7 @@ Integers = NDArray[np.int64]
 
 # Combinations of unknowns, in units of what is plausible, that move the data by less
 # than this part of their noise do not count as estimated.
-_LEAST_EFFECT = 0.02
+LEAST_EFFECT = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ class Rows:
         gravity = campaign.gravity_m_s2
         return block_of(
             campaign.poses,
-            utc_ns(campaign_span(campaign)[0]),
+            utc_ns(campaign_start(campaign)),
             None if gravity is None else np.array(gravity),
         )
 
@@ -206,7 +206,7 @@ def rows_of(adjustment: Adjustment) -> Rows:
 def spanned(columns: Floats) -> Floats:
     """Find an orthonormal basis of what columns do to the data, (n_rows, rank)."""
     left, values, _ = np.linalg.svd(columns, full_matrices=False)
-    return left[:, values > _LEAST_EFFECT]
+    return left[:, values > LEAST_EFFECT]
 
 
 def decorrelated_rows(rows: Rows, root: Floats) -> Rows:

@@ -14,8 +14,6 @@ from lab.diagnosis.diagnosis import Diagnosis, Status, Term, Verdict
 Identity = tuple[str, str | None, int | None, str | None, str | None]
 Value = float | tuple[float, ...]
 
-# An effect's signature lies within another's columns to this part: an alias.
-ALIAS = 0.9995
 # Of the largest component's: a component of less is no freedom. Vectors across an axis
 # have a small one along it where the true axis is not quite the designed one.
 _LEAST_STD = 0.02

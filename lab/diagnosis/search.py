@@ -109,11 +109,13 @@ def stage_at(fit: Fit, serial: SerialNoise | None) -> Stage:
     return stage_of(rows, fit.arm)
 
 
-def refitted(fit: Fit, effects: tuple[Effect, ...], eligible: Booleans) -> Fit:
+def refitted(
+    fit: Fit, effects: tuple[Effect, ...], eligible: Booleans, *, snooping: bool = True
+) -> Fit:
     """Fit again with other effects, from where a fit is."""
-    network = fit.adjustment.network
+    campaign = fit.adjustment.network.campaign
     arm = with_effects(fit.arm, effects)
-    return fitted(network.campaign, arm, eligible, network.noise)
+    return fitted(campaign, arm, eligible, fit, snooping=snooping)
 
 
 def family_thresholds(stage: Stage, options: DiagnosisOptions) -> dict[BankName, float]:

@@ -14,7 +14,7 @@ from lab.diagnosis.generic import generic_bank
 from lab.diagnosis.harmonics import harmonic_bank
 from lab.diagnosis.library import library_bank
 from lab.diagnosis.rows import Rows
-from lab.diagnosis.steps import StepScan, scan_base_steps, scan_slips, step_bank
+from lab.diagnosis.steps import StepScan, scan_steps, step_bank
 
 Floats = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ def judged(rows: Rows, banks: Mapping[BankName, Bank]) -> Stage:
     findings = {name: judge(rows, project(rows, bank)) for name, bank in banks.items()}
     scans: tuple[StepScan, ...] = ()
     if BankName.LIBRARY in banks:
-        scans = (*scan_slips(rows), *scan_base_steps(rows))
+        scans = scan_steps(rows)
         findings[BankName.STEPS] = _judged_steps(rows, scans)
     return Stage(rows, MappingProxyType(dict(banks)), MappingProxyType(findings), scans)
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from kinematics.effects.correction import Correction
 from lab.diagnosis.candidate import BankName, Candidate
 from lab.diagnosis.diagnosis import Estimate
-from lab.diagnosis.rows import Rows, spanned
+from lab.diagnosis.rows import LEAST_EFFECT, Rows, spanned
 from lab.identification.plausible import key_unit
 
 Floats = NDArray[np.float64]
@@ -93,7 +93,10 @@ def _value_covariance(rows: Rows, index: int) -> Floats:
     left = mine - basis @ (basis.T @ mine)
     variance = rows.sum_of_squares / max(rows.redundancy, 1)
     scales = model.tolerances[coordinates]
-    cofactors = np.linalg.pinv(left.T @ left, rcond=1e-12, hermitian=True)
+    # What the data do not see of it, such as the mean of a curve, was not estimated.
+    squares, turns = np.linalg.eigh(left.T @ left)
+    seen = squares > LEAST_EFFECT**2
+    cofactors = (turns[:, seen] / squares[seen]) @ turns[:, seen].T
     covariance = variance * scales[:, np.newaxis] * cofactors * scales
     geometry = rows.adjustment.state.arm.geometry
     directions = model.effects.corrections[index].free_directions(geometry)

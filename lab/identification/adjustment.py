@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.identification.datum import scale_direction
-from lab.identification.misfit import rms_mm
 from lab.identification.network import Network, State, has_length
 from lab.identification.parameters import ArmValues
 from lab.identification.rank import Split, split
@@ -118,7 +117,6 @@ def adjust(
     converged = False
     while not converged and len(iterations) < most_iterations:
         number = len(iterations) + 1
-        misfit_mm = rms_mm(network, state)
         parts = _split(network, state, system, n_determined)
         to_design = parameters.coordinates(design, state.arm)[parameters.free]
         step, held = parts.step(to_design)
@@ -130,7 +128,12 @@ def adjust(
         if size < _NEAR or number >= _RANK_SETTLES_AT:
             n_determined = parts.n_determined
         found = Iteration(
-            number, system.sum_of_squares, misfit_mm, size, fraction, parts.n_determined
+            number,
+            system.sum_of_squares,
+            system.rms_mm,
+            size,
+            fraction,
+            parts.n_determined,
         )
         iterations.append(found)
         if progress is not None:

@@ -20,7 +20,12 @@ from kinematics.effects.pose import angle_corrections, corrected_pose
 from kinematics.effects.setting import utc_ns
 from kinematics.geometry import Geometry
 from lab.campaign import Campaign, Poses
-from lab.identification.plausible import campaign_span, effect_units, plausible_values
+from lab.identification.plausible import (
+    campaign_span,
+    campaign_start,
+    effect_units,
+    plausible_values,
+)
 
 Floats = NDArray[np.float64]
 
@@ -121,7 +126,7 @@ def effect_model(
             tell.
     """
     built = effects_of(arm, effects, campaign_span(campaign))
-    start_ns = utc_ns(campaign_span(campaign)[0])
+    start_ns = utc_ns(campaign_start(campaign))
     gravity = campaign.gravity_m_s2
     names: list[str] = []
     units: list[str] = []

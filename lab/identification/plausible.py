@@ -77,9 +77,14 @@ def key_unit(key: str) -> str:
     return _UNITS.get(key, "mm" if key.endswith("_mm") else "rad")
 
 
+def campaign_start(campaign: Campaign) -> datetime:
+    """Say when a campaign's time is 0."""
+    return campaign.start_utc or _NO_START
+
+
 def campaign_span(campaign: Campaign) -> Span:
     """Say from when to when a campaign lasted."""
-    start = campaign.start_utc or _NO_START
+    start = campaign_start(campaign)
     times_s = campaign.poses.time_s
     if len(times_s) == 0:
         return start, start

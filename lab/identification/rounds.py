@@ -49,12 +49,13 @@ class Rounds:
         return self._options.variances or variance_model(campaign)
 
     def to_the_end(
-        self, network: Network
+        self, network: Network, first: Booleans | None = None
     ) -> tuple[Adjustment, PoseStatistics, Booleans, float]:
         """Adjust until nothing changes.
 
         Args:
             network: With the stations' poses that may take part.
+            first: Poses that take part to begin with, (n_poses,); default all.
 
         Returns:
             Adjustment, statistics of all poses, who took part, critical |w|.
@@ -66,15 +67,19 @@ class Rounds:
             eligible[station.poses] = True
         included = eligible.copy()
         state = start_state(network, self._design)
-        adjustment = self._adjusted(network, state)
-        found = pose_statistics(adjustment)
+        if first is None:
+            adjustment = self._adjusted(network, state)
+            found = pose_statistics(adjustment)
+        else:
+            included = eligible & first
+            adjustment, found = self._without(network, included, self._design)
         if self._options.snooping and (
             not adjustment.converged
             or adjustment.sigma0 > _BLUNDERS * robust_scale(found)
         ):
             state, included = robust_state(network, state, self._design)
             included &= eligible
-            adjustment, found = self._without(adjustment, included, state.arm)
+            adjustment, found = self._without(network, included, state.arm)
         critical = float("inf")
         for _ in range(_MOST_ROUNDS):
             noise, change = better_noise(
@@ -88,7 +93,7 @@ class Rounds:
                 break
             included = included if tests is None else tests.included
             adjustment, found = self._without(
-                adjustment, included, adjustment.state.arm, noise
+                adjustment.network, included, adjustment.state.arm, noise
             )
         return adjustment, self._of_all(adjustment, found, included), included, critical
 
@@ -102,12 +107,11 @@ class Rounds:
 
     def _without(
         self,
-        adjustment: Adjustment,
+        before: Network,
         included: Booleans,
         arm: ArmValues,
         noise: Noise | None = None,
     ) -> tuple[Adjustment, PoseStatistics]:
-        before = adjustment.network
         network = Network(
             before.campaign,
             stations(before.campaign, self._radius_mm, included),

@@ -29,6 +29,7 @@ class System:
         offsets_mm: B v of every station, (n_poses, n_rows).
         corrections: v that follows, of every station, (n_poses, n_joints + 3).
         sum_of_squares: Weighted misclosures and certificates.
+        rms_mm: Root mean square of the scalar misclosures as they are.
     """
 
     eliminations: tuple[Elimination, ...]
@@ -37,6 +38,7 @@ class System:
     offsets_mm: tuple[Floats, ...]
     corrections: tuple[Floats, ...]
     sum_of_squares: float
+    rms_mm: float
 
 
 def linearise(network: Network, state: State) -> System:
@@ -44,7 +46,7 @@ def linearise(network: Network, state: State) -> System:
     n_free = network.parameters.n_free
     eliminations = []
     kept: tuple[list[Floats], list[Floats], list[Floats]] = ([], [], [])
-    total = 0.0
+    total, squares_mm2 = 0.0, 0.0
     for station, unknowns, corrections in zip(
         network.stations, state.unknowns, state.corrections, strict=True
     ):
@@ -56,6 +58,7 @@ def linearise(network: Network, state: State) -> System:
         total += float(np.sum(blocks[0][:, -1] ** 2))
         for rows in white_rows(network, station, state.arm, unknowns, corrections):
             total += float(np.sum(rows.misclosures**2))
+            squares_mm2 += float(np.sum(rows.misclosures_mm**2))
             seen[0].append(rows.whiteners)
             seen[1].append(rows.offsets_mm)
             seen[2].append(rows.corrections)
@@ -77,7 +80,10 @@ def linearise(network: Network, state: State) -> System:
             whole.append(np.concatenate(parts))
     reduced = triangle([found.reduced for found in eliminations], n_free + 1)
     whiteners, offsets_mm, following = (tuple(whole) for whole in kept)
-    return System(tuple(eliminations), reduced, whiteners, offsets_mm, following, total)
+    rms_mm = float(np.sqrt(squares_mm2 / max(network.n_rows, 1)))
+    return System(
+        tuple(eliminations), reduced, whiteners, offsets_mm, following, total, rms_mm
+    )
 
 
 def sum_of_squares(network: Network, state: State, system: System) -> float:

@@ -23,9 +23,11 @@ def distances(centres_mm: Floats, sphere_mm: Floats) -> tuple[Floats, Floats]:
     """Compute distances (n,) and unit vectors (n, 3) from one or n sphere centres."""
     away_mm = centres_mm - sphere_mm
     distances_mm: Floats = np.linalg.norm(away_mm, axis=1)
-    # In the very centre any direction is as good as another.
-    safe_mm = np.maximum(distances_mm, 1e-9)[:, np.newaxis]
-    return distances_mm, away_mm / safe_mm
+    # In the very centre any direction is as good as another, but for none at all.
+    is_centre = distances_mm < 1e-9
+    units = away_mm / np.where(is_centre, 1.0, distances_mm)[:, np.newaxis]
+    units[is_centre] = (0.0, 0.0, 1.0)
+    return distances_mm, units
 
 
 def start_centre(centres_mm: Floats, radius_mm: float | None) -> tuple[Floats, float]:
