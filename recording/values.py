@@ -1,0 +1,105 @@
+"""What a recording holds, as values."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples:
+    """Timed samples as the encoders gave them, one a row.
+
+    Attributes:
+        numbers: Rising; a gap is a loss, (n,).
+        device_ticks: The device's own counter, unwrapped, (n,).
+        received_ns: Host monotonic time right after the read, (n,).
+        sample_time_ns: Host monotonic time of the latch, rising, (n,).
+        utc_ns: The latch, since 1970, (n,).
+        counts: Raw, 0 to counts_per_turn - 1, (n, n_joints).
+    """
+
+    numbers: Integers
+    device_ticks: Integers
+    received_ns: Integers
+    sample_time_ns: Integers
+    utc_ns: Integers
+    counts: NDArray[np.uint32]
+
+    def __post_init__(self) -> None:
+        n = len(self.counts)
+        for name in TIMES:
+            found = getattr(self, name).shape
+            if found != (n,):
+                raise ValueError(f"samples: {name} has shape {found}, expected ({n},)")
+        if self.counts.ndim != 2:
+            raise ValueError(
+                f"samples: counts have shape {self.counts.shape}, expected "
+                "(n, n_joints)"
+            )
+
+    def __len__(self) -> int:
+        return len(self.counts)
+
+    def part(self, rows: slice) -> "Samples":
+        """Take some of the samples."""
+        times = {name: getattr(self, name)[rows] for name in TIMES}
+        return Samples(**times, counts=self.counts[rows])
+
+
+TIMES = ("numbers", "device_ticks", "received_ns", "sample_time_ns", "utc_ns")
+
+
+@dataclass(frozen=True, slots=True)
+class Touching:
+    """What is touched from a moment on, until the next such value.
+
+    Attributes:
+        sample_time_ns: From when on.
+        artefact: Its id in the campaign; None: nothing is touched from here on.
+        feature: Of the artefact, empty where it has only one.
+    """
+
+    sample_time_ns: int
+    artefact: str | None
+    feature: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """How warm it is and how hard is pressed at a moment.
+
+    Attributes:
+        sample_time_ns: When.
+        temperature_c: Of the arm, or None.
+        force_n: Of the contact, or None.
+    """
+
+    sample_time_ns: int
+    temperature_c: float | None = None
+    force_n: float | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """A whole recording.
+
+    Attributes:
+        joints: Names, from the base outwards.
+        arm_text: The arm file that was in force.
+        campaign_text: `campaign.toml`, or None.
+        samples: In the order of time.
+        touching: In the order of time.
+        conditions: In the order of time.
+        tear: Why the file could not be read to its end, or None.
+    """
+
+    joints: tuple[str, ...]
+    arm_text: str
+    campaign_text: str | None
+    samples: Samples
+    touching: tuple[Touching, ...]
+    conditions: tuple[Conditions, ...]
+    tear: str | None = None

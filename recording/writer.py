@@ -1,0 +1,123 @@
+"""Writing recordings: MCAP, in small chunks, so that a crash costs little."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from mcap.writer import Writer
+
+from recording.messages import (
+    JSON_SCHEMAS,
+    PROFILE,
+    SCHEMA,
+    conditions_to_bytes,
+    samples_to_bytes,
+    touching_to_bytes,
+)
+from recording.values import Conditions, Samples, Touching
+
+# Before compression: one second at 1 kHz with seven joints.
+CHUNK_BYTES = 1 << 16
+
+
+class RecordingWriter:
+    """Appends to a recording; a context manager.
+
+    What has been written as a whole chunk is in the operating system's hands, and a
+    program that dies loses the last chunk only.
+
+    Args:
+        path: Written anew.
+        joints: Names, from the base outwards.
+        arm_text: The arm file in force.
+        campaign_text: `campaign.toml`, where it is a campaign's.
+        chunk_bytes: Of a chunk before compression.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        joints: Sequence[str],
+        arm_text: str,
+        campaign_text: str | None = None,
+        chunk_bytes: int = CHUNK_BYTES,
+    ) -> None:
+        self._joints = tuple(joints)
+        self._file = Path(path).open("wb")  # noqa: SIM115 - closed by close()
+        self._utc_ns = 0
+        self._host_ns = 0
+        writer = Writer(self._file, chunk_size=chunk_bytes)
+        writer.start(profile=PROFILE, library="traverse")
+        names = json.dumps(list(joints))
+        writer.add_metadata("traverse", {"schema": SCHEMA, "joints": names})
+        texts = {"arm.toml": arm_text, "campaign.toml": campaign_text}
+        for name, text in texts.items():
+            if text is not None:
+                writer.add_attachment(0, 0, name, "application/toml", text.encode())
+        self._samples = writer.register_channel("samples", "msgpack", 0)
+        self._channels = {
+            topic: writer.register_channel(
+                topic,
+                "json",
+                writer.register_schema(
+                    f"traverse/recording/{topic}/1",
+                    "jsonschema",
+                    json.dumps(schema).encode(),
+                ),
+            )
+            for topic, schema in JSON_SCHEMAS.items()
+        }
+        self._writer = writer
+        self._file.flush()
+
+    def add_samples(self, samples: Samples) -> None:
+        """Append a block of samples, some hundred at a time.
+
+        Raises:
+            ValueError: They are of another number of joints.
+        """
+        if samples.counts.shape[1] != len(self._joints):
+            raise ValueError(
+                f"samples of {samples.counts.shape[1]} joints for a recording of "
+                f"{len(self._joints)}: {', '.join(self._joints)}"
+            )
+        if len(samples) == 0:
+            return
+        self._utc_ns = int(samples.utc_ns[0])
+        self._host_ns = int(samples.sample_time_ns[0])
+        self._add(self._samples, self._host_ns, samples_to_bytes(samples))
+
+    def add_touching(self, value: Touching) -> None:
+        """Append what is touched from a moment on."""
+        channel = self._channels["touching"]
+        self._add(channel, value.sample_time_ns, touching_to_bytes(value))
+
+    def add_conditions(self, value: Conditions) -> None:
+        """Append the conditions of a moment."""
+        channel = self._channels["conditions"]
+        self._add(channel, value.sample_time_ns, conditions_to_bytes(value))
+
+    def close(self) -> None:
+        """Write the index and close the file."""
+        if not self._file.closed:
+            self._writer.finish()  # type: ignore[no-untyped-call] # mcap's own
+            self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _add(self, channel: int, sample_time_ns: int, content: bytes) -> None:
+        # Programs that show recordings want UTC; what came before any sample gets 0.
+        log_ns = max(self._utc_ns + sample_time_ns - self._host_ns, 0)
+        self._writer.add_message(channel, log_ns, content, log_ns)
+        self._file.flush()

@@ -1,0 +1,249 @@
+"""Recordings: written, read back, torn, and spoilt."""
+
+import json
+from contextlib import suppress
+
+import msgpack
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap.writer import Writer
+
+from kinematics.file_problems import FileError
+from recording.reader import read_recording
+from recording.values import TIMES, Conditions, Samples, Touching
+from recording.writer import RecordingWriter
+
+JOINTS = ("J1", "J2", "J3")
+ARM = 'schema = "traverse/arm/1"\nname = "été"\n'
+CAMPAIGN = 'schema = "traverse/campaign/1"\n'
+
+
+def samples(n, first=0, seed=1):
+    rng = np.random.default_rng(seed)
+    numbers = np.arange(first, first + n)
+    sample_time_ns = 7_000_000_000 + 1_000_000 * numbers
+    return Samples(
+        numbers=numbers,
+        device_ticks=5000 + 1000 * numbers,
+        received_ns=sample_time_ns + rng.integers(100_000, 900_000, n),
+        sample_time_ns=sample_time_ns,
+        utc_ns=1_795_000_000_000_000_000 + sample_time_ns,
+        counts=rng.integers(0, 2**32, (n, len(JOINTS)), dtype=np.uint32),
+    )
+
+
+def written(path, *, n_blocks=20, size=50, chunk_bytes=4096):
+    with RecordingWriter(path, JOINTS, ARM, CAMPAIGN, chunk_bytes) as writer:
+        for number in range(n_blocks):
+            block = samples(size, number * size, seed=number)
+            at_ns = int(block.sample_time_ns[0])
+            writer.add_touching(Touching(at_ns, f"cone-{number}", "1"))
+            writer.add_conditions(Conditions(at_ns, 20.0 + number, None))
+            writer.add_samples(block)
+        writer.add_touching(Touching(at_ns + 10_000_000, None))
+    return path
+
+
+def test_what_was_written_is_read_back(tmp_path):
+    found = read_recording(written(tmp_path / "a.mcap"))
+    expected = [samples(50, number * 50, seed=number) for number in range(20)]
+    for name in (*TIMES, "counts"):
+        together = np.concatenate([getattr(block, name) for block in expected])
+        assert np.array_equal(getattr(found.samples, name), together)
+    assert found.samples.counts.dtype == np.uint32
+    assert (found.joints, found.arm_text) == (JOINTS, ARM)
+    assert found.campaign_text == CAMPAIGN
+    assert found.tear is None
+    assert [t.artefact for t in found.touching[:2]] == ["cone-0", "cone-1"]
+    assert found.touching[-1].artefact is None
+    assert found.conditions[3].temperature_c == 23.0
+    assert found.conditions[3].force_n is None
+
+
+def test_other_programs_read_the_file(tmp_path):
+    with written(tmp_path / "a.mcap").open("rb") as file:
+        reader = make_reader(file)
+        summary = reader.get_summary()
+        topics = {channel.topic for channel in summary.channels.values()}
+        assert topics == {"samples", "touching", "conditions"}
+        attached = {one.name: one.data.decode() for one in reader.iter_attachments()}
+        assert attached == {"arm.toml": ARM, "campaign.toml": CAMPAIGN}
+        (_, _, first) = next(reader.iter_messages(topics=["samples"]))
+        assert first.log_time == 1_795_000_007_000_000_000
+        # By hand: kind i, 8 bytes, one dimension of 50, then numbers 0, 1, ...
+        content = msgpack.unpackb(first.data)["numbers"]
+        assert content.code == 1
+        assert content.data[:3] == b"i\x08\x01"
+        assert content.data[3:7] == (50).to_bytes(4, "little")
+        assert content.data[7:23] == bytes(8) + b"\x01" + bytes(7)
+
+
+def test_a_file_cut_anywhere_is_readable_up_to_the_tear(tmp_path):
+    whole = written(tmp_path / "whole.mcap").read_bytes()
+    everything = read_recording(tmp_path / "whole.mcap").samples
+    torn = tmp_path / "torn.mcap"
+    longest, n_lost = 0, []
+    for length in range(len(whole) // 2, len(whole), 37):
+        torn.write_bytes(whole[:length])
+        found = read_recording(torn)
+        n = len(found.samples)
+        assert np.array_equal(found.samples.counts, everything.counts[:n])
+        assert n >= longest
+        longest = n
+        assert found.tear is not None
+        assert "torn after" in found.tear
+        n_lost.append(len(everything) - n)
+    assert n_lost[0] > 0 == n_lost[-1]
+
+
+def test_a_writer_that_dies_loses_its_last_chunk_only(tmp_path):
+    path = tmp_path / "a.mcap"
+    writer = RecordingWriter(path, JOINTS, ARM, chunk_bytes=4096)
+    for number in range(19):
+        writer.add_samples(samples(50, number * 50, seed=number))
+    copy = tmp_path / "copy.mcap"
+    copy.write_bytes(path.read_bytes())
+    writer.close()
+    found = read_recording(copy)
+    assert found.tear is not None
+    assert 850 <= len(found.samples) < 950
+    assert found.campaign_text is None
+
+
+def test_a_flipped_bit_in_a_chunk_ends_the_reading_there(tmp_path):
+    content = bytearray(written(tmp_path / "a.mcap").read_bytes())
+    content[len(content) // 2] ^= 4
+    (tmp_path / "b.mcap").write_bytes(content)
+    found = read_recording(tmp_path / "b.mcap")
+    assert found.tear is not None
+    everything = read_recording(tmp_path / "a.mcap").samples
+    n = len(found.samples)
+    assert 0 < n < len(everything)
+    assert np.array_equal(found.samples.counts, everything.counts[:n])
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_whatever_the_bytes_a_file_is_read_or_refused(tmp_path, data):
+    path = tmp_path / "spoilt.mcap"
+    if not (tmp_path / "a.mcap").exists():
+        written(tmp_path / "a.mcap", n_blocks=4)
+    content = bytearray((tmp_path / "a.mcap").read_bytes())
+    for _ in range(data.draw(st.integers(1, 4))):
+        at = data.draw(st.integers(0, len(content) - 1))
+        content[at] = data.draw(st.integers(0, 255))
+    path.write_bytes(content)
+    with suppress(FileError):
+        read_recording(path)
+
+
+def plain_file(path, *, profile="traverse", arm=True, metadata=None, messages=()):
+    """Write a file by hand."""
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile, "by hand")
+        if metadata is not None:
+            writer.add_metadata("traverse", metadata)
+        if arm:
+            writer.add_attachment(0, 0, "arm.toml", "", ARM.encode())
+        channels = {
+            topic: writer.register_channel(topic, "", 0)
+            for topic in ("samples", "touching", "conditions", "image")
+        }
+        for topic, content in messages:
+            writer.add_message(channels[topic], 1, content, 1)
+        writer.finish()
+    return path
+
+
+def block(**changes):
+    """A block of one joint, by hand."""
+    table = {name: integers(1) for name in TIMES}
+    table["counts"] = array("u", 4, (1, 1), b"\x05\0\0\0")
+    return msgpack.packb({**table, **changes})
+
+
+def array(kind, size, shape, content):
+    head = kind.encode() + bytes([size, len(shape)])
+    head += b"".join(n.to_bytes(4, "little") for n in shape)
+    return msgpack.ExtType(1, head + content)
+
+
+def integers(*values):
+    content = b"".join(value.to_bytes(8, "little") for value in values)
+    return array("i", 8, (len(values),), content)
+
+
+GOOD = {"schema": "traverse/recording/1", "joints": '["J1"]'}
+
+
+def test_a_file_by_hand_is_read(tmp_path):
+    moment = json.dumps({"sample_time_ns": 1, "artefact": "ball", "feature": ""})
+    messages = [
+        ("image", b"what is of no concern"),
+        ("samples", block(status=integers(7))),
+        ("touching", moment.encode()),
+    ]
+    path = plain_file(tmp_path / "a.mcap", metadata=GOOD, messages=messages)
+    found = read_recording(path)
+    assert found.samples.counts.tolist() == [[5]]
+    assert found.touching == (Touching(1, "ball"),)
+
+
+@pytest.mark.parametrize(
+    ("file", "words"),
+    [
+        ({"profile": "ros1"}, "profile is 'ros1', expected 'traverse'"),
+        ({"metadata": None}, "before the metadata `traverse`"),
+        ({"metadata": {**GOOD, "schema": "x"}}, "schema is 'x'"),
+        ({"metadata": {**GOOD, "joints": "[1]"}}, "joints are [1]"),
+        ({"metadata": {**GOOD, "joints": "["}}, "joints are not JSON"),
+        ({"arm": False}, "no attachment arm.toml"),
+        ({"messages": []}, "no samples"),
+        ({"messages": [("samples", b"\xc1")]}, "not MessagePack"),
+        ({"messages": [("samples", b"\x01")]}, "a int, expected a map"),
+        ({"messages": [("samples", block(counts=3))]}, "counts is no array"),
+        (
+            {"messages": [("samples", block(counts=array("u", 1, (1, 2), b"\0\1")))]},
+            "counts have shape (1, 2), expected (n, 1)",
+        ),
+        ({"messages": [("samples", block(utc_ns=integers(1, 2)))]}, "utc_ns has shape"),
+        ({"messages": [("samples", block())] * 2}, "sample 2 of 2 is not later"),
+        ({"messages": [("touching", b"{")]}, "touching: not JSON"),
+        ({"messages": [("touching", b"{}")]}, "sample_time_ns is None"),
+        (
+            {"messages": [("conditions", b'{"sample_time_ns":1,"force_n":"x"}')]},
+            "force_n is 'x', expected a number",
+        ),
+    ],
+)
+def test_a_bad_file_is_refused_with_a_reason(tmp_path, file, words):
+    options = {"metadata": GOOD, "messages": [("samples", block())], **file}
+    path = plain_file(tmp_path / "bad.mcap", **options)
+    with pytest.raises(FileError) as caught:
+        read_recording(path)
+    assert words in str(caught.value)
+    assert "bad.mcap" in str(caught.value)
+
+
+@pytest.mark.parametrize("content", [b"", b"time_s,artefact\n" * 20])
+def test_what_is_no_mcap_is_refused(tmp_path, content):
+    (tmp_path / "poses.mcap").write_bytes(content)
+    with pytest.raises(FileError, match="is no MCAP file"):
+        read_recording(tmp_path / "poses.mcap")
+
+
+def test_a_missing_file_is_refused(tmp_path):
+    with pytest.raises(FileError, match="check the path"):
+        read_recording(tmp_path / "nothing.mcap")
+
+
+def test_samples_of_other_joints_are_refused(tmp_path):
+    with (
+        RecordingWriter(tmp_path / "a.mcap", ("J1",), ARM) as writer,
+        pytest.raises(ValueError, match="samples of 3 joints for a recording of 1"),
+    ):
+        writer.add_samples(samples(2))
