@@ -1,0 +1,174 @@
+"""A simulated board and a driver that share a real pty and a clock of their own.
+
+The driver's thread is the only one that works: when it waits for bytes, the board lives
+on to its next sample, edge or heartbeat. So a script of seconds takes a fraction of
+one, and no reading depends on how busy the machine is.
+"""
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+from daemon.clock import HostClock
+from drivers.driver import Driver
+from drivers.latch_board import LatchBoard
+from drivers.serial_port import SerialPort
+from drivers.values import Delivery, DeviceLost, DeviceTemperatures
+from kinematics.arm_file import read_strict
+from simulator.config import SimulatorConfig, config_problems
+from simulator.course import Course
+from simulator.device import Device
+from simulator.edges import LatchedEdge
+from simulator.script import Script, ScriptEvent
+from simulator.truth_log import TruthLog
+from simulator.virtual_arm import build_arm, build_course, build_script, build_sources
+from simulator.wiring import ScriptClock
+
+FIRST_NS = 10**12
+BLOCK_S = 0.05  # samples that the board sends together
+LINGER_S = 0.3  # at the end: the last edge is held, told and acknowledged
+BYTES_S = 0.005  # real time in which a pty hands on what was written
+
+
+class VirtualClock(HostClock):
+    """Monotonic time that moves with the board; 0 s of the board is `FIRST_NS`."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+        self.start_utc_s = 0.0
+        self.script = ScriptClock()
+
+    def monotonic_ns(self) -> int:
+        return FIRST_NS + round(1e9 * self.now_s)
+
+    def utc_offset_ns(self) -> int:
+        begun_s = self.script.begin_s or 0.0
+        return round(1e9 * (self.start_utc_s - begun_s)) - FIRST_NS
+
+
+class VirtualBoard:
+    """A board with an arm behind it, as `traverse simulate` has it, in virtual time.
+
+    Args:
+        folder: holds simulator.toml with one device, start_utc and no faults.
+
+    Attributes:
+        over: set once the script has been played to its end.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        path = folder / "simulator.toml"
+        config = read_strict(path, SimulatorConfig, config_problems)
+        arm = build_arm(config, folder, str(path))
+        self.script: Script = build_script(config, arm, folder, str(path))
+        self.course: Course = build_course(config, arm, self.script)
+        self.clock = VirtualClock()
+        assert config.start_utc is not None
+        self.clock.start_utc_s = config.start_utc.timestamp()
+        self.over = threading.Event()
+        (table,) = config.device
+        (source,) = build_sources(config, arm, self.course, folder)
+        self._log = TruthLog(folder / "truth.jsonl", self.course)
+        self._device = Device(
+            table,
+            folder / table.port,
+            encoders=arm.encoders[0],
+            source=source,
+            script=self.script,
+            clock=self.clock.script,
+            faults=(),
+            seed=(config.seed, 0),
+            on_edge=self._note,
+            climate=config.climate,
+        )
+        self.path = self._device.path
+
+    def close(self) -> None:
+        self._device.close()
+        self._log.__exit__(None, None, None)
+
+    @property
+    def is_begun(self) -> bool:
+        """Whether the script runs."""
+        return self.clock.script.begin_s is not None
+
+    def live(self, most_s: float) -> None:
+        """Go on to what comes next, but no longer than for so long."""
+        begun_s = self.clock.script.begin_s
+        if begun_s is not None:
+            end_s = begun_s + self.script.duration_s + LINGER_S
+            if self.clock.now_s > end_s:
+                self.over.set()
+        due_s = min(self._device.next_due_s(BLOCK_S), self.clock.now_s + most_s)
+        self.clock.now_s = max(self.clock.now_s, due_s)
+        self._device.live(self.clock.now_s)
+
+    def _note(
+        self, device: str, seq: int, edge: LatchedEdge, event: ScriptEvent | None
+    ) -> None:
+        script_s = self.clock.script.script_s(edge.time_s)
+        self._log.edge(device, seq, edge, event=event, script_s=script_s)
+
+
+class Straight:
+    """Takes deliveries in the driver's own thread, in the place of a queue."""
+
+    dropped_samples = 0
+    dropped_others = 0
+
+    def __init__(self, take: Callable[[Delivery], object]) -> None:
+        self._take = take
+        self.lost: DeviceLost | None = None
+
+    def put(self, delivery: Delivery) -> bool:
+        if isinstance(delivery, DeviceLost):
+            self.lost = self.lost or delivery
+        self._take(delivery)
+        return True
+
+
+def played(
+    board: VirtualBoard,
+    monkeypatch,
+    rate_hz: float,
+    take: Callable[[Driver, Delivery], object],
+    patience_s: float = 30.0,
+) -> None:
+    """Let a driver read the board's whole script and hand on what it delivers.
+
+    The stream, and with it the script, begins when the board has told how warm it is.
+    """
+
+    class BoardsPort(SerialPort):
+        """A real port; waiting for it is what lets the board live."""
+
+        def wait(self, seconds: float) -> bool:
+            if super().wait(0.0):
+                return True
+            if board.over.is_set():
+                return super().wait(0.05)
+            board.live(seconds)
+            return super().wait(BYTES_S)
+
+    monkeypatch.setattr("drivers.latch_board.SerialPort", BoardsPort)
+
+    def taken(delivery: Delivery) -> None:
+        take(driver, delivery)
+        if isinstance(delivery, DeviceTemperatures) and not board.is_begun:
+            driver.request_stream(rate_hz)
+
+    straight = Straight(taken)
+    driver: Driver = LatchBoard(
+        "base",
+        straight,
+        port=str(board.path),
+        debounce_us=1000,
+        monotonic_ns=board.clock.monotonic_ns,
+    )
+    try:
+        with driver:
+            ended = board.over.wait(patience_s)
+    finally:
+        board.close()
+    assert straight.lost is None, straight.lost
+    assert ended, f"the script was not played within {patience_s:g} s"
