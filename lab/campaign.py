@@ -14,6 +14,7 @@ from lab.campaign_file import CampaignFile, read_campaign_file
 from lab.identification.artefacts.artefact import Artefact, Touches
 from lab.identification.artefacts.points import Points
 from lab.pose_table import PoseTable, read_pose_table
+from lab.stream_table import SUFFIX, read_stream_table
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -26,7 +27,8 @@ class Poses:
     """Probed poses, one a row; NaN where a file had an empty cell.
 
     Attributes:
-        lines: Line of the file that each came from, counting from 1, (n_poses,).
+        lines: Line of the file that each came from, or number of the sample in a
+            stream, counting from 1, (n_poses,).
         time_s: Since the campaign's start, (n_poses,).
         artefacts: Index of the touched artefact, (n_poses,).
         features: Index into `Campaign.feature_names` of the artefact, (n_poses,).
@@ -77,6 +79,8 @@ class Campaign:
         encoder_rad: A-priori standard deviation of a reading, or None.
         contact_mm: A-priori standard deviation of a contact, or None.
         digest: SHA-256 over the files, hexadecimal; empty if there were none.
+        is_stream: Poses are the samples of a recording: their errors are correlated.
+        notes: What is not as it should be, but no reason to refuse.
     """
 
     artefacts: tuple[Artefact, ...]
@@ -88,6 +92,8 @@ class Campaign:
     encoder_rad: float | None = None
     contact_mm: float | None = None
     digest: str = ""
+    is_stream: bool = False
+    notes: tuple[str, ...] = ()
 
     def part(self, rows: NDArray[np.bool_] | Integers | slice) -> "Campaign":
         """Take some of the poses; all artefacts stay."""
@@ -130,11 +136,12 @@ def read_campaign(folder: str | Path, joint_names: Sequence[str]) -> Campaign:
     """
     path = Path(folder) / "campaign.toml"
     file = read_campaign_file(path)
-    table = read_pose_table(
-        path.parent / file.poses,
-        joint_names,
-        {artefact.id: artefact.features for artefact in file.artefacts},
-    )
+    poses = path.parent / file.poses
+    features = {artefact.id: artefact.features for artefact in file.artefacts}
+    if poses.suffix == SUFFIX:
+        table = read_stream_table(poses, joint_names, features, file.start_utc)
+    else:
+        table = read_pose_table(poses, joint_names, features)
     return _campaign(path, file, table, tuple(joint_names))
 
 
@@ -159,7 +166,7 @@ def _campaign(
     if directions is not None:
         directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     poses = Poses(
-        lines=np.arange(2, len(table.time_s) + 2),
+        lines=table.lines,
         time_s=table.time_s,
         artefacts=table.artefacts,
         features=features,
@@ -176,11 +183,13 @@ def _campaign(
         feature_names=tuple(names),
         joint_names=joint_names,
         poses=poses,
-        start_utc=file.start_utc,
+        start_utc=file.start_utc or table.start_utc,
         gravity_m_s2=file.gravity_m_s2,
         encoder_rad=file.noise.encoder_rad,
         contact_mm=file.noise.contact_mm,
         digest=_digest(path, file),
+        is_stream=Path(file.poses).suffix == SUFFIX,
+        notes=table.notes,
     )
 
 

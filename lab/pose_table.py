@@ -7,6 +7,7 @@ is wrong in which line. Nothing is half-read: any problem refuses the file.
 import csv
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from itertools import islice
 from pathlib import Path
 
@@ -37,6 +38,9 @@ class PoseTable:
         time_s: (n_poses,).
         angles_rad: (n_poses, n_joints).
         optional: Numbers by name of optional column, NaN where empty, (n_poses,).
+        lines: Of the file, or numbers of the samples of a stream, from 1, (n_poses,).
+        start_utc: From where time_s counts, where the table itself tells it.
+        notes: What is not as it should be, but no reason to refuse.
     """
 
     artefacts: Integers
@@ -45,6 +49,9 @@ class PoseTable:
     time_s: Floats
     angles_rad: Floats
     optional: Mapping[str, Floats]
+    lines: Integers
+    start_utc: datetime | None = None
+    notes: tuple[str, ...] = ()
 
 
 def read_pose_table(
@@ -114,6 +121,7 @@ def _read_rows(
         time_s=numbers[:, columns.time],
         angles_rad=np.ascontiguousarray(numbers[:, columns.angles]),
         optional={name: numbers[:, at].copy() for name, at in columns.optional.items()},
+        lines=np.arange(2, len(numbers) + 2),
     )
 
 
