@@ -1,7 +1,7 @@
 """All effects of an arm, ready to be applied."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
@@ -17,7 +17,7 @@ from kinematics.effects.correction import (
     Correction,
     ReadingCorrection,
 )
-from kinematics.effects.covariate import Need
+from kinematics.effects.covariate import Covariate, Need
 from kinematics.effects.setting import Setting, Span, setting_from_arm
 
 if TYPE_CHECKING:
@@ -35,27 +35,32 @@ class ArmEffects:
         corrections: In the order of the arm file.
         bodies: What weighs.
         gravity_m_s2: Where a block does not say otherwise, (3,).
+        readings: Those of the corrections that correct readings.
+        mechanical: Those that move bodies of the arm.
+        contacts: Those that depend on the touched surface.
+        covariates: All that is needed, of some joint or of the arm.
     """
 
     joint_names: tuple[str, ...]
     corrections: tuple[Correction, ...]
     bodies: Bodies
     gravity_m_s2: Floats
+    readings: tuple[ReadingCorrection, ...] = field(init=False)
+    mechanical: tuple[BodyCorrection, ...] = field(init=False)
+    contacts: tuple[ContactCorrection, ...] = field(init=False)
+    covariates: frozenset[Covariate] = field(init=False)
 
-    @property
-    def readings(self) -> tuple[ReadingCorrection, ...]:
-        """Those that correct readings."""
-        return tuple(c for c in self.corrections if isinstance(c, ReadingCorrection))
-
-    @property
-    def mechanical(self) -> tuple[BodyCorrection, ...]:
-        """Those that move bodies of the arm."""
-        return tuple(c for c in self.corrections if isinstance(c, BodyCorrection))
-
-    @property
-    def contacts(self) -> tuple[ContactCorrection, ...]:
-        """Those that depend on the touched surface."""
-        return tuple(c for c in self.corrections if isinstance(c, ContactCorrection))
+    def __post_init__(self) -> None:
+        families = {
+            "readings": ReadingCorrection,
+            "mechanical": BodyCorrection,
+            "contacts": ContactCorrection,
+        }
+        for name, family in families.items():
+            found = tuple(c for c in self.corrections if isinstance(c, family))
+            object.__setattr__(self, name, found)
+        covariates = frozenset(need.covariate for need in self.needs)
+        object.__setattr__(self, "covariates", covariates)
 
     @property
     def needs(self) -> frozenset[Need]:
@@ -99,6 +104,13 @@ class ArmEffects:
             c.with_values(part) for c, part in zip(self.corrections, parts, strict=True)
         )
         return replace(self, corrections=changed)
+
+    def are_served_by(self, block: Block) -> bool:
+        """Say quickly that a block lacks nothing; False where it has to be looked at.
+
+        Whole columns are looked at, those of joints that nobody asks for too.
+        """
+        return all(block.is_known(covariate) for covariate in self.covariates)
 
     def lacks(self, block: Block) -> Iterator[str]:
         """Yield, effect by effect, what a block does not say that they need."""

@@ -36,3 +36,7 @@ class BaseMotion(BodyCorrection):
     def unit_amounts(self, posture: Posture) -> Floats:
         """The course in each component, (3, 3, n_samples)."""
         return np.eye(3)[:, :, np.newaxis] * self.course(posture.block)
+
+    def amount(self, posture: Posture) -> Floats:
+        """The same without the zeros between, (3, n_samples)."""
+        return np.array(self.values)[:, np.newaxis] * self.course(posture.block)

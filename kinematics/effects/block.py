@@ -107,6 +107,13 @@ class Block:
             return own
         return np.where(np.isnan(own), self.temperature_c, own)
 
+    def is_known(self, covariate: Covariate) -> bool:
+        """Whether a quantity is known for every sample, and every joint that has it."""
+        column: NDArray[Any] | None = getattr(self, _COLUMNS[covariate])
+        if covariate is Covariate.TEMPERATURE and self.joint_temperatures_c is not None:
+            return False  # one may stand for the other: `lack` knows
+        return column is not None and bool(np.isfinite(column).all())
+
     def lack(self, need: Need) -> str | None:
         """Say what is missing of a need, or None where all is there."""
         column = self._column(need)
@@ -137,6 +144,7 @@ class Block:
 
 
 _COLUMNS = {
+    Covariate.TEMPERATURE: "temperature_c",
     Covariate.SPEED: "speeds_rad_s",
     Covariate.APPROACH: "approaches",
     Covariate.UTC: "utc_ns",

@@ -1,14 +1,14 @@
 """The masses of an arm, and the moments of their weight about its joints."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kinematics.effects.turning import rotated
 from kinematics.geometry import Geometry
-from kinematics.quaternion import rotate
 
 if TYPE_CHECKING:
     from kinematics.arm_file import Arm
@@ -83,10 +83,15 @@ def gravity_moments_nm(
     Returns:
         sum of m (p - o_k) x g in N m, (3, n_joints, n_samples).
     """
-    levers = bodies.levers_kg_mm(geometry).T[:, :, np.newaxis]
-    steps_kg_m = _M_PER_MM * rotate(rotations, levers)
+    steps_kg_m = _M_PER_MM * rotated(rotations, _levers_kg_mm(geometry, bodies))
     firsts_kg_m = np.cumsum(steps_kg_m[:, ::-1], axis=1)[:, ::-1]
     return cross(firsts_kg_m, gravity_m_s2)
+
+
+# Neither ever changes, and most calls are for the same arm.
+@lru_cache(maxsize=8)
+def _levers_kg_mm(geometry: Geometry, bodies: Bodies) -> Floats:
+    return bodies.levers_kg_mm(geometry).T[:, :, np.newaxis]
 
 
 def cross(a: Floats, b: Floats) -> Floats:

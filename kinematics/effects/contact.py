@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from kinematics.effects.axis_motion import across
 from kinematics.effects.block import Block
 from kinematics.effects.bodies import dot
+from kinematics.effects.turning import rotated
 from kinematics.geometry import Geometry
-from kinematics.quaternion import rotate
 
 Floats = NDArray[np.float64]
 
@@ -46,11 +46,11 @@ def contact_seen(geometry: Geometry, block: Block, rotations: Floats) -> Contact
         block: With or without directions and forces.
         rotations: Of the last element, (4, n_samples).
     """
-    shanks = rotate(rotations, geometry.probe_direction)
+    shanks = rotated(rotations, geometry.probe_direction[:, np.newaxis])
     directions = _directions(block)
     first, second = across(geometry.probe_direction)
-    cosine = dot(directions, rotate(rotations, first))
-    sine = dot(directions, rotate(rotations, second))
+    cosine = dot(directions, rotated(rotations, first[:, np.newaxis]))
+    sine = dot(directions, rotated(rotations, second[:, np.newaxis]))
     across_shank = np.sqrt(cosine * cosine + sine * sine)
     is_aside = across_shank > 0.0
     scale = np.where(is_aside, across_shank, 1.0)

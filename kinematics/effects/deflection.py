@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.effects.correction import BodyCorrection, Target
-from kinematics.effects.posture import Posture, chained
+from kinematics.effects.posture import Posture
+from kinematics.effects.turning import chained, composed, rotated
 from kinematics.geometry import Geometry
-from kinematics.quaternion import multiply, rotate, turn
+from kinematics.quaternion import turn
 
 Floats = NDArray[np.float64]
 
@@ -70,7 +71,7 @@ class Deflection:
     @cached_property
     def axes(self) -> Floats:
         """Q_k u_k, (3, n_joints, n_samples)."""
-        return rotate(self.rotations, self.geometry.axes.T[:, :, np.newaxis])
+        return rotated(self.rotations, self.geometry.axes.T[:, :, np.newaxis])
 
 
 def totals(
@@ -106,10 +107,10 @@ def deflection(
         turns_rad = turns_rad + amounts[Target.TURN]
     turns = turn(geometry.axes.T[:, :, np.newaxis], turns_rad)
     if Target.TILT in amounts:
-        turns = multiply(small_turn(amounts[Target.TILT]), turns)
+        turns = composed(turns, small_turn(amounts[Target.TILT]))
     mount = small_turn(amounts[Target.MOUNT]) if Target.MOUNT in amounts else None
     if mount is not None:
-        turns[:, 0] = multiply(mount, turns[:, 0])
+        turns[:, :1] = composed(turns[:, :1], mount[:, np.newaxis])
     rotations = chained(turns)
     links_mm = geometry.links_mm.T[:, :, np.newaxis]
     if Target.GROWTH in amounts:
@@ -122,12 +123,12 @@ def deflection(
     if Target.BASE in amounts:
         steps_mm[:, 0] += amounts[Target.BASE]
     pivot_mm = steps_mm[:, 0].copy()
-    steps_mm[:, 1:] = rotate(rotations, links_mm)
+    steps_mm[:, 1:] = rotated(rotations, links_mm)
     if Target.SHIFT in amounts:
         shifts_mm = amounts[Target.SHIFT].copy()
-        shifts_mm[:, 1:] = rotate(rotations[:, :-1], shifts_mm[:, 1:])
+        shifts_mm[:, 1:] = rotated(rotations[:, :-1], shifts_mm[:, 1:])
         if mount is not None:
-            shifts_mm[:, 0] = rotate(mount, shifts_mm[:, 0])
+            shifts_mm[:, 0] = rotated(mount, shifts_mm[:, 0])
         steps_mm[:, :-1] += shifts_mm
     positions_mm = np.cumsum(steps_mm, axis=1)
     return Deflection(geometry, rotations, mount, pivot_mm, positions_mm)

@@ -36,7 +36,7 @@ class DriftTime:
 
     def since_epoch_s(self, block: Block) -> Floats:
         """Seconds since the epoch, at most those of the campaign, (n_samples,)."""
-        held_ns = np.clip(_utc_ns(block), self.start_ns, self.end_ns)
+        held_ns = np.minimum(np.maximum(_utc_ns(block), self.start_ns), self.end_ns)
         since_s: Floats = (held_ns - self.epoch_ns) * np.float64(1e-9)
         return since_s
 

@@ -22,15 +22,15 @@ from kinematics.effects.contact import contact_seen
 from kinematics.effects.correction import FlagName
 from kinematics.effects.deflection import Deflection, deflection, totals
 from kinematics.effects.posture import Posture
+from kinematics.effects.turning import rotated
 from kinematics.forward import probe_pose
 from kinematics.geometry import Geometry
-from kinematics.quaternion import rotate
 
 Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]
 
 # Samples computed at a time, so that the intermediate arrays stay in the cache.
-_CHUNK_SAMPLES = 512
+_CHUNK_SAMPLES = 256
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,14 +77,15 @@ def corrected_pose(
         return *probe_pose(geometry, readings_rad), flags
     centres_mm = np.empty((len(block), 3))
     directions = np.empty((len(block), 3))
+    shank = geometry.probe_direction[:, np.newaxis]
     for chunk in chunks(len(block), _CHUNK_SAMPLES):
-        part = block.part(chunk)
+        part = block if len(block) <= _CHUNK_SAMPLES else block.part(chunk)
         arm = deflected_arm(geometry, effects, part)
         shifted_mm = arm.centres_mm
-        if effects.contacts:
+        if effects.contacts and block.directions is not None:
             shifted_mm = shifted_mm + _shift_mm(effects, part, arm)
         centres_mm[chunk] = shifted_mm.T
-        directions[chunk] = rotate(arm.rotations[:, -1], geometry.probe_direction).T
+        directions[chunk] = rotated(arm.rotations[:, -1], shank).T
     return centres_mm, directions, flags
 
 
@@ -176,7 +177,7 @@ def checked(geometry: Geometry, effects: ArmEffects, block: Block) -> None:
             f"block has {block.n_joints} joints, the geometry {geometry.n_joints}, the "
             f"effects {len(effects.joint_names)}; expected those of one arm"
         )
-    lacks = list(effects.lacks(block))
+    lacks = [] if effects.are_served_by(block) else list(effects.lacks(block))
     if lacks:
         raise ValueError(
             "effects cannot be applied; give what they need or take them out of the "

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from kinematics.effects.block import Block
 from kinematics.effects.bodies import Bodies, gravity_moments_nm
+from kinematics.effects.turning import chained, conjugate, rotated
 from kinematics.geometry import Geometry
-from kinematics.quaternion import multiply, rotate, turn
+from kinematics.quaternion import turn
 
 Floats = NDArray[np.float64]
 
@@ -45,7 +46,7 @@ class Posture:
     @cached_property
     def axes(self) -> Floats:
         """P_k u_k, where the axes are, (3, n_joints, n_samples)."""
-        return rotate(self.rotations, self.geometry.axes.T[:, :, np.newaxis])
+        return rotated(self.rotations, self.geometry.axes.T[:, :, np.newaxis])
 
     @cached_property
     def moments_nm(self) -> Floats:
@@ -58,19 +59,4 @@ class Posture:
         """Turn vectors back by P_(k-1), (3, n_samples), as if in the base posture."""
         if joint == 0:
             return vectors
-        return rotate(conjugate(self.rotations[:, joint - 1]), vectors)
-
-
-def chained(turns: Floats) -> Floats:
-    """Multiply from the base outwards, (4, n_joints, n_samples)."""
-    rotations = np.empty_like(turns)
-    rotations[:, 0] = turns[:, 0]
-    for k in range(1, turns.shape[1]):
-        rotations[:, k] = multiply(rotations[:, k - 1], turns[:, k])
-    return rotations
-
-
-def conjugate(rotations: Floats) -> Floats:
-    """The rotations backwards, (4, ...)."""
-    w, x, y, z = rotations
-    return np.stack([w, -x, -y, -z])
+        return rotated(conjugate(self.rotations[:, joint - 1]), vectors)

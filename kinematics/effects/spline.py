@@ -8,6 +8,8 @@ second derivatives at the knots, which vanish at the outer ones:
 m is linear in the values, so s is a sum of value times a spline that is 1 at its knot.
 """
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,19 +26,28 @@ def spline_amounts(knots: tuple[float, ...], at: Floats) -> Floats:
     Returns:
         (n_knots, n).
     """
-    places = np.array(knots)
-    steps = np.diff(places)
-    held = np.clip(at, places[0], places[-1])
-    left = np.clip(np.searchsorted(places, held, side="right") - 1, 0, len(steps) - 1)
+    places, steps, curvatures = _tables(knots)
+    held = np.minimum(np.maximum(at, places[0]), places[-1])
+    # The outer knots are left out: what is held there belongs to its neighbour.
+    left = np.searchsorted(places[1:-1], held, side="right")
     step = steps[left]
     a = (held - places[left]) / step
     b = (places[left + 1] - held) / step
-    values, curvatures = np.eye(len(places)), _curvatures(steps)
+    values = np.eye(len(places))
     chord = b * values[:, left] + a * values[:, left + 1]
     bow = (b * b * b - b) * curvatures[:, left]
     bow += (a * a * a - a) * curvatures[:, left + 1]
     amounts: Floats = chord + (step * step / 6.0) * bow
     return amounts
+
+
+# The knots of an effect never change, and every block asks for them.
+@lru_cache(maxsize=64)
+def _tables(knots: tuple[float, ...]) -> tuple[Floats, Floats, Floats]:
+    """Knots, the steps between them, and `_curvatures`."""
+    places = np.array(knots)
+    steps = np.diff(places)
+    return places, steps, _curvatures(steps)
 
 
 def _curvatures(steps: Floats) -> Floats:
