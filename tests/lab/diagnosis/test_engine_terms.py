@@ -176,7 +176,7 @@ def test_estimates_scatter_as_much_as_they_say():
     noise = NoiseTable(encoder_rad=5e-6, contact_mm=0.003)
     poses = touched_with(make_poses(arm, spec, 5), effects)
     deviations, before = [], None
-    for seed in range(25):
+    for seed in range(15):
         campaign = handed_over(draw_noise(poses, seed, noise).campaign)
         everyone = np.ones(len(campaign.poses), dtype=np.bool_)
         start_arm = with_effects(arm, effects) if before is None else before.arm
@@ -187,7 +187,7 @@ def test_estimates_scatter_as_much_as_they_say():
                 away = np.subtract(one.value, effect.values[key]) / np.array(one.std)
                 deviations += np.atleast_1d(away).tolist()
     n = len(deviations)
-    assert n == 25 * 6
+    assert n == 15 * 6
     # Not quite independent: keys of one campaign correlate a little.
     squares = float(np.sum(np.square(deviations)))
     assert stats.chi2.ppf(1e-4, n) < squares < stats.chi2.isf(1e-4, n)

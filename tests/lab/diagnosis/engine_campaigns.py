@@ -1,0 +1,86 @@
+"""Campaigns with hidden effects, by the simulator's physics, for whole diagnoses."""
+
+from functools import cache
+
+import numpy as np
+
+from benchmarks.proofs.campaigns import demo_arm
+from lab.campaign import Campaign
+from lab.diagnosis.diagnose import DiagnosisOptions
+from lab.diagnosis.holdout import split
+from simulator.campaigns import (
+    BallBar,
+    CampaignSpec,
+    Cone,
+    NoiseTable,
+    PoseSet,
+    Sphere,
+    draw_noise,
+    make_poses,
+)
+from simulator.campaigns.blind import Hidden, drawn, played
+from simulator.campaigns.blind_poses import campaign_spec, weighed
+from traverse.blind_campaign import handed_over
+from traverse.blind_sizes import Ruler, exact_campaign, ruler
+
+SEED = 1
+OPTIONS = DiagnosisOptions(seed=SEED, n_draws=200)
+DECISION = DiagnosisOptions(seed=SEED, n_draws=200, details=False)
+NOISE = NoiseTable(encoder_rad=5e-6, contact_mm=0.003)
+
+
+def bar(name: str, distance_mm: float, n_poses: int) -> BallBar:
+    return BallBar(
+        id=name,
+        n_poses=n_poses,
+        radius_mm=12.7,
+        distance_mm=distance_mm,
+        distance_std_mm=0.0005,
+    )
+
+
+@cache
+def poses(two_bars: bool = False) -> PoseSet:
+    """Poses of three cones, a sphere, a bar or two."""
+    bars = (bar("bar", 500.0, 50),)
+    if two_bars:
+        bars = (*bars, bar("short", 300.0, 50))
+    spec = CampaignSpec(
+        artefacts=(
+            *(Cone(id=f"cone-{number}", n_poses=50) for number in (1, 2, 3)),
+            Sphere(id="ball", n_poses=45, radius_mm=25.0),
+            *bars,
+        ),
+        noise=NOISE,
+        conditions=campaign_spec().conditions,
+    )
+    return make_poses(weighed(demo_arm()), spec, SEED)
+
+
+@cache
+def measure(two_bars: bool = False) -> Ruler:
+    of = poses(two_bars)
+    choosing, _ = split(exact_campaign(of), SEED)
+    return ruler(of, of.arm, choosing)
+
+
+@cache
+def hidden(kind: str, size: float, joint: str | None = None, draw: int = 7) -> Hidden:
+    """Draw something wrong of a kind in a size of sqrt(lambda)."""
+    of = measure(kind == "artefact_length")
+    rng = np.random.default_rng(draw)
+    for _ in range(100):
+        found = drawn(rng, of.poses, kind)
+        if joint is not None and found.joint != joint:
+            continue
+        sized = of.sized(found, size)
+        if sized is not None:
+            return sized
+    raise LookupError(f"no {kind} moves these poses by {size}")
+
+
+def measured_with(*wrong: Hidden, seed: int = 11, **noise: float) -> Campaign:
+    """Measure with an arm that has these effects."""
+    two_bars = any(one.kind == "artefact_length" for one in wrong)
+    table = NOISE.model_copy(update=noise)
+    return handed_over(draw_noise(played(poses(two_bars), wrong), seed, table).campaign)
