@@ -23,7 +23,9 @@ def terms_without_epoch(diagnosis: Diagnosis) -> tuple[Term, ...]:
     return tuple(
         term
         for term in diagnosis.terms
-        if term.accepted and _is_bound_to_time(term.effect.kind)
+        if term.effect is not None
+        and term.accepted
+        and _is_bound_to_time(term.effect.kind)
     )
 
 

@@ -11,7 +11,7 @@ from kinematics.arm_file import Arm
 from lab.campaign import Campaign
 from lab.diagnosis.advice import separate_by
 from lab.diagnosis.candidate import BankName, Candidate
-from lab.diagnosis.choice import ranked
+from lab.diagnosis.choice import Choice, ranked
 from lab.diagnosis.decision import Decision, decided
 from lab.diagnosis.detectable import detectable
 from lab.diagnosis.diagnosis import (
@@ -210,7 +210,25 @@ def _terms(
                 accepted=is_accepted,
             )
         )
+    if search.stuck is not None:
+        terms.append(_without_form(search.stuck))
     return tuple(terms)
+
+
+def _without_form(stuck: Choice) -> Term:
+    """Tell of a curve that tilts or shifts a joint: it cannot be added."""
+    return Term(
+        status="unknown",
+        candidate=stuck.candidate,
+        effect=None,
+        estimates={},
+        log_bayes_factor=stuck.evidence,
+        log10_p=stuck.log_p / _LOG_10,
+        harmonic=None,
+        alternatives=(),
+        separate_by="",
+        accepted=False,
+    )
 
 
 def _shown(naming: Naming) -> Candidate:
@@ -257,12 +275,15 @@ def _leftovers(search: Search) -> tuple[Leftover, ...]:
 
 def _detectable(search: Search) -> tuple[Detectable, ...]:
     rows, arm = search.stage.rows, search.fit.arm
-    return detectable(
+    found = detectable(
         rows,
         search.stage.banks[BankName.LIBRARY],
         absent_candidates(rows, arm),
         search.thresholds[BankName.LIBRARY],
     )
+    # What was found is in the model, where it cannot be seen once more.
+    known = {term.candidate.identity for term in search.terms}
+    return tuple(one for one in found if one.candidate.identity not in known)
 
 
 def _nobody(_what: str, _part: float) -> None:

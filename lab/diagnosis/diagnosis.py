@@ -57,7 +57,7 @@ class Term:
     Attributes:
         status: How sure the name is.
         candidate: The name; of an unknown one, where the discrepancy lives.
-        effect: As an entry of the arm file.
+        effect: As an entry of the arm file; None: a curve that has no form there.
         estimates: By key of the effect.
         log_bayes_factor: Natural logarithm, against the model without the term.
         log10_p: Of its test in the model with all other terms.
@@ -69,7 +69,7 @@ class Term:
 
     status: Status
     candidate: Candidate
-    effect: Effect
+    effect: Effect | None
     estimates: Mapping[str, Estimate]
     log_bayes_factor: float
     log10_p: float

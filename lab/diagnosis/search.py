@@ -43,6 +43,7 @@ class Search:
         first: The stage without terms.
         n_given: Effects that the arm had before.
         serial: The noise that was assumed.
+        stuck: A curve that explains what is left, but has no form in an arm file.
     """
 
     fit: Fit
@@ -52,6 +53,7 @@ class Search:
     first: Stage
     n_given: int
     serial: SerialNoise | None
+    stuck: Choice | None = None
 
     @property
     def settled(self) -> frozenset[str]:
@@ -85,12 +87,16 @@ def searched(
     thresholds = family_thresholds(stage, options)
     fit, terms = start, list[Added]()
     n_given = len(start.arm.effects)
+    stuck: Choice | None = None
     while len(terms) < options.most_terms:
         settled = settled_joints(terms)
         if not is_significant(stage, thresholds, settled):
             break
         choice = next_choice(stage, settled)
-        if choice is None or not is_adaptable(choice):
+        if choice is None:
+            break
+        if not is_adaptable(choice):
+            stuck = choice
             break
         effect = effect_of(choice, stage.rows)
         if progress is not None:
@@ -98,7 +104,7 @@ def searched(
         fit = refitted(fit, (*fit.arm.effects, effect), eligible)
         terms.append(Added(choice.candidate, choice.bank, n_given + len(terms)))
         stage = stage_at(fit, serial)
-    return Search(fit, stage, tuple(terms), thresholds, first, n_given, serial)
+    return Search(fit, stage, tuple(terms), thresholds, first, n_given, serial, stuck)
 
 
 def stage_at(fit: Fit, serial: SerialNoise | None) -> Stage:

@@ -159,6 +159,10 @@ class _Disturbance:
             else np.abs(self._towards @ self._levers_mm)
         )
         felt = np.flatnonzero(levers_mm >= LEAST_LEVER * np.max(levers_mm))
+        # A jump that moves the ball mostly along a curved surface would have to be so
+        # large that it is not the misclosure it was meant to be.
+        straight = levers_mm[felt] / np.linalg.norm(self._levers_mm[:, felt], axis=0)
+        felt = felt[straight >= min(LEAST_LEVER, float(np.max(straight)))]
         joint = int(felt[rng.integers(len(felt))])
         direction = (
             self._levers_mm[:, joint] / levers_mm[joint] if seated else self._towards

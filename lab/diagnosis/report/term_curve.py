@@ -87,7 +87,9 @@ class _Scene:
 def term_curve(
     diagnosis: Diagnosis, term: Term, before: Discrepancies, after: Discrepancies
 ) -> TermCurve | None:
-    """Work out what a term and the data say; None: the term moves no pose.
+    """Work out what a term and the data say.
+
+    None where the term moves no pose, or the arm file has no form for it.
 
     Args:
         diagnosis: Whose term it is.
@@ -96,9 +98,9 @@ def term_curve(
         after: Against the model with all terms.
     """
     campaign, arm = diagnosis.campaign, diagnosis.adapted
-    effects = _effects(arm, term.effect, campaign)
-    if term.candidate.kind == "artefact_length":
+    if term.effect is None or term.candidate.kind == "artefact_length":
         return None
+    effects = _effects(arm, term.effect, campaign)
     scene = _Scene(geometry_from_arm(arm), _block(campaign))
     covariance = value_covariance(diagnosis, term, effects)
     joint, reference_c = term.candidate.joint, arm.reference.temperature_c
