@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from lab.campaign import Campaign
     from lab.diagnosis.diagnosis import Diagnosis
     from lab.diagnosis.options import DiagnosisOptions
+    from lab.diagnosis.streams import StreamDiagnosis
 
 NO = 1
 REFUSED = 2
@@ -78,8 +79,10 @@ def diagnose(
         options = DiagnosisOptions(
             seed=seed, most_terms=max_terms, accept_tentative=accept_tentative
         )
-        result = _diagnosed(campaign, arm, options)
+        result, stream = _diagnosed(campaign, arm, options)
         lines = _written(result, arm, out, accept=accept)
+        if stream is not None:
+            lines = _with_stream(stream, lines, out)
     if as_json:
         from lab.diagnosis.files import diagnosis_json  # noqa: PLC0415
 
@@ -92,17 +95,23 @@ def diagnose(
 
 def _diagnosed(
     folder: Path, arm_file: Path, options: "DiagnosisOptions"
-) -> "Diagnosis":
+) -> "tuple[Diagnosis, StreamDiagnosis | None]":
     """Read, diagnose, and tell of it on a terminal."""
     import numpy as np  # noqa: PLC0415
 
     from lab.diagnosis.diagnose import diagnose as found_by  # noqa: PLC0415
+    from lab.diagnosis.streams import diagnose_stream  # noqa: PLC0415
     from lab.identification.identify import IdentificationError  # noqa: PLC0415
 
     arm, campaign = _read(folder, arm_file)
     progress = _Progress() if sys.stderr.isatty() else None
+    for note in campaign.notes:
+        typer.echo(f"{folder}: {note}", err=True)
     try:
-        return found_by(campaign, arm, options, progress)
+        if campaign.is_stream:
+            stream = diagnose_stream(campaign, arm, options, progress)
+            return stream.diagnosis, stream
+        return found_by(campaign, arm, options, progress), None
     except IdentificationError as error:
         _refuse(str(error))
     except np.linalg.LinAlgError as error:
@@ -135,6 +144,15 @@ def _written(
     return lines
 
 
+def _with_stream(stream: "StreamDiagnosis", lines: list[str], out: Path) -> list[str]:
+    """Write what is special of a dense scan, and tell of it first."""
+    from lab.diagnosis.streams import stream_json, stream_lines  # noqa: PLC0415
+
+    text = json.dumps(stream_json(stream), indent=1, allow_nan=False)
+    (out / "stream.json").write_text(text + "\n", encoding="utf-8")
+    return [*stream_lines(stream), *lines, f"wrote {out / 'stream.json'}"]
+
+
 class _Progress:
     """Tells of each stage: one line that is written over."""
 
@@ -159,10 +177,14 @@ def _plan(folder: Path, arm_file: Path, *, as_json: bool) -> None:
     from lab.diagnosis.report.detectable_table import (  # noqa: PLC0415
         detectable_lines,
     )
+    from lab.diagnosis.thinning import thinned  # noqa: PLC0415
     from lab.identification.identify import IdentificationError  # noqa: PLC0415
 
     arm, campaign = _read(folder, arm_file)
     try:
+        if campaign.is_stream:
+            campaign, thinning = thinned(campaign, arm)
+            campaign = campaign.part(thinning.poses)
         found = planned(campaign, arm)
     except IdentificationError as error:
         _refuse(str(error))

@@ -209,7 +209,7 @@ def _correlation(values: Floats, stretches: Integers, lag: int) -> float:
     together = stretches[lag:] == stretches[:-lag]
     n = int(np.count_nonzero(together)) * values.shape[1]
     products = np.sum(values[lag:] * values[:-lag], axis=1)
-    return float(products @ together) / max(n, 1)
+    return float(np.sum(products[together])) / max(n, 1)
 
 
 def _without_mean(values: Floats, window: int) -> Floats:
