@@ -61,6 +61,11 @@ def test_the_untouched_copy_passes(copied: Path) -> None:
         ("drivers/tick_clock.py", "kinematics.forward", "drivers know bytes and ports"),
         ("simulator/wire.py", "protocol.latch_board", "the simulator shares no code"),
         ("simulator/physics.py", "kinematics.forward", "the simulator shares no code"),
+        (
+            "simulator/effects/planted.py",
+            "lab.diagnosis",
+            "the generator of blind tests",
+        ),
         ("protocol/framing.py", "time", "protocol is bytes and values only"),
         ("protocol/encoding.py", "logging", "protocol is bytes and values only"),
         ("kinematics/forward.py", "asyncio", "kinematics is mathematics only"),

@@ -9,7 +9,7 @@ from kinematics.arm_text import arm_text, write_whole
 from kinematics.effect_kinds import EFFECT_KINDS
 from kinematics.effects.arm_effects import effects_of
 from lab.diagnosis.diagnosis import Diagnosis, Term
-from lab.identification.plausible import campaign_span
+from lab.identification.plausible import campaign_span, campaign_start
 
 
 def terms_without_epoch(diagnosis: Diagnosis) -> tuple[Term, ...]:
@@ -39,7 +39,7 @@ def arm_with_provenance(diagnosis: Diagnosis, when: datetime | None = None) -> A
     arm, campaign = diagnosis.adapted, diagnosis.campaign
     effects = arm.effects
     if campaign.start_utc is None:
-        nowhere = campaign_span(campaign)[0]
+        nowhere = campaign_start(campaign)
         effects = tuple(
             effect
             for effect in effects

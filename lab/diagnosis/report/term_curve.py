@@ -22,7 +22,7 @@ from lab.diagnosis.diagnosis import Diagnosis, Term
 from lab.diagnosis.report.covariates import Covariate, covariate_of
 from lab.diagnosis.report.term_covariance import value_covariance
 from lab.identification.effect_model import block_of
-from lab.identification.plausible import campaign_span
+from lab.identification.plausible import campaign_span, campaign_start
 
 Floats = NDArray[np.float64]
 
@@ -168,7 +168,7 @@ def _block(campaign: Campaign) -> Block:
     gravity = campaign.gravity_m_s2
     return block_of(
         campaign.poses,
-        utc_ns(campaign_span(campaign)[0]),
+        utc_ns(campaign_start(campaign)),
         None if gravity is None else np.array(gravity),
     )
 

@@ -16,7 +16,7 @@ from lab.diagnosis.findings import project
 from lab.diagnosis.library import absent_candidates, library_bank
 from lab.diagnosis.priors import log_prior
 from lab.diagnosis.rows import rows_of
-from lab.identification.plausible import campaign_span
+from lab.identification.plausible import campaign_span, campaign_start
 from tests.lab.diagnosis.bank_rows import measured, measured_rows, serial_rows
 from tests.lab.simulated import arm_value, seven_joints
 
@@ -212,7 +212,7 @@ def test_effects_are_written_in_the_form_of_the_arm_file():
         chosen(bank, kind="base_drift")[0], np.array([1e-6, 2e-6, 3e-6]), rows
     )
     assert drift.values["rate_mm_s"] == (1e-6, 2e-6, 3e-6)
-    assert drift.epoch_utc == campaign_span(measured().campaign)[0]
+    assert drift.epoch_utc == campaign_start(measured().campaign)
 
 
 def test_preferences_are_those_of_the_method():
