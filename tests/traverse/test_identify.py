@@ -224,15 +224,15 @@ def test_refused_input_is_named_with_status_2(
     assert "Traceback" not in ran.stderr
 
 
-def test_an_effect_that_the_campaign_cannot_tell_is_refused(measured: Path) -> None:
+def test_an_effect_that_does_not_fit_the_arm_is_refused(measured: Path) -> None:
     values = read_arm(DESIGN).model_dump(by_alias=True, exclude_unset=True)
-    effect = {"kind": "encoder_temperature", "joint": "J3", "rate_rad_c": 1e-6}
+    effect = {"kind": "joint_compliance", "joint": "J3", "compliance_rad_nm": 1e-6}
     write_arm(
         measured / "bent.toml", Arm.model_validate({**values, "effects": (effect,)})
     )
     ran = run_identify(measured, "campaign", "--arm", "bent.toml", "--out", "o")
     assert ran.returncode == 2
-    assert "J3.encoder_temperature needs the temperature of J3" in ran.stderr
+    assert "joint_compliance yields to weights" in ran.stderr
 
 
 @pytest.mark.parametrize("package", ["scipy", "matplotlib"])
