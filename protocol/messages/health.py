@@ -127,7 +127,7 @@ class Health(Message):
     uptime_s: NotNegative
     """Time since the daemon's start."""
     kernel: Word
-    """Variant of the kinematic computation: "numpy"."""
+    """Kinematic computation: "numpy", or "portable", "avx2", "avx512" in C."""
     cpu_share: NotNegative
     """CPU time over elapsed time since the previous message; 1 is one core."""
     rss_bytes: Count

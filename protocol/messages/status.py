@@ -50,7 +50,7 @@ class Status(Message):
     version: Name
     """Version of the daemon."""
     kernel: Word
-    """Variant of the kinematic computation: "numpy"."""
+    """Kinematic computation: "numpy", or "portable", "avx2", "avx512" in C."""
     encoding: Literal["msgpack", "json"]
     """Encoding of all payloads of this arm."""
     session: Name | None
