@@ -36,7 +36,7 @@ _LEAST_CORRELATION = 0.05
 _LONGEST_LAG = 500
 _MOST_LOOKED_AT = 100_000
 # Motion of the fastest joint over which the running mean is taken.
-_SAME_POSTURE_RAD = 0.5
+_SAME_POSTURE_RAD = 1.0
 _LEAST_WINDOW = 20
 
 
@@ -207,9 +207,8 @@ def _lasting(values: Floats, stretches: Integers, window: int) -> int:
 
 def _correlation(values: Floats, stretches: Integers, lag: int) -> float:
     together = stretches[lag:] == stretches[:-lag]
-    n = int(np.count_nonzero(together)) * values.shape[1]
-    products = np.sum(values[lag:] * values[:-lag], axis=1)
-    return float(np.sum(products[together])) / max(n, 1)
+    products: Floats = values[lag:][together] * values[:-lag][together]
+    return float(np.sum(products)) / max(products.size, 1)
 
 
 def _without_mean(values: Floats, window: int) -> Floats:
