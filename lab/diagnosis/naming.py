@@ -12,6 +12,7 @@ from lab.diagnosis.choice import (
     DECIDED,
     NAMED_BANKS,
     OWN_ANGLE_KINDS,
+    TURNING_KINDS,
     Choice,
     imitates,
     ranked,
@@ -27,7 +28,7 @@ Floats = NDArray[np.float64]
 # Whoever is within this of the best belongs to the printed set.
 _SET = float(np.log(100.0))
 _OVERTONES = (2, 3, 4)
-_OVERTONE_LOG_P = float(np.log(0.003))
+_OVERTONE_LOG_P = float(np.log(0.02))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,6 +140,9 @@ def _is_doubtful(
         return True
     for term in search.terms:
         other = term.candidate
+        is_curve = other.covariate == f"{own.candidate.joint}_rad"
+        if is_curve and own.candidate.kind in TURNING_KINDS:
+            return True
         if other.identity != own.candidate.identity and imitates(own.candidate, other):
             return True
     near = [one for one in (*names, *curves[:1]) if one.score > own.score - DECIDED]

@@ -45,8 +45,9 @@ class Rows:
         values: Less the whitened misclosures, (n_rows,).
         by_centre: How rows change with the model's ball centre [1/mm], (n_rows, 3);
             zero for certificates.
-        sources: How rows change with each reading and contact, in units of their
-            noise, (n_rows, n_joints + 3); zero for certificates.
+        sources: How rows change with the readings, a seat's contact in x, y, z and a
+            surface's along its normal, in units of their noise, (n_rows, n_joints + 4);
+            zero for certificates.
         columns: A in units of plausible deviations, (n_rows, n_unknowns).
         basis: Orthonormal, of all unknowns' columns, (n_rows, rank).
         certificates: Rows of artefacts' lengths: row, artefact's id, change with a
@@ -151,7 +152,7 @@ def rows_of(adjustment: Adjustment) -> Rows:
     n_unknowns = sum(len(station.scales) for station in network.stations)
     parts: list[tuple[Floats, Floats, Integers, Floats, Floats]] = []
     certificates: list[tuple[int, str, float]] = []
-    n_sources = parameters.n_joints + 3
+    n_sources = parameters.n_joints + 4
     first, n_rows = n_free, 0
     for station, unknowns, corrections in zip(
         network.stations, state.unknowns, state.corrections, strict=True
@@ -166,8 +167,7 @@ def rows_of(adjustment: Adjustment) -> Rows:
             columns[:, own] *= station.scales
             by_centre = rows.by_centre.reshape(-1, 3)
             poses = np.repeat(station.poses[rows.part], n_each)
-            sources = np.concatenate([rows.by_readings, rows.by_contact], axis=2)
-            sources = sources.reshape(len(poses), -1)
+            sources = _sources(rows.by_readings, rows.by_contact)
             values = -rows.misclosures.ravel()
             parts.append((values, columns, poses, by_centre, sources))
             n_rows += len(poses)
@@ -201,6 +201,21 @@ def rows_of(adjustment: Adjustment) -> Rows:
         basis=spanned(columns),
         certificates=tuple(certificates),
     )
+
+
+def _sources(by_readings: Floats, by_contact: Floats) -> Floats:
+    """Put the sources of noise of some poses side by side, (n_rows, n_joints + 4).
+
+    A hand that presses harder for a while is off along every surface's own normal.
+    """
+    n_poses, n_each, n_joints = by_readings.shape
+    found = np.zeros((n_poses * n_each, n_joints + 4))
+    found[:, :n_joints] = by_readings.reshape(-1, n_joints)
+    if n_each == 1:
+        found[:, -1] = np.linalg.norm(by_contact[:, 0], axis=1)
+    else:
+        found[:, n_joints:-1] = by_contact.reshape(-1, 3)
+    return found
 
 
 def spanned(columns: Floats) -> Floats:
