@@ -43,6 +43,7 @@ schemas: venv  ## write the message reference and JSON Schemas from protocol/mes
 
 bench: venv system  ## the figures of docs/performance.md; takes minutes
 	$(BIN)/python -m benchmarks
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.effects
 
 bench-identification: venv  ## the adjustment beside scipy's least squares; takes many minutes
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.identification
