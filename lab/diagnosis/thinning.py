@@ -15,14 +15,12 @@ from numpy.typing import NDArray
 from kinematics.arm_file import Arm
 from lab.campaign import Campaign
 from lab.diagnosis.fit import fitted
+from lab.diagnosis.stream_directions import with_directions
 from lab.identification.adjustment import Adjustment
-from lab.identification.artefacts.ball_bar import BallBar
-from lab.identification.artefacts.sphere import Sphere
 from lab.identification.network import (
     Network,
     State,
     misclosures_mm,
-    station_centres,
     stations,
 )
 
@@ -95,7 +93,7 @@ def thinned(
     while len(poses) > most_poses:
         apart = np.ceil(apart * 1.02 * len(poses) / most_poses).astype(np.int64)
         poses = _every(campaign, stretches, apart)
-    return _with_directions(campaign, network, state), Thinning(
+    return with_directions(campaign, network, state), Thinning(
         poses=poses,
         n_samples=len(campaign.poses),
         rate_hz=1.0 / usual_s,
@@ -214,7 +212,7 @@ def _correlation(values: Floats, stretches: Integers, lag: int) -> float:
 def _without_mean(values: Floats, window: int) -> Floats:
     """Take out the running mean over a window, (n, n_rows)."""
     n, half = len(values), window // 2
-    sums = np.vstack([np.zeros(values.shape[1]), np.cumsum(values, axis=0)])
+    sums = np.cumsum(np.vstack([np.zeros_like(values[:1]), values]), axis=0)
     first = np.maximum(np.arange(n) - half, 0)
     end = np.minimum(np.arange(n) + half + 1, n)
     means = (sums[end] - sums[first]) / (end - first)[:, np.newaxis]
@@ -228,24 +226,3 @@ def _every(campaign: Campaign, stretches: Integers, apart: Integers) -> Integers
     within = np.arange(len(stretches)) - starts[stretches]
     kept = within % apart[campaign.poses.artefacts] == 0
     return np.flatnonzero(kept)
-
-
-def _with_directions(campaign: Campaign, network: Network, state: State) -> Campaign:
-    """Say where spheres were touched: from the ball towards their centre."""
-    directions = np.full((len(campaign.poses), 3), np.nan)
-    for station, unknowns in zip(network.stations, state.unknowns, strict=True):
-        if not isinstance(station.artefact, Sphere | BallBar):
-            continue
-        balls_mm = station_centres(network, station, state.arm)
-        centres_mm, sense = unknowns[:3], 1.0
-        if isinstance(station.artefact, BallBar):
-            places_mm = unknowns[:6].reshape(2, 3)
-            centres_mm = places_mm[campaign.poses.features[station.poses]]
-        elif station.artefact.side == "inside":
-            sense = -1.0
-        away_mm = sense * (centres_mm - balls_mm)
-        lengths_mm = np.linalg.norm(away_mm, axis=1, keepdims=True)
-        directions[station.poses] = away_mm / np.maximum(lengths_mm, 1e-9)
-    if not np.any(np.isfinite(directions)):
-        return campaign
-    return replace(campaign, poses=replace(campaign.poses, directions=directions))
