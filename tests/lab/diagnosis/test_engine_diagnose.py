@@ -9,6 +9,7 @@ import pytest
 from lab.diagnosis.diagnose import diagnose
 from lab.diagnosis.fit import with_effects
 from lab.diagnosis.gap import gap_between
+from lab.diagnosis.holdout import split
 from tests.lab.diagnosis.bank_rows import measured
 from tests.lab.diagnosis.diagnosed import ECCENTRIC, clean, eccentric
 from tests.lab.diagnosis.engine_campaigns import (
@@ -235,6 +236,22 @@ def test_tentative_terms_enter_only_where_wished(wished):
     assert found.verdict == "tentative"
     assert found.terms[0].accepted == wished
     assert len(found.adapted.effects) == int(wished)
+
+
+def test_what_makes_unseen_poses_worse_stays_out():
+    # The effect is in the poses for choosing only: no model of it predicts the rest.
+    plain, spoilt = measured_with(), measured_with(hidden("encoder_scale", 25.0))
+    _, held_out = split(plain, DECISION.seed)
+    angles_rad = spoilt.poses.angles_rad.copy()
+    angles_rad[held_out] = plain.poses.angles_rad[held_out]
+    campaign = replace(plain, poses=replace(plain.poses, angles_rad=angles_rad))
+    found = decided(campaign, OPTIONS)
+    assert np.array_equal(found.held_out, held_out)
+    assert found.vetoed
+    assert names(found)[0][0] == "encoder_scale"
+    assert not any(term.accepted for term in found.terms)
+    assert found.adapted.effects == ()
+    assert found.ledger[-1].held_out.chi2 > found.ledger[0].held_out.chi2
 
 
 def test_progress_rises():
