@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.proofs.campaigns import demo_arm, lab_campaign
+from benchmarks.proofs.campaigns import demo_arm
 from kinematics.arm_file import Arm
 from kinematics.geometry import geometry_from_arm
 from lab.campaign import Campaign, Poses
@@ -16,6 +16,7 @@ from lab.identification.network import Network, State, start_state, stations
 from lab.identification.noise import a_priori_noise
 from lab.identification.parameters import ArmValues, arm_parameters
 from simulator.campaigns import CampaignSpec, draw_noise, make_poses
+from traverse.blind_campaign import handed_over
 
 _MOST_DIFFERENT = 5000
 _SCAN_RADIUS_MM = 40.0
@@ -56,7 +57,7 @@ def large_campaign(kind: str, n_poses: int, seed: int = 1) -> Campaign:
     spec = CampaignSpec.model_validate({**chosen, "conditions": {"columns": ()}})
     poses = make_poses(demo_arm(), spec, seed)
     drawn = [
-        lab_campaign(draw_noise(poses, seed + draw).campaign) for draw in range(n_draws)
+        handed_over(draw_noise(poses, seed + draw).campaign) for draw in range(n_draws)
     ]
     numbers = np.arange(n_poses)
     return replace(

@@ -2,12 +2,12 @@
 
 import json
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from traverse.refusals import refusals, refuse
 
 if TYPE_CHECKING:
     from kinematics.arm_file import Arm
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from lab.diagnosis.streams import StreamDiagnosis
 
 NO = 1
-REFUSED = 2
 
 
 def diagnose(
@@ -66,14 +65,19 @@ def diagnose(
     discrepancies.csv, report.html and its pictures. Exit status 1: --strict and
     something is missing, or the adjustment broke down.
     """
-    with _refusals():
+    with refusals("diagnose"):
         if plan:
             if accept or accept_tentative or out is not None:
-                _refuse("--plan writes nothing; leave out --out and --accept")
+                refuse(
+                    "diagnose", "--plan writes nothing; leave out --out and --accept"
+                )
             _plan(campaign, arm, as_json=as_json)
             return
         if out is None:
-            _refuse("--out missing: name a folder for the results, or give --plan")
+            refuse(
+                "diagnose",
+                "--out missing: name a folder for the results, or give --plan",
+            )
         from lab.diagnosis.options import DiagnosisOptions  # noqa: PLC0415
 
         options = DiagnosisOptions(
@@ -113,7 +117,7 @@ def _diagnosed(
             return stream.diagnosis, stream
         return found_by(campaign, arm, options, progress), None
     except IdentificationError as error:
-        _refuse(str(error))
+        refuse("diagnose", str(error))
     except np.linalg.LinAlgError as error:
         typer.echo(
             f"{folder}: the adjustment broke down ({error}); check units, signs and "
@@ -187,7 +191,7 @@ def _plan(folder: Path, arm_file: Path, *, as_json: bool) -> None:
             campaign = campaign.part(thinning.poses)
         found = planned(campaign, arm)
     except IdentificationError as error:
-        _refuse(str(error))
+        refuse("diagnose", str(error))
     if as_json:
         typer.echo(json.dumps({"detectable": detectable_json(found)}, indent=1))
         return
@@ -204,33 +208,3 @@ def _read(folder: Path, arm_file: Path) -> "tuple[Arm, Campaign]":
 
     arm = read_arm(arm_file)
     return arm, read_campaign(folder, [joint.name for joint in arm.joints])
-
-
-def _refuse(text: str) -> NoReturn:
-    typer.echo(f"traverse diagnose: {text}", err=True)
-    raise typer.Exit(REFUSED)
-
-
-@contextmanager
-def _refusals() -> Iterator[None]:
-    """End with exit status 2 where something is refused, missing or not writable."""
-    from kinematics.arm_file import FileError  # noqa: PLC0415 - keeps --help quick
-
-    try:
-        yield
-    except FileError as error:
-        typer.echo(str(error), err=True)
-        raise typer.Exit(REFUSED) from error
-    except ModuleNotFoundError as error:
-        package = (error.name or "").partition(".")[0]
-        if package not in ("scipy", "matplotlib"):
-            raise
-        typer.echo(
-            f"traverse diagnose needs {package}, which is not installed; install the "
-            "extra `lab`: pip install 'traverse-cmm[lab]'",
-            err=True,
-        )
-        raise typer.Exit(REFUSED) from error
-    except OSError as error:
-        typer.echo(f"{error.filename}: {error.strerror}; check the path", err=True)
-        raise typer.Exit(REFUSED) from error

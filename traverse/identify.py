@@ -2,12 +2,12 @@
 
 import json
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from traverse.refusals import refusals, refuse
 
 if TYPE_CHECKING:
     from kinematics.arm_file import Arm
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from lab.identification.result import Identification
 
 NO = 1
-REFUSED = 2
 
 
 def identify(
@@ -64,7 +63,7 @@ def identify(
     Writes arm.toml, its covariance, identification.json, residuals.csv and report.html.
     Exit status 1: no convergence, or --strict and something is undetermined.
     """
-    with _refusals():
+    with refusals("identify"):
         if compare is not None:
             _compare(*compare, campaign, as_json=as_json)
             return
@@ -74,7 +73,7 @@ def identify(
             if value is None
         ]
         if campaign is None or arm is None or out is None:
-            _refuse(f"{', '.join(missing)} missing; or give --compare A B")
+            refuse("identify", f"{', '.join(missing)} missing; or give --compare A B")
         options = _options(hold or [], free or [], masks)
         result = _identified(campaign, arm, options)
         lines = _written(result, out)
@@ -116,7 +115,7 @@ def _identified(folder: Path, arm_file: Path, options: "Options") -> "Identifica
     try:
         return identify(campaign, arm, options, progress)
     except IdentificationError as error:
-        _refuse(str(error))
+        refuse("identify", str(error))
     except np.linalg.LinAlgError as error:
         typer.echo(
             f"{folder}: the adjustment broke down ({error}); check units, signs and "
@@ -196,7 +195,7 @@ def _compare(first: Path, second: Path, folder: Path | None, *, as_json: bool) -
     try:
         found = compare_arms(arms[0], arms[1], ranges)
     except ComparisonError as error:
-        _refuse(str(error))
+        refuse("identify", str(error))
     values = comparison_values(files, arms, found)
     typer.echo(
         json.dumps(values, indent=1) if as_json else "\n".join(comparison_lines(values))
@@ -207,33 +206,3 @@ def _campaign(folder: Path, arm: "Arm") -> "Campaign":
     from lab.campaign import read_campaign  # noqa: PLC0415
 
     return read_campaign(folder, [joint.name for joint in arm.joints])
-
-
-def _refuse(text: str) -> NoReturn:
-    typer.echo(f"traverse identify: {text}", err=True)
-    raise typer.Exit(REFUSED)
-
-
-@contextmanager
-def _refusals() -> Iterator[None]:
-    """End with exit status 2 where something is refused, missing or not writable."""
-    from kinematics.arm_file import FileError  # noqa: PLC0415 - keeps --help quick
-
-    try:
-        yield
-    except FileError as error:
-        typer.echo(str(error), err=True)
-        raise typer.Exit(REFUSED) from error
-    except ModuleNotFoundError as error:
-        package = (error.name or "").partition(".")[0]
-        if package not in ("scipy", "matplotlib"):
-            raise
-        typer.echo(
-            f"traverse identify needs {package}, which is not installed; install the "
-            "extra `lab`: pip install 'traverse-cmm[lab]'",
-            err=True,
-        )
-        raise typer.Exit(REFUSED) from error
-    except OSError as error:
-        typer.echo(f"{error.filename}: {error.strerror}; check the path", err=True)
-        raise typer.Exit(REFUSED) from error

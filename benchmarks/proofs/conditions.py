@@ -9,12 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.proofs.campaigns import demo_arm, lab_campaign
+from benchmarks.proofs.campaigns import demo_arm
 from kinematics.derivatives import ProbeDerivatives
 from kinematics.geometry import Geometry
 from lab.campaign import Poses
 from lab.identification.identify import Options, identify
 from simulator.campaigns import CampaignSpec, simulate_campaign
+from traverse.blind_campaign import handed_over
 
 Floats = NDArray[np.float64]
 
@@ -94,5 +95,5 @@ def _condition(travel: str, orders: tuple[int, ...], seed: int) -> float:
         coarse_start=False,
         n_suggestions=0,
     )
-    result = identify(lab_campaign(simulated.campaign), arm, options)
+    result = identify(handed_over(simulated.campaign), arm, options)
     return result.condition_number

@@ -4,11 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.proofs.campaigns import lab_campaign, mix_poses
+from benchmarks.proofs.campaigns import mix_poses
 from benchmarks.proofs.invariants import distance_errors
 from lab.identification.identify import Options, identify
 from simulator.campaigns import draw_noise
 from simulator.campaigns.spec import NoiseTable
+from traverse.blind_campaign import handed_over
 
 # Poses of a campaign. "everything" has 15 artefacts: with fewer than 40 poses each
 # a sphere of a bar hardly controls its own contacts.
@@ -87,7 +88,7 @@ def outcomes(task: Task) -> tuple[Outcome, ...]:
     found = []
     for seed in task.noise_seeds:
         simulated = draw_noise(poses, seed, noise)
-        result = identify(lab_campaign(simulated.campaign), poses.arm, options)
+        result = identify(handed_over(simulated.campaign), poses.arm, options)
         errors = distance_errors(
             result, poses, seed, has_scale=task.mix not in WITHOUT_LENGTH
         )

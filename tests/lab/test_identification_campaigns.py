@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from benchmarks.proofs.campaigns import demo_arm, lab_campaign, mix_poses
+from benchmarks.proofs.campaigns import demo_arm, mix_poses
 from benchmarks.proofs.invariants import distance_errors
 from lab.identification.identify import Options, identify
 from simulator.campaigns import draw_noise
 from simulator.campaigns.spec import NoiseTable
+from traverse.blind_campaign import handed_over
 
 N_JOINTS = 7
 DETERMINED = {
@@ -39,7 +40,7 @@ def poses(mix):
 @pytest.fixture(scope="module", params=[11, 12])
 def result(request, poses):
     return identify(
-        lab_campaign(draw_noise(poses, request.param).campaign), poses.arm, QUICK
+        handed_over(draw_noise(poses, request.param).campaign), poses.arm, QUICK
     )
 
 
@@ -74,7 +75,7 @@ def test_what_a_mix_determines_is_what_theory_says(mix, result):
 def test_blunders_are_removed_and_leave_no_trace(name, share):
     spoilt_poses = mix_poses(name, 300, seed=6)
     simulated = draw_noise(spoilt_poses, 21, NoiseTable(blunder_share=share))
-    result = identify(lab_campaign(simulated.campaign), spoilt_poses.arm, QUICK)
+    result = identify(handed_over(simulated.campaign), spoilt_poses.arm, QUICK)
     lines = {blunder.line for blunder in simulated.truth.blunders}
     excluded = {pose.line for pose in result.excluded}
     assert len(lines) == round(share * 300)
@@ -87,7 +88,7 @@ def test_blunders_are_removed_and_leave_no_trace(name, share):
 
 def test_identified_distances_are_hundreds_of_times_better_than_the_designs():
     poses = mix_poses("cones+bar", 300, seed=7)
-    campaign = lab_campaign(draw_noise(poses, 31).campaign)
+    campaign = handed_over(draw_noise(poses, 31).campaign)
     result = identify(campaign, demo_arm(), QUICK)
     found = distance_errors(result, poses, 3)
     held = Options(hold=("J*",), n_suggestions=0, snooping=False)
