@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from daemon.device_section import AnyDevice
 from kinematics.arm_file import Problem, StrictModel, read_strict
 
 INPUT_PATTERN = r"^[A-Za-z0-9_-]+/[0-7]$"
@@ -29,16 +30,6 @@ class BrokerSection(StrictModel):
     password_file: str | None = None
     keepalive_s: int = Field(default=15, ge=1, le=600)
     encoding: Literal["msgpack", "json"] = "msgpack"
-
-
-class DeviceSection(StrictModel):
-    """One device and the driver that reads it."""
-
-    id: str = Field(pattern=r"^[A-Za-z0-9_-]+$")
-    driver: Literal["latch-board"]
-    port: str = Field(min_length=1)
-    baud_rate: int = Field(default=1_000_000, ge=9600, le=12_000_000)
-    debounce_us: int = Field(default=5000, ge=0, le=1_000_000)
 
 
 class InputSection(StrictModel):
@@ -80,7 +71,7 @@ class Configuration(StrictModel):
 
     arm: ArmSection
     broker: BrokerSection | None = None
-    device: Annotated[tuple[DeviceSection, ...], Field(min_length=1)]
+    device: Annotated[tuple[AnyDevice, ...], Field(min_length=1)]
     capture: CaptureSection = CaptureSection()
     health: HealthSection = HealthSection()
 

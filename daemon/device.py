@@ -5,7 +5,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from daemon.configuration import DeviceSection
+from daemon.device_section import DeviceSection
 from drivers.crossing import Crossing
 from drivers.driver import Driver
 from drivers.registry import driver_class
@@ -54,7 +54,7 @@ class Device:
         return DriverStatus(
             id=self.section.id,
             driver=self.section.driver,
-            port=self.section.port,
+            port=self.section.where,
             state=self.state,
             identity=identity,
         )
@@ -80,6 +80,6 @@ class Device:
 def open_device(section: DeviceSection, loop: asyncio.AbstractEventLoop) -> Device:
     """The device that a configuration asks for; its driver is not yet started."""
     crossing = Crossing(loop)
-    options = section.model_dump(exclude={"id", "driver"})
+    options: dict[str, Any] = section.options
     driver = driver_class(section.driver)(section.id, crossing, **options)
     return Device(section, crossing, driver)

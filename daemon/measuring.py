@@ -233,5 +233,5 @@ class Measuring:
             f"alarm.{alarm.code}",
             f"{alarm.text} (value {alarm.value})",
             source=source,
-            remedy="see the table of alarms in docs/serial-protocol.md",
+            remedy=alarm.remedy,
         )

@@ -16,6 +16,7 @@ from daemon.poses import LatchedPose, PoseBlock
 from drivers.values import (
     STATUS_ERROR,
     STATUS_LATE,
+    STATUS_MISSING,
     STATUS_STALE,
     STATUS_WARNING,
     CountSamples,
@@ -28,14 +29,14 @@ from protocol.messages import QualityFlag
 
 
 def _quality_of_status() -> Bits:
-    """For each status byte, its quality bits; the maker's own bits are a warning."""
+    """For each status byte, its quality bits."""
     status = np.arange(256)
-    makers = 0xFF & ~(STATUS_ERROR | STATUS_WARNING | STATUS_LATE | STATUS_STALE)
     quality = (
         ((status & STATUS_ERROR) != 0) * QualityFlag.ENCODER_ERROR
-        | ((status & (STATUS_WARNING | makers)) != 0) * QualityFlag.ENCODER_WARNING
+        | ((status & STATUS_WARNING) != 0) * QualityFlag.ENCODER_WARNING
         | ((status & STATUS_LATE) != 0) * QualityFlag.LATE
         | ((status & STATUS_STALE) != 0) * QualityFlag.STALE
+        | ((status & STATUS_MISSING) != 0) * QualityFlag.INCOMPLETE
     )
     return np.asarray(quality, dtype=np.uint32)
 

@@ -50,4 +50,12 @@ def alarm_of(device: str, alarm: wire.Alarm) -> DeviceAlarm:
     """An alarm of the board as one of the device."""
     channel = None if alarm.channel == wire.WHOLE_BOARD else alarm.channel
     text = wire.ALARMS.get(alarm.code, f"maker's alarm {alarm.code}")
-    return DeviceAlarm(device, channel, alarm.raised, alarm.code, text, alarm.value)
+    return DeviceAlarm(
+        device,
+        channel,
+        alarm.raised,
+        alarm.code,
+        text,
+        alarm.value,
+        "see the table of alarms in docs/serial-protocol.md",
+    )

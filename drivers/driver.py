@@ -15,9 +15,10 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable
 from types import TracebackType
-from typing import Self
+from typing import ClassVar, Self
 
 from drivers.crossing import Crossing
+from drivers.options import DriverOptions
 from drivers.values import (
     DeviceCounters,
     DeviceError,
@@ -37,11 +38,18 @@ COUNTERS_S = 0.5
 class Driver(ABC):
     """A device being read. Use as a context manager, or `start` and `close`.
 
+    A child's constructor takes these arguments and, by name, its options.
+
     Args:
         device: id in the configuration.
         crossing: where deliveries go.
         monotonic_ns: the host's clock.
+
+    Attributes:
+        options: what its table in the configuration may say.
     """
+
+    options: ClassVar[type[DriverOptions]]
 
     def __init__(
         self,
@@ -93,12 +101,19 @@ class Driver(ABC):
     def request_stream(self, rate_hz: float) -> None:
         """Stream timed samples at ``rate_hz`` from now on; 0 stops the stream."""
 
-    @abstractmethod
     def request_latch(self) -> int:
-        """Latch once, now; the returned token comes back in `LatchedCounts`."""
+        """Latch once, now; the returned token comes back in `LatchedCounts`.
 
-    @abstractmethod
-    def acknowledge(self, token: int) -> None:
+        Raises:
+            DeviceError: it cannot, or too many requests are waiting already.
+        """
+        raise DeviceError(
+            f"{self.device} cannot latch at a moment of its own; it is only read "
+            "time after time",
+            "interpolate its stream at that moment",
+        )
+
+    def acknowledge(self, token: int) -> None:  # noqa: B027 - few devices keep edges
         """Tell the device that the edge ``token`` has been dealt with."""
 
     @abstractmethod

@@ -5,16 +5,19 @@ from collections import deque
 from collections.abc import Callable, Sized
 
 import numpy as np
+from pydantic import Field
 
 from drivers.board_hello import alarm_of, check_hello, identity_of
 from drivers.board_line import Answer, BoardLine
 from drivers.crossing import Crossing
 from drivers.driver import Driver
 from drivers.edge_order import EdgeOrder
+from drivers.options import DriverOptions
 from drivers.serial_port import SerialPort
 from drivers.stream_sequence import StreamSequence
 from drivers.tick_clock import TickClock
 from drivers.values import (
+    STATUS_WARNING,
     CountSamples,
     DeviceError,
     DeviceRefusedError,
@@ -32,6 +35,21 @@ MAX_LATCHES = 16
 FAST_STREAM_HZ = 400.0
 COALESCE_S = 0.002  # above that rate a read takes what 2 ms bring
 
+# The maker's own bits of a status byte warn of something; what, nobody else knows.
+_MAKERS = 0xF0
+_STATUS = np.array(
+    [s & ~_MAKERS | (STATUS_WARNING if s & _MAKERS else 0) for s in range(256)],
+    dtype=np.uint8,
+)
+
+
+class LatchBoardOptions(DriverOptions):
+    """What the table of a latch board may say."""
+
+    port: str = Field(min_length=1)
+    baud_rate: int = Field(default=1_000_000, ge=9600, le=12_000_000)
+    debounce_us: int = Field(default=5000, ge=0, le=1_000_000)
+
 
 class LatchBoard(Driver):
     """A board that latches all encoders of an arm at one instant.
@@ -44,6 +62,8 @@ class LatchBoard(Driver):
         debounce_us: how long an input must hold its new level.
         monotonic_ns: the host's clock.
     """
+
+    options = LatchBoardOptions
 
     def __init__(
         self,
@@ -253,7 +273,7 @@ class LatchBoard(Driver):
                 self._clock.to_ns_array(ticks),
                 block.inputs[rows],
                 block.counts[rows],
-                block.status[rows],
+                _STATUS[block.status[rows]],
             )
         )
 
@@ -297,7 +317,7 @@ class LatchBoard(Driver):
                 received_ns,
                 self._clock.to_ns(ticks),
                 latch.counts,
-                latch.status,
+                tuple(_STATUS[list(latch.status)].tolist()),
             )
         )
 

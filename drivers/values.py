@@ -2,11 +2,17 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 STATUS_ERROR, STATUS_WARNING, STATUS_LATE, STATUS_STALE = 1, 2, 4, 8
+STATUS_MISSING = 16
+"""Bits of a channel's status; missing: no answer, the count is the last known one.
+
+A driver sets no other bits: those above belong to what comes after it.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,7 +23,11 @@ class Identity:
         name: model and serial number, for people.
         moduli_counts: per channel, where its count wraps to 0.
         inputs: how many digital inputs it has.
-        max_rate_hz: the fastest timed stream.
+        max_rate_hz: the fastest timed stream; 0 for none.
+        latches: it latches all channels at one instant, at its edges and on request;
+            False for one whose points have to be interpolated out of its stream.
+        counts_per_turn: per channel, what the device itself says; None or left out
+            where it does not say. It must be what the arm file says.
     """
 
     name: str
@@ -25,11 +35,13 @@ class Identity:
     moduli_counts: tuple[int, ...]
     inputs: int
     max_rate_hz: float
+    latches: bool = True
+    counts_per_turn: tuple[int | None, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CountSamples:
-    """A block of timed samples, each latched at one instant.
+    """A block of timed samples.
 
     Attributes:
         device: id of the device in the configuration.
@@ -41,6 +53,10 @@ class CountSamples:
         inputs: (n,) uint8, bit i set where input i is active.
         counts: (n, n_channels) uint32.
         status: (n, n_channels) uint8, bits ``STATUS_*``.
+        skew_ns: (n, n_channels) int32, when each channel was read, counted from
+            ``sample_time_ns``; None where all were latched at that instant.
+        fractions: (n, n_channels), to be added to ``counts``; None for 0. Only what
+            has been interpolated has them, never what a driver delivers.
     """
 
     device: str
@@ -52,6 +68,8 @@ class CountSamples:
     inputs: NDArray[np.uint8]
     counts: NDArray[np.uint32]
     status: NDArray[np.uint8]
+    skew_ns: NDArray[np.int32] | None = None
+    fractions: NDArray[np.float64] | None = None
 
     @classmethod
     def joined(cls, blocks: Sequence["CountSamples"]) -> "CountSamples":
@@ -68,17 +86,28 @@ class CountSamples:
             np.concatenate([block.inputs for block in blocks]),
             np.concatenate([block.counts for block in blocks]),
             np.concatenate([block.status for block in blocks]),
+            _joined_if_any([block.skew_ns for block in blocks]),
+            _joined_if_any([block.fractions for block in blocks]),
         )
+
+
+def _joined_if_any(arrays: Sequence[NDArray[Any] | None]) -> NDArray[Any] | None:
+    """Arrays of one stream, which has them in all of its blocks or in none."""
+    present = [array for array in arrays if array is not None]
+    return np.concatenate(present) if present else None
 
 
 @dataclass(frozen=True, slots=True)
 class LatchedCounts:
-    """One sample taken at an input's edge or on request.
+    """An input's edge, or one sample taken on request.
 
     Attributes:
         input: number of the input, or None where a request caused it.
         active: the new level of the input.
         token: what `Driver.request_latch` returned, or the edge's own number.
+        counts: of all channels, latched at ``sample_time_ns``; empty for a device that
+            has none, or cannot latch them (see `Identity.latches`).
+        status: of each channel, bits ``STATUS_*``; as long as ``counts``.
     """
 
     device: str
@@ -121,14 +150,22 @@ class DeviceLost:
 
 @dataclass(frozen=True, slots=True)
 class DeviceAlarm:
-    """The device raised or cleared an alarm of its own."""
+    """A condition of the device begins (``raised``) or ends.
+
+    Attributes:
+        channel: which it concerns; None for the whole device.
+        code: number or word, letters, digits and ``_``; its event is ``alarm.<code>``.
+        value: what the device tells with it, 0 for nothing.
+        remedy: what to do about it.
+    """
 
     device: str
     channel: int | None
     raised: bool
-    code: int
+    code: int | str
     text: str
     value: int
+    remedy: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,8 @@
 import pytest
 
 from daemon.configuration import read_configuration
+from daemon.device_section import section_class
+from drivers.registry import DRIVERS
 from kinematics.arm_file import FileError
 
 GOOD = """\
@@ -84,7 +86,6 @@ period_s = 1
         "broker.port",
         "broker.encoding",
         "device[0].driver",
-        "device[0].port",
         "device[1].id",
         "capture.tracking_rate_hz",
         "capture.live_rate_hz",
@@ -110,3 +111,34 @@ def test_a_device_that_is_no_table_is_refused(tmp_path):
 def test_a_missing_file_is_told_by_its_name(tmp_path):
     with pytest.raises(FileError, match=r"nowhere\.toml"):
         read_configuration(tmp_path / "nowhere.toml")
+
+
+def test_an_unknown_driver_is_refused_with_the_nearest_that_exists(tmp_path):
+    text = problems(tmp_path, GOOD.replace('"latch-board"', '"latchboard"'))
+    assert "device[0].driver: unknown driver 'latchboard'; did you mean" in text
+    assert "device[0].port" not in text  # of which driver it would be nobody knows
+
+
+def test_the_keys_of_a_device_are_those_of_its_driver(tmp_path):
+    text = GOOD.replace(
+        'port = "/dev/ttyACM0"', 'baud_rate = 5\nchanel = "can0"\ndebounce_us = 1.5'
+    )
+    told = problems(tmp_path, text)
+    for where in ("port", "baud_rate", "chanel", "debounce_us"):
+        assert f"device[0].{where}: " in told
+    (device,) = read(tmp_path, GOOD).device
+    assert device.where == "/dev/ttyACM0"
+    assert device.options == {
+        "port": "/dev/ttyACM0",
+        "baud_rate": 1_000_000,
+        "debounce_us": 5000,
+    }
+
+
+def test_a_driver_whose_library_is_missing_says_which_extra(tmp_path, monkeypatch):
+    monkeypatch.setitem(DRIVERS, "canopen", "no_such_library.canopen:CanOpen")
+    section_class.cache_clear()
+    told = problems(tmp_path, GOOD.replace('"latch-board"', '"canopen"'))
+    section_class.cache_clear()
+    assert "needs no_such_library, which is not installed" in told
+    assert "pip install 'traverse-cmm[can]'" in told

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from daemon.capture import Capture, Triggers
-from daemon.configuration import DeviceSection
 from daemon.device import open_device
+from daemon.device_section import section_of
 from daemon.events import EventLog
 from daemon.health import LATENCY_NAMES, HealthReport
 from daemon.live import LiveView
@@ -66,7 +66,7 @@ class Bench:
         self.device = self.open("base")
 
     def open(self, name):
-        section = DeviceSection(id=name, driver="latch-board", port="/dev/null")
+        section = section_of({"id": name, "driver": "latch-board", "port": "/dev/null"})
         return open_device(section, asyncio.get_running_loop())
 
     def offer(self, point):

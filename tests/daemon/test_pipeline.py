@@ -119,7 +119,7 @@ def test_after_a_restart_the_turns_are_those_nearest_to_the_zero(model):
 def test_status_bits_become_quality_flags_of_the_joints_channels_only(model):
     samples = count_samples(moved(3, 6))
     status = np.zeros((6, 4), np.uint8)
-    status[1, 2], status[2, 0], status[3, 1], status[4] = 1, 2, 4 | 8, (0x40, 0, 1, 0)
+    status[1, 2], status[2, 0], status[3, 1], status[4] = 1, 2, 4 | 8, (16, 0, 1, 0)
     status[5, 3] = 0xFF  # a channel that belongs to no joint
     counts = np.hstack([samples.counts, np.zeros((6, 1), np.uint32)])
     poses = Pipeline(model, SetClock()).poses(
@@ -131,7 +131,7 @@ def test_status_bits_become_quality_flags_of_the_joints_channels_only(model):
         ("encoder_error",),
         ("encoder_warning",),
         ("late", "stale"),
-        ("encoder_error", "encoder_warning"),
+        ("encoder_error", "incomplete"),
         (),
     ]
     pose = Pipeline(model, SetClock()).latched_pose(latch((1, 2, 3), status=(0, 4, 0)))
@@ -142,6 +142,7 @@ def test_every_status_byte_has_its_quality():
     for status, bits in enumerate(QUALITY_OF_STATUS.tolist()):
         flags = set(Quality.from_bits(bits).flags)
         assert ("encoder_error" in flags) == bool(status & 1)
-        assert ("encoder_warning" in flags) == bool(status & 0xF2)
+        assert ("encoder_warning" in flags) == bool(status & 2)
         assert ("late" in flags) == bool(status & 4)
         assert ("stale" in flags) == bool(status & 8)
+        assert ("incomplete" in flags) == bool(status & 16)

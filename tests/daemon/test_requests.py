@@ -8,8 +8,9 @@ import pytest
 from daemon.capture import Capture, Triggers
 from daemon.clock import HostClock
 from daemon.commands import CommandError
-from daemon.configuration import CaptureSection, DeviceSection
+from daemon.configuration import CaptureSection
 from daemon.device import open_device
+from daemon.device_section import section_of
 from daemon.events import EventLog
 from daemon.health import HealthReport
 from daemon.live import LiveView
@@ -35,7 +36,9 @@ class Bench:
         self.board = board
         self.room = True
         self.points, self.scans, self.events, self.live = [], [], [], []
-        section = DeviceSection(id="base", driver="latch-board", port=str(board.link))
+        section = section_of(
+            {"id": "base", "driver": "latch-board", "port": str(board.link)}
+        )
         self.device = open_device(section, asyncio.get_running_loop())
         capture = Capture(clock, self.offer)
         self.scanner = Scanner(clock, lambda scan: not self.scans.append(scan), 0.05)

@@ -67,7 +67,7 @@ def test_all_mistakes_of_the_configuration_are_told(tmp_path):
     text = '[arm]\nfile = "arm.toml"\ncolour = 3\n[[device]]\nid = "a b"\n'
     status, told = run(write(tmp_path, text))
     assert status == 2
-    for where in ("arm.colour", "device[0].id", "device[0].driver", "device[0].port"):
+    for where in ("arm.colour", "device[0].id", "device[0].driver"):
         assert where in told
     assert "Traceback" not in told
 

@@ -11,6 +11,8 @@ from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
 from daemon import configuration
+from daemon.device_section import DeviceSection
+from drivers.registry import DRIVERS, driver_class
 from kinematics import arm_file
 from kinematics.arm_file import EFFECT_KINDS
 from tests.docs.pages import code_words, tables, text_of
@@ -20,7 +22,8 @@ SECTIONS: dict[str, list[tuple[str, type[BaseModel]]]] = {
     "docs/reference/configuration.md": [
         ("`[arm]`", configuration.ArmSection),
         ("`[broker]`", configuration.BrokerSection),
-        ("`[[device]]`", configuration.DeviceSection),
+        ("`[[device]]`", DeviceSection),
+        *((f'`driver = "{name}"`', driver_class(name).options) for name in DRIVERS),
         ("`[capture]`", configuration.CaptureSection),
         ("`[[capture.inputs]]`", configuration.InputSection),
         ("`[health]`", configuration.HealthSection),

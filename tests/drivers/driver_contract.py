@@ -1,15 +1,25 @@
-"""What every driver must do, as a suite: subclass it and say how to build a rig.
+"""What every driver must do, as suites: subclass them and say how to build a rig.
 
-A rig is a driver with a simulated device that a test can command. The suite asks it
-only for what every device has; a device's own habits are tested beside it.
+A rig is a driver with a simulated device that a test can command. Each suite asks it
+only for what it needs; a device's own habits are tested beside it.
+
+    DriverContract      every driver: life, loss, recovery, end
+    StreamContract      those that stream: order, no invention, loss counted
+    EdgeContract        those with inputs: each edge once and in order
+    KeptEdgeContract    those that keep edges until they are acknowledged
+    LatchContract       those that latch on request
 """
 
 import threading
+from collections.abc import Sequence
 from typing import Protocol
+
+import numpy as np
 
 from drivers.crossing import Crossing
 from drivers.driver import Driver
 from drivers.values import (
+    STATUS_MISSING,
     CountSamples,
     DeviceFault,
     DeviceLost,
@@ -19,33 +29,13 @@ from drivers.values import (
 )
 from tests.drivers.taken import Taken, until
 
-RATE_HZ = 500.0
-
 
 class Rig(Protocol):
     """A driver and the device that it reads."""
 
     crossing: Crossing
     driver: Driver
-    port: str
-
-    def emit(self, n: int) -> None:
-        """Send n samples; counts of channel 0 go up by one from sample to sample."""
-
-    def lose(self, n: int) -> None:
-        """Latch n samples and lose them on the line."""
-
-    def press(self) -> int:
-        """Change an input; gives the token of the edge."""
-
-    def break_next(self) -> None:
-        """Spoil whatever is sent next."""
-
-    def repeat_last_samples(self) -> None:
-        """Send the last samples once more."""
-
-    def unacknowledged(self) -> set[int]:
-        """Tokens of the edges that the device still keeps."""
+    port: str  # as it must stand in the text of a loss
 
     def unplug(self) -> None:
         """The port goes away."""
@@ -54,117 +44,85 @@ class Rig(Protocol):
         """The port comes back."""
 
 
+class StreamRig(Rig, Protocol):
+    """One whose device gives samples."""
+
+    def emit(self, n: int) -> None:
+        """Send n samples; counts of channel 0 go up by one from sample to sample.
+
+        A device that answers or sends by itself does nothing here: it may give more
+        than is asked for.
+        """
+
+    def lose(self, n: int) -> None:
+        """Measure n samples of which something is lost on the line."""
+
+
+class EdgeRig(Rig, Protocol):
+    """One whose device has inputs."""
+
+    def press(self) -> int | None:
+        """Change an input; gives the token of the edge, None if the driver makes it."""
+
+
+class KeptEdgeRig(EdgeRig, Protocol):
+    """One whose device keeps its edges."""
+
+    def emit(self, n: int) -> None:
+        """Send n samples."""
+
+    def break_next(self) -> None:
+        """Spoil whatever is sent next."""
+
+    def unacknowledged(self) -> set[int]:
+        """Tokens of the edges that the device still keeps."""
+
+
 def driver_threads(rig: Rig) -> list[threading.Thread]:
     name = f"driver-{rig.driver.device}"
     return [thread for thread in threading.enumerate() if thread.name == name]
 
 
+async def up(rig: Rig, rate_hz: float = 500.0) -> Taken:
+    """The device is there and has been asked to stream, if it ever does."""
+    taken = Taken(rig.crossing)
+    await taken.until(lambda: taken.of(DeviceUp), "the device is up")
+    rig.driver.request_stream(rate_hz)
+    return taken
+
+
+async def streaming(rig: Rig, rate_hz: float = 500.0) -> Taken:
+    taken = await up(rig, rate_hz)
+    await taken.until(lambda: taken.of(StreamStarted), "the stream")
+    return taken
+
+
+def missing_samples(blocks: Sequence[CountSamples]) -> int:
+    """How many samples the numbers say were lost, or the status lacks something."""
+    seqs = [int(seq) for block in blocks for seq in block.seq]
+    marked = sum(
+        int(((block.status & STATUS_MISSING) != 0).any(axis=1).sum())
+        for block in blocks
+    )
+    return seqs[-1] + 1 - len(seqs) + marked
+
+
 class DriverContract:
-    """Inherit as `Test...` and provide a fixture `rig`."""
-
-    async def streaming(self, rig: Rig) -> Taken:
-        taken = Taken(rig.crossing)
-        await taken.until(lambda: taken.of(DeviceUp), "the device is up")
-        rig.driver.request_stream(RATE_HZ)
-        await taken.until(lambda: taken.of(StreamStarted), "the stream")
-        return taken
-
-    async def test_samples_come_in_order_and_nothing_is_invented(self, rig: Rig):
-        with rig.driver:
-            taken = await self.streaming(rig)
-            for n in (1, 7, 40, 300):
-                rig.emit(n)
-            await taken.until(lambda: len(taken.seqs()) >= 348, "348 samples")
-        assert taken.seqs() == list(range(348))
-        blocks = taken.of(CountSamples)
-        stream = taken.of(StreamStarted)[0].stream
-        assert {block.stream for block in blocks} == {stream}
-        counts = [int(c) for block in blocks for c in block.counts[:, 0]]
-        assert counts == [counts[0] + k for k in range(348)]
-        times_ns = [int(t) for block in blocks for t in block.sample_time_ns]
-        assert times_ns == sorted(times_ns)
-        assert taken.of(DeviceFault) == []
-
-    async def test_what_is_lost_on_the_line_is_counted_and_leaves_a_gap(self, rig: Rig):
-        with rig.driver:
-            taken = await self.streaming(rig)
-            rig.emit(5)
-            rig.lose(3)
-            rig.emit(5)
-            await taken.until(lambda: len(taken.seqs()) >= 10, "10 samples")
-        assert taken.seqs() == [0, 1, 2, 3, 4, 8, 9, 10, 11, 12]
-        faults = [f for f in taken.of(DeviceFault) if f.code == "samples_lost"]
-        assert sum(fault.count for fault in faults) == 3
-
-    async def test_repeated_samples_are_taken_once(self, rig: Rig):
-        with rig.driver:
-            taken = await self.streaming(rig)
-            rig.emit(4)
-            rig.repeat_last_samples()
-            rig.emit(1)
-            await taken.until(lambda: 4 in taken.seqs(), "the last sample")
-        assert taken.seqs() == [0, 1, 2, 3, 4]
+    """Every driver. Inherit as `Test...` and provide a fixture `rig`."""
 
     async def test_a_lost_port_is_told_and_comes_back_by_itself(self, rig: Rig):
         with rig.driver:
-            taken = await self.streaming(rig)
+            taken = await up(rig)
             rig.unplug()
             await taken.until(lambda: taken.of(DeviceLost), "the loss")
             rig.plug()
             await taken.until(lambda: len(taken.of(DeviceUp)) == 2, "it is back")
-            await taken.until(lambda: len(taken.of(StreamStarted)) == 2, "its stream")
-            rig.emit(3)
-            await taken.until(lambda: len(taken.seqs()) == 3, "samples again")
-        first, second = taken.of(StreamStarted)
-        assert second.rate_hz == first.rate_hz
-        assert second.stream != first.stream
         assert taken.of(DeviceLost)[0].remedy
         assert [up.restarted for up in taken.of(DeviceUp)] == [False, False]
 
-    async def test_edges_come_once_however_often_they_are_sent(self, rig: Rig):
-        with rig.driver:
-            taken = await self.streaming(rig)
-            tokens = [rig.press() for _ in range(3)]
-            await taken.until(lambda: len(taken.of(LatchedCounts)) >= 3, "3 edges")
-            rig.emit(2)  # the device has repeated them meanwhile
-            await taken.until(lambda: len(taken.seqs()) >= 2, "samples after them")
-            assert rig.unacknowledged() == set(tokens)  # nobody has dealt with them
-            rig.driver.acknowledge(tokens[1])
-            await until(lambda: rig.unacknowledged() == {tokens[2]}, "two forgotten")
-            rig.driver.acknowledge(tokens[2])
-            await until(lambda: not rig.unacknowledged(), "all forgotten")
-        assert [latch.token for latch in taken.of(LatchedCounts)] == tokens
-
-    async def test_a_broken_edge_does_not_change_the_order(self, rig: Rig):
-        with rig.driver:
-            taken = await self.streaming(rig)
-            rig.break_next()
-            tokens = [rig.press(), rig.press()]
-            await taken.until(lambda: len(taken.of(LatchedCounts)) >= 2, "2 edges")
-        assert [latch.token for latch in taken.of(LatchedCounts)] == tokens
-
-    async def test_an_edge_during_an_outage_is_delivered_afterwards(self, rig: Rig):
-        with rig.driver:
-            taken = await self.streaming(rig)
-            rig.unplug()
-            await taken.until(lambda: taken.of(DeviceLost), "the loss")
-            token = rig.press()
-            rig.plug()
-            await taken.until(lambda: taken.of(LatchedCounts), "the edge")
-        assert [latch.token for latch in taken.of(LatchedCounts)] == [token]
-
-    async def test_a_latch_by_request_brings_its_token(self, rig: Rig):
-        with rig.driver:
-            taken = await self.streaming(rig)
-            tokens = [rig.driver.request_latch() for _ in range(3)]
-            await taken.until(lambda: len(taken.of(LatchedCounts)) >= 3, "3 latches")
-        latches = taken.of(LatchedCounts)
-        assert [latch.token for latch in latches] == tokens
-        assert {latch.input for latch in latches} == {None}
-
     async def test_closing_ends_the_thread_and_may_be_repeated(self, rig: Rig):
         rig.driver.start()
-        await self.streaming(rig)
+        await up(rig)
         rig.driver.close()
         assert driver_threads(rig) == []
         rig.driver.close()
@@ -185,3 +143,164 @@ class DriverContract:
         (lost,) = taken.of(DeviceLost)
         assert rig.port in lost.reason
         assert lost.remedy
+
+    async def test_what_it_says_of_itself_agrees_with_itself(self, rig: Rig):
+        with rig.driver:
+            taken = await up(rig)
+        identity = taken.of(DeviceUp)[0].identity
+        assert identity.name
+        assert all(modulus > 1 for modulus in identity.moduli_counts)
+        assert len(identity.counts_per_turn) in (0, len(identity.moduli_counts))
+        assert (identity.max_rate_hz > 0) == bool(identity.moduli_counts)
+
+
+class StreamContract:
+    """Drivers that stream.
+
+    Attributes:
+        rate_hz: what they are asked for.
+        parts: samples that are sent, one after the other.
+    """
+
+    rate_hz = 500.0
+    parts: Sequence[int] = (1, 7, 40, 300)
+
+    async def test_samples_come_in_order_and_nothing_is_invented(self, rig: StreamRig):
+        n = sum(self.parts)
+        with rig.driver:
+            taken = await streaming(rig, self.rate_hz)
+            for part in self.parts:
+                rig.emit(part)
+            await taken.until(lambda: len(taken.seqs()) >= n, f"{n} samples")
+        seqs = taken.seqs()
+        assert (np.diff(seqs) >= 1).all()
+        assert seqs[0] >= 0
+        blocks = taken.of(CountSamples)
+        stream = taken.of(StreamStarted)[0].stream
+        assert {block.stream for block in blocks} == {stream}
+        counts = [int(c) for block in blocks for c in block.counts[:, 0]]
+        assert counts == [counts[0] + k for k in range(len(counts))]
+        times_ns = [int(t) for block in blocks for t in block.sample_time_ns]
+        assert times_ns == sorted(times_ns)
+        identity = taken.of(DeviceUp)[0].identity
+        for block in blocks:
+            shape = (len(block.seq), len(identity.moduli_counts))
+            assert block.counts.shape == block.status.shape == shape
+            assert block.skew_ns is None or block.skew_ns.shape == shape
+            assert block.fractions is None
+            assert (block.counts < np.array(identity.moduli_counts)).all()
+            assert (block.sample_time_ns <= block.received_ns).all()
+
+    async def test_what_is_lost_on_the_line_is_counted_and_seen(self, rig: StreamRig):
+        with rig.driver:
+            taken = await streaming(rig, self.rate_hz)
+            rig.emit(5)
+            await taken.until(lambda: len(taken.seqs()) >= 5, "5 samples")
+            rig.lose(3)
+            rig.emit(5)
+            await taken.until(
+                lambda: missing_samples(taken.of(CountSamples)) >= 3, "the loss"
+            )
+            await taken.until(lambda: told_lost(taken) >= 3, "its count")
+        assert missing_samples(taken.of(CountSamples)) >= 3
+
+    async def test_the_stream_goes_on_after_an_outage(self, rig: StreamRig):
+        with rig.driver:
+            taken = await streaming(rig, self.rate_hz)
+            rig.unplug()
+            await taken.until(lambda: taken.of(DeviceLost), "the loss")
+            rig.plug()
+            await taken.until(lambda: len(taken.of(StreamStarted)) == 2, "its stream")
+            first, second = taken.of(StreamStarted)
+            rig.emit(3)
+            await taken.until(
+                lambda: (
+                    taken.of(CountSamples)
+                    and taken.of(CountSamples)[-1].stream == second.stream
+                ),
+                "samples again",
+            )
+        assert second.rate_hz == first.rate_hz
+        assert second.stream != first.stream
+
+
+def told_lost(taken: Taken) -> int:
+    """How many samples or readings the driver says were lost."""
+    codes = ("samples_lost", "readings_missing")
+    return sum(fault.count for fault in taken.of(DeviceFault) if fault.code in codes)
+
+
+class EdgeContract:
+    """Drivers with inputs."""
+
+    async def test_edges_come_once_and_in_order(self, rig: EdgeRig):
+        with rig.driver:
+            taken = await up(rig)
+            tokens = [rig.press() for _ in range(3)]
+            await taken.until(lambda: len(taken.of(LatchedCounts)) >= 3, "3 edges")
+        latches = taken.of(LatchedCounts)
+        assert len(latches) == 3
+        found = [latch.token for latch in latches]
+        assert len(set(found)) == 3
+        assert all(t in (None, got) for t, got in zip(tokens, found, strict=True))
+        times_ns = [latch.sample_time_ns for latch in latches]
+        assert times_ns == sorted(times_ns)
+        identity = taken.of(DeviceUp)[0].identity
+        n = len(identity.moduli_counts) if identity.latches else 0
+        for latch in latches:
+            assert latch.input in range(identity.inputs)
+            assert len(latch.counts) == len(latch.status)
+            assert len(latch.counts) in (n, len(identity.moduli_counts))
+            assert latch.sample_time_ns <= latch.received_ns
+
+
+class KeptEdgeContract(EdgeContract):
+    """Drivers of devices that keep edges until they are acknowledged."""
+
+    async def test_edges_come_once_however_often_they_are_sent(self, rig: KeptEdgeRig):
+        with rig.driver:
+            taken = await up(rig)
+            tokens = [rig.press() for _ in range(3)]
+            await taken.until(lambda: len(taken.of(LatchedCounts)) >= 3, "3 edges")
+            rig.emit(2)  # the device has repeated them meanwhile
+            await taken.until(lambda: len(taken.seqs()) >= 2, "samples after them")
+            assert rig.unacknowledged() == set(tokens)  # nobody has dealt with them
+            rig.driver.acknowledge(tokens[1])
+            await until(lambda: rig.unacknowledged() == {tokens[2]}, "two forgotten")
+            rig.driver.acknowledge(tokens[2])
+            await until(lambda: not rig.unacknowledged(), "all forgotten")
+        assert [latch.token for latch in taken.of(LatchedCounts)] == tokens
+
+    async def test_a_broken_edge_does_not_change_the_order(self, rig: KeptEdgeRig):
+        with rig.driver:
+            taken = await up(rig)
+            rig.break_next()
+            tokens = [rig.press(), rig.press()]
+            await taken.until(lambda: len(taken.of(LatchedCounts)) >= 2, "2 edges")
+        assert [latch.token for latch in taken.of(LatchedCounts)] == tokens
+
+    async def test_an_edge_during_an_outage_is_delivered_afterwards(
+        self, rig: KeptEdgeRig
+    ):
+        with rig.driver:
+            taken = await up(rig)
+            rig.unplug()
+            await taken.until(lambda: taken.of(DeviceLost), "the loss")
+            token = rig.press()
+            rig.plug()
+            await taken.until(lambda: taken.of(LatchedCounts), "the edge")
+        assert [latch.token for latch in taken.of(LatchedCounts)] == [token]
+
+
+class LatchContract:
+    """Drivers that latch on request."""
+
+    async def test_a_latch_by_request_brings_its_token(self, rig: Rig):
+        with rig.driver:
+            taken = await up(rig)
+            tokens = [rig.driver.request_latch() for _ in range(3)]
+            await taken.until(lambda: len(taken.of(LatchedCounts)) >= 3, "3 latches")
+        latches = taken.of(LatchedCounts)
+        assert [latch.token for latch in latches] == tokens
+        assert {latch.input for latch in latches} == {None}
+        assert taken.of(DeviceUp)[0].identity.latches

@@ -21,7 +21,13 @@ from drivers.values import (
     StreamStarted,
 )
 from tests.drivers import board_bodies as bodies
-from tests.drivers.driver_contract import DriverContract
+from tests.drivers.driver_contract import (
+    DriverContract,
+    KeptEdgeContract,
+    LatchContract,
+    StreamContract,
+    streaming,
+)
 from tests.drivers.fake_board import (
     CONFIGURE,
     HELLO,
@@ -93,12 +99,10 @@ async def rig(board):
     rig.driver.close()
 
 
-class TestLatchBoardContract(DriverContract):
+class TestLatchBoardContract(
+    DriverContract, StreamContract, KeptEdgeContract, LatchContract
+):
     pass
-
-
-async def streaming(rig) -> Taken:
-    return await DriverContract().streaming(rig)
 
 
 async def told_lost(rig) -> DeviceLost:
@@ -112,6 +116,29 @@ def test_the_registry_knows_it():
     assert driver_class("latch-board") is LatchBoard
     with pytest.raises(KeyError):
         driver_class("latchboard")
+
+
+async def test_samples_lost_on_the_line_leave_a_gap_of_their_number(rig):
+    with rig.driver:
+        taken = await streaming(rig)
+        rig.emit(5)
+        rig.lose(3)
+        rig.emit(5)
+        await taken.until(lambda: len(taken.seqs()) >= 10, "10 samples")
+    assert taken.seqs() == [0, 1, 2, 3, 4, 8, 9, 10, 11, 12]
+    faults = [f for f in taken.of(DeviceFault) if f.code == "samples_lost"]
+    assert sum(fault.count for fault in faults) == 3
+
+
+async def test_repeated_samples_are_taken_once(rig):
+    with rig.driver:
+        taken = await streaming(rig)
+        rig.emit(4)
+        rig.repeat_last_samples()
+        rig.emit(1)
+        await taken.until(lambda: 4 in taken.seqs(), "the last sample")
+    assert taken.seqs() == [0, 1, 2, 3, 4]
+    assert taken.of(DeviceFault) == []
 
 
 async def test_who_the_board_is_and_what_it_tells_by_itself(rig):

@@ -10,8 +10,8 @@ import numpy as np
 
 from daemon.capture import Capture, Triggers
 from daemon.clock import HostClock
-from daemon.configuration import DeviceSection
 from daemon.device import Device
+from daemon.device_section import section_of
 from daemon.events import EventLog
 from daemon.health import HealthReport
 from daemon.live import LiveView
@@ -148,7 +148,9 @@ class Daemon:
 
     def take(self, driver, delivery: Delivery) -> None:
         if self._device is None:
-            section = DeviceSection(id="base", driver="latch-board", port="board.pty")
+            section = section_of(
+                {"id": "base", "driver": "latch-board", "port": "board.pty"}
+            )
             self._device = Device(section, None, driver)
         self._measuring.take(self._device, delivery)
 

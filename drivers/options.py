@@ -1,0 +1,19 @@
+"""What a device's table in the configuration may say beside its id and driver."""
+
+from pydantic import BaseModel, ConfigDict
+
+
+class DriverOptions(BaseModel):
+    """Options of one driver: flat keys, with units in their names and with bounds.
+
+    Each driver has a child of it, and takes the same names in its constructor.
+    """
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False
+    )
+
+    @property
+    def where(self) -> str:
+        """Port or bus, for people; a child without ``port`` says it by itself."""
+        return str(getattr(self, "port", ""))
