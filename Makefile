@@ -3,10 +3,13 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
+# Other libraries to be compared with, never in the environment that Traverse runs in.
+PEERS := build/peers
+FIGURES := build/figures
 # What the kernel in C is built from.
 KERNEL := setup.py $(foreach kind,pyx pxd pxi c h inc,$(wildcard kinematics/kernel/*.$(kind)))
 
-.PHONY: help venv system demo test lint format schemas lock bench bench-identification prove blind blind-full soak clean
+.PHONY: help venv system demo test lint format schemas lock bench bench-identification prove blind blind-full soak clean bench-kernel
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -26,7 +29,7 @@ demo: venv  ## one round of measurements with a simulated arm
 	$(BIN)/traverse demo --once
 
 test: venv system  ## all tests
-	$(BIN)/pytest
+	$(BIN)/pytest -n auto --dist loadfile
 
 lint: venv  ## ruff, mypy --strict, import contracts
 	$(BIN)/ruff format --check .
@@ -41,7 +44,17 @@ format: venv  ## put the code into its form
 schemas: venv  ## write the message reference and JSON Schemas from protocol/messages.py
 	$(BIN)/python docs/generate_messages.py
 
-bench: venv system  ## the figures of docs/performance.md; takes minutes
+$(PEERS)/.ready: benchmarks/peers.txt requirements.lock $(STAMP)
+	-@sh deploy/debian-packages.sh pykdl
+	$(BIN)/python -m venv $(PEERS)
+	$(PEERS)/bin/pip install --quiet --constraint requirements.lock --requirement benchmarks/peers.txt
+	-ln -sf /usr/lib/python3/dist-packages/PyKDL.*.so $(PEERS)/lib/python3.*/site-packages/
+	touch $@
+
+bench-kernel: $(PEERS)/.ready  ## the kernel beside other libraries; takes a minute
+	OPENBLAS_NUM_THREADS=1 $(PEERS)/bin/python -m benchmarks.kinematics $(FIGURES)/kinematics.json
+
+bench: venv system bench-kernel  ## the figures of docs/performance.md; takes minutes
 	$(BIN)/python -m benchmarks
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.effects
 

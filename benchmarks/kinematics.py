@@ -1,35 +1,35 @@
-"""The kernel beside NumPy: every variant in turn, round after round, in one run.
+"""`python -m benchmarks.kinematics [FILE]`: the kernel beside NumPy and others.
 
-Times of a busy machine are worth little; the ratio of two that were taken one right
-after the other is worth more, so the medians of such ratios are printed, too.
+All compute the same arm, of seven joints without any symmetry, and are compared before
+they are timed. Peers are given turns, alpha - alpha0; Traverse subtracts by itself.
 """
 
-import json
-import os
 import sys
-import time
-from collections.abc import Callable
+from collections.abc import Iterator
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
+from benchmarks.peers.installed import check_agreement, installed_peers
+from benchmarks.peers.peer import Floats, Peer
+from benchmarks.rounds import Table, Task, load, one_core, timed, write
 from kinematics.derivatives import numpy_derivatives
-from kinematics.forward import numpy_pose
+from kinematics.forward import numpy_centre, numpy_pose
 from kinematics.geometry import Geometry, unit_vectors
 from kinematics.kernel.choice import KERNELS
 from kinematics.kernel.single_pose import PlainChain
 
 try:
     from kinematics.kernel.compiled import Chain
-except ImportError:
-    sys.exit("the kernel in C is not built, so there is nothing to compare")
+except ImportError:  # not built, and KERNELS has only NumPy then
+    Chain = None
 
 N_SAMPLES = 100_000
 # So many that their derivatives stay in the cache.
 N_DERIVED = 1024
-N_SINGLE = 1000
-ROUNDS = 25
-Task = Callable[[], object]
+STEP = 1e-6
+COMPILED = KERNELS[1:]
 
 
 def arm(n_joints: int = 7) -> Geometry:
@@ -45,70 +45,137 @@ def arm(n_joints: int = 7) -> Geometry:
     )
 
 
-def tasks() -> dict[str, tuple[int, dict[str, Task]]]:
-    """What is measured: how many poses each task computes, and who computes them."""
+def single(geometry: Geometry, angles_rad: Floats, peers: list[Peer]) -> list[Task]:
+    """One pose, from Python."""
+    one_rad = angles_rad[0].tolist()
+    turns_rad = angles_rad[0] - geometry.zeros_rad
+    tasks = [
+        Task("numpy", partial(numpy_pose, geometry, angles_rad[:1])),
+        Task("plain floats", partial(PlainChain(geometry).pose, one_rad)),
+    ]
+    for name in COMPILED:
+        chain = Chain(geometry, name)
+        tasks.append(Task(f"{name}, centre", partial(chain.centre, one_rad)))
+        tasks.append(Task(f"{name}, pose", partial(chain.pose, one_rad)))
+    for peer in peers:
+        if peer.one is not None:
+            row = turns_rad.tolist() if peer.takes_list else turns_rad
+            tasks.append(Task(peer.name, partial(peer.one, row), is_peer=True))
+    return tasks
+
+
+def batch(geometry: Geometry, angles_rad: Floats, peers: list[Peer]) -> list[Task]:
+    """Many poses."""
+    n = len(angles_rad)
+    centres_mm, directions = np.empty((n, 3)), np.empty((n, 3))
+    turns_rad = angles_rad - geometry.zeros_rad
+    tasks = [
+        Task("numpy, centre", partial(numpy_centre, geometry, angles_rad), n),
+        Task("numpy, pose", partial(numpy_pose, geometry, angles_rad), n),
+    ]
+    for name in COMPILED:
+        chain = Chain(geometry, name)
+        centre = partial(chain.centres, angles_rad, out=centres_mm)
+        pose = partial(chain.poses, angles_rad, centres_mm, directions)
+        tasks += [Task(f"{name}, centre", centre, n), Task(f"{name}, pose", pose, n)]
+    for peer in peers:
+        if peer.batch is not None:
+            call = partial(peer.batch, turns_rad)
+            tasks.append(Task(peer.name, call, n, is_peer=True))
+    return tasks
+
+
+def jacobian(geometry: Geometry, angles_rad: Floats, peers: list[Peer]) -> list[Task]:
+    """Centres and derivatives by all angles, axes and links."""
+    n = len(angles_rad)
+    tasks = [Task("numpy", partial(numpy_derivatives, geometry, angles_rad), n)]
+    out = numpy_derivatives(geometry, angles_rad)
+    places = (out.centres_mm, out.by_angles, out.by_axes, out.by_links)
+    for name in COMPILED:
+        chain = Chain(geometry, name)
+        tasks.append(Task(name, partial(chain.derivatives, angles_rad, out=places), n))
+    differences = Differences(geometry, COMPILED[-1], angles_rad)
+    tasks.append(Task("differences", differences.compute, n, is_peer=True))
+    for peer in peers:
+        if peer.derivatives is not None:
+            call = partial(peer.derivatives, angles_rad - geometry.zeros_rad)
+            tasks.append(Task(f"{peer.name}, angles only", call, n))
+    return tasks
+
+
+class Differences:
+    """The same derivatives by forward differences over the same kernel."""
+
+    def __init__(self, geometry: Geometry, variant: str, angles_rad: Floats) -> None:
+        self._chains = [Chain(one, variant) for one in _changed(geometry)]
+        self._nominal = Chain(geometry, variant)
+        self._angles_rad = angles_rad
+        n_joints = geometry.n_joints
+        self._changed_rad = [
+            angles_rad + STEP * np.eye(n_joints)[k] for k in range(n_joints)
+        ]
+        n_columns = n_joints + len(self._chains)
+        self.found = np.empty((n_columns, len(angles_rad), 3))
+
+    def compute(self) -> Floats:
+        """One evaluation a parameter and one more: (n_parameters, n_samples, 3)."""
+        found, nominal = self.found, self._nominal
+        centres_mm = nominal.centres(self._angles_rad)
+        columns = iter(found)
+        for angles_rad in self._changed_rad:
+            nominal.centres(angles_rad, out=next(columns))
+        for chain in self._chains:
+            chain.centres(self._angles_rad, out=next(columns))
+        found -= centres_mm
+        found /= STEP
+        return found
+
+
+def _changed(geometry: Geometry) -> Iterator[Geometry]:
+    """The arm with every component of an axis and then of a link a little larger."""
+    fields = {name: getattr(geometry, name) for name in Geometry.__dataclass_fields__}
+    for name in ("axes", "links_mm"):
+        for place in np.ndindex(geometry.n_joints, 3):
+            values = fields[name].copy()
+            values[place] += STEP
+            if name == "axes":
+                values = unit_vectors(values)
+            yield Geometry(**{**fields, name: values})
+
+
+def tables(
+    n_samples: int = N_SAMPLES, n_derived: int = N_DERIVED, rounds: int = 25
+) -> Iterator[Table]:
+    """Compare with the peers that there are, then time everything."""
     geometry = arm()
-    angles_rad = np.random.default_rng(2).uniform(-3, 3, (N_SAMPLES, 7))
-    some_rad, one_rad = angles_rad[:N_DERIVED], angles_rad[0].tolist()
-    chains = {name: Chain(geometry, name) for name in KERNELS[1:]}
-    centres_mm, directions = np.empty((N_SAMPLES, 3)), np.empty((N_SAMPLES, 3))
-    derived = next(iter(chains.values())).derivatives(some_rad)
-    centres: dict[str, Task] = {}
-    poses: dict[str, Task] = {"numpy": partial(numpy_pose, geometry, angles_rad)}
-    jacobians: dict[str, Task] = {
-        "numpy": partial(numpy_derivatives, geometry, some_rad)
-    }
-    single: dict[str, Task] = {
-        "numpy": partial(numpy_pose, geometry, angles_rad[:1]),
-        "plain floats": partial(PlainChain(geometry).pose, one_rad),
-    }
-    for name, chain in chains.items():
-        centres[name] = partial(chain.centres, angles_rad, out=centres_mm)
-        poses[name] = partial(chain.poses, angles_rad, centres_mm, directions)
-        jacobians[name] = partial(chain.derivatives, some_rad, out=derived)
-        single[f"{name}, centre"] = partial(chain.centre, one_rad)
-        single[f"{name}, pose"] = partial(chain.pose, one_rad)
-    return {
-        f"centre, batch of {N_SAMPLES}": (N_SAMPLES, centres),
-        f"pose, batch of {N_SAMPLES}": (N_SAMPLES, poses),
-        f"centre and all derivatives, batch of {N_DERIVED}": (N_DERIVED, jacobians),
-        "one pose from Python": (1, single),
-    }
+    angles_rad = np.random.default_rng(2).uniform(-3, 3, (n_samples, 7))
+    peers, missing = installed_peers(geometry)
+    for peer in peers:
+        largest_mm = check_agreement(geometry, peer, angles_rad[:100])
+        print(f"{peer.name} {peer.version} agrees within {largest_mm:.1e} mm")
+    if missing:
+        print(f"not installed here: {', '.join(missing)}")
+    yield timed("one pose, from Python", single(geometry, angles_rad, peers), rounds)
+    many = batch(geometry, angles_rad, peers)
+    yield timed(f"batch of {n_samples} poses", many, rounds)
+    derived = jacobian(geometry, angles_rad[:n_derived], peers)
+    yield timed(f"centre and all derivatives, {n_derived} poses", derived, rounds)
 
 
-def times_ns(n_poses: int, who: dict[str, Task]) -> dict[str, list[float]]:
-    """Time all in turn, round after round: ns a pose."""
-    repeats = range(N_SINGLE if n_poses == 1 else 1)
-    found: dict[str, list[float]] = {name: [] for name in who}
-    for _ in range(ROUNDS):
-        for name, task in who.items():
-            begun_s = time.perf_counter()
-            for _ in repeats:
-                task()
-            taken_s = time.perf_counter() - begun_s
-            found[name].append(1e9 * taken_s / (n_poses * len(repeats)))
-    return found
-
-
-def main() -> None:
-    """Print the figures, and as JSON as the last line."""
-    print(f"load of the machine: {os.getloadavg()[0]:.2f}, cores: {os.cpu_count()}")
-    report: dict[str, dict[str, dict[str, float]]] = {}
-    for what, (n_poses, who) in tasks().items():
-        print(what)
-        times = times_ns(n_poses, who)
-        first = next(iter(times))
-        report[what] = {}
-        for name, taken in times.items():
-            low, median, high = np.percentile(taken, (10, 50, 90))
-            ratio = float(np.median(np.divide(times[first], taken)))
-            print(
-                f"  {name:18} {median:9.1f} ns ({low:.1f} to {high:.1f}), least "
-                f"{min(taken):.1f}; {ratio:6.2f} times {first}"
-            )
-            report[what][name] = {"median_ns": median, "ratio": ratio}
-    print(json.dumps(report))
+def main(path: Path | None) -> None:
+    """Print the tables, and keep them in a file where one is named."""
+    if not COMPILED:
+        sys.exit("the kernel in C is not built, so there is nothing to compare")
+    one_core()
+    print(load())
+    found = []
+    for table in tables():
+        print("\n".join(table.lines()), flush=True)
+        found.append(table)
+    print(load())
+    if path is not None:
+        write(found, path)
 
 
 if __name__ == "__main__":
-    main()
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else None)

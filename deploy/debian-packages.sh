@@ -1,10 +1,11 @@
 #!/bin/sh
 # Installs the Debian packages that a target needs, or says which are missing.
-# Usage: debian-packages.sh python | mosquitto
+# Usage: debian-packages.sh python | mosquitto | pykdl
 set -eu
 case "$1" in
     python) python3 -c 'import ensurepip, venv' 2>/dev/null && exit 0; packages="python3-venv" ;;
     mosquitto) PATH="$PATH:/usr/sbin"; command -v mosquitto >/dev/null && exit 0; packages="mosquitto" ;;
+    pykdl) ls /usr/lib/python3/dist-packages/PyKDL.*.so >/dev/null 2>&1 && exit 0; packages="python3-pykdl" ;;
     *) echo "debian-packages.sh: unknown group '$1'" >&2; exit 2 ;;
 esac
 if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then

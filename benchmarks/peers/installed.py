@@ -1,0 +1,66 @@
+"""Which peers are there, and whether they compute the same."""
+
+from importlib import import_module
+
+import numpy as np
+
+from benchmarks.peers.peer import Floats, Peer
+from kinematics.derivatives import numpy_derivatives
+from kinematics.forward import numpy_centre
+from kinematics.geometry import Geometry
+
+MODULES = (
+    "pinocchio_chain",
+    "mujoco_bodies",
+    "pykdl_chain",
+    "roboticstoolbox_ets",
+    "ikpy_chain",
+    "jax_arrays",
+    "scipy_rotations",
+)
+AGREEMENT_MM = 1e-9
+
+
+def installed_peers(geometry: Geometry) -> tuple[list[Peer], list[str]]:
+    """Make the peers that are installed ready; also the names of those that are not."""
+    found, missing = [], []
+    for name in MODULES:
+        try:
+            module = import_module(f"benchmarks.peers.{name}")
+        except ImportError:
+            missing.append(name)
+        else:
+            found.append(module.peer(geometry))
+    return found, missing
+
+
+def check_agreement(geometry: Geometry, peer: Peer, angles_rad: Floats) -> float:
+    """The largest difference from the definition [mm].
+
+    Args:
+        geometry: the arm.
+        peer: made ready for it.
+        angles_rad: readings, (n_samples, n_joints).
+
+    Raises:
+        ValueError: the peer computes something else, so its time would say nothing.
+    """
+    turns_rad = angles_rad - geometry.zeros_rad
+    differences = []
+    expected_mm = numpy_centre(geometry, angles_rad)
+    if peer.one is not None:
+        rows = (r.tolist() if peer.takes_list else r for r in turns_rad)
+        centres_mm = [[peer.one(row)[c] for c in range(3)] for row in rows]
+        differences.append(centres_mm - expected_mm)
+    if peer.batch is not None:
+        differences.append(peer.batch(turns_rad) - expected_mm)
+    if peer.derivatives is not None:
+        by_angles = numpy_derivatives(geometry, angles_rad).by_angles
+        differences.append(peer.derivatives(turns_rad) - by_angles)
+    largest_mm = max(float(np.abs(one).max()) for one in differences)
+    if not largest_mm <= AGREEMENT_MM:
+        raise ValueError(
+            f"{peer.name} {peer.version} is {largest_mm:g} mm off the definition, "
+            f"expected at most {AGREEMENT_MM:g}: it computes another arm"
+        )
+    return largest_mm

@@ -1,0 +1,45 @@
+"""What a peer offers to be compared with, and the arm as all of them take it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.geometry import Geometry
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Peer:
+    """Another library, made ready for one arm.
+
+    Attributes:
+        one: turns of one sample, alpha - alpha0, (n_joints,), to the ball's centre in
+            whatever form the library has it.
+        batch: turns (n_samples, n_joints) to centres (n_samples, 3).
+        derivatives: turns to the derivatives by angles, (n_samples, 3, n_joints).
+        takes_list: `one` is quickest with a list of floats.
+        keeps: what must live as long as the peer.
+    """
+
+    name: str
+    version: str
+    one: Callable[[Any], Any] | None = None
+    batch: Callable[[Floats], Floats] | None = None
+    derivatives: Callable[[Floats], Floats] | None = None
+    takes_list: bool = False
+    keeps: object = None
+
+
+def offsets_mm(geometry: Geometry) -> Floats:
+    """Where each frame lies from the one before, the ball last: (n_joints + 1, 3).
+
+    All frames are parallel to the base's in the base posture, so a joint's frame lies
+    r_k from the one before and turns about u_k by alpha_k - alpha0_k.
+    """
+    steps_mm = np.vstack([geometry.origin_mm, geometry.links_mm])
+    steps_mm[-1] += geometry.probe_vector_mm
+    return steps_mm
