@@ -12,11 +12,15 @@ class Clock(Protocol):
 
 
 class MonotonicClock:
-    """The host's monotonic clock, from 0 at its making."""
+    """The host's monotonic clock, from 0 at its making.
+
+    Attributes:
+        origin_ns: The host's monotonic clock at 0.
+    """
 
     def __init__(self) -> None:
-        self._origin_ns = time.monotonic_ns()
+        self.origin_ns = time.monotonic_ns()
 
     def now_s(self) -> float:
         """The time."""
-        return 1e-9 * (time.monotonic_ns() - self._origin_ns)
+        return 1e-9 * (time.monotonic_ns() - self.origin_ns)

@@ -7,6 +7,7 @@ from pydantic import AwareDatetime, Field
 
 from kinematics.arm_file import Problem, StrictModel
 from simulator.climate import ClimateTable
+from simulator.devices.table import AnyDevice
 from simulator.faults import AnyFault
 from simulator.motions import AnyMotion
 
@@ -27,21 +28,6 @@ class ArmTable(StrictModel):
     deviations: DeviationTable = DeviationTable()
     turn_limits_rad: tuple[tuple[float, float], ...] | None = None
     noise_rad: float = Field(default=0.0, ge=0.0)
-
-
-class DeviceTable(StrictModel):
-    """A controller board on a pty."""
-
-    id: str = Field(min_length=1)
-    port: str = Field(min_length=1)
-    tick_rate_hz: int = Field(default=1_000_000, ge=100_000, le=100_000_000)
-    max_rate_hz: float = Field(default=10_000.0, gt=0.0, le=10_000.0)
-    clock_error_ppm: float = Field(default=0.0, ge=-1000.0, le=1000.0)
-    first_ticks: int = Field(default=0, ge=0, le=2**32 - 1)
-    encoder_turns: int = Field(default=1, ge=1)
-    inputs: tuple[Literal["button", "switch"], ...] = ("button", "switch")
-    temperatures_c: tuple[float, ...] = Field(default=(20.0,), max_length=16)
-    transmit_buffer_bytes: int = Field(default=65_536, ge=1024, le=16_777_216)
 
 
 class OperatorTable(StrictModel):
@@ -68,10 +54,11 @@ class SimulatorConfig(StrictModel):
     repeat: bool = False
     exit_at_end: bool = False
     truth_log: str | None = None
+    truth_readings: bool = False
     arm: ArmTable
     climate: ClimateTable = ClimateTable()
     operator: OperatorTable = OperatorTable()
-    device: tuple[DeviceTable, ...]
+    device: tuple[AnyDevice, ...]
     motion: tuple[AnyMotion, ...]
     fault: tuple[AnyFault, ...] = ()
 
@@ -81,21 +68,7 @@ def config_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
     for key in ("device", "motion"):
         if raw.get(key) == []:
             yield Problem(key, "is empty; at least one is needed")
-    devices = _tables(raw, "device")
-    for key in ("id", "port"):
-        seen: set[str] = set()
-        for number, device in enumerate(devices):
-            name = str(device.get(key))
-            if key in device and name in seen:
-                where = f"device[{number}].{key}"
-                yield Problem(where, f"'{name}' is used twice; each needs its own")
-            seen.add(name)
-    ids = {str(device.get("id")) for device in devices}
-    for number, fault in enumerate(_tables(raw, "fault")):
-        named = fault.get("device")
-        if isinstance(named, str) and named not in ids:
-            where = f"fault[{number}].device"
-            yield Problem(where, f"no device '{named}'; there are {sorted(ids)}")
+    yield from _device_problems(raw)
     motions = _tables(raw, "motion")
     for number, motion in enumerate(motions):
         kind = motion.get("kind")
@@ -107,6 +80,26 @@ def config_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
         yield Problem("arm.deviations", "true_file says the truth; remove one of them")
     if raw.get("repeat") is True and raw.get("exit_at_end") is True:
         yield Problem("exit_at_end", "a script that repeats has no end; remove one")
+
+
+def _device_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
+    """Find names that are used twice, and faults of devices that are not there."""
+    devices = _tables(raw, "device")
+    for keys in (("id",), ("port", "ports")):
+        seen: set[str] = set()
+        for number, key in ((n, k) for n in range(len(devices)) for k in keys):
+            given = devices[number].get(key, [])
+            for name in map(str, given if isinstance(given, list) else [given]):
+                if name in seen:
+                    message = f"'{name}' is used twice; each needs its own"
+                    yield Problem(f"device[{number}].{key}", message)
+                seen.add(name)
+    ids = {str(device.get("id")) for device in devices}
+    for number, fault in enumerate(_tables(raw, "fault")):
+        named = fault.get("device")
+        if isinstance(named, str) and named not in ids:
+            where = f"fault[{number}].device"
+            yield Problem(where, f"no device '{named}'; there are {sorted(ids)}")
 
 
 def _tables(raw: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:

@@ -1,7 +1,7 @@
 """Faults on request: of the line, of an encoder, of the whole board."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Annotated
 
@@ -52,10 +52,20 @@ class UnknownFault(Fault):
 
 
 class LineFault(Fault):
-    """Frames that are lost, corrupted, repeated, or have garbage before them."""
+    """Frames that are lost, corrupted, repeated, or have garbage before them.
+
+    With `channel` only what one encoder says, where each speaks for itself.
+    """
 
     probability: float = Field(gt=0.0, le=1.0)
     seed: int = Field(default=0, ge=0)
+    channel: int | None = Field(default=None, ge=0)
+
+
+class LateFault(LineFault):
+    """Answers that come late."""
+
+    delay_s: float = Field(gt=0.0)
 
 
 class EncoderFault(Fault):
@@ -71,16 +81,46 @@ class JumpFault(EncoderFault):
 
 
 class StatusFault(EncoderFault):
-    """An encoder that says that its count is not valid."""
+    """An encoder that says that its count is not valid, or not good.
 
+    `bits` are those of the board's status: 1 error, 2 warning.
+    """
+
+    bits: int = Field(default=1, ge=1, le=0xFF)
     code: int = Field(default=2, ge=1, le=0xFFFF)
     value: int = Field(default=0, ge=-(2**31), le=2**31 - 1)
 
 
 class BoardFault(Fault):
-    """A board that goes away or says nothing for a time."""
+    """A device that goes away for a time."""
 
     duration_s: float = Field(gt=0.0)
+
+
+class SpeakerFault(BoardFault):
+    """A device, or one encoder where each speaks for itself, that says nothing.
+
+    After `silent` it goes on as before, after `reset` it has lost power.
+    """
+
+    channel: int | None = Field(default=None, ge=0)
+
+
+class EmcyFault(Fault):
+    """An emergency message of an encoder; the error ends with the fault.
+
+    Attributes:
+        code: Emergency error code.
+        error_register: Object 1001.
+        alarms: Bits of CiA 406 that are set meanwhile.
+        warnings: The same of the warnings.
+    """
+
+    channel: int = Field(ge=0)
+    code: int = Field(default=0x1000, ge=1, le=0xFFFF)
+    error_register: int = Field(default=1, ge=0, le=0xFF)
+    alarms: int = Field(default=1, ge=0, le=0xFFFF)
+    warnings: int = Field(default=0, ge=0, le=0xFFFF)
 
 
 FAULTS: dict[str, type[Fault]] = {
@@ -88,11 +128,15 @@ FAULTS: dict[str, type[Fault]] = {
     "corrupted": LineFault,
     "repeated": LineFault,
     "garbage": LineFault,
+    "check": LineFault,
+    "late": LateFault,
     "stuck": EncoderFault,
     "jump": JumpFault,
     "status": StatusFault,
     "gone": BoardFault,
-    "silent": BoardFault,
+    "silent": SpeakerFault,
+    "reset": SpeakerFault,
+    "emcy": EmcyFault,
 }
 
 
@@ -108,6 +152,10 @@ def fault_from_table(table: object) -> Fault:
 AnyFault = Annotated[SerializeAsAny[Fault], BeforeValidator(fault_from_table)]
 
 
+SPEECHLESS = frozenset({"silent", "reset"})
+ON_THE_WIRE = frozenset({"lost", "corrupted", "repeated", "garbage"})
+
+
 @dataclass(slots=True)
 class FaultCounts:
     """How often the line was disturbed."""
@@ -117,6 +165,8 @@ class FaultCounts:
     repeated: int = 0
     garbage: int = 0
     silenced: int = 0
+    check: int = 0
+    late: int = 0
 
 
 @dataclass(slots=True)
@@ -139,16 +189,55 @@ class DisturbedLine:
             for number, fault in enumerate(self.faults)
         ]
 
-    def disturb(self, frame: bytes, script_s: float) -> bytes:
-        """Give the bytes that go out for a frame; none if it is lost."""
-        for fault, draw in zip(self.faults, self._draws, strict=True):
-            if fault.lasts(script_s):
-                if fault.kind == "silent":
-                    self.counts.silenced += 1
-                    return b""
-                if isinstance(fault, LineFault) and draw.random() < fault.probability:
-                    frame = self._strike(fault.kind, frame, draw)
+    def disturb(
+        self, frame: bytes, script_s: float, channel: int | None = None
+    ) -> bytes:
+        """Give the bytes that go out for a frame; none if it is lost.
+
+        Args:
+            frame: As it should be.
+            script_s: When.
+            channel: Whose word it is, None for the whole device's.
+        """
+        for number, fault in self._lasting(script_s, channel):
+            if fault.kind in SPEECHLESS:
+                self.counts.silenced += 1
+                return b""
+            if fault.kind in ON_THE_WIRE and self._draw(number):
+                frame = self._strike(fault.kind, frame, self._draws[number])
         return frame
+
+    def delay_s(self, script_s: float, channel: int | None = None) -> float:
+        """By how much an answer comes late."""
+        late_s = 0.0
+        for number, fault in self._lasting(script_s, channel):
+            if isinstance(fault, LateFault) and self._draw(number):
+                self.counts.late += 1
+                late_s += fault.delay_s
+        return late_s
+
+    def spoils_check(self, script_s: float, channel: int | None = None) -> bool:
+        """Whether the check bits of an answer are wrong."""
+        struck = [
+            self._draw(number)
+            for number, fault in self._lasting(script_s, channel)
+            if fault.kind == "check"
+        ]
+        self.counts.check += any(struck)
+        return any(struck)
+
+    def _lasting(
+        self, script_s: float, channel: int | None
+    ) -> Iterator[tuple[int, Fault]]:
+        for number, fault in enumerate(self.faults):
+            its_channel = getattr(fault, "channel", None)
+            if fault.lasts(script_s) and its_channel in {None, channel}:
+                yield number, fault
+
+    def _draw(self, number: int) -> bool:
+        fault = self.faults[number]
+        struck = self._draws[number].random() < getattr(fault, "probability", 1.0)
+        return bool(struck)
 
     def _strike(self, kind: str, frame: bytes, draw: np.random.Generator) -> bytes:
         setattr(self.counts, kind, getattr(self.counts, kind) + 1)
@@ -165,6 +254,12 @@ class DisturbedLine:
         return bytes(struck)
 
 
-def of_device(faults: Iterable[Fault], device: str) -> tuple[Fault, ...]:
-    """Pick the faults that concern a device."""
-    return tuple(fault for fault in faults if fault.device in {None, device})
+def of_device(
+    faults: Iterable[Fault], device: str, played: frozenset[str]
+) -> tuple[Fault, ...]:
+    """Pick the faults that concern a device and are of the kinds that it plays."""
+    return tuple(
+        fault
+        for fault in faults
+        if fault.device in {None, device} and fault.kind in played
+    )

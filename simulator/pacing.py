@@ -4,19 +4,18 @@ import select
 from collections.abc import Callable, Sequence
 
 from simulator.clock import Clock
-from simulator.device import Device
+from simulator.devices.device import SimulatedDevice
 from simulator.wiring import ScriptClock
 
 BLOCK_S = 0.002  # samples of so long are computed and sent together
-IDLE_S = 0.020  # at least so often the ports are looked at
+IDLE_S = 0.020  # at least so often everything is looked at
 FAST_STEP_S = 0.020
 LINGER_S = 0.5  # at the end of a script: the last edges get their acknowledgement
-MOST_EDGES_AHEAD = 4  # unacknowledged, before fast time waits for the host
 PATIENCE_S = 0.5  # and so long it waits
 
 
 def live_real(
-    devices: Sequence[Device],
+    devices: Sequence[SimulatedDevice],
     clock: Clock,
     script: ScriptClock,
     end_s: float | None,
@@ -42,7 +41,7 @@ def live_real(
 
 
 def live_fast(
-    devices: Sequence[Device],
+    devices: Sequence[SimulatedDevice],
     clock: Clock,
     script: ScriptClock,
     end_s: float | None,
@@ -59,26 +58,16 @@ def live_fast(
         if _over(script, end_s, now_s):
             return
         real_s = clock.now_s()
-        open_devices = [device for device in devices if device.port is not None]
-        if not any(device.board.streaming for device in open_devices):
+        if not any(device.streaming for device in devices):
             now_s += real_s - last_s
             moved_s = real_s
             _wait(devices, IDLE_S)
-        elif _ahead(open_devices) and real_s - moved_s < PATIENCE_S:
+        elif any(device.ahead for device in devices) and real_s - moved_s < PATIENCE_S:
             _wait(devices, IDLE_S)
         else:
             now_s += FAST_STEP_S
             moved_s = real_s
         last_s = real_s
-
-
-def _ahead(devices: Sequence[Device]) -> bool:
-    """Whether the host is still busy with what it was sent."""
-    return any(
-        (device.port is not None and device.port.backlog)
-        or len(device.board.edges) > MOST_EDGES_AHEAD
-        for device in devices
-    )
 
 
 def _over(script: ScriptClock, end_s: float | None, now_s: float) -> bool:
@@ -87,9 +76,8 @@ def _over(script: ScriptClock, end_s: float | None, now_s: float) -> bool:
     return script.script_s(now_s) > end_s + LINGER_S
 
 
-def _wait(devices: Sequence[Device], timeout_s: float) -> None:
+def _wait(devices: Sequence[SimulatedDevice], timeout_s: float) -> None:
     """Sleep until a host writes or can read on, at most for a time."""
-    ports = [device.port for device in devices if device.port and device.port.held]
-    readers = [port.descriptor for port in ports]
-    writers = [port.descriptor for port in ports if port.backlog]
+    readers = [number for device in devices for number in device.readers()]
+    writers = [number for device in devices for number in device.writers()]
     select.select(readers, writers, [], max(0.0, timeout_s))

@@ -37,6 +37,11 @@ class PtyPort:
             os.close(other)
         self._poll = select.poll()
         self._poll.register(self.descriptor, select.POLLIN)
+        # While no host holds the other end the descriptor is always ready, to tell of
+        # the hang-up; this one becomes ready when a new host writes.
+        self._changes = select.epoll()
+        self._changes.register(self.descriptor, select.EPOLLIN | select.EPOLLET)
+        self._changes.poll(0)
 
     def close(self) -> None:
         """Take the port away, symlink first."""
@@ -44,6 +49,7 @@ class PtyPort:
             return
         if self.path.is_symlink() and str(self.path.readlink()) == self._target:
             self.path.unlink()
+        self._changes.close()
         os.close(self.descriptor)
         self.descriptor = -1
 
@@ -57,8 +63,14 @@ class PtyPort:
         """A host holds the other end, as far as was last seen."""
         return self._held
 
+    @property
+    def wake_descriptor(self) -> int:
+        """What to wait for until the host writes, goes, or comes and writes."""
+        return self.descriptor if self._held else self._changes.fileno()
+
     def host_changed(self) -> bool:
         """Look whether a host took or let go of the other end."""
+        self._changes.poll(0)
         state = self._poll.poll(0)
         held = not any(flags & select.POLLHUP for _, flags in state)
         changed, self._held = held != self._held, held

@@ -11,12 +11,10 @@ from types import FrameType
 from kinematics.arm_file import FileError, Problem, read_strict
 from simulator.clock import MonotonicClock
 from simulator.config import SimulatorConfig, config_problems
-from simulator.device import Device
-from simulator.edges import LatchedEdge
+from simulator.devices.device import Mounting, make_device
 from simulator.faults import of_device
 from simulator.motions import Replay
 from simulator.pacing import live_fast, live_real
-from simulator.script import ScriptEvent
 from simulator.truth_log import TruthLog
 from simulator.virtual_arm import build_arm, build_course, build_script, build_sources
 from simulator.wiring import ScriptClock
@@ -46,43 +44,45 @@ def _run(path: Path) -> int:
     sources = build_sources(config, arm, course, folder)
     clock = ScriptClock(0.0 if config.start == "power_up" else None)
     log_path = None if config.truth_log is None else folder / config.truth_log
+    fast = config.clock == "fast"
+    host_clock = MonotonicClock()
     with ExitStack() as life:
         stopped = life.enter_context(_signals())
-        log = life.enter_context(TruthLog(log_path, course))
-
-        def note(
-            device: str, seq: int, edge: LatchedEdge, event: ScriptEvent | None
-        ) -> None:
-            script_s = clock.script_s(edge.time_s)
-            log.edge(device, seq, edge, event=event, script_s=script_s)
-
+        log = life.enter_context(
+            TruthLog(
+                log_path,
+                course,
+                clock,
+                origin_ns=None if fast else host_clock.origin_ns,
+                readings=config.truth_readings,
+            )
+        )
         devices = []
-        for number, (table, encoders, source) in enumerate(
-            zip(config.device, arm.encoders, sources, strict=True)
-        ):
+        for number, table in enumerate(config.device):
+            mounting = Mounting(
+                folder,
+                arm.encoders[number],
+                sources[number],
+                script,
+                clock,
+                of_device(config.fault, table.id, table.FAULTS),
+                (config.seed, number),
+                log,
+                config.climate,
+            )
             try:
-                device = Device(
-                    table,
-                    folder / table.port,
-                    encoders=encoders,
-                    source=source,
-                    script=script,
-                    clock=clock,
-                    faults=of_device(config.fault, table.id),
-                    seed=(config.seed, number),
-                    on_edge=note,
-                    climate=config.climate,
-                )
+                device = make_device(table, mounting)
             except OSError as error:
-                where = f"device[{number}].port"
+                key = next((k for k in ("port", "ports") if hasattr(table, k)), "id")
+                where = f"device[{number}].{key}"
                 raise FileError(str(path), [Problem(where, str(error))]) from error
             life.callback(device.close)
             devices.append(device)
         for device in devices:
-            print(f"ready {device.id} {device.path}", flush=True)  # noqa: T201 - parents wait for this line
+            print(f"ready {device.id} {device.where}", flush=True)  # noqa: T201 - parents wait for this line
         end_s = script.duration_s if config.exit_at_end else None
-        pace = live_fast if config.clock == "fast" else live_real
-        pace(devices, MonotonicClock(), clock, end_s, stopped.is_set)
+        pace = live_fast if fast else live_real
+        pace(devices, host_clock, clock, end_s, stopped.is_set)
         log.summary({device.id: device.totals() for device in devices})
     return DONE
 

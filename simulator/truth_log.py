@@ -1,4 +1,4 @@
-"""The truth as JSON lines: one per input edge, one summary at the end."""
+"""The truth as JSON lines: input edges, readings, one summary at the end."""
 
 import json
 from collections.abc import Mapping
@@ -11,19 +11,38 @@ import numpy as np
 from simulator.course import Course
 from simulator.edges import LatchedEdge
 from simulator.script import ScriptEvent
+from simulator.wiring import ScriptClock
+
+READINGS_TOGETHER = 64  # that are worked out and written at a time
 
 
 class TruthLog:
-    """Writes what really was; lines are flushed as they come.
+    """Writes what really was; edges are flushed as they come.
 
     Args:
         path: Of the file, None to write nothing.
         course: Of the true arm; None in a replay.
+        clock: When the script began.
+        origin_ns: The host's monotonic clock at time 0 of the simulation; None where
+            that has a time of its own.
+        readings: Write each reading of an encoder that is asked by itself.
     """
 
-    def __init__(self, path: Path | None, course: Course | None) -> None:
+    def __init__(
+        self,
+        path: Path | None,
+        course: Course | None,
+        clock: ScriptClock,
+        *,
+        origin_ns: int | None = None,
+        readings: bool = False,
+    ) -> None:
         self._course = course
+        self._clock = clock
+        self._origin_ns = origin_ns
         self._file = None if path is None else path.open("w", encoding="utf-8")
+        self._takes_readings = readings and path is not None
+        self._readings: list[dict[str, Any]] = []
 
     def __enter__(self) -> Self:
         return self
@@ -35,20 +54,17 @@ class TruthLog:
         trace: TracebackType | None,
     ) -> None:
         if self._file is not None:
+            self._write_readings()
             self._file.close()
 
     def edge(
-        self,
-        device: str,
-        seq: int,
-        edge: LatchedEdge,
-        *,
-        event: ScriptEvent | None,
-        script_s: float,
+        self, device: str, seq: int, edge: LatchedEdge, event: ScriptEvent | None
     ) -> None:
         """Write an edge."""
         if self._file is None:
             return
+        self._write_readings()
+        script_s = self._clock.script_s(edge.time_s)
         line: dict[str, Any] = {
             "event": "edge",
             "device": device,
@@ -79,9 +95,44 @@ class TruthLog:
             }
         self._write(line)
 
+    def reading(
+        self, device: str, channel: int, time_s: float, count: int, status: int
+    ) -> None:
+        """Note a reading; it is written together with others."""
+        if not self._takes_readings:
+            return
+        line = {
+            "event": "reading",
+            "device": device,
+            "channel": channel,
+            "time_s": time_s,
+            "script_s": self._clock.script_s(time_s),
+            "monotonic_ns": None,
+            "count": count,
+            "status": status,
+            "angles_rad": None,
+        }
+        if self._origin_ns is not None:
+            line["monotonic_ns"] = self._origin_ns + round(1e9 * time_s)
+        self._readings.append(line)
+        if len(self._readings) >= READINGS_TOGETHER:
+            self._write_readings()
+
     def summary(self, totals: Mapping[str, Any]) -> None:
         """Write the last line."""
+        self._write_readings()
         self._write({"event": "summary", **totals})
+
+    def _write_readings(self) -> None:
+        if self._readings and self._course is not None:
+            at_s = np.array([line["script_s"] for line in self._readings])
+            for line, angles in zip(
+                self._readings, self._course.readings_rad(at_s), strict=True
+            ):
+                line["angles_rad"] = angles.tolist()
+        for line in self._readings:
+            self._write(line)
+        self._readings.clear()
 
     def _write(self, line: Mapping[str, Any]) -> None:
         if self._file is not None:

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from kinematics.arm_file import Arm, FileError, Problem, read_arm
-from simulator.config import DeviceTable, SimulatorConfig
+from simulator.config import SimulatorConfig
 from simulator.course import Course
+from simulator.devices.table import DeviceTable
 from simulator.effects import (
     FaultyArm,
     effect_problems,
@@ -18,6 +19,7 @@ from simulator.effects import (
 )
 from simulator.effects.faulty_arm import faulty_arm
 from simulator.encoder import EncoderSet
+from simulator.faults import ON_THE_WIRE, SPEECHLESS
 from simulator.inverse import Reach
 from simulator.motions import Replay
 from simulator.motions.stage import Operator, Stage, UnreachableError
@@ -213,17 +215,25 @@ def _source_problems(devices: Sequence[DeviceTable], arm: Arm) -> list[Problem]:
             )
             problems.append(Problem("device", message))
     for number, device in enumerate(devices):
-        channels = sorted(
-            joint.encoder.channel
+        wired = sorted(
+            (joint.encoder.channel, joint.encoder.counts_per_turn)
             for joint in arm.joints
             if joint.encoder is not None and joint.encoder.device_id == device.id
         )
-        if channels != list(range(len(channels))) or not 1 <= len(channels) <= 32:
+        channels = [channel for channel, _ in wired]
+        if channels != list(range(len(channels))):
             message = (
                 f"the arm file uses the channels {channels} of '{device.id}'; "
-                "expected 0, 1, 2, ... without a gap, 1 to 32 of them"
+                "expected 0, 1, 2, ... without a gap"
             )
             problems.append(Problem(f"device[{number}].id", message))
+        elif len(channels) > device.MOST_CHANNELS:
+            message = f"the arm file has {len(channels)} encoders on '{device.id}'; "
+            message += f"a device of kind '{device.kind}' has {device.MOST_CHANNELS}"
+            problems.append(Problem(f"device[{number}].id", message))
+        else:
+            found = device.channel_problems([per_turn for _, per_turn in wired])
+            problems += [Problem(f"device[{number}].{key}", m) for key, m in found]
     return problems
 
 
@@ -231,16 +241,27 @@ def _fault_problems(
     config: SimulatorConfig, encoders: Sequence[EncoderSet]
 ) -> list[Problem]:
     problems = []
-    n_channels = {
-        device.id: len(encoder.joints)
-        for device, encoder in zip(config.device, encoders, strict=True)
-    }
     for number, fault in enumerate(config.fault):
+        concerned = [
+            (device, len(encoder.joints))
+            for device, encoder in zip(config.device, encoders, strict=True)
+            if fault.device in {None, device.id} and fault.kind in device.FAULTS
+        ]
         channel = getattr(fault, "channel", None)
-        most = max(
-            n_channels[name] for name in n_channels if fault.device in {None, name}
-        )
-        if channel is not None and channel >= most:
+        if not concerned:
+            kinds = sorted(
+                {d.kind for d in config.device if fault.device in {None, d.id}}
+            )
+            message = f"'{fault.kind}' is not played by devices of kind {kinds}"
+            problems.append(Problem(f"fault[{number}].kind", message))
+        elif channel is not None and channel >= (most := max(n for _, n in concerned)):
             message = f"channel {channel}, but there are {most}, counted from 0"
+            problems.append(Problem(f"fault[{number}].channel", message))
+        elif (
+            channel is not None
+            and fault.kind in ON_THE_WIRE | SPEECHLESS
+            and not any(device.BY_CHANNEL for device, _ in concerned)
+        ):
+            message = "the device speaks for all its encoders at once; take it out"
             problems.append(Problem(f"fault[{number}].channel", message))
     return problems

@@ -14,8 +14,6 @@ from simulator.latched import AlarmChange, InputChange
 from simulator.physics import Floats
 from simulator.script import Script, ScriptEvent
 
-STATUS_ERROR = 1
-
 
 class CountSource(Protocol):
     """Where counts come from."""
@@ -181,7 +179,7 @@ class Wiring:
             ]
             counts[struck, channel] = jumped
         elif isinstance(fault, StatusFault):
-            status[struck, channel] |= STATUS_ERROR
+            status[struck, channel] |= fault.bits
         else:
             start_s = np.array([fault.at_s])
             quiet = np.random.default_rng(0)

@@ -17,9 +17,9 @@ from drivers.values import Delivery, DeviceLost, DeviceTemperatures
 from kinematics.arm_file import read_strict
 from simulator.config import SimulatorConfig, config_problems
 from simulator.course import Course
-from simulator.device import Device
-from simulator.edges import LatchedEdge
-from simulator.script import Script, ScriptEvent
+from simulator.devices.device import Mounting
+from simulator.devices.latch_board import LatchBoard as SimulatedBoard
+from simulator.script import Script
 from simulator.truth_log import TruthLog
 from simulator.virtual_arm import build_arm, build_course, build_script, build_sources
 from simulator.wiring import ScriptClock
@@ -68,18 +68,20 @@ class VirtualBoard:
         self.over = threading.Event()
         (table,) = config.device
         (source,) = build_sources(config, arm, self.course, folder)
-        self._log = TruthLog(folder / "truth.jsonl", self.course)
-        self._device = Device(
+        self._log = TruthLog(folder / "truth.jsonl", self.course, self.clock.script)
+        self._device = SimulatedBoard(
             table,
-            folder / table.port,
-            encoders=arm.encoders[0],
-            source=source,
-            script=self.script,
-            clock=self.clock.script,
-            faults=(),
-            seed=(config.seed, 0),
-            on_edge=self._note,
-            climate=config.climate,
+            Mounting(
+                folder,
+                encoders=arm.encoders[0],
+                source=source,
+                script=self.script,
+                clock=self.clock.script,
+                faults=(),
+                seed=(config.seed, 0),
+                notes=self._log,
+                climate=config.climate,
+            ),
         )
         self.path = self._device.path
 
@@ -102,12 +104,6 @@ class VirtualBoard:
         due_s = min(self._device.next_due_s(BLOCK_S), self.clock.now_s + most_s)
         self.clock.now_s = max(self.clock.now_s, due_s)
         self._device.live(self.clock.now_s)
-
-    def _note(
-        self, device: str, seq: int, edge: LatchedEdge, event: ScriptEvent | None
-    ) -> None:
-        script_s = self.clock.script.script_s(edge.time_s)
-        self._log.edge(device, seq, edge, event=event, script_s=script_s)
 
 
 class Straight:

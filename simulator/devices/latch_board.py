@@ -1,69 +1,68 @@
-"""One device of the simulation: a board, its port, its faults, its power."""
+"""A latching controller board on a pty: its keys, its port, its faults, its power."""
 
 import secrets
-from collections.abc import Callable
 from dataclasses import asdict
-from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 import numpy as np
+from pydantic import Field
 
 from simulator import wire
 from simulator.board import Board
-from simulator.climate import ClimateTable
-from simulator.config import DeviceTable
+from simulator.devices.device import Mounting
+from simulator.devices.table import DeviceTable
 from simulator.edges import LatchedEdge
-from simulator.encoder import EncoderSet
-from simulator.faults import DisturbedLine, EncoderFault, Fault
+from simulator.faults import DisturbedLine
 from simulator.latched import Frame
 from simulator.pty_port import PtyPort
-from simulator.script import Script, ScriptEvent
 from simulator.ticks import TickCounter
-from simulator.wiring import CountSource, ScriptClock, Wiring
 
 FIRMWARE = (1, 0, 0)
-OnEdge = Callable[[str, int, LatchedEdge, ScriptEvent | None], None]
+MOST_EDGES_AHEAD = 4  # unacknowledged, before fast time waits for the host
 
 
-class Device:
+class LatchBoardTable(DeviceTable):
+    """A controller board on a pty."""
+
+    FAULTS: ClassVar[frozenset[str]] = frozenset(
+        [
+            "lost",
+            "corrupted",
+            "repeated",
+            "garbage",
+            "stuck",
+            "jump",
+            "status",
+            "gone",
+            "silent",
+        ]
+    )
+
+    port: str = Field(min_length=1)
+    tick_rate_hz: int = Field(default=1_000_000, ge=100_000, le=100_000_000)
+    max_rate_hz: float = Field(default=10_000.0, gt=0.0, le=10_000.0)
+    clock_error_ppm: float = Field(default=0.0, ge=-1000.0, le=1000.0)
+    first_ticks: int = Field(default=0, ge=0, le=2**32 - 1)
+    inputs: tuple[Literal["button", "switch"], ...] = ("button", "switch")
+    temperatures_c: tuple[float, ...] = Field(default=(20.0,), max_length=16)
+    transmit_buffer_bytes: int = Field(default=65_536, ge=1024, le=16_777_216)
+
+
+class LatchBoard:
     """A board on a pty.
 
     Args:
         table: Its configuration.
-        path: Of its port.
-        encoders: Wired to it.
-        source: Of their counts.
-        script: What happens to its inputs.
-        clock: When the script begins.
-        faults: That concern it.
-        seed: Of this device.
-        on_edge: Told of every edge.
-        climate: What its temperature sensors feel.
+        mounting: What it is wired to.
     """
 
-    def __init__(
-        self,
-        table: DeviceTable,
-        path: Path,
-        *,
-        encoders: EncoderSet,
-        source: CountSource,
-        script: Script,
-        clock: ScriptClock,
-        faults: tuple[Fault, ...],
-        seed: tuple[int, int],
-        on_edge: OnEdge,
-        climate: ClimateTable,
-    ) -> None:
+    def __init__(self, table: LatchBoardTable, mounting: Mounting) -> None:
         self.id = table.id
-        self.line = DisturbedLine(
-            tuple(f for f in faults if not isinstance(f, EncoderFault)), seed[0]
-        )
-        self.path = path
-        self._table, self._encoders = table, encoders
-        self._source, self._script, self._clock = source, script, clock
-        self._faults, self._seed, self._on_edge = faults, seed, on_edge
-        self._climate = climate
+        self.path = mounting.folder / table.port
+        self.where = str(self.path)
+        self.line = DisturbedLine(mounting.line_faults, mounting.seed[0])
+        self._table, self._mounting = table, mounting
+        self._clock = mounting.clock
         self._sent_before = {
             "samples": 0,
             "tx_dropped": 0,
@@ -78,6 +77,27 @@ class Device:
         """Take the port away."""
         if self.port is not None:
             self.port.close()
+
+    @property
+    def streaming(self) -> bool:
+        """A timed stream runs."""
+        return self.port is not None and self.board.streaming
+
+    @property
+    def ahead(self) -> bool:
+        """Bytes or edges wait for the host."""
+        if self.port is None:
+            return False
+        return self.port.backlog or len(self.board.edges) > MOST_EDGES_AHEAD
+
+    def readers(self) -> list[int]:
+        """Its port."""
+        return [] if self.port is None else [self.port.wake_descriptor]
+
+    def writers(self) -> list[int]:
+        """Its port, when bytes wait."""
+        waits = self.port is not None and self.port.backlog
+        return [self.port.descriptor] if self.port is not None and waits else []
 
     def live(self, now_s: float) -> None:
         """Do all that is due, and answer the host."""
@@ -136,11 +156,7 @@ class Device:
 
     def _switch_power(self, now_s: float) -> bool:
         """Go away and come back as the faults say; True while away."""
-        script_s = self._clock.script_s(now_s)
-        begun = self._clock.begin_s is not None
-        away = begun and any(
-            fault.kind == "gone" and fault.lasts(script_s) for fault in self._faults
-        )
+        away = self._mounting.away(now_s)
         if away and self.port is not None:
             self.port.close()
             self.port = None
@@ -153,23 +169,15 @@ class Device:
         return away
 
     def _power_up(self, now_s: float) -> None:
-        table, moduli = self._table, self._encoders.moduli
+        table, mounting = self._table, self._mounting
+        moduli = mounting.encoders.moduli
         self.n_power_ups += 1
-        self.wiring = Wiring(
-            self._source,
-            self._script,
-            self._clock,
-            inputs=table.inputs,
-            faults=[f for f in self._faults if isinstance(f, EncoderFault)],
-            moduli=moduli,
-            seed=(*self._seed, self.n_power_ups),
-            from_script_s=self._clock.script_s(now_s),
-        )
+        self.wiring = mounting.wiring(table.inputs, self.n_power_ups, now_s)
         identity = wire.Identity(
             board_id=b"SIM"
             + bytes(5)
-            + self._seed[0].to_bytes(8, "little")[:3]
-            + bytes((self._seed[1],)),
+            + mounting.seed[0].to_bytes(8, "little")[:3]
+            + bytes((mounting.seed[1],)),
             firmware=FIRMWARE,
             n_inputs=len(table.inputs),
             n_temperatures=len(table.temperatures_c),
@@ -196,8 +204,8 @@ class Device:
 
     def _warming_c(self, now_s: float) -> float:
         script_s = np.array(self._clock.script_s(now_s))
-        return float(self._climate.change_c(script_s))
+        return float(self._mounting.climate.change_c(script_s))
 
     def _note_edge(self, seq: int, edge: LatchedEdge) -> None:
         event = self.wiring.event_at(edge.time_s, edge.input_number)
-        self._on_edge(self.id, seq, edge, event)
+        self._mounting.notes.edge(self.id, seq, edge, event)

@@ -1,0 +1,149 @@
+"""What the simulator's loop knows of a device, and what a device is given.
+
+Devices are made as `Class(table, mounting)`; an `OSError` from there is told as a
+mistake of the device's table. Everything happens in one thread: the loop waits until
+a descriptor is ready or `next_due_s` has come and then calls `live` of every device
+with the time of the simulation, which never goes back.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from simulator.climate import ClimateTable
+from simulator.devices.kinds import KINDS, class_named
+from simulator.devices.table import DeviceTable
+from simulator.edges import LatchedEdge
+from simulator.encoder import EncoderSet
+from simulator.faults import EncoderFault, Fault
+from simulator.script import Script, ScriptEvent
+from simulator.wiring import CountSource, ScriptClock, Wiring
+
+
+class SimulatedDevice(Protocol):
+    """A device of whatever kind.
+
+    Attributes:
+        id: Of its table.
+        where: Where hosts find it, printed in its line "ready <id> <where>".
+    """
+
+    id: str
+    where: str
+
+    @property
+    def streaming(self) -> bool:
+        """It sends samples by itself; fast time may run ahead."""
+
+    @property
+    def ahead(self) -> bool:
+        """The host is still busy with what it was sent; fast time waits."""
+
+    def live(self, now_s: float) -> None:
+        """Do all that is due until now, and answer the host."""
+
+    def next_due_s(self, block_s: float) -> float:
+        """When to call `live` next; samples of a stream may be gathered so long."""
+
+    def readers(self) -> list[int]:
+        """Descriptors to wait for until they can be read."""
+
+    def writers(self) -> list[int]:
+        """Descriptors to wait for until they can be written."""
+
+    def totals(self) -> dict[str, Any]:
+        """What came of it all, for the last line of the truth log."""
+
+    def close(self) -> None:
+        """Take away what hosts find; may be called again."""
+
+
+class Notes(Protocol):
+    """Takes what a device did, for the truth log."""
+
+    def edge(
+        self, device: str, seq: int, edge: LatchedEdge, event: ScriptEvent | None
+    ) -> None:
+        """A device reported the change of an input."""
+
+    def reading(
+        self, device: str, channel: int, time_s: float, count: int, status: int
+    ) -> None:
+        """An encoder was latched alone, at a time of the simulation."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mounting:
+    """What a device is given besides its table.
+
+    Attributes:
+        folder: Paths of its table are relative to it.
+        encoders: Wired to it, by channel.
+        source: Of their counts.
+        script: What happens to its inputs.
+        clock: When the script begins; a device calls `clock.begin(time_s)` with its
+            first reading.
+        faults: That concern it and that its kind plays.
+        seed: Of everything that this device draws.
+        notes: Of what it does.
+        climate: What its temperature sensors feel.
+    """
+
+    folder: Path
+    encoders: EncoderSet
+    source: CountSource
+    script: Script
+    clock: ScriptClock
+    faults: tuple[Fault, ...]
+    seed: tuple[int, int]
+    notes: Notes
+    climate: ClimateTable
+
+    @property
+    def n_channels(self) -> int:
+        """How many encoders it has."""
+        return len(self.encoders.joints)
+
+    @property
+    def line_faults(self) -> tuple[Fault, ...]:
+        """Those of the line and of the device itself."""
+        return tuple(f for f in self.faults if not isinstance(f, EncoderFault))
+
+    def wiring(
+        self, inputs: Sequence[str], n_power_ups: int, from_s: float = 0.0
+    ) -> Wiring:
+        """Wire the encoders and inputs up, anew at each power-up.
+
+        Args:
+            inputs: Names of the inputs, in order.
+            n_power_ups: Which power-up it is, from 1; each has noise of its own.
+            from_s: Time of the power-up; what was before is not seen.
+        """
+        return Wiring(
+            self.source,
+            self.script,
+            self.clock,
+            inputs=inputs,
+            faults=[f for f in self.faults if isinstance(f, EncoderFault)],
+            moduli=self.encoders.moduli,
+            seed=(*self.seed, n_power_ups),
+            from_script_s=self.clock.script_s(from_s),
+        )
+
+    def away(self, now_s: float) -> bool:
+        """Whether a fault "gone" has taken the device away."""
+        if self.clock.begin_s is None:
+            return False
+        script_s = self.clock.script_s(now_s)
+        return any(f.kind == "gone" and f.lasts(script_s) for f in self.faults)
+
+
+def make_device(table: DeviceTable, mounting: Mounting) -> SimulatedDevice:
+    """Make a device of the kind that its table says.
+
+    Raises:
+        OSError: Hosts cannot find it where the table says.
+    """
+    device: SimulatedDevice = class_named(KINDS[table.kind].device)(table, mounting)
+    return device

@@ -1,0 +1,37 @@
+"""The kinds of devices: what `kind` of a `[[device]]` table stands for.
+
+A new kind is one file in this folder and one line here. Names instead of classes, so
+that a kind which needs an optional package is imported only where it is asked for.
+"""
+
+from dataclasses import dataclass
+from importlib import import_module
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """Where a kind is found, as "module:Class".
+
+    Attributes:
+        table: A child of `DeviceTable`: its keys of the configuration.
+        device: A `SimulatedDevice`, made from its table and a `Mounting`.
+    """
+
+    table: str
+    device: str
+
+
+def class_named(name: str) -> type:
+    """Import a class by its name, "module:Class"."""
+    module, _, found = name.partition(":")
+    named: type = getattr(import_module(module), found)
+    return named
+
+
+DEFAULT = "latch-board"
+KINDS = {
+    "latch-board": Kind(
+        "simulator.devices.latch_board:LatchBoardTable",
+        "simulator.devices.latch_board:LatchBoard",
+    ),
+}

@@ -1,0 +1,223 @@
+"""Devices on ptys that answer requests byte by byte.
+
+A child says what a byte means (`hear`), what it does by itself (`advance`,
+`own_due_s`), and what it forgets without power (`power_up`). It reads its encoders
+with `latch` and answers with `say`; faults of the line, of the power and of single
+encoders are played here.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from pydantic import Field
+
+from simulator.devices.device import Mounting
+from simulator.devices.serial_line import LineTiming, SerialLine
+from simulator.devices.table import DeviceTable
+from simulator.faults import DisturbedLine
+
+
+class SerialTable(DeviceTable):
+    """What devices on serial lines have in common.
+
+    Attributes:
+        baud_rate: 0: bytes take no time.
+        request_delay_s: What an adapter adds to what the host sends.
+        reply_delay_s: What it adds to what the host gets.
+        turnaround_s: From the end of a request to the begin of its answer.
+        echo: The host hears what it sends.
+    """
+
+    FAULTS: ClassVar[frozenset[str]] = frozenset(
+        [
+            "lost",
+            "corrupted",
+            "repeated",
+            "garbage",
+            "late",
+            "stuck",
+            "jump",
+            "status",
+            "gone",
+            "silent",
+            "reset",
+        ]
+    )
+    BY_CHANNEL: ClassVar[bool] = True
+
+    baud_rate: int = Field(default=0, ge=0, le=12_000_000)
+    request_delay_s: float = Field(default=0.0, ge=0.0, le=1.0)
+    reply_delay_s: float = Field(default=0.0, ge=0.0, le=1.0)
+    turnaround_s: float = Field(default=0.0, ge=0.0, le=1.0)
+    echo: bool = False
+
+    def timing(self, bits_per_byte: int = 10) -> LineTiming:
+        """What each of its lines costs."""
+        return LineTiming(
+            self.baud_rate,
+            self.request_delay_s,
+            self.reply_delay_s,
+            self.echo,
+            bits_per_byte,
+        )
+
+
+class SerialDevice(ABC):
+    """A device on one or more lines.
+
+    Args:
+        table: Its configuration.
+        mounting: What it is wired to.
+        ports: Of its lines.
+        inputs: Names of its inputs, in order.
+        bits_per_byte: On its lines.
+    """
+
+    def __init__(
+        self,
+        table: SerialTable,
+        mounting: Mounting,
+        ports: Sequence[str],
+        inputs: Sequence[str] = (),
+        bits_per_byte: int = 10,
+    ) -> None:
+        self.id = table.id
+        self.mounting = mounting
+        self.disturbed = DisturbedLine(mounting.line_faults, mounting.seed[0])
+        self.n_readings = 0
+        self.n_rejected = 0
+        self.n_power_ups = 0
+        self._paths: list[Path] = [mounting.folder / port for port in ports]
+        self.where = " ".join(map(str, self._paths))
+        self._timing = table.timing(bits_per_byte)
+        self._turnaround_s = table.turnaround_s
+        self._inputs = tuple(inputs)
+        self._lines: list[SerialLine] = []
+        self._n_dropped = 0
+        self._switch_on(0.0)
+
+    @abstractmethod
+    def power_up(self, now_s: float) -> None:
+        """Be as after power has come."""
+
+    @abstractmethod
+    def hear(self, line: int, byte: int, at_s: float) -> None:
+        """Take a byte of a line, whose last bit came at an instant."""
+
+    def advance(self, to_s: float) -> None:
+        """Do what is due by itself until an instant, in order of time."""
+        del to_s  # most devices speak when they are spoken to
+
+    def own_due_s(self) -> float:
+        """When `advance` has something to do; infinity for never."""
+        return float("inf")
+
+    def lose_host(self, line: int) -> None:
+        """The host of a line came or let go: what was begun there ends."""
+        del line  # most devices have nothing to forget
+
+    @property
+    def streaming(self) -> bool:
+        """It sends by itself."""
+        return False
+
+    def latch(self, channel: int, at_s: float) -> tuple[int, int]:
+        """Read an encoder at an instant: its count, and status bits as a board's."""
+        self.mounting.clock.begin(at_s)
+        counts, status = self.wiring.latch(np.array([at_s]), edge=False)
+        count, flags = int(counts[0, channel]), int(status[0, channel])
+        self.n_readings += 1
+        self.mounting.notes.reading(self.id, channel, at_s, count, flags)
+        return count, flags
+
+    def say(
+        self, line: int, data: bytes, at_s: float, channel: int | None = None
+    ) -> None:
+        """Answer what was heard at an instant, as faults let it.
+
+        Args:
+            line: To answer on.
+            data: The answer.
+            at_s: End of the request.
+            channel: Whose answer it is, None for the whole device's.
+        """
+        script_s = self.mounting.clock.script_s(at_s)
+        leaves_s = at_s + self._turnaround_s + self.disturbed.delay_s(script_s, channel)
+        data = self.disturbed.disturb(data, script_s, channel)
+        if data:
+            self._lines[line].say(data, leaves_s)
+
+    @property
+    def ahead(self) -> bool:
+        """Bytes wait for a host."""
+        return bool(self.writers())
+
+    def readers(self) -> list[int]:
+        """Its ports."""
+        return [line.reader for line in self._lines]
+
+    def writers(self) -> list[int]:
+        """Its ports on which bytes wait."""
+        writers = (line.writer for line in self._lines)
+        return [number for number in writers if number is not None]
+
+    def live(self, now_s: float) -> None:
+        """Hear, do and answer all that is due, in order of time."""
+        away = self.mounting.away(now_s)
+        if away and self._lines:
+            self.close()
+        elif not away and not self._lines:
+            self._switch_on(now_s)
+        for number, line in enumerate(self._lines):
+            if line.listen(now_s):
+                self.lose_host(number)
+        heard = [
+            (at_s, number, byte)
+            for number, line in enumerate(self._lines)
+            for at_s, byte in line.heard_by(now_s)
+        ]
+        for at_s, number, byte in sorted(heard, key=lambda entry: entry[0]):
+            self.advance(at_s)
+            self.hear(number, byte, at_s)
+        self.advance(now_s)
+        for line in self._lines:
+            line.release(now_s)
+
+    def next_due_s(self, block_s: float) -> float:
+        """When to call `live` next."""
+        del block_s  # nothing is gathered: a host waits for each answer
+        due_s = min((line.next_due_s() for line in self._lines), default=float("inf"))
+        return min(due_s, self.own_due_s())
+
+    def totals(self) -> dict[str, Any]:
+        """What came of it all, over all power-ups."""
+        n_dropped = self._n_dropped + sum(line.n_dropped for line in self._lines)
+        return {
+            "samples": self.n_readings,
+            "tx_dropped": n_dropped,
+            "rx_rejected": self.n_rejected,
+            "power_ups": self.n_power_ups,
+            "faults": asdict(self.disturbed.counts),
+        }
+
+    def close(self) -> None:
+        """Take the ports away."""
+        for line in self._lines:
+            self._n_dropped += line.n_dropped
+            line.close()
+        self._lines = []
+
+    def _switch_on(self, now_s: float) -> None:
+        self.n_power_ups += 1
+        self.wiring = self.mounting.wiring(self._inputs, self.n_power_ups, now_s)
+        try:
+            for path in self._paths:
+                self._lines.append(SerialLine(path, self._timing))
+        except OSError:
+            self.close()
+            raise
+        self.power_up(now_s)

@@ -1,0 +1,122 @@
+"""One serial line on a pty, with the time that bytes take.
+
+A pty hands everything on at once. What a line costs in the field is played by not
+looking at the host's bytes before their time and by holding answers back: a byte
+takes `bits_per_byte / baud_rate`, an adapter adds its delays on the way there and
+back. Instants are kept as numbers, so what is latched at them is exact however late
+the program is woken; an answer is written as soon after its instant as the operating
+system lets us, some tens of microseconds.
+"""
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from simulator.latched import Frame
+from simulator.pty_port import PtyPort
+
+BUFFER_BYTES = 65_536
+
+
+@dataclass(frozen=True, slots=True)
+class LineTiming:
+    """What a line costs.
+
+    Attributes:
+        baud_rate: 0: bytes take no time.
+        request_delay_s: What an adapter adds to what the host sends.
+        reply_delay_s: What it adds to what the host gets.
+        echo: The host hears what it sends, as on many two-wire adapters.
+        bits_per_byte: On the wire; 11 with a parity bit.
+    """
+
+    baud_rate: int = 0
+    request_delay_s: float = 0.0
+    reply_delay_s: float = 0.0
+    echo: bool = False
+    bits_per_byte: int = 10
+
+    @property
+    def byte_s(self) -> float:
+        """Time of a byte on the wire."""
+        return self.bits_per_byte / self.baud_rate if self.baud_rate else 0.0
+
+
+class SerialLine:
+    """The device's end of a line.
+
+    Args:
+        path: Of the pty's symlink.
+        timing: What it costs.
+
+    Attributes:
+        n_dropped: Frames that the host did not take.
+    """
+
+    def __init__(self, path: Path, timing: LineTiming) -> None:
+        self.timing = timing
+        self.n_dropped = 0
+        self._port = PtyPort(path, BUFFER_BYTES)
+        self._coming: deque[tuple[float, int]] = deque()
+        self._going: deque[tuple[float, bytes]] = deque()
+        self._heard_until_s = 0.0
+        self._said_until_s = 0.0
+
+    @property
+    def reader(self) -> int:
+        """What to wait for until the host writes."""
+        return self._port.wake_descriptor
+
+    @property
+    def writer(self) -> int | None:
+        """What to wait for until the host reads, if bytes wait for that."""
+        return self._port.descriptor if self._port.backlog else None
+
+    def listen(self, now_s: float) -> bool:
+        """Take what the host has sent, now; True if the host came or let go."""
+        changed = self._port.host_changed()
+        if changed:
+            self._coming.clear()
+            self._going.clear()
+        received = self._port.read()
+        start_s = max(self._heard_until_s, now_s + self.timing.request_delay_s)
+        for number, byte in enumerate(received, start=1):
+            at_s = start_s + number * self.timing.byte_s
+            self._coming.append((at_s, byte))
+            self._heard_until_s = at_s
+            if self.timing.echo:
+                self._going.append((at_s + self.timing.reply_delay_s, bytes((byte,))))
+        return changed
+
+    def heard_by(self, now_s: float) -> Iterator[tuple[float, int]]:
+        """The bytes that have come by now, each with the instant of its last bit."""
+        while self._coming and self._coming[0][0] <= now_s:
+            yield self._coming.popleft()
+
+    def say(self, data: bytes, at_s: float) -> None:
+        """Send bytes, the first of which leaves at an instant or when it can."""
+        ends_s = max(at_s, self._said_until_s) + len(data) * self.timing.byte_s
+        self._said_until_s = ends_s
+        self._going.append((ends_s + self.timing.reply_delay_s, data))
+
+    def release(self, now_s: float) -> None:
+        """Hand the host what has come to its end of the line by now."""
+        frames = []
+        while self._going and self._going[0][0] <= now_s:
+            frames.append(Frame(True, self._going.popleft()[1]))
+        if frames:
+            self.n_dropped += self._port.write(frames)
+        else:
+            self._port.flush()
+
+    def next_due_s(self) -> float:
+        """When a byte has come or an answer is to be handed out."""
+        return min(
+            self._coming[0][0] if self._coming else float("inf"),
+            self._going[0][0] if self._going else float("inf"),
+        )
+
+    def close(self) -> None:
+        """Take the port away."""
+        self._port.close()
