@@ -1,0 +1,123 @@
+"""Packets of a MicroScribe (Immersion HCI), 8N1: one byte asks, a packet answers.
+
+    host -> arm    command, bit 7 clear
+    arm -> host    command with bit 7 set
+                   buttons, one bit each (right pedal 1, left pedal 2)
+                   [timer, high and low 7 bits]
+                   encoders, high and low 7 bits each
+
+In a packet only the first byte has bit 7 set: after a lost byte the next packet is
+found by it. There is no check sum, so that a spoilt byte can look like any other:
+whoever reads must also ask whether a count is plausible.
+
+The bytes are those that several public programs agree on. Not confirmed by a maker's
+document: that the arm ignores analog inputs when none are asked for.
+"""
+
+from collections import Counter
+from dataclasses import dataclass
+from enum import Enum
+
+N_BUTTONS = 7
+TIMER_WRAP = 1 << 14
+ENCODER_WRAP = 1 << 14
+
+_MARK = 0x80
+_TIMER, _ALL_ENCODERS = 0x20, 0x03
+
+
+class Framing(Enum):
+    """Versions of the protocol, by how many encoders the whole packet has."""
+
+    HCI2 = 6
+    HCI3 = 8
+
+    @property
+    def n_encoders(self) -> int:
+        """Encoders of a packet, whether or not the arm has so many."""
+        return self.value
+
+
+def packet_request(*, timer: bool) -> bytes:
+    """Ask for buttons and all encoders, and the timer if wanted."""
+    return bytes([_ALL_ENCODERS | (_TIMER if timer else 0)])
+
+
+def packet_size(framing: Framing, *, timer: bool) -> int:
+    """How many bytes answer `packet_request`."""
+    return 2 + 2 * timer + 2 * framing.n_encoders
+
+
+@dataclass(frozen=True, slots=True)
+class Packet:
+    """What the arm says at one instant.
+
+    Attributes:
+        buttons: bit i set while button i is down.
+        timer: the arm's timer, 0 to 16383; None where it was not asked for.
+        encoders: 0 to 16383 each.
+    """
+
+    buttons: int
+    timer: int | None
+    encoders: tuple[int, ...]
+
+
+class PacketDecoder:
+    """Finds packets in what is read; keeps less than one of them.
+
+    Args:
+        framing: of the arm.
+        timer: the packets were asked for with their timer.
+
+    Attributes:
+        accepted: whole packets so far.
+        faults: what else came, by name: "broken" packets that another one cut short,
+            "foreign" ones that nobody asked for, "stray" bytes outside of packets.
+    """
+
+    def __init__(self, framing: Framing, *, timer: bool) -> None:
+        self._first = packet_request(timer=timer)[0] | _MARK
+        self._size = packet_size(framing, timer=timer)
+        self._timer = timer
+        self._begun = bytearray()
+        self.accepted = 0
+        self.faults: Counter[str] = Counter()
+
+    @property
+    def pending(self) -> bool:
+        """A packet has begun and is not yet whole."""
+        return bool(self._begun)
+
+    def feed(self, data: bytes) -> list[Packet]:
+        """Take bytes; gives the packets that they complete."""
+        packets = []
+        for byte in data:
+            if byte & _MARK:
+                self._begin(byte)
+            elif self._begun:
+                self._begun.append(byte)
+            else:
+                self.faults["stray"] += 1
+            if len(self._begun) == self._size:
+                packets.append(self._packet())
+                self._begun.clear()
+        self.accepted += len(packets)
+        return packets
+
+    def _begin(self, byte: int) -> None:
+        if self._begun:
+            self.faults["broken"] += 1
+            self._begun.clear()
+        if byte == self._first:
+            self._begun.append(byte)
+        else:
+            self.faults["foreign"] += 1
+
+    def _packet(self) -> Packet:
+        words = [
+            high << 7 | low
+            for high, low in zip(self._begun[2::2], self._begun[3::2], strict=True)
+        ]
+        timer = words.pop(0) if self._timer else None
+        return Packet(self._begun[1], timer, tuple(words))
