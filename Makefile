@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
 # Other libraries to be compared with, never in the environment that Traverse runs in.
-PEERS := build/peers
+PEERS := .venv-peers
 FIGURES := build/figures
 # What the kernel in C is built from.
 KERNEL := setup.py $(foreach kind,pyx pxd pxi c h inc,$(wildcard kinematics/kernel/*.$(kind)))
@@ -78,4 +78,4 @@ lock: venv  ## requirements.lock anew from pyproject.toml
 	    --output-file requirements.lock pyproject.toml
 
 clean:  ## remove what was built
-	rm -rf $(VENV) build dist *.egg-info kinematics/kernel/*.so .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(PEERS) build dist *.egg-info kinematics/kernel/*.so .pytest_cache .mypy_cache .ruff_cache .hypothesis
