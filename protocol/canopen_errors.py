@@ -1,0 +1,55 @@
+"""Error frames of Linux SocketCAN: what the controller says of the state of its bus.
+
+A frame with `ERROR_FLAG` in its identifier comes from the controller and not from the
+bus; the other bits of the identifier are classes of errors, the data explain them
+(linux/can/error.h).
+"""
+
+from dataclasses import dataclass
+
+ERROR_FLAG = 0x2000_0000
+_TX_TIMEOUT, _CONTROLLER, _NO_ACKNOWLEDGE = 0x01, 0x04, 0x20
+_BUS_OFF, _BUS_ERROR, _RESTARTED = 0x40, 0x80, 0x100
+_OVERFLOW, _PASSIVE, _ACTIVE = 0x01 | 0x02, 0x10 | 0x20, 0x40
+
+
+@dataclass(frozen=True, slots=True)
+class BusCondition:
+    """What one error frame says; several can be true at once.
+
+    Attributes:
+        bus_off: the controller has taken itself off the bus.
+        restarted: it is back on it.
+        passive: error passive: many errors lately.
+        active: error active again.
+        overflow: frames were lost in the controller.
+        unacknowledged: nobody else on the bus acknowledges what is sent.
+        bus_error: a frame was broken.
+    """
+
+    bus_off: bool = False
+    restarted: bool = False
+    passive: bool = False
+    active: bool = False
+    overflow: bool = False
+    unacknowledged: bool = False
+    bus_error: bool = False
+
+
+def decode_error(can_id: int, data: bytes | bytearray) -> BusCondition:
+    """What an error frame says.
+
+    Args:
+        can_id: with or without `ERROR_FLAG`.
+        data: up to eight bytes; the second is the controller's state.
+    """
+    state = data[1] if can_id & _CONTROLLER and len(data) > 1 else 0
+    return BusCondition(
+        bus_off=bool(can_id & _BUS_OFF),
+        restarted=bool(can_id & _RESTARTED),
+        passive=bool(state & _PASSIVE),
+        active=bool(state & _ACTIVE),
+        overflow=bool(state & _OVERFLOW),
+        unacknowledged=bool(can_id & (_NO_ACKNOWLEDGE | _TX_TIMEOUT)),
+        bus_error=bool(can_id & _BUS_ERROR),
+    )
