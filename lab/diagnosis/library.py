@@ -120,7 +120,7 @@ def applied_effects(rows: Rows, arm: Arm) -> ArmEffects:
     model = network.parameters.effects
     if model is None:
         return effects_of(arm, (), campaign_span(network.campaign))
-    return model.at(state.arm.amplitudes[network.parameters.n_terms :])
+    return model.at(state.arm.amplitudes)
 
 
 def _entries(rows: Rows, arm: Arm) -> list[_Entry]:

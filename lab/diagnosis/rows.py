@@ -101,7 +101,7 @@ class Rows:
         effects = network.parameters.effects
         geometry, angles_rad = state.arm.geometry, self.block.angles_rad
         if effects is not None:
-            values = state.arm.amplitudes[network.parameters.n_terms :]
+            values = state.arm.amplitudes
             angles_rad = angles_rad - effects.reading_corrections(
                 geometry, values, self.block
             )

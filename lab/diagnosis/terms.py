@@ -41,7 +41,7 @@ def rows_without(rows: Rows, index: int) -> Rows:
     if model is None:
         raise ValueError("the fit has no effects to take out")
     coordinates = _coordinates(rows, index)
-    amplitudes = rows.adjustment.state.arm.amplitudes[parameters.n_terms :]
+    amplitudes = rows.adjustment.state.arm.amplitudes
     directions = model.directions(rows.adjustment.state.arm.geometry)
     sizes = directions.T @ amplitudes
     correction = model.effects.corrections[index]
@@ -65,7 +65,7 @@ def estimates_of(rows: Rows, index: int) -> dict[str, Estimate]:
     if model is None:
         raise ValueError("the fit has no effects")
     state = rows.adjustment.state.arm
-    values = state.amplitudes[parameters.n_terms :]
+    values = state.amplitudes
     correction = model.at(values).corrections[index]
     covariance = _value_covariance(rows, index)
     stds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
