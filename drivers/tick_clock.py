@@ -25,6 +25,7 @@ class TickClock:
 
     Args:
         tick_rate_hz: nominal rate of the device's counter.
+        wrap: where the counter goes back to 0.
 
     Attributes:
         running: something has been learned, so that times are not idle talk.
@@ -32,9 +33,10 @@ class TickClock:
             lie in the future (the device's counter or the host has jumped).
     """
 
-    def __init__(self, tick_rate_hz: int) -> None:
+    def __init__(self, tick_rate_hz: float, wrap: int = WRAP) -> None:
         self._ns_per_tick = 1e9 / tick_rate_hz
         self._bin_ticks = max(1, round(BIN_S * tick_rate_hz))
+        self._wrap = wrap
         self._last: int | None = None
         self.running = False
         self._bins: deque[tuple[int, float]] = deque(maxlen=BINS)
@@ -54,8 +56,9 @@ class TickClock:
         raw = ticks.astype(np.int64)
         if self._last is None:
             self._last = int(raw[0])
-        steps = np.diff(raw, prepend=self._last % WRAP)
-        steps = (steps + WRAP // 2) % WRAP - WRAP // 2
+        half = self._wrap // 2
+        steps = np.diff(raw, prepend=self._last % self._wrap)
+        steps = (steps + half) % self._wrap - half
         return self._last + np.cumsum(steps)
 
     def update(self, ticks: int, received_ns: int) -> None:

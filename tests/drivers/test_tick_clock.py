@@ -69,3 +69,17 @@ def test_a_counter_that_jumps_ahead_starts_the_mapping_afresh():
     clock.update(jumped, received_ns)
     assert clock.steps == 1
     assert abs(clock.to_ns(jumped) - received_ns) < 1000
+
+
+def test_a_short_counter_wraps_without_a_trace():
+    # 14 bits of milliseconds, as a MicroScribe has them: 16.4 s.
+    clock = TickClock(1000.0, 1 << 14)
+    rng = np.random.default_rng(7)
+    for k in range(20_000):
+        latch_ms = 2.3 * k
+        (ticks,) = clock.unwrap(np.array([int(latch_ms) % 16384], np.uint32)).tolist()
+        assert ticks == int(latch_ms)
+        clock.update(ticks, int(latch_ms * 1e6 + rng.uniform(0, 3e6)))
+    # A tick is known to its begin: half a tick and the smallest delays remain.
+    assert abs(clock.to_ns(ticks) - latch_ms * 1e6) < 1.1e6
+    assert clock.steps == 0
