@@ -1,0 +1,64 @@
+"""All filters by name, and several of them one after the other."""
+
+from collections.abc import Sequence
+
+from kinematics.filters.conditions import Speed, Unflagged
+from kinematics.filters.distance import Distance
+from kinematics.filters.point_filter import PointFilter
+from kinematics.filters.points import PointBlock
+from kinematics.filters.regions import Ball, Box, Slab
+from kinematics.filters.sections import Sections
+from kinematics.filters.spacing import BallSpacing, GridSpacing
+
+FILTERS: dict[str, type[PointFilter]] = {
+    made.kind: made
+    for made in (
+        Ball,
+        BallSpacing,
+        Box,
+        Distance,
+        GridSpacing,
+        Sections,
+        Slab,
+        Speed,
+        Unflagged,
+    )
+}
+"""By the name that they have in configurations and commands."""
+
+
+class FilterChain:
+    """Filters that a point must pass one after the other.
+
+    Args:
+        filters: in this order; regions first are the cheapest.
+
+    Attributes:
+        removed: points that each filter has held back so far; a filter that
+            interpolates has none of its own.
+    """
+
+    def __init__(self, filters: Sequence[PointFilter]) -> None:
+        self.filters = tuple(filters)
+        self.removed = [0] * len(self.filters)
+
+    @property
+    def interpolates(self) -> bool:
+        """Whether points come out that lie between samples."""
+        return any(made.interpolates for made in self.filters)
+
+    def apply(self, block: PointBlock) -> PointBlock:
+        """The points of a block that pass all filters."""
+        for number, one in enumerate(self.filters):
+            n_before = len(block)
+            if not n_before:
+                break
+            block = one.apply(block)
+            if not one.interpolates:
+                self.removed[number] += n_before - len(block)
+        return block
+
+    def restart(self) -> None:
+        """Forget all points so far, not what was counted."""
+        for one in self.filters:
+            one.restart()

@@ -1,0 +1,159 @@
+"""Filters that thin: no two points closer than a spacing, or one a cell of a grid.
+
+Both see all points of a scan so far, not the last one alone: a surface that is swept
+twice is covered once. What they remember is bounded: beyond `max_cells` the older half
+is forgotten, and counted.
+"""
+
+import math
+from dataclasses import dataclass, field
+from itertools import product
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.filters.distance import first_beyond
+from kinematics.filters.point_filter import PointFilter, check_positive
+from kinematics.filters.points import Floats, PointBlock
+
+BITS = 21  # of a cell's number along one axis
+WRAP = 1 << BITS
+MAX_CELLS = 2_000_000
+
+
+@dataclass(slots=True)
+class GridSpacing(PointFilter):
+    """The first point in each cubic cell of a grid.
+
+    Attributes:
+        spacing_mm: edge of a cell.
+        max_cells: that are remembered.
+        forgotten: cells that were forgotten, and may be filled again.
+    """
+
+    kind: ClassVar[str] = "grid"
+    spacing_mm: float
+    max_cells: int = MAX_CELLS
+    forgotten: int = field(default=0, init=False)
+    _young: set[int] = field(default_factory=set, init=False)
+    _old: set[int] = field(default_factory=set, init=False)
+
+    def __post_init__(self) -> None:
+        check_positive(self.spacing_mm, "spacing_mm")
+        check_positive(self.max_cells, "max_cells")
+
+    def apply(self, block: PointBlock) -> PointBlock:
+        """The points of a block that pass."""
+        rows, keys = _first_of_cells(block.xyz_mm, self.spacing_mm)
+        kept = []
+        for row, key in zip(rows.tolist(), keys.tolist(), strict=True):
+            if key not in self._young and key not in self._old:
+                kept.append(row)
+                if len(self._young) >= -(-self.max_cells // 2):
+                    self.forgotten += len(self._old)
+                    self._old, self._young = self._young, set()
+                self._young.add(key)
+        return block.rows(np.array(kept, dtype=np.intp))
+
+    def restart(self) -> None:
+        """Forget all points so far."""
+        self._young, self._old = set(), set()
+
+
+@dataclass(slots=True)
+class BallSpacing(PointFilter):
+    """Points at least one spacing away from every point that passed before.
+
+    Cells have the edge spacing / sqrt(3), so that each holds at most one point that
+    passed, and a neighbour within the spacing is at most two cells away.
+
+    Attributes:
+        spacing_mm: smallest distance.
+        max_cells: points that are remembered.
+        forgotten: points that were forgotten, and may be met again.
+    """
+
+    kind: ClassVar[str] = "spacing"
+    spacing_mm: float
+    max_cells: int = MAX_CELLS
+    forgotten: int = field(default=0, init=False)
+    _young: dict[int, tuple[float, ...]] = field(default_factory=dict, init=False)
+    _old: dict[int, tuple[float, ...]] = field(default_factory=dict, init=False)
+
+    def __post_init__(self) -> None:
+        check_positive(self.spacing_mm, "spacing_mm")
+        check_positive(self.max_cells, "max_cells")
+
+    def apply(self, block: PointBlock) -> PointBlock:
+        """The points of a block that pass."""
+        placed = np.flatnonzero(np.isfinite(block.xyz_mm).all(axis=1))
+        points_mm, limit = block.xyz_mm[placed], self.spacing_mm**2
+        cells = _cells(points_mm, self.spacing_mm / math.sqrt(3.0))
+        kept: list[int] = []
+        row = 0
+        while row < len(points_mm):
+            blocking = self._blocking(points_mm[row], cells[row])
+            if blocking is None:
+                kept.append(row)
+                blocking = points_mm[row]
+                self._remember(int(_keys(cells[row : row + 1])[0]), blocking)
+            # What follows is most often blocked by the same point: pass over it.
+            row += first_beyond(points_mm[row:], blocking, limit)
+        return block.rows(placed[kept])
+
+    def restart(self) -> None:
+        """Forget all points so far."""
+        self._young, self._old = {}, {}
+
+    def _blocking(self, point_mm: Floats, cell: NDArray[np.int64]) -> Floats | None:
+        """A point that passed before and is too near; None if there is none."""
+        x, y, z = point_mm.tolist()
+        limit = self.spacing_mm**2
+        for key in _keys(cell + _AROUND).tolist():
+            near = self._young.get(key)
+            if near is None:
+                near = self._old.get(key)
+            if near is not None:
+                dx, dy, dz = near[0] - x, near[1] - y, near[2] - z
+                if dx * dx + dy * dy + dz * dz < limit:
+                    return np.array(near)
+        return None
+
+    def _remember(self, key: int, point_mm: Floats) -> None:
+        if len(self._young) >= -(-self.max_cells // 2):
+            self.forgotten += len(self._old)
+            self._old, self._young = self._young, {}
+        self._young[key] = tuple(point_mm.tolist())
+
+
+_AROUND = np.array(
+    sorted(product(range(-2, 3), repeat=3), key=lambda step: sum(map(abs, step))),
+    dtype=np.int64,
+)
+
+
+def _cells(xyz_mm: Floats, edge_mm: float) -> NDArray[np.int64]:
+    """Cell (n, 3) of each point; that of a point without a place means nothing."""
+    scaled = np.floor(xyz_mm / edge_mm)
+    return np.where(np.isfinite(scaled), scaled, 0.0).astype(np.int64)
+
+
+def _keys(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+    """One number a cell (n,); cells 2^21 edges apart along an axis share theirs."""
+    wrapped = cells & (WRAP - 1)
+    keys: NDArray[np.int64] = (
+        wrapped[:, 0] << 2 * BITS | wrapped[:, 1] << BITS | wrapped[:, 2]
+    )
+    return keys
+
+
+def _first_of_cells(
+    xyz_mm: Floats, edge_mm: float
+) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
+    """Rows, ascending, of the first point in each cell of a block, with its key."""
+    placed = np.flatnonzero(np.isfinite(xyz_mm).all(axis=1))
+    keys = _keys(_cells(xyz_mm[placed], edge_mm))
+    _, first = np.unique(keys, return_index=True)
+    first.sort()
+    return placed[first], keys[first]
