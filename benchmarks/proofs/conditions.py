@@ -4,20 +4,13 @@
 length. The figures scatter with the postures, so the median of several sets counts.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.proofs.campaigns import demo_arm
-from kinematics.derivatives import ProbeDerivatives
-from kinematics.geometry import Geometry
-from lab.campaign import Poses
+from kinematics.arm_file import Arm, Effect, effect_from_table
 from lab.identification.identify import Options, identify
 from simulator.campaigns import CampaignSpec, simulate_campaign
 from traverse.blind_campaign import handed_over
-
-Floats = NDArray[np.float64]
 
 # As derived beforehand, by another program, for an arm and places that are not known:
 # the pattern is to be compared, not the figures.
@@ -27,44 +20,9 @@ EXPECTED = {
     "narrow": (74.0, 328.0, 13472.0),
 }
 ORDERS: tuple[tuple[int, ...], ...] = ((), (1,), (1, 2))
-_HOPELESS_RAD = 1e3
+# So little noise that nothing is held: the numbers of the whole are wanted.
+_QUIET = {"encoder_rad": 5e-9, "contact_mm": 5e-6}
 _N_POSES = 100
-
-
-@dataclass(frozen=True, slots=True)
-class Harmonics:
-    """Encoder errors cos and sin of order times the reading, of every joint."""
-
-    order: int
-    joint_names: tuple[str, ...]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Two a joint."""
-        return tuple(
-            f"{joint}.harmonic_{self.order}.{part}"
-            for joint in self.joint_names
-            for part in ("cos", "sin")
-        )
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Radians."""
-        return ("rad",) * (2 * len(self.joint_names))
-
-    @property
-    def tolerances(self) -> tuple[float, ...]:
-        """So wide that nothing is held: the numbers of the whole are wanted."""
-        return (_HOPELESS_RAD,) * (2 * len(self.joint_names))
-
-    def columns(
-        self, geometry: Geometry, derivatives: ProbeDerivatives, poses: Poses
-    ) -> Floats:
-        """Compute the derivatives of x, (n_poses, 3, 2 n_joints)."""
-        phases_rad = self.order * poses.angles_rad[:, np.newaxis]
-        parts = (np.cos(phases_rad), np.sin(phases_rad))
-        pairs = np.stack([derivatives.by_angles * part for part in parts], axis=3)
-        return pairs.reshape(*pairs.shape[:2], -1)
 
 
 def median_conditions(travel: str, n_sets: int) -> list[float]:
@@ -84,16 +42,36 @@ def _condition(travel: str, orders: tuple[int, ...], seed: int) -> float:
     pair = {"id": "pair", "kind": "points", "frame": "own", "n_points": 2}
     artefacts.append({**pair, "size_mm": 800.0, "n_poses": 2 * _N_POSES // 5})
     spec = CampaignSpec.model_validate(
-        {"artefacts": tuple(artefacts), "travel": travel, "conditions": {"columns": ()}}
+        {
+            "artefacts": tuple(artefacts),
+            "travel": travel,
+            "noise": _QUIET,
+            "conditions": {"columns": ()},
+        }
     )
     arm = demo_arm()
     simulated = simulate_campaign(arm, spec, seed)
-    names = tuple(joint.name for joint in arm.joints)
     options = Options(
-        terms=tuple(Harmonics(order, names) for order in orders),
+        free=("*.encoder_*",) if orders else (),
         snooping=False,
         coarse_start=False,
         n_suggestions=0,
     )
-    result = identify(handed_over(simulated.campaign), arm, options)
-    return result.condition_number
+    wanted = arm.model_copy(update={"effects": _harmonics(arm, orders)})
+    return identify(handed_over(simulated.campaign), wanted, options).condition_number
+
+
+def _harmonics(arm: Arm, orders: tuple[int, ...]) -> tuple[Effect, ...]:
+    """Encoder errors cos and sin of order times the reading, of every joint."""
+    tables: list[dict[str, object]] = [
+        {"kind": "encoder_eccentricity"}
+        if order == 1
+        else {"kind": "encoder_harmonic", "order": order}
+        for order in orders
+    ]
+    nothing = {"cos_rad": 0.0, "sin_rad": 0.0}
+    return tuple(
+        effect_from_table({**table, "joint": joint.name, **nothing})
+        for table in tables
+        for joint in arm.joints
+    )

@@ -59,7 +59,7 @@ class _Candidate:
 def suggestions(adjustment: Adjustment, n_wanted: int) -> tuple[Suggestion, ...]:
     """Suggest poses, the best first."""
     network = adjustment.network
-    if network.parameters.terms or n_wanted == 0:
+    if n_wanted == 0:
         return ()
     candidates = _candidates(adjustment)
     covariance = _joint_covariance(adjustment)

@@ -53,7 +53,7 @@ def identified_arm(arm: Arm, adjustment: Adjustment) -> Arm:
         for k, joint in enumerate(arm.joints)
     )
     effects = adjustment.network.parameters.effects
-    values = adjustment.state.arm.amplitudes[adjustment.network.parameters.n_terms :]
+    values = adjustment.state.arm.amplitudes
     update: dict[str, object] = {
         "effects": arm.effects
         if effects is None
@@ -107,30 +107,24 @@ def cartesian_covariance(
     values = adjustment.state.arm
     geometry, n = values.geometry, parameters.n_joints
     basis = parameters.basis(geometry)
-    n_terms = len(values.amplitudes)
-    first_term = 6 * n + 3
-    to_xyz = np.zeros((first_term + n_terms + 3, len(parameters.names)))
+    first, last = 6 * n + 3, 6 * n + 3 + len(values.amplitudes)
+    to_xyz = np.zeros((last + 3, len(parameters.names)))
     for k in range(n):
         to_xyz[3 * k : 3 * k + 3, 4 * k : 4 * k + 2] = basis[k].T
         link = 3 * (n + k)
         to_xyz[link : link + 3, 4 * k + 2 : 4 * k + 4] = basis[k].T
     to_xyz[6 * n : 6 * n + 3, 4 * n + 3 : 4 * n + 6] = np.eye(3)
-    n_plain = parameters.n_terms
-    first_effect, last = first_term + n_plain, first_term + n_terms
-    coordinates = 5 * n + 6 + n_plain
-    to_xyz[first_term:first_effect, 5 * n + 6 : coordinates] = np.eye(n_plain)
-    names_of_terms = parameters.names[5 * n + 6 : coordinates]
+    names_of_effects: tuple[str, ...] = ()
     if parameters.effects is not None:
-        directions = parameters.effects.directions(geometry)
-        to_xyz[first_effect:last, coordinates:] = directions
-        names_of_terms += parameters.effects.effects.parameter_names
-    to_xyz[first_term + n_terms :, 4 * n : 4 * n + 3] = np.eye(3)
+        to_xyz[first:last, 5 * n + 6 :] = parameters.effects.directions(geometry)
+        names_of_effects = parameters.effects.effects.parameter_names
+    to_xyz[last:, 4 * n : 4 * n + 3] = np.eye(3)
     free = to_xyz[:, parameters.free]
     joints = adjustment.network.campaign.joint_names
     names = [f"{joint}.axis.{c}" for joint in joints for c in "xyz"]
     names += [f"{joint}.link.{c}" for joint in joints for c in "xyz"]
     names += [f"probe.vector.{c}" for c in "xyz"]
-    names += names_of_terms
+    names += names_of_effects
     names += [f"origin.{c}" for c in "xyz"]
     all_values = np.concatenate(
         [

@@ -28,7 +28,7 @@ class KnownArm:
 
     Attributes:
         geometry: As estimated.
-        parameters: Without terms; with the mask of the free ones.
+        parameters: Of the geometry only; with the mask of the free ones.
         covariance: (n_free, n_free).
     """
 
@@ -38,8 +38,8 @@ class KnownArm:
 
 
 def known_arm(arm: ArmValues, parameters: Parameters, covariance: Floats) -> KnownArm:
-    """Leave terms out: their shifts need more than a posture."""
-    geometric = parameters.without_terms()
+    """Leave effects out: their shifts need more than a posture."""
+    geometric = parameters.of_geometry()
     n_free = geometric.n_free
     return KnownArm(arm.geometry, geometric, covariance[:n_free, :n_free])
 

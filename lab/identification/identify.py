@@ -130,7 +130,7 @@ def prepared(
         effects = effect_model(arm, arm.effects, campaign) if arm.effects else None
     except ValueError as error:
         raise IdentificationError(str(error)) from error
-    parameters = arm_parameters(geometry, campaign.joint_names, options.terms, effects)
+    parameters = arm_parameters(geometry, campaign.joint_names, effects)
     in_the_arms_system = any(artefact.fixes_datum for artefact in campaign.artefacts)
     wishes = (*(("origin.*",) if in_the_arms_system else ()), *options.free)
     try:
@@ -140,8 +140,7 @@ def prepared(
     if not in_the_arms_system:
         parameters = with_datum(parameters, geometry)
     values = np.empty(0) if effects is None else effects.effects.values
-    amplitudes = np.concatenate([np.zeros(parameters.n_terms), values])
-    return ArmValues(geometry, amplitudes), parameters
+    return ArmValues(geometry, values), parameters
 
 
 def _check(campaign: Campaign, arm: Arm) -> None:

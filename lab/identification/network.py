@@ -192,7 +192,7 @@ def station_centres(
     corrections: Floats | None = None,
 ) -> Floats:
     """Compute the ball centres of a station's poses in mm, (n_poses, 3)."""
-    if not network.parameters.terms and network.parameters.effects is None:
+    if network.parameters.effects is None:
         angles_rad = network.campaign.poses.angles_rad[station.poses]
         if corrections is None:
             return probe_centre(arm.geometry, angles_rad)
@@ -269,25 +269,19 @@ def _chunks(
         angles_rad = poses.angles_rad[rows]
         if corrections is not None:
             angles_rad = angles_rad + corrections[part, :n]
-        of_part = poses.part(rows)
         effects = network.parameters.effects
         if effects is None:
             derivatives = probe_derivatives(arm.geometry, angles_rad)
             centres_mm = derivatives.centres_mm
         else:
-            values = arm.amplitudes[network.parameters.n_terms :]
-            block = effects.block(of_part, angles_rad)
-            errors_rad = effects.reading_corrections(arm.geometry, values, block)
+            block = effects.block(poses.part(rows), angles_rad)
+            errors_rad = effects.reading_corrections(
+                arm.geometry, arm.amplitudes, block
+            )
             derivatives = probe_derivatives(arm.geometry, angles_rad - errors_rad)
-            centres_mm = effects.centres(arm.geometry, values, block)
-        at = 0
+            centres_mm = effects.centres(arm.geometry, arm.amplitudes, block)
         if corrections is not None:
             centres_mm = centres_mm + corrections[part, n:]
-        for term in network.parameters.terms:
-            amplitudes = arm.amplitudes[at : at + len(term.names)]
-            columns = term.columns(arm.geometry, derivatives, of_part)
-            centres_mm = centres_mm + columns @ amplitudes
-            at += len(term.names)
         yield part, centres_mm, derivatives
 
 

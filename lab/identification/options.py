@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-from lab.identification.terms import ProbeTerm
 from lab.identification.variance_components import VarianceModel
 
 
@@ -13,7 +12,6 @@ class Options:
     Attributes:
         hold: Patterns of parameters to hold at their design values.
         free: Patterns of parameters to free; `hold` has the last word.
-        terms: Beyond the geometry.
         snooping: Whether contradicting poses are excluded.
         family_level: Probability that a campaign without blunders loses any pose.
         variances: Which noise is estimated; None: what the campaign does not give.
@@ -23,7 +21,6 @@ class Options:
 
     hold: tuple[str, ...] = ()
     free: tuple[str, ...] = ()
-    terms: tuple[ProbeTerm, ...] = ()
     snooping: bool = True
     family_level: float = 0.01
     variances: VarianceModel | None = None

@@ -16,7 +16,6 @@ from kinematics.derivatives import ProbeDerivatives
 from kinematics.geometry import Geometry, unit_vectors
 from lab.campaign import Poses
 from lab.identification.effect_model import EffectModel
-from lab.identification.terms import ProbeTerm
 
 Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]
@@ -30,12 +29,11 @@ ZERO_TOLERANCE_RAD = 1.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmValues:
-    """Values of all parameters: the geometry and the amplitudes of the terms.
+    """Values of all parameters: the geometry and the values of the effects.
 
     Attributes:
         geometry: The arm in its base posture.
-        amplitudes: Of all terms' parameters in order, then the values of the
-            effects, (n_amplitudes,).
+        amplitudes: Values of the effects in the order of the arm file, (n_values,).
     """
 
     geometry: Geometry
@@ -48,12 +46,11 @@ class Parameters:
 
     Attributes:
         names: `J3.axis.v`, ..., `origin.x`, ..., `probe.vector.x`, ..., `J3.zero`,
-            ..., and those of the terms, (n_all,).
-        units: "" for axes (radians of a small turn), mm, rad; as the terms say.
+            ..., and those of the effects, (n_all,).
+        units: "" for axes (radians of a small turn), mm, rad; as effects say.
         tolerances: Plausible deviations from the design, (n_all,).
         free: Which are estimated, (n_all,).
         smallest: The component of each design axis that v_k is built from.
-        terms: Beyond the geometry.
         effects: Of the arm, or None.
     """
 
@@ -62,13 +59,12 @@ class Parameters:
     tolerances: Floats
     free: Booleans
     smallest: tuple[int, ...]
-    terms: tuple[ProbeTerm, ...] = ()
     effects: EffectModel | None = None
 
     @property
     def n_terms(self) -> int:
-        """The number of the terms' amplitudes."""
-        return sum(len(term.names) for term in self.terms)
+        """Amplitudes that belong to no effect: none."""
+        return 0
 
     @property
     def n_joints(self) -> int:
@@ -99,7 +95,7 @@ class Parameters:
         """Free other ones."""
         return replace(self, free=free)
 
-    def without_terms(self) -> "Parameters":
+    def of_geometry(self) -> "Parameters":
         """Keep the geometry only."""
         n_kept = 5 * self.n_joints + 6
         return Parameters(
@@ -133,18 +129,10 @@ class Parameters:
         if np.any(self.free[4 * n : 4 * n + 3]):
             rest = len(self.names) - 4 * n - 3
             columns += np.pad(np.eye(3), ((0, 0), (4 * n, rest)))[:, self.free]
-        at, place = 5 * n + 6, int(np.count_nonzero(self.free[: 5 * n + 6]))
-        for term in self.terms:
-            free = self.free[at : at + len(term.names)]
-            if np.any(free):
-                of_term = term.columns(values.geometry, derivatives, poses)[:, :, free]
-                columns[:, :, place : place + of_term.shape[2]] = of_term
-            at, place = at + len(free), place + int(np.count_nonzero(free))
-        if self.effects is not None and np.any(self.free[at:]):
-            moves = self.effects.columns(
-                values.geometry, values.amplitudes[self.n_terms :], poses
-            )
-            columns[:, :, place:] = moves[:, :, self.free[at:]]
+        free = self.free[5 * n + 6 :]
+        if self.effects is not None and np.any(free):
+            moves = self.effects.columns(values.geometry, values.amplitudes, poses)
+            columns[:, :, -np.count_nonzero(free) :] = moves[:, :, free]
         return columns
 
     def _maps(self, geometry: Geometry) -> tuple[Floats, Floats, Floats]:
@@ -184,24 +172,20 @@ class Parameters:
     def _moved_amplitudes(
         self, values: ArmValues, moved: Geometry, step: Floats
     ) -> Floats:
-        """Apply a step of terms and effects; vectors stay across or along axes."""
-        n_terms = self.n_terms
-        terms = values.amplitudes[:n_terms] + step[:n_terms]
+        """Apply a step of the effects; vectors stay across or along axes."""
         if self.effects is None:
-            return terms
+            return values.amplitudes
         before = self.effects.directions(values.geometry)
-        sizes = values.amplitudes[n_terms:] + before @ step[n_terms:]
         after = self.effects.directions(moved)
-        return np.concatenate([terms, after @ (after.T @ sizes)])
+        amplitudes: Floats = after @ (after.T @ (values.amplitudes + before @ step))
+        return amplitudes
 
     def length_errors(self, values: ArmValues, artefact: str) -> tuple[float, Floats]:
         """Say by how many ppm a standard is off, and which parameters say so."""
         by_free = np.zeros(self.n_free)
         if self.effects is None:
             return 0.0, by_free
-        found, by_values = self.effects.length_errors(
-            values.amplitudes[self.n_terms :], artefact
-        )
+        found, by_values = self.effects.length_errors(values.amplitudes, artefact)
         by_all = np.zeros(len(self.names))
         by_all[len(self.names) - len(by_values) :] = by_values
         return found, by_all[self.free]
@@ -230,20 +214,16 @@ class Parameters:
     def _amplitude_step(self, at: ArmValues, difference: Floats) -> Floats:
         if self.effects is None:
             return difference
-        directions = self.effects.directions(at.geometry)
-        n_terms = self.n_terms
-        return np.concatenate(
-            [difference[:n_terms], directions.T @ difference[n_terms:]]
-        )
+        step: Floats = self.effects.directions(at.geometry).T @ difference
+        return step
 
 
 def arm_parameters(
     geometry: Geometry,
     joint_names: Sequence[str],
-    terms: tuple[ProbeTerm, ...] = (),
     effects: EffectModel | None = None,
 ) -> Parameters:
-    """List the parameters of an arm; axes, links and terms are free.
+    """List the parameters of an arm; axes and links are free.
 
     Effects are held at their values, until they are freed.
     """
@@ -261,29 +241,23 @@ def arm_parameters(
         *[ORIGIN_TOLERANCE_MM] * 3,
         *[LINK_TOLERANCE_MM] * 3,
         *[ZERO_TOLERANCE_RAD] * n,
-        *(value for term in terms for value in term.tolerances),
     ]
-    extra = [name for term in terms for name in term.names]
-    units = [unit for term in terms for unit in term.units]
     free = np.ones(len(tolerances), dtype=np.bool_)
     free[4 * n : 5 * n + 6] = False
     if effects is not None:
         tolerances += effects.tolerances.tolist()
-        extra += effects.names
-        units += effects.units
         free = np.append(free, np.zeros(len(effects.names), dtype=np.bool_))
     return Parameters(
-        names=(*joints, *rest, *zeros, *extra),
+        names=(*joints, *rest, *zeros, *(() if effects is None else effects.names)),
         units=(
             *(["rad"] * 2 + ["mm"] * 2) * n,
             *["mm"] * 6,
             *["rad"] * n,
-            *units,
+            *(() if effects is None else effects.units),
         ),
         tolerances=np.array(tolerances),
         free=free,
         smallest=tuple(int(at) for at in np.argmin(np.abs(geometry.axes), axis=1)),
-        terms=terms,
         effects=effects,
     )
 

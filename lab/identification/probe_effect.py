@@ -46,7 +46,7 @@ def probe_effects_mm(network: Network, arm: ArmValues, steps: Floats) -> Floats:
 def posture_columns(network: Network, arm: ArmValues) -> tuple[Floats, Floats]:
     """Compute derivatives (n, 3, n_free) and centres (n, 3) at random postures.
 
-    Terms are left out: their columns need more than a posture.
+    Effects are left out: their columns need more than a posture.
     """
     poses = np.concatenate([station.poses for station in network.stations])
     angles_rad = network.campaign.poses.angles_rad[poses]
@@ -58,7 +58,7 @@ def posture_columns(network: Network, arm: ArmValues) -> tuple[Floats, Floats]:
     )
     derivatives = probe_derivatives(arm.geometry, postures_rad)
     parameters = network.parameters
-    geometric = parameters.without_terms()
+    geometric = parameters.of_geometry()
     columns = np.zeros((_N_POSTURES, 3, parameters.n_free))
     columns[:, :, : geometric.n_free] = geometric.columns(
         arm, derivatives, network.campaign.poses.part(poses[:0])

@@ -108,7 +108,7 @@ class CartesianCovariance:
     """Covariance free of any basis, for `arm.cov.npz`.
 
     Attributes:
-        names: `J1.axis.x`, ..., `J1.link.x`, ..., `probe.vector.x`, ..., the terms',
+        names: `J1.axis.x`, ..., `J1.link.x`, ..., `probe.vector.x`, ..., the effects',
             `origin.x`, ...
         values: As estimated, (n_names,).
         covariance: Singular where something is held, (n_names, n_names).

@@ -5,11 +5,10 @@ chosen among nearly two hundred ordinary ones because their figures come close; 
 weigh the same, columns are scaled to unit length once the cones are eliminated.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 
+from kinematics.arm_file import effect_from_table
 from kinematics.derivatives import probe_derivatives
 from lab.campaign import Campaign, Poses
 from lab.identification.artefacts import artefact_from_table
@@ -30,41 +29,22 @@ ORDERS = ((), (1,), (1, 2))
 # Base and first axis, and the turn of the second about the first: scaled columns of
 # another datum have other condition numbers.
 DATUM = ("origin.*", "J1.axis.*", "J2.axis.v")
-# So wide that nothing is held: the numbers of the whole are wanted.
-HOPELESS_RAD = 1e3
 
 
-@dataclass(frozen=True)
-class Harmonics:
+def harmonics(orders):
     """Encoder errors cos and sin of order times the reading, of every joint."""
-
-    order: int
-    n_joints: int
-
-    @property
-    def names(self):
-        return tuple(
-            f"J{k + 1}.h{self.order}.{part}"
-            for k in range(self.n_joints)
-            for part in ("cos", "sin")
-        )
-
-    @property
-    def units(self):
-        return ("rad",) * (2 * self.n_joints)
-
-    @property
-    def tolerances(self):
-        return (HOPELESS_RAD,) * (2 * self.n_joints)
-
-    def columns(self, geometry, derivatives, poses):
-        angles = self.order * poses.angles_rad[:, np.newaxis, :]
-        parts = [
-            derivatives.by_angles * np.cos(angles),
-            derivatives.by_angles * np.sin(angles),
-        ]
-        joined = np.stack(parts, axis=3)
-        return joined.reshape(*joined.shape[:2], -1)
+    tables = [
+        {"kind": "encoder_eccentricity"}
+        if order == 1
+        else {"kind": "encoder_harmonic", "order": order}
+        for order in orders
+    ]
+    nothing = {"cos_rad": 0.0, "sin_rad": 0.0}
+    return tuple(
+        effect_from_table({**table, "joint": f"J{k + 1}", **nothing})
+        for table in tables
+        for k in range(7)
+    )
 
 
 def bent_arm() -> TrueArm:
@@ -133,26 +113,26 @@ def campaign_of(arm, travel, seed):
             angles_rad=np.concatenate([angles for _, angles in found]),
         ),
         # Readings without noise: all rows have the same weight. So little of it in the
-        # contacts that nothing is held.
-        encoder_rad=1e-12,
-        contact_mm=1e-4,
+        # contacts that nothing is held: the numbers of the whole are wanted.
+        encoder_rad=1e-13,
+        contact_mm=1e-5,
     )
 
 
 def conditions(travel, seed):
     arm = bent_arm()
-    campaign = campaign_of(arm, travel, seed)
+    campaign, design = campaign_of(arm, travel, seed), arm_value(arm)
     found = []
     for orders in ORDERS:
-        terms = tuple(Harmonics(order, 7) for order in orders)
         options = Options(
-            terms=terms,
+            free=("*.encoder_*",) if orders else (),
             hold=DATUM,
             snooping=False,
             coarse_start=False,
             n_suggestions=0,
         )
-        result = identify(campaign, arm_value(arm), options)
+        wanted = design.model_copy(update={"effects": harmonics(orders)})
+        result = identify(campaign, wanted, options)
         assert result.undetermined == ()
         n_free = result.adjustment.network.parameters.n_free
         assert n_free == 4 * 7 - 3 + 14 * len(orders)

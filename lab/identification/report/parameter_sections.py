@@ -33,7 +33,7 @@ def parameter_section(result: Identification) -> str:
         for entry, effect_mm in zip(result.parameters, effects_mm, strict=True)
     ]
     free = set(adjustment.network.parameters.free_names)
-    geometric = adjustment.network.parameters.without_terms().names
+    geometric = adjustment.network.parameters.of_geometry().names
     movable = (".axis.", ".link.")
     held = [n for n in geometric if n not in free and any(m in n for m in movable)]
     parts = []
