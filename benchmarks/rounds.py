@@ -2,7 +2,8 @@
 
 Times of a busy machine are worth little; the ratio of two that were taken one right
 after the other is worth more. So everything in a table is timed once a round, and the
-figures are medians over the rounds with the 10th and 90th percentile beside them.
+figures are medians over the rounds with the 10th and 90th percentile beside them. What
+is taken is the CPU time of all threads, so that waiting for a core does not count.
 pyperf would time one task after the other, each in programs of its own, and a machine
 that becomes busy between them would decide the ratio; its file format is used, so that
 `pyperf show`, `stats` and `compare_to` read the results.
@@ -103,10 +104,10 @@ def timed(what: str, tasks: Sequence[Task], rounds: int = ROUNDS) -> Table:
 
 def _once_s(task: Task, repeats: int) -> float:
     call = task.call
-    begun_s = time.perf_counter()
+    begun_s = time.process_time()
     for _ in range(repeats):
         call()
-    return (time.perf_counter() - begun_s) / repeats
+    return (time.process_time() - begun_s) / repeats
 
 
 def _repeats(task: Task) -> int:

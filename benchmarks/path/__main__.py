@@ -1,0 +1,84 @@
+"""`python -m benchmarks.path [FILE]`: the whole path and its stages, a sample."""
+
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.path.line import RATE_HZ, line_bytes
+from benchmarks.path.plain_loop import PlainLoop
+from benchmarks.path.whole import (
+    FROM_MEMORY,
+    LIKE_A_LINE,
+    WholePath,
+    stages,
+    whole,
+)
+from benchmarks.rig import ARM
+from benchmarks.rounds import Table, Task, load, one_core, timed, write
+from daemon.model import read_model
+from protocol.encoding import decode
+from protocol.messages import Scan
+
+N_SAMPLES = 100_000
+N_PLAIN = 1000  # the plain loop takes its time
+AGREEMENT_MM = 1e-9
+
+
+def check_agreement(payloads: list[bytes], texts: list[str]) -> float:
+    """The largest difference between the places of both [mm].
+
+    Raises:
+        ValueError: they do not say the same of the same samples.
+    """
+    decoded = [decode(Scan, payload) for payload in payloads]
+    scans = [scan for scan in decoded if len(scan.dtime_ns)]
+    xyz_mm = np.concatenate([scan.xyz_mm for scan in scans])
+    counts = np.concatenate([scan.counts for scan in scans if scan.counts is not None])
+    plain = [json.loads(text) for text in texts]
+    largest_mm = float(np.abs(xyz_mm - [one["xyz_mm"] for one in plain]).max())
+    same_counts = np.array_equal(counts, [one["counts"] for one in plain])
+    if not (same_counts and largest_mm <= AGREEMENT_MM):
+        raise ValueError(
+            f"the plain loop is {largest_mm:g} mm off, counts the same: {same_counts}; "
+            f"expected at most {AGREEMENT_MM:g} mm and the same counts"
+        )
+    return largest_mm
+
+
+def tables(
+    n_samples: int = N_SAMPLES, n_plain: int = N_PLAIN, rounds: int = 15
+) -> Iterator[Table]:
+    """Check that both agree, then time them."""
+    model = read_model(ARM, {"base": None})
+    data, some = line_bytes(n_samples, model), line_bytes(n_plain, model)
+    payloads = WholePath(model, RATE_HZ).run([some], 1)
+    largest_mm = check_agreement(payloads, PlainLoop(model).run(some))
+    print(f"plain loop and path agree within {largest_mm:.1e} mm")
+    ways = [
+        whole(model, RATE_HZ, data, n_samples, w) for w in (FROM_MEMORY, LIKE_A_LINE)
+    ]
+    plain = Task("plain loop", lambda: PlainLoop(model).run(some), n_plain, True)
+    yield timed("bytes to payloads, a sample", [*ways, plain], rounds)
+    for way in (FROM_MEMORY, LIKE_A_LINE):
+        tasks = stages(model, RATE_HZ, data, n_samples, way)
+        yield timed(f"stages, {way.name}", tasks, rounds)
+
+
+def main(path: Path | None) -> None:
+    """Print the tables, and keep them in a file where one is named."""
+    one_core()
+    print(load())
+    found = []
+    for table in tables():
+        print("\n".join(table.lines()), flush=True)
+        found.append(table)
+    print(load())
+    if path is not None:
+        write(found, path)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else None)

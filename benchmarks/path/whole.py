@@ -1,0 +1,179 @@
+"""The path with the classes of the daemon, whole and cut into its stages."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+from benchmarks.path.line import TICKS, cut
+from benchmarks.rounds import Task
+from daemon.clock import HostClock
+from daemon.model import ArmModel
+from daemon.pipeline import Pipeline
+from daemon.poses import PoseBlock
+from daemon.scanner import Scanner, plan_scan
+from drivers.stream_sequence import StreamSequence
+from drivers.tick_clock import TickClock
+from drivers.values import CountSamples
+from kinematics.effects.block import Block
+from kinematics.effects.pose import corrected_pose
+from kinematics.readings import Unwrapper, counts_to_angles
+from protocol.encoding import encode
+from protocol.framing import FrameSplitter
+from protocol.latch_board import Decoder, SampleBlock
+from protocol.messages import Scan
+
+BLOCK_S = 0.05  # what one message spans unless told otherwise
+
+
+@dataclass(frozen=True, slots=True)
+class Delivery:
+    """How bytes come: the size of a read, and how many the event loop takes up."""
+
+    name: str
+    read_bytes: int
+    reads: int
+
+
+FROM_MEMORY = Delivery("reads of 64 KiB", 65_536, 1)
+LIKE_A_LINE = Delivery("reads of 2 ms, taken up every 20 ms", 940, 10)
+
+
+class Timing:
+    """Numbers and times of samples, as the driver gives them."""
+
+    def __init__(self) -> None:
+        self._sequence = StreamSequence()
+        self._clock = TickClock(TICKS)
+
+    def samples(self, block: SampleBlock) -> CountSamples:
+        """A block with its times; received when its last sample was latched."""
+        seq, _, _, _ = self._sequence.accept(block.seq)
+        ticks = self._clock.unwrap(block.ticks)
+        received_ns = int(ticks[-1]) * 1000
+        self._clock.update(int(ticks[-1]), received_ns)
+        return CountSamples(
+            "base",
+            1,
+            seq,
+            ticks,
+            received_ns,
+            self._clock.to_ns_array(ticks),
+            block.inputs,
+            block.counts,
+            block.status,
+        )
+
+
+class WholePath:
+    """Everything between a read and a payload."""
+
+    def __init__(self, model: ArmModel, rate_hz: float) -> None:
+        self._model = model
+        self._decoder = Decoder()
+        self._timing = Timing()
+        self._pipeline = Pipeline(model, HostClock())
+        self._payloads: list[bytes] = []
+        self._scanner = scanner(model, rate_hz, self._take)
+
+    def run(self, reads: Sequence[bytes], taken_up: int) -> list[bytes]:
+        """Payloads of all these reads, ``taken_up`` of them at a time."""
+        for start in range(0, len(reads), taken_up):
+            waiting = [
+                self._timing.samples(block)
+                for data in reads[start : start + taken_up]
+                for block in self._decoder.feed(data)
+                if isinstance(block, SampleBlock)
+            ]
+            if waiting:
+                samples = CountSamples.joined(waiting)
+                self._scanner.take(self._model, self._pipeline.poses(samples))
+        self._scanner.stop()
+        return self._payloads
+
+    def _take(self, scan: Scan) -> bool:
+        self._payloads.append(encode(scan, "msgpack"))
+        return True
+
+
+def scanner(model: ArmModel, rate_hz: float, offer: Callable[[Scan], bool]) -> Scanner:
+    """A running scan of every sample."""
+    started = Scanner(HostClock(), offer, BLOCK_S)
+    started.start(plan_scan(rate_hz, rate_hz), model, "bench")
+    started.follow(1, rate_hz)
+    return started
+
+
+def whole(
+    model: ArmModel, rate_hz: float, data: bytes, n: int, delivery: Delivery
+) -> Task:
+    """All stages together."""
+    reads = cut(data, delivery.read_bytes)
+
+    def run() -> list[bytes]:
+        return WholePath(model, rate_hz).run(reads, delivery.reads)
+
+    return Task(f"whole path, {delivery.name}", run, n)
+
+
+def stages(
+    model: ArmModel, rate_hz: float, data: bytes, n: int, delivery: Delivery
+) -> list[Task]:
+    """The stages one by one; each is given what the one before it makes."""
+    reads = cut(data, delivery.read_bytes)
+    decoder, timing = Decoder(), Timing()
+    decoded = [b for read in reads for b in decoder.feed(read)]
+    blocks = [b for b in decoded if isinstance(b, SampleBlock)]
+    timed = [timing.samples(block) for block in blocks]
+    k = delivery.reads
+    joined = [timed[at : at + k] for at in range(0, len(timed), k)]
+    samples = [CountSamples.joined(some) for some in joined]
+    counts = [one.counts[:, model.channels] for one in samples]
+    unwrapper = Unwrapper(model.encoders)
+    unwrapped = [unwrapper.unwrap(some) for some in counts]
+    angles = [counts_to_angles(model.encoders, some) for some in unwrapped]
+    pipeline = Pipeline(model, HostClock())
+    poses = [pipeline.poses(some) for some in samples]
+    scans: list[Scan] = []
+    _scanned(model, rate_hz, poses, scans)
+    found: dict[str, Callable[[], object]] = {
+        "frames: cut, COBS, CRC": lambda: _each(FrameSplitter().feed, reads),
+        "frames and samples: decoder": lambda: _each(Decoder().feed, reads),
+        "numbers and times": lambda: _each(Timing().samples, blocks),
+        "blocks joined": lambda: _each(CountSamples.joined, joined),
+        "turns counted": lambda: _each(Unwrapper(model.encoders).unwrap, counts),
+        "angles": lambda: _each(partial(counts_to_angles, model.encoders), unwrapped),
+        "correction and pose": lambda: _each(partial(_corrected, model), angles),
+        "counts to poses: pipeline": lambda: _each(
+            Pipeline(model, HostClock()).poses, samples
+        ),
+        "message, checked": lambda: _scanned(model, rate_hz, poses, []),
+        "MessagePack": lambda: _each(_payload, scans),
+    }
+    return [Task(name, call, n) for name, call in found.items()]
+
+
+def _each(call: Callable[..., object], items: Sequence[object]) -> None:
+    for item in items:
+        call(item)
+
+
+def _corrected(model: ArmModel, angles_rad: object) -> object:
+    block = Block(angles_rad=angles_rad)
+    return corrected_pose(model.geometry, model.effects, block)
+
+
+def _payload(scan: Scan) -> bytes:
+    return encode(scan, "msgpack")
+
+
+def _scanned(
+    model: ArmModel, rate_hz: float, poses: Sequence[PoseBlock], scans: list[Scan]
+) -> None:
+    def take(scan: Scan) -> bool:
+        scans.append(scan)
+        return True
+
+    scanning = scanner(model, rate_hz, take)
+    for block in poses:
+        scanning.take(model, block)
+    scanning.stop()
