@@ -25,7 +25,7 @@ N_CONDITION_SETS = 15
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the tables; 1 if something does not hold."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.proofs")
-    parser.add_argument("--seeds", type=int, default=200, help="campaigns of each mix")
+    parser.add_argument("--seeds", type=int, default=2000, help="campaigns of each mix")
     parser.add_argument(
         "--blunder-seeds", type=int, default=100, help="campaigns of each share"
     )

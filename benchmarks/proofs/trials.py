@@ -6,6 +6,7 @@ import numpy as np
 
 from benchmarks.proofs.campaigns import mix_poses
 from benchmarks.proofs.invariants import distance_errors
+from benchmarks.proofs.planted import PlantedNoise
 from lab.identification.identify import Options, identify
 from simulator.campaigns import draw_noise
 from simulator.campaigns.spec import NoiseTable
@@ -52,6 +53,9 @@ class Outcome:
         passed: The global test of sigma0.
         sum_of_squares: Weighted, of the last adjustment.
         redundancy: Of that.
+        foreseen: Sum of squares that the planted errors must leave, for poses that
+            all take part without blunders; else NaN.
+        foreseen_redundancy: Of that.
         chi_square: Of invariant distances.
         degrees: Of that.
         mean_square_mm2: Of the distances' errors.
@@ -68,6 +72,8 @@ class Outcome:
     passed: bool
     sum_of_squares: float
     redundancy: int
+    foreseen: float
+    foreseen_redundancy: int
     chi_square: float
     degrees: int
     mean_square_mm2: float
@@ -85,6 +91,7 @@ def outcomes(task: Task) -> tuple[Outcome, ...]:
     poses = mix_poses(task.mix, MIXES[task.mix], task.pose_seed)
     noise = NoiseTable(blunder_share=task.blunder_share)
     options = Options(n_suggestions=0)
+    planted = PlantedNoise(poses, noise)
     found = []
     for seed in task.noise_seeds:
         simulated = draw_noise(poses, seed, noise)
@@ -95,12 +102,15 @@ def outcomes(task: Task) -> tuple[Outcome, ...]:
         spoilt = np.zeros(poses.n_poses, dtype=np.bool_)
         spoilt[[blunder.row for blunder in simulated.truth.blunders]] = True
         kept = spoilt & result.included
+        is_whole = bool(np.all(result.included)) and not np.any(spoilt)
         found.append(
             Outcome(
                 converged=result.converged,
                 passed=result.global_test.passed,
                 sum_of_squares=result.adjustment.system.sum_of_squares,
                 redundancy=result.redundancy,
+                foreseen=planted.sum_of_squares(simulated) if is_whole else np.nan,
+                foreseen_redundancy=planted.redundancy,
                 chi_square=errors.chi_square,
                 degrees=errors.degrees,
                 mean_square_mm2=float(np.mean(errors.errors_mm**2)),

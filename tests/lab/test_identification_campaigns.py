@@ -6,6 +6,7 @@ from scipy.stats import chi2
 
 from benchmarks.proofs.campaigns import demo_arm, mix_poses
 from benchmarks.proofs.invariants import distance_errors
+from benchmarks.proofs.planted import PlantedNoise
 from lab.identification.identify import Options, identify
 from simulator.campaigns import draw_noise
 from simulator.campaigns.spec import NoiseTable
@@ -51,6 +52,17 @@ def test_a_simulated_campaign_converges_to_the_noise_that_was_put_in(result):
     statistic = result.sigma0**2 * result.redundancy
     low, high = chi2.ppf([RARE, 1 - RARE], result.redundancy)
     assert low < statistic < high
+
+
+def test_the_sum_of_squares_is_what_the_planted_errors_must_leave(poses):
+    planted = PlantedNoise(poses, NoiseTable())
+    options = Options(n_suggestions=0, snooping=False)
+    simulated = draw_noise(poses, 13)
+    found = identify(handed_over(simulated.campaign), poses.arm, options)
+    assert found.redundancy == planted.redundancy
+    foreseen = planted.sum_of_squares(simulated)
+    spread = np.sqrt(2.0 * found.redundancy)
+    assert abs(found.adjustment.system.sum_of_squares - foreseen) < 0.1 * spread
 
 
 def test_predicted_distances_are_as_wrong_as_the_covariance_says(mix, poses, result):
