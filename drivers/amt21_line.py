@@ -112,8 +112,7 @@ class Amt21Line:
             DeviceError: the port has gone away.
         """
         timeout_ns = self._timeout_ns if patient else self._usual_ns()
-        if stale := self._port.read():
-            self._note_strays(len(stale), timeout_ns)
+        self._clear(timeout_ns)
         reply = amt21.Reply(request, echoed=self.echoed)
         self._port.write(request)
         sent_ns = received_ns = self._now_ns()
@@ -141,8 +140,8 @@ class Amt21Line:
             if late := self._until_quiet(self._usual_ns()):
                 self.strays += len(late)
                 self._disturbed = True
-        elif late := self._port.read():
-            self._note_strays(len(late), self._timeout_ns)
+        else:
+            self._clear(self._timeout_ns)
         sound = not self._disturbed
         self._disturbed = self._missed = False
         return sound
@@ -155,6 +154,11 @@ class Amt21Line:
         if whole:
             return GARBLED
         return SHORT if reply.begun else SILENT
+
+    def _clear(self, quiet_ns: int) -> None:
+        """Read away what nobody has asked for, if there is any."""
+        if self._port.wait(0.0):
+            self._note_strays(len(self._port.read()), quiet_ns)
 
     def _note_strays(self, n_bytes: int, quiet_ns: int) -> None:
         self._disturbed = True

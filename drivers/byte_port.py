@@ -14,7 +14,7 @@ class BytePort(Protocol):
         """Wait for bytes; False after ``seconds`` or a wake-up without any."""
 
     def read(self) -> bytes:
-        """What there is, without waiting."""
+        """What there is, after `wait` has said that there is something."""
 
     def write(self, data: bytes) -> None:
         """Send all of ``data``."""

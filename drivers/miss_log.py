@@ -69,9 +69,11 @@ class MissLog:
             self._told_ns = now_ns
             for (name, miss), count in self._untold.items():
                 text = f"{name} {miss.text}"
-                fault = DeviceFault(self._device, miss.code, text, miss.remedy, count)
-                self._put(fault)
+                self._fault("readings_missing", text, miss.remedy, count)
             self._untold.clear()
+
+    def _fault(self, code: str, text: str, remedy: str, count: int) -> None:
+        self._put(DeviceFault(self._device, code, text, remedy, count))
 
     def _alarm(
         self, number: int, raised: bool, text: str, miss: Miss, misses: int

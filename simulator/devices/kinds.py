@@ -34,4 +34,7 @@ KINDS = {
         "simulator.devices.latch_board:LatchBoardTable",
         "simulator.devices.latch_board:LatchBoard",
     ),
+    "amt21": Kind(
+        "simulator.devices.amt21:Amt21Table", "simulator.devices.amt21:Amt21Line"
+    ),
 }
