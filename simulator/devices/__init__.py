@@ -1,1 +1,7 @@
-"""Simulated devices, one file each: their own bytes, joined to the virtual arm."""
+"""Simulated devices, one file each; `kinds.py` is the table that names them.
+
+To add one: a child of `DeviceTable` (its keys), a class made as `Class(table,
+mounting)` that is a `SimulatedDevice`, a line in `kinds.py`. For a device on serial
+lines take `SerialTable` and `SerialDevice` and say what a byte means. Bytes are
+written from the protocol's facts and never with the code that will decode them.
+"""
