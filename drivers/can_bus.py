@@ -10,7 +10,7 @@ import os
 import select
 import time
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import can
 from can.interfaces.socketcan import SocketcanBus
@@ -54,6 +54,7 @@ class CanBus:
         interface: str,
         channel: str,
         bit_rate: int,
+        *,
         wake_fd: int | None = None,
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
         identifiers: Sequence[int] = (),
@@ -81,7 +82,7 @@ class CanBus:
         """Frames that the kernel could not keep for this program."""
         return 0 if self._socket is None else self._socket.dropped
 
-    def receive(self, timeout_s: float) -> list[Frame]:
+    def receive(self, timeout_s: float) -> Sequence[Frame]:
         """What has come; waits for it at most ``timeout_s``.
 
         Raises:
@@ -165,7 +166,7 @@ class CanBus:
 
 
 def _opened(interface: str, channel: str, bit_rate: int) -> can.BusABC:
-    options: dict[str, object] = {}
+    options: dict[str, Any] = {}
     if interface != "socketcan":
         options["bitrate"] = bit_rate
     if interface == "slcan":

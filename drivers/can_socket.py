@@ -54,7 +54,7 @@ class SocketFrames:
         Raises:
             OSError: the interface is down or gone.
         """
-        frames = []
+        frames: list[tuple[int, bytes, int]] = []
         receive, unpack = self._port.recvmsg, FRAME.unpack
         now_ns = self._now_ns()
         to_monotonic_ns = now_ns - self._realtime_ns()

@@ -8,7 +8,9 @@ from importlib import import_module
 from drivers.driver import Driver
 
 DRIVERS = {
+    "canopen": "drivers.canopen:CanOpen",
     "latch-board": "drivers.latch_board:LatchBoard",
+    "amt21": "drivers.amt21:Amt21",
 }
 """Name in the configuration: module and class."""
 

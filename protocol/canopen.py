@@ -6,6 +6,7 @@ All numbers are little endian.
 """
 
 import struct
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 NMT, SYNC, LSS_ANSWER, LSS_REQUEST = 0x000, 0x080, 0x7E4, 0x7E5
@@ -101,6 +102,12 @@ def decode(can_id: int, data: bytes | bytearray) -> Message | None:
             case 0x580 if n == 8:
                 return SdoAnswer(node, bytes(data))
     return None
+
+
+def identifiers(nodes: Iterable[int]) -> list[int]:
+    """All that these nodes, and whoever sends SYNC, put on the bus."""
+    services = (EMCY, TPDO1, SDO_ANSWER, HEARTBEAT)
+    return [SYNC, *(service + node for node in nodes for service in services)]
 
 
 def nmt_command(command: int, node: int) -> bytes:

@@ -1,0 +1,273 @@
+"""Driver of encoders on a CAN bus that speak CANopen, CiA 301 and CiA 406.
+
+Every node is set up to send its position (object 6004) at each SYNC, which works with
+all makers whose manuals were read; nothing is stored in the encoders. A sample has the
+instant of its SYNC: the kernel's time stamp of the frame where the interface gives it,
+else the moment right after it was sent.
+
+Rests on general knowledge, to be checked against the encoder's manual: how a PDO is
+mapped anew (`drivers/canopen_node.py`), warning bit 5 and the makers' own bits
+(`protocol/canopen_objects.py`), the device state abort code.
+"""
+
+import time
+from collections.abc import Callable
+
+from drivers.can_bus import CanBus
+from drivers.canopen_cycle import Cycles
+from drivers.canopen_options import CanOpenOptions, CodeSequence, SyncSource
+from drivers.canopen_sdo import NodeSdo
+from drivers.canopen_start import Roll, identity_of, set_up_all
+from drivers.canopen_sync import SyncTrain
+from drivers.canopen_upkeep import Upkeep
+from drivers.canopen_watch import Conditions, NodeWatch
+from drivers.crossing import Crossing
+from drivers.driver import Driver
+from drivers.values import DeviceUp, StreamStarted
+from protocol import canopen as wire
+from protocol.canopen_errors import ERROR_FLAG
+
+IDLE_S = 0.05
+
+
+class CanOpen(Driver):
+    """Encoders on one bus; channel i is ``nodes[i]``.
+
+    Args:
+        device: id in the configuration.
+        crossing: where deliveries go.
+        channel: of the interface: "can0", "/dev/ttyACM0", ...
+        nodes: numbers of the encoders.
+        interface: of python-can.
+        bitrate: of the bus.
+        sync: who sends SYNC; "auto" is the kernel where it can, else this program.
+        code_sequence: which way counts go up; "keep" as the encoders have it.
+        heartbeat_ms: how often each node says that it lives.
+        answer_s: how long an answer may take.
+        answer_tries: how often a question is asked.
+        status_period_s: how often alarms and warnings of each node are read; 0 never.
+        monotonic_ns: the host's clock.
+    """
+
+    options = CanOpenOptions
+
+    def __init__(
+        self,
+        device: str,
+        crossing: Crossing,
+        *,
+        channel: str,
+        nodes: tuple[int, ...],
+        interface: str = "socketcan",
+        bitrate: int = 1_000_000,
+        sync: SyncSource = "auto",
+        code_sequence: CodeSequence = "keep",
+        heartbeat_ms: int = 200,
+        answer_s: float = 0.3,
+        answer_tries: int = 3,
+        status_period_s: float = 5.0,
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        super().__init__(device, crossing, monotonic_ns)
+        self._interface, self._channel, self._bit_rate = interface, channel, bitrate
+        self._nodes = tuple(nodes)
+        self._channels = {node: channel for channel, node in enumerate(nodes)}
+        self._sync_source = sync
+        self._code_sequence = code_sequence
+        self._heartbeat_ms = heartbeat_ms
+        self._answer_s, self._tries = answer_s, answer_tries
+        self._status_period_ns = int(status_period_s * 1e9)
+        # Written by the service, read by the thread.
+        self._rate_hz = 0.0
+        self._streams_wanted = 0
+        # The thread's own.
+        self._conditions = Conditions(device, crossing.put)
+        self._first = True
+        self._stream = 0
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        self._bus: CanBus | None = None
+        self._sdos: dict[int, NodeSdo] = {}
+        self._roll: Roll | None = None
+        self._cycles: Cycles | None = None
+        self._upkeep: Upkeep | None = None
+        self._streams_begun = 0
+        self._train: SyncTrain | None = None
+
+    def request_stream(self, rate_hz: float) -> None:
+        """Send SYNCs at ``rate_hz`` from now on; 0 stops them."""
+        self._rate_hz = rate_hz
+        self._streams_wanted += 1
+        self._wake()
+
+    # -- in the driver's thread ------------------------------------------------
+
+    def _connect(self) -> None:
+        bus = self._bus = CanBus(
+            self._interface,
+            self._channel,
+            self._bit_rate,
+            wake_fd=self._wake_read,
+            monotonic_ns=self._now_ns,
+            identifiers=wire.identifiers(self._nodes),
+        )
+        for node in self._nodes:
+            bus.send(wire.NMT, wire.nmt_command(wire.PRE_OPERATIONAL, node))
+        roll = self._roll = Roll(self._nodes)
+        roll.call(
+            bus,
+            self._turn,
+            now_ns=self._now_ns,
+            answer_s=self._answer_s,
+            tries=self._tries,
+            stopping=self._is_stopping,
+        )
+        roll.check(bus.name)
+        self._roll = None
+        self._sdos = {
+            node: NodeSdo(
+                node,
+                bus,
+                self._turn,
+                stopping=self._is_stopping,
+                answer_s=self._answer_s,
+                tries=self._tries,
+                monotonic_ns=self._now_ns,
+            )
+            for node in self._nodes
+        }
+        started = set_up_all(self._sdos, self._heartbeat_ms, self._code_sequence)
+        cycles = self._cycles = Cycles(
+            self.device,
+            self._nodes,
+            [fact.modulus for fact in started.facts],
+            [fact.position for fact in started.facts],
+            self._crossing.put,
+        )
+        self._train = SyncTrain(bus, self._sync_source, self._fault, self._now_ns)
+        for node in self._nodes:
+            bus.send(wire.NMT, wire.nmt_command(wire.START, node))
+        now_ns = self._now_ns()
+        watch = NodeWatch(self._nodes, self._heartbeat_ms, self._conditions, now_ns)
+        self._upkeep = Upkeep(
+            bus,
+            list(self._sdos.values()),
+            started.facts,
+            cycles,
+            watch,
+            self._conditions,
+            self._heartbeat_ms,
+            self._code_sequence,
+            self._status_period_ns,
+            self._now_ns,
+            self._fault,
+            self._counters,
+        )
+        identity = identity_of(started.facts, bus.name, self._interface, self._bit_rate)
+        restarted = started.forgotten and not self._first
+        self._tell(DeviceUp(self.device, identity, restarted))
+        self._first = False
+        for channel, fact in enumerate(started.facts):
+            watch.complaints(channel, fact.alarms, fact.warnings)
+            if fact.node in roll.doubled:
+                watch.duplicate(channel, now_ns, "two answers to one question")
+
+    def _serve(self) -> None:
+        upkeep = self._upkeep
+        while upkeep is not None and not self._stopping:
+            self._begin_wanted_stream()
+            self._turn(IDLE_S)
+            upkeep.look()
+            self._report_counters()
+
+    def _disconnect(self) -> None:
+        if self._train is not None:
+            self._train.stop()
+        if self._bus is not None:
+            self._bus.close()
+        self._begin_anew()
+
+    def _is_stopping(self) -> bool:
+        return self._stopping
+
+    def _turn(self, limit_s: float) -> None:
+        """Send a SYNC if it is time, read the bus once, hand over what is finished.
+
+        Also called while a transfer waits for its answer.
+        """
+        bus, cycles, train = self._bus, self._cycles, self._train
+        if bus is None:
+            return
+        if train is not None and cycles is not None and (host := train.sent):
+            now_ns = self._now_ns()
+            if now_ns >= host.due_ns:
+                # What has come until now belongs to the SYNC before.
+                self._take_frames(bus, cycles, 0.0)
+                steps = host.take(now_ns)
+                bus.send(wire.SYNC, b"")
+                now_ns = self._now_ns()
+                cycles.sync(now_ns, steps)
+            limit_s = min(limit_s, (host.due_ns - now_ns) * 1e-9)
+        self._take_frames(bus, cycles, max(0.0, limit_s))
+        if cycles is not None:
+            cycles.flush(self._now_ns())
+
+    def _take_frames(self, bus: CanBus, cycles: Cycles | None, limit_s: float) -> None:
+        for can_id, data, time_ns in bus.receive(limit_s):
+            if cycles is None or not cycles.take(can_id, data):
+                self._dispatch(can_id, data, time_ns)
+
+    def _dispatch(self, can_id: int, data: bytes | bytearray, time_ns: int) -> None:
+        upkeep = self._upkeep
+        if can_id & ERROR_FLAG:
+            self._counters["error_frames"] += 1
+            if upkeep is not None:
+                upkeep.error_frame(can_id, data, time_ns)
+            return
+        message = wire.decode(can_id, data)
+        if isinstance(message, wire.Sync):
+            self._take_sync(time_ns)
+            return
+        channel = None if message is None else self._channels.get(message.node)
+        if message is None or channel is None:
+            self._counters["frames_ignored"] += 1
+            return
+        if isinstance(message, wire.SdoAnswer):
+            if self._roll is not None:
+                self._roll.answers[message.node] += 1
+            elif message.node in self._sdos:
+                self._sdos[message.node].take(message.data)
+        if upkeep is None:
+            return
+        upkeep.watch.heard(channel, time_ns)
+        if isinstance(message, wire.Heartbeat):
+            upkeep.watch.heartbeat(channel, message.state, time_ns)
+        elif isinstance(message, wire.Emergency):
+            upkeep.emergency(channel, message)
+
+    def _take_sync(self, time_ns: int) -> None:
+        if self._cycles is None or self._train is None:
+            return
+        if self._train.seen is not None:
+            self._cycles.sync(time_ns, self._train.seen.take(time_ns))
+        elif self._train.sent is not None:
+            self._counters["foreign_syncs"] += 1
+
+    # -- streams ---------------------------------------------------------------
+
+    def _begin_wanted_stream(self) -> None:
+        if self._streams_begun == (wanted := self._streams_wanted):
+            return
+        self._streams_begun = wanted
+        train, cycles, rate_hz = self._train, self._cycles, self._rate_hz
+        if train is None or cycles is None:
+            return
+        train.stop()
+        cycles.end(self._now_ns())
+        if not rate_hz:
+            return
+        self._stream += 1
+        cycles.restart(self._stream)
+        self._tell(StreamStarted(self.device, self._stream, rate_hz))
+        train.start(rate_hz)

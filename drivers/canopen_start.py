@@ -1,0 +1,151 @@
+"""Finding all nodes of a bus and setting them up; what fails is told together."""
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from drivers.can_bus import CanBus
+from drivers.canopen_node import NodeFacts, read_facts, set_up
+from drivers.canopen_options import CodeSequence
+from drivers.canopen_sdo import NodeSdo
+from drivers.values import (
+    DeviceError,
+    DeviceNotFoundError,
+    DeviceRefusedError,
+    Identity,
+)
+from protocol import canopen as wire
+
+ASK_DEVICE_TYPE = bytes.fromhex("40 00 10 00 00 00 00 00")
+BUS_SHARE = 0.8  # for SYNC and positions; the rest is for heartbeats and questions
+SLCAN_FRAMES_HZ = 5000.0  # what python-can reads from such an adapter
+
+
+class Roll:
+    """Who answers when all are asked at once.
+
+    Attributes:
+        answers: how often each node has answered.
+        asked: how often it was asked.
+    """
+
+    def __init__(self, nodes: Sequence[int]) -> None:
+        self._nodes = nodes
+        self.answers: Counter[int] = Counter()
+        self.asked: Counter[int] = Counter()
+
+    def call(
+        self,
+        bus: CanBus,
+        turn: Callable[[float], None],
+        *,
+        now_ns: Callable[[], int],
+        answer_s: float,
+        tries: int,
+        stopping: Callable[[], bool],
+    ) -> None:
+        """Ask until all have answered, at most ``tries`` times.
+
+        Args:
+            bus: open.
+            turn: reads it once and counts answers in `answers`.
+            now_ns: the host's clock.
+            answer_s: how long answers may take.
+            tries: how often silent nodes are asked.
+            stopping: asked between waits; True ends the call.
+        """
+        for _ in range(tries):
+            silent = self.silent
+            for node in silent:
+                self.asked[node] += 1
+                bus.send(wire.SDO_REQUEST + node, ASK_DEVICE_TYPE)
+            until_ns = now_ns() + int(answer_s * 1e9)
+            while self.silent and (left_ns := until_ns - now_ns()) > 0:
+                if stopping():
+                    return
+                turn(min(left_ns * 1e-9, 0.01))
+
+    @property
+    def silent(self) -> list[int]:
+        """Nodes that have not answered."""
+        return [node for node in self._nodes if not self.answers[node]]
+
+    @property
+    def doubled(self) -> list[int]:
+        """Nodes that have answered more often than they were asked."""
+        return [node for node in self._nodes if self.answers[node] > self.asked[node]]
+
+    def check(self, where: str) -> None:
+        """Raise DeviceNotFoundError where nodes were silent."""
+        silent = self.silent
+        if not silent:
+            return
+        found = [node for node in self._nodes if node not in silent]
+        there = f"; nodes {_listed(found)} do" if found else ""
+        raise DeviceNotFoundError(
+            f"nodes {_listed(silent)} on {where} do not answer{there}",
+            "check power and number of these encoders (traverse can scan shows what is "
+            "there)"
+            if found
+            else "check the power of the encoders, the bit rate, and the termination "
+            "of the bus (120 ohm at both ends)",
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Started:
+    """All nodes as they were found.
+
+    Attributes:
+        facts: by channel.
+        forgotten: some node had lost its settings.
+    """
+
+    facts: tuple[NodeFacts, ...]
+    forgotten: bool
+
+
+def set_up_all(
+    sdos: Mapping[int, NodeSdo], heartbeat_ms: int, code_sequence: CodeSequence
+) -> Started:
+    """Read and set up all nodes; they are not started yet.
+
+    Raises:
+        DeviceRefusedError: with what is wrong with each.
+    """
+    facts, failures, forgotten = [], [], False
+    for node, sdo in sdos.items():
+        try:
+            found = read_facts(sdo, node)
+            forgotten |= set_up(sdo, found, heartbeat_ms, code_sequence)
+            facts.append(found)
+        except DeviceError as error:
+            failures.append(error)
+    if failures:
+        raise DeviceRefusedError(
+            "; ".join(str(error) for error in failures), failures[0].remedy
+        )
+    return Started(tuple(facts), forgotten)
+
+
+def identity_of(
+    facts: Sequence[NodeFacts], where: str, interface: str, bit_rate: int
+) -> Identity:
+    """Who all the nodes together are, in the words of all drivers."""
+    rate_hz = BUS_SHARE * wire.largest_sync_rate_hz(len(facts), bit_rate)
+    if interface == "slcan":
+        rate_hz = min(rate_hz, SLCAN_FRAMES_HZ / (len(facts) + 1))
+    versions = sorted({f"{fact.profile or 0:08X}" for fact in facts})
+    return Identity(
+        f"CANopen encoders on {where}: {', '.join(fact.name for fact in facts)}",
+        f"profile {', '.join(versions)}",
+        tuple(fact.modulus for fact in facts),
+        0,
+        float(int(rate_hz)),
+        latches=False,
+        counts_per_turn=tuple(fact.counts_per_turn for fact in facts),
+    )
+
+
+def _listed(nodes: Sequence[int]) -> str:
+    return ", ".join(map(str, nodes))

@@ -1,0 +1,126 @@
+"""Where SYNCs come from, and the schedule that they keep.
+
+host      this program sends them between two reads, and stamps them right after
+kernel    the kernel's broadcast manager sends them; they are seen on the bus
+external  another master sends them; they are seen on the bus
+"""
+
+import contextlib
+from collections.abc import Callable
+
+from drivers.can_bus import CanBus, PeriodicTask
+from drivers.canopen_options import SyncSource
+from drivers.values import DeviceError
+from protocol import canopen as wire
+
+FOLLOWED = 0.05  # how much of a deviation the kept schedule follows at each SYNC
+
+
+class HostSync:
+    """Sends a SYNC at k / rate; instants that have passed unused are skipped.
+
+    Args:
+        rate_hz: how often.
+        now_ns: the first is sent one period later.
+    """
+
+    def __init__(self, rate_hz: float, now_ns: int) -> None:
+        self._period_ns = 1e9 / rate_hz
+        self._begin_ns = now_ns
+        self._next = 1
+
+    @property
+    def due_ns(self) -> int:
+        """When the next one is to be sent."""
+        return self._begin_ns + round(self._next * self._period_ns)
+
+    def take(self, now_ns: int) -> int:
+        """Steps of the schedule that the SYNC which is sent now stands for."""
+        reached = max(self._next, int((now_ns - self._begin_ns) / self._period_ns))
+        steps = reached - self._next + 1
+        self._next = reached + 1
+        return steps
+
+
+class SeenSync:
+    """Numbers the SYNCs that are seen, by their instants where the period is known.
+
+    Args:
+        rate_hz: the kernel's; None where another master's is not known.
+    """
+
+    def __init__(self, rate_hz: float | None) -> None:
+        self._period_ns = None if rate_hz is None else 1e9 / rate_hz
+        self._last_ns: float | None = None
+
+    def take(self, time_ns: int) -> int:
+        """Steps of the schedule from the last SYNC to this one."""
+        if self._period_ns is None:
+            return 1
+        if self._last_ns is None:
+            self._last_ns = time_ns
+            return 1
+        steps = max(1, round((time_ns - self._last_ns) / self._period_ns))
+        expected_ns = self._last_ns + steps * self._period_ns
+        self._last_ns = expected_ns + FOLLOWED * (time_ns - expected_ns)
+        return steps
+
+
+class SyncTrain:
+    """The SYNCs of one connection, from whatever source.
+
+    Args:
+        bus: open.
+        wanted: of the options; "auto" is the kernel where it can, else this program.
+        fault: tells what was survived: code, text, remedy.
+        now_ns: the host's clock.
+
+    Attributes:
+        sent: the schedule where this program sends; else None.
+        seen: the numbering where SYNCs are seen on the bus; else None.
+    """
+
+    def __init__(
+        self,
+        bus: CanBus,
+        wanted: SyncSource,
+        fault: Callable[[str, str, str], None],
+        now_ns: Callable[[], int],
+    ) -> None:
+        self._bus, self._wanted = bus, wanted
+        self._fault, self._now_ns = fault, now_ns
+        self._task: PeriodicTask | None = None
+        self.sent: HostSync | None = None
+        self.seen: SeenSync | None = None
+
+    def start(self, rate_hz: float) -> None:
+        """Let SYNCs come at ``rate_hz``, as far as it is ours to say."""
+        self.stop()
+        if self._wanted == "external":
+            self.seen = SeenSync(None)
+            return
+        if self._wanted != "host" and self._kernel_starts(rate_hz):
+            self.seen = SeenSync(rate_hz)
+            return
+        if self._wanted == "kernel" or (
+            self._wanted == "auto" and self._bus.has_kernel_sync
+        ):
+            self._fault(
+                "sync_by_host",
+                f"the kernel cannot send SYNCs on {self._bus.name}; this program does",
+                "load the kernel's module can-bcm, on an interface of SocketCAN",
+            )
+        self.sent = HostSync(rate_hz, self._now_ns())
+
+    def stop(self) -> None:
+        """Send no more."""
+        self.sent = self.seen = None
+        if self._task is not None:
+            self._task.stop()
+            self._task = None
+
+    def _kernel_starts(self, rate_hz: float) -> bool:
+        if self._bus.has_kernel_sync:
+            with contextlib.suppress(DeviceError):
+                self._task = self._bus.send_periodically(wire.SYNC, 1.0 / rate_hz)
+        return self._task is not None

@@ -1,0 +1,215 @@
+"""What is seen to besides the positions: nodes that restart, complaints, the bus.
+
+Called between two reads of the bus. Its questions to a node read the bus meanwhile, so
+no position waits for them; only one node is dealt with at a time.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from drivers.can_bus import CanBus
+from drivers.canopen_cycle import Cycles
+from drivers.canopen_node import NodeFacts, read_facts, set_up
+from drivers.canopen_options import CodeSequence
+from drivers.canopen_sdo import NodeError, NodeSdo
+from drivers.canopen_watch import Conditions, NodeWatch
+from drivers.values import DeviceError
+from protocol import canopen as wire
+from protocol import canopen_objects as objects
+from protocol.canopen_errors import decode_error
+
+LOOK_NS = 50_000_000
+SET_UP_AGAIN_NS = 500_000_000
+BACK_ON_BUS_NS = 200_000_000
+COUNTED = {
+    "delivered": "samples_received",
+    "complete": "samples_complete",
+    "late": "answers_late",
+    "strays": "answers_stray",
+}
+
+Fault = Callable[[str, str, str, int], None]
+
+
+@dataclass(slots=True)
+class Upkeep:
+    """Looks after the nodes of one connection.
+
+    Attributes:
+        sdos: by channel.
+        facts: by channel, as they were found.
+        status_period_ns: how often each node's complaints are read; 0 for never.
+        fault: tells what was survived: code, text, remedy, how often.
+        counters: of the driver.
+    """
+
+    bus: CanBus
+    sdos: Sequence[NodeSdo]
+    facts: Sequence[NodeFacts]
+    cycles: Cycles
+    watch: NodeWatch
+    conditions: Conditions
+    heartbeat_ms: int
+    code_sequence: CodeSequence
+    status_period_ns: int
+    now_ns: Callable[[], int]
+    fault: Fault
+    counters: Counter[str]
+    _look_due_ns: int = 0
+    _status_due_ns: int = 0
+    _status_turn: int = 0
+    _set_up_due_ns: int = 0
+    _bus_off_ns: int = 0
+    _dropped: int = 0
+
+    def look(self) -> None:
+        """Do what is due.
+
+        Raises:
+            DeviceError: all nodes are gone, or one is not what it was.
+        """
+        now_ns = self.now_ns()
+        if now_ns < self._look_due_ns:
+            return
+        self._look_due_ns = now_ns + LOOK_NS
+        self._note_answers(now_ns)
+        self._tell_losses()
+        restarted = self.watch.look(now_ns)
+        if self.watch.all_lost(now_ns):
+            raise DeviceError(
+                f"all nodes on {self.bus.name} are silent",
+                "check the power of the encoders and the cable of the bus",
+            )
+        if restarted and now_ns >= self._set_up_due_ns:
+            self._set_up_due_ns = now_ns + SET_UP_AGAIN_NS
+            self._set_up_again(restarted[0])
+        elif self.status_period_ns and now_ns >= self._status_due_ns:
+            self._status_due_ns = now_ns + self.status_period_ns // len(self.sdos)
+            self._ask_complaints(self._status_turn)
+            self._status_turn = (self._status_turn + 1) % len(self.sdos)
+        for channel in range(len(self.sdos)):
+            self.cycles.status[channel] = self.watch.status(channel)
+
+    def emergency(self, channel: int, message: wire.Emergency) -> None:
+        """An emergency has come: ask that node next, it may have more to tell."""
+        self.watch.emergency(channel, message)
+        self._status_turn, self._status_due_ns = channel, 0
+
+    def error_frame(self, can_id: int, data: bytes | bytearray, at_ns: int) -> None:
+        """The controller has told how its bus is."""
+        told = decode_error(can_id, data)
+        if told.bus_off:
+            self._bus_off_ns = at_ns
+            text = f"{self.bus.name} is off: its controller saw too many errors"
+            self.conditions.begin(None, "bus_off", text)
+        elif told.restarted:
+            self.conditions.end(None, "bus_off")
+        if told.passive:
+            text = f"{self.bus.name} is disturbed: its controller is error passive"
+            self.conditions.begin(None, "bus_passive", text)
+        elif told.active or told.restarted:
+            self.conditions.end(None, "bus_passive")
+        if told.overflow:
+            self._tell_overflow(1)
+
+    def _note_answers(self, now_ns: int) -> None:
+        cycles = self.cycles
+        seen, cycles.seen = cycles.seen, 0
+        for channel in range(len(self.sdos)):
+            if seen >> channel & 1:
+                self.watch.heard(channel, now_ns)
+        if seen and now_ns - self._bus_off_ns > BACK_ON_BUS_NS:
+            self.conditions.end(None, "bus_off")
+        for channel, n in cycles.duplicates.items():
+            sign = f"{n} second answers to one SYNC"
+            self.watch.duplicate(channel, now_ns, sign)
+            self.fault(
+                "duplicate_answers",
+                f"node {self.facts[channel].node}: {sign}",
+                "see the alarm duplicate_node",
+                n,
+            )
+        cycles.duplicates.clear()
+        for channel, sdo in enumerate(self.sdos):
+            if sdo.surplus:
+                sdo.surplus = 0
+                self.watch.duplicate(channel, now_ns, "two answers to one question")
+
+    def _tell_losses(self) -> None:
+        cycles = self.cycles
+        for name in ("delivered", "complete", "late", "strays"):
+            self.counters[COUNTED[name]] += getattr(cycles, name)
+            setattr(cycles, name, 0)
+        lost, cycles.lost = cycles.lost, 0
+        if lost:
+            self.fault(
+                "samples_lost",
+                f"{lost} samples lost: no node answered, or no SYNC was sent",
+                "lower the rate; check the load of bus and computer",
+                lost,
+            )
+        if cycles.missing:
+            who = ", ".join(
+                f"node {self.facts[channel].node}: {n}"
+                for channel, n in sorted(cycles.missing.items())
+            )
+            self.fault(
+                "readings_missing",
+                f"SYNCs without an answer: {who}",
+                "check these encoders; lower the rate if it is all of them",
+                cycles.missing.total(),
+            )
+            for channel, n in cycles.missing.items():
+                self.counters[f"missing_node_{self.facts[channel].node}"] += n
+            cycles.missing.clear()
+        dropped, self._dropped = self.bus.dropped - self._dropped, self.bus.dropped
+        if dropped > 0:
+            self._tell_overflow(dropped)
+
+    def _tell_overflow(self, n: int) -> None:
+        self.fault(
+            "frames_overflowed",
+            f"frames were lost on {self.bus.name} because nobody read them in time",
+            "lower the rate; give the daemon more of the computer",
+            n,
+        )
+
+    def _set_up_again(self, channel: int) -> None:
+        sdo, known = self.sdos[channel], self.facts[channel]
+        try:
+            self.bus.send(wire.NMT, wire.nmt_command(wire.PRE_OPERATIONAL, known.node))
+            found = read_facts(sdo, known.node)
+            if (found.counts_per_turn, found.modulus) != (
+                known.counts_per_turn,
+                known.modulus,
+            ):
+                raise DeviceError(
+                    f"{sdo.name} came back with {found.counts_per_turn} counts per turn"
+                    f", it had {known.counts_per_turn}",
+                    "if it was replaced, correct the arm file and identify anew",
+                )
+            forgotten = set_up(sdo, found, self.heartbeat_ms, self.code_sequence)
+        except NodeError:
+            return  # it stays lost; it is tried again
+        self.bus.send(wire.NMT, wire.nmt_command(wire.START, known.node))
+        self.watch.set_up(channel, self.now_ns())
+        self.watch.complaints(channel, found.alarms, found.warnings)
+        if forgotten:
+            self.fault(
+                "node_restarted",
+                f"node {known.node} has restarted; it is set up again and measures",
+                "check its power supply; check a known point before measuring on",
+                1,
+            )
+
+    def _ask_complaints(self, channel: int) -> None:
+        sdo = self.sdos[channel]
+        if self.conditions.is_raised(channel, "node_lost"):
+            return
+        try:
+            alarms = sdo.find_number(objects.ALARMS) or 0
+            warnings = sdo.find_number(objects.WARNINGS) or 0
+        except NodeError:
+            return  # its heartbeat tells whether it is lost
+        self.watch.complaints(channel, alarms, warnings)
