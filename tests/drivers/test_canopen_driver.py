@@ -3,7 +3,7 @@
 import asyncio
 import contextlib
 import itertools
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator
 
 import pytest
 
@@ -320,7 +320,6 @@ async def test_a_stream_can_be_stopped_and_begun_again(rig: CanRig):
 
 
 @pytest.fixture(autouse=True)
-def quiet_library(caplog: pytest.LogCaptureFixture) -> Iterator[None]:
+def quiet_library(caplog: pytest.LogCaptureFixture) -> None:
     """The library logs each abort that we asked for on purpose."""
     caplog.set_level("CRITICAL", logger="canopen")
-    yield

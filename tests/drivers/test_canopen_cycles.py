@@ -1,0 +1,246 @@
+"""Sets of positions by SYNC, the schedule of SYNCs, and frames from a socket."""
+
+import socket
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.can_socket import SocketFrames
+from drivers.canopen_cycle import Cycles
+from drivers.canopen_sync import HostSync, SeenSync
+from drivers.values import STATUS_ERROR, STATUS_MISSING, CountSamples
+
+NODES = (3, 7, 11)
+TURN = 1 << 20
+
+
+class Taken:
+    """Cycles of three nodes, and what they delivered."""
+
+    def __init__(self, moduli: tuple[int, ...] = (TURN,) * 3) -> None:
+        self.blocks: list[CountSamples] = []
+        self.cycles = Cycles("arm", NODES, moduli, (1, 2, 3), self.blocks.append)
+        self.cycles.restart(1)
+
+    def answer(self, node: int, count: int) -> None:
+        assert self.cycles.take(0x180 + node, count.to_bytes(4, "little"))
+
+    def rows(self) -> list[tuple[int, list[int], list[int]]]:
+        self.cycles.flush(10**9, at_once=True)
+        return [
+            (int(seq), counts.tolist(), status.tolist())
+            for block in self.blocks
+            for seq, counts, status in zip(
+                block.seq, block.counts, block.status, strict=True
+            )
+        ]
+
+
+def test_a_set_has_the_instant_of_its_sync() -> None:
+    taken = Taken()
+    taken.cycles.sync(5_000)
+    for node, count in zip(NODES, (10, 20, 30), strict=True):
+        taken.answer(node, count)
+    assert taken.rows() == [(0, [10, 20, 30], [0, 0, 0])]
+    assert taken.blocks[0].sample_time_ns.tolist() == [5_000]
+    assert taken.blocks[0].received_ns == 10**9
+
+
+def test_a_node_that_does_not_answer_keeps_its_last_count() -> None:
+    taken = Taken()
+    taken.cycles.sync(0)
+    taken.answer(3, 10)
+    taken.answer(11, 30)
+    taken.cycles.sync(1000)
+    assert taken.rows() == [(0, [10, 2, 30], [0, STATUS_MISSING, 0])]
+    assert taken.cycles.missing == {1: 1}
+    assert taken.cycles.lost == 0
+
+
+def test_a_sync_that_nobody_answers_is_a_gap() -> None:
+    taken = Taken()
+    for answered in (True, False, True):
+        taken.cycles.sync(0)
+        if answered:
+            for node in NODES:
+                taken.answer(node, 5)
+    taken.cycles.sync(0)
+    assert [row[0] for row in taken.rows()] == [0, 2]
+    assert taken.cycles.lost == 1
+
+
+def test_an_answer_after_the_next_sync_is_not_taken_for_the_new_one() -> None:
+    taken = Taken()
+    taken.cycles.sync(0)
+    taken.answer(3, 10)
+    taken.answer(7, 20)
+    taken.cycles.sync(1000)
+    taken.answer(11, 30)  # of the SYNC before
+    for node, count in zip(NODES, (11, 21, 31), strict=True):
+        taken.answer(node, count)
+    assert taken.rows() == [
+        (0, [10, 20, 3], [0, 0, STATUS_MISSING]),
+        (1, [11, 21, 31], [0, 0, 0]),
+    ]
+    assert taken.cycles.late == 1
+    assert not taken.cycles.duplicates
+
+
+def test_a_second_answer_is_a_duplicate() -> None:
+    taken = Taken()
+    taken.cycles.sync(0)
+    for node in NODES:
+        taken.answer(node, 5)
+    taken.answer(7, 6)
+    assert taken.rows() == [(0, [5, 5, 5], [0, 0, 0])]
+    assert taken.cycles.duplicates == {1: 1}
+
+
+def test_a_count_beyond_the_range_of_its_encoder_is_an_error() -> None:
+    taken = Taken((16, TURN, 1 << 32))
+    taken.cycles.sync(0)
+    for node, count in zip(NODES, (16, 5, 2**32 - 1), strict=True):
+        taken.answer(node, count)
+    assert taken.rows() == [(0, [0, 5, 2**32 - 1], [STATUS_ERROR, 0, 0])]
+
+
+def test_frames_that_are_no_positions_are_left_to_others() -> None:
+    taken = Taken()
+    assert not taken.cycles.take(0x703, b"\x05")
+    assert not taken.cycles.take(0x184, bytes(4))
+    assert taken.cycles.take(0x183, bytes(3))  # too short
+    assert taken.cycles.take(0x183, bytes(4))  # before any SYNC
+    assert taken.cycles.strays == 2
+    assert taken.rows() == []
+
+
+EVENTS = st.lists(
+    st.one_of(
+        st.just("sync"),
+        st.tuples(st.sampled_from([0x183, 0x187, 0x18B, 0x185]), st.binary(max_size=8)),
+    ),
+    max_size=60,
+)
+
+
+@given(EVENTS)
+def test_no_sequence_of_frames_invents_or_reorders(events: list[object]) -> None:
+    taken = Taken()
+    n_syncs, sent = 0, {3: {1}, 7: {2}, 11: {3}}
+    for event in events:
+        if isinstance(event, tuple):
+            can_id, data = event
+            if taken.cycles.take(can_id, data) and len(data) >= 4:
+                count = struct.unpack_from("<I", data)[0] % TURN
+                sent[can_id - 0x180].add(count)
+        else:
+            taken.cycles.sync(1000 * n_syncs)
+            n_syncs += 1
+    rows = taken.rows()
+    seqs = [row[0] for row in rows]
+    assert seqs == sorted(set(seqs))
+    assert all(0 <= seq < n_syncs for seq in seqs)
+    for block in taken.blocks:
+        assert (block.sample_time_ns == 1000 * block.seq).all()
+    for _, counts, status in rows:
+        assert any(not bits & STATUS_MISSING for bits in status)
+        for node, count in zip(NODES, counts, strict=True):
+            assert count in sent[node]
+    assert taken.cycles.lost + len(rows) in (n_syncs, n_syncs - 1)
+
+
+def test_host_syncs_keep_their_schedule_and_skip_what_has_passed() -> None:
+    schedule = HostSync(1000.0, 0)
+    assert schedule.due_ns == 1_000_000
+    assert schedule.take(1_050_000) == 1
+    assert schedule.due_ns == 2_000_000
+    assert schedule.take(5_700_000) == 4  # instants 2, 3, 4 and 5 with one SYNC
+    assert schedule.due_ns == 6_000_000
+    assert schedule.take(6_000_000) == 1
+
+
+@given(st.lists(st.integers(1, 4), max_size=50), st.randoms(use_true_random=False))
+def test_seen_syncs_are_numbered_by_time(steps: list[int], random: object) -> None:
+    seen = SeenSync(1000.0)
+    assert seen.take(0) == 1
+    at = 0
+    for step in steps:
+        at += step
+        jitter = random.uniform(-200_000, 200_000)  # type: ignore[attr-defined]  # hypothesis' own Random
+        assert seen.take(round(at * 1_000_100 + jitter)) == step
+
+
+def test_seen_syncs_of_another_master_are_counted_one_by_one() -> None:
+    seen = SeenSync(None)
+    assert [seen.take(t) for t in (0, 10**9, 10**9 + 5)] == [1, 1, 1]
+
+
+def frame(can_id: int, data: bytes) -> bytes:
+    return struct.pack("=IB3x8s", can_id, len(data), data)
+
+
+@pytest.fixture
+def pair() -> tuple[socket.socket, socket.socket]:
+    # As on a CAN socket, one read gives one frame.
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    with ours, theirs:
+        yield ours, theirs
+
+
+def test_frames_of_a_socket_are_split(
+    pair: tuple[socket.socket, socket.socket],
+) -> None:
+    ours, theirs = pair
+    frames = SocketFrames(ours, lambda: 7_000, lambda: 2_000)
+    theirs.send(frame(0x185, b"\x40\xe2\x01\x00"))
+    theirs.send(frame(0x080, b""))
+    theirs.send(frame(0x8000_0185, bytes(4)))  # 29 bits
+    theirs.send(frame(0x4000_0185, b""))  # remote
+    theirs.send(b"short")
+    theirs.send(frame(0x2000_0040, bytes(8)))  # the controller's own words
+    got = [(can_id, data) for can_id, data, _ in frames.read(64)]
+    assert got == [
+        (0x185, b"\x40\xe2\x01\x00"),
+        (0x080, b""),
+        (0x2000_0040, bytes(8)),
+    ]
+    assert list(frames.read(64)) == []
+
+
+def test_no_more_frames_are_read_than_asked_for(
+    pair: tuple[socket.socket, socket.socket],
+) -> None:
+    ours, theirs = pair
+    frames = SocketFrames(ours)
+    for _ in range(5):
+        theirs.send(frame(0x185, bytes(4)))
+    assert [len(frames.read(2)) for _ in range(3)] == [2, 2, 1]
+
+
+class StampedSocket:
+    """A socket as the kernel gives it on CAN: with control messages."""
+
+    def __init__(self, received: list[tuple[bytes, list[tuple[int, int, bytes]]]]):
+        self._received = received
+
+    def setsockopt(self, level: int, option: int, value: int) -> None:
+        raise OSError("refused")
+
+    def recvmsg(self, size: int, control: int, flags: int) -> object:
+        del size, control, flags
+        if not self._received:
+            raise BlockingIOError
+        data, messages = self._received.pop(0)
+        return data, messages, 0, None
+
+
+def test_the_kernels_stamp_is_brought_to_the_monotonic_clock() -> None:
+    # Realtime is 1000 s ahead; the frame came 3 ns before it is read.
+    stamp = (socket.SOL_SOCKET, 35, struct.pack("@ll", 1005, 999_999_997))
+    lost = (socket.SOL_SOCKET, 40, struct.pack("@I", 12))
+    port = StampedSocket([(frame(0x080, b""), [stamp, lost])])
+    frames = SocketFrames(port, lambda: 6 * 10**9, lambda: 1006 * 10**9)  # type: ignore[arg-type]  # as much of a socket as is used
+    assert frames.read(8) == [(0x080, b"", 6 * 10**9 - 3)]
+    assert frames.dropped == 12
