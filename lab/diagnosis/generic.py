@@ -19,6 +19,10 @@ from lab.diagnosis.rows import Rows
 Floats = NDArray[np.float64]
 
 N_KNOTS = 10
+# Of a joint's angle over its own reading also so many: a fault of the encoder may be
+# narrower than the knots lie apart. Each has its poses, or it would follow blunders.
+N_FINE_KNOTS = 20
+_POSES_A_KNOT = 8
 # Of the covariate's range: knots closer than that are one.
 _LEAST_STEP = 1e-3
 _OF_ALL = ("time_s", "temperature_c")
@@ -28,9 +32,9 @@ def generic_bank(rows: Rows) -> Bank:
     """Compute curves of every joint over every covariate that varies.
 
     A joint's angle is curved over all readings, time, temperature and force, and over
-    the joint's own temperature and speed. Two tilts of its axis and three shifts of
-    its origin are curved over its own reading, time and temperature; the base over
-    time and temperature.
+    the joint's own temperature and speed; over its own reading once more with finer
+    knots. Two tilts of its axis and three shifts of its origin are curved over its own
+    reading, time and temperature; the base over time and temperature.
 
     Args:
         rows: Of the fit.
@@ -43,8 +47,10 @@ def generic_bank(rows: Rows) -> Bank:
     by_tilts, by_shifts = _by_carriers(rows)
     candidates: list[Candidate] = []
     parts: list[Floats] = []
+    used = used_poses(rows)
+    n_fine = min(N_FINE_KNOTS, len(used) // _POSES_A_KNOT)
     for found in courses(rows):
-        knots = spline_knots(found.values[used_poses(rows)])
+        knots = spline_knots(found.values[used])
         curves = _curves(rows, found, knots)
         parts_of = "x", "y", "z"
         if found.name in _OF_ALL:
@@ -56,7 +62,12 @@ def generic_bank(rows: Rows) -> Bank:
             candidates.append(_candidate(found, knots, name, "angle", ()))
             own = rows.by_readings[:, joint : joint + 1]
             parts.append(_products(own * CURVE_RAD, curves))
-            if found.name in _OF_ALL or (found.is_reading and found.joint == joint):
+            is_own = found.is_reading and found.joint == joint
+            if is_own and n_fine > N_KNOTS:
+                fine = spline_knots(found.values[used], n_fine)
+                candidates.append(_candidate(found, fine, name, "angle", ()))
+                parts.append(_products(own * CURVE_RAD, _curves(rows, found, fine)))
+            if found.name in _OF_ALL or is_own:
                 candidates.append(_candidate(found, knots, name, "tilt", ("v", "w")))
                 parts.append(_products(by_tilts[:, joint] * CURVE_RAD, curves))
                 directions = "v", "w", "u"
@@ -66,18 +77,19 @@ def generic_bank(rows: Rows) -> Bank:
     return Bank(tuple(candidates), rows.decorrelated(stacked))
 
 
-def spline_knots(values: Floats) -> tuple[float, ...]:
+def spline_knots(values: Floats, most: int = N_KNOTS) -> tuple[float, ...]:
     """Place knots where the values are: as many between any two of them.
 
     Args:
         values: Of a covariate that varies, (n,).
+        most: Knots.
 
     Returns:
-        At most 10, rising; fewer where there are fewer different values.
+        Rising; fewer where there are fewer different values.
     """
-    quantiles = np.quantile(values, np.linspace(0.0, 1.0, N_KNOTS))
+    quantiles = np.quantile(values, np.linspace(0.0, 1.0, most))
     distinct = np.unique(values)
-    if len(distinct) < N_KNOTS:
+    if len(distinct) < most:
         quantiles = distinct
     step = _LEAST_STEP * (quantiles[-1] - quantiles[0])
     knots = [float(quantiles[0])]
@@ -114,7 +126,7 @@ def _by_carriers(rows: Rows) -> tuple[Floats, Floats]:
     geometry, angles_rad = state.arm.geometry, rows.block.angles_rad
     effects = network.parameters.effects
     if effects is not None:
-        values = state.arm.amplitudes[network.parameters.n_terms :]
+        values = state.arm.amplitudes
         angles_rad = angles_rad - effects.reading_corrections(
             geometry, values, rows.block
         )

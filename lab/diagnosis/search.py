@@ -1,7 +1,7 @@
 """The search: add what explains most until nothing is left, then look back."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from lab.diagnosis.choice import Choice, is_significant, next_choice
 from lab.diagnosis.entries import effect_from_candidate
 from lab.diagnosis.fit import Fit, fitted, with_effects
 from lab.diagnosis.options import DiagnosisOptions
+from lab.diagnosis.readmission import readmitted
 from lab.diagnosis.rows import Rows, rows_of
 from lab.diagnosis.serial import SerialNoise, without_serial_noise
 from lab.diagnosis.stage import Stage, stage_of
@@ -90,9 +91,15 @@ def searched(
     stuck: Choice | None = None
     while len(terms) < options.most_terms:
         settled = settled_joints(terms)
-        if not is_significant(stage, thresholds, settled):
-            break
-        choice = next_choice(stage, settled)
+        choice = _choice(stage, thresholds, settled)
+        if choice is None or choice.bank is BankName.GENERIC:
+            # Poses that look like blunders may be what a curve is about.
+            believed = thresholds[BankName.GENERIC]
+            again = _with_readmitted(fit, eligible, believed, settled, serial)
+            if again is not None:
+                better = _choice(again[1], thresholds, settled)
+                if better is not None and better.log_p < believed:
+                    (fit, stage), choice = again, better
         if choice is None:
             break
         if not is_adaptable(choice):
@@ -105,6 +112,31 @@ def searched(
         terms.append(Added(choice.candidate, choice.bank, n_given + len(terms)))
         stage = stage_at(fit, serial)
     return Search(fit, stage, tuple(terms), thresholds, first, n_given, serial, stuck)
+
+
+def _choice(
+    stage: Stage, thresholds: dict[BankName, float], settled: frozenset[str]
+) -> Choice | None:
+    """Choose what to add; None: no bank sees anything."""
+    if not is_significant(stage, thresholds, settled):
+        return None
+    return next_choice(stage, settled)
+
+
+def _with_readmitted(
+    fit: Fit,
+    eligible: Booleans,
+    log_p: float,
+    settled: frozenset[str],
+    serial: SerialNoise | None,
+) -> tuple[Fit, Stage] | None:
+    """Fit again with poses that a curve explains, and judge everything there."""
+    included = readmitted(fit, eligible, log_p, settled)
+    if included is None:
+        return None
+    begun = replace(fit, included=included)
+    again = refitted(begun, fit.arm.effects, included, snooping=False)
+    return again, stage_at(again, serial)
 
 
 def stage_at(fit: Fit, serial: SerialNoise | None) -> Stage:

@@ -16,7 +16,8 @@ from kinematics.forward import probe_centre
 from lab.diagnosis.covariates import courses, used_poses
 from lab.diagnosis.entries import effect_from_candidate
 from lab.diagnosis.findings import project
-from lab.diagnosis.generic import N_KNOTS, generic_bank, spline_knots
+from lab.diagnosis.fit import fitted
+from lab.diagnosis.generic import N_FINE_KNOTS, N_KNOTS, generic_bank, spline_knots
 from lab.diagnosis.rows import rows_of
 from lab.identification.plausible import campaign_span
 from tests.lab.diagnosis.bank_rows import measured, measured_rows, serial_rows
@@ -48,12 +49,34 @@ def test_curves_cover_all_covariates():
     }
     base = {(None, "shift", "time_s"), (None, "shift", "temperature_c")}
     assert found == angles | moves | base
-    assert len(bank.candidates) == len(found)
+    fine = [
+        one
+        for one in bank.candidates
+        if one.component == "angle" and one.size == N_FINE_KNOTS
+    ]
+    # The plain ones and, over the joint's own reading, the fine ones.
+    assert len(bank.candidates) == len(found) + len(JOINTS)
+    assert {(one.joint, one.covariate) for one in fine} == {
+        (joint, f"{joint}_rad") for joint in JOINTS
+    }
     sizes = {"angle": 1, "tilt": 2, "shift": 3}
     for candidate in bank.candidates:
-        assert candidate.size == N_KNOTS * sizes[str(candidate.component)]
+        if candidate not in fine:
+            assert candidate.size == N_KNOTS * sizes[str(candidate.component)]
     assert bank.columns.shape[1] == sum(c.size for c in bank.candidates)
     assert np.isfinite(bank.columns).all()
+
+
+def test_few_poses_have_no_fine_curves():
+    campaign = measured().with_poses().campaign
+    few = np.arange(len(campaign.poses)) % 3 == 0
+    rows = rows_of(fitted(campaign, measured().arm, few).adjustment)
+    assert np.count_nonzero(few) < 8 * (N_KNOTS + 1)
+    assert all(
+        one.size == N_KNOTS
+        for one in generic_bank(rows).candidates
+        if one.component == "angle"
+    )
 
 
 def test_covariates_that_do_not_vary_or_are_not_there_have_no_curves():
