@@ -1,0 +1,82 @@
+"""A probe checked by pivoting in a cone: where its ball is on the last element.
+
+The ball stays where it is while the arm moves: with e the end of the last link, P its
+rotation and p the vector to the ball in the base posture,
+
+    e_i + P_i p = c        for all i,
+
+linear in p and c, and with the arm as it is known.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.derivatives import probe_derivatives
+from kinematics.geometry import Geometry
+
+Floats = NDArray[np.float64]
+
+_LEAST_POSES = 4
+# Of the smallest singular value to the largest: below, the poses hardly differ.
+_FLAT = 1e-3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pivot:
+    """A probe vector that was found by pivoting.
+
+    Attributes:
+        vector_mm: From the end of the last link to the ball, base posture, (3,).
+        covariance_mm2: Of it, from the scatter of the poses, (3, 3).
+        seat_mm: Where the ball sat, (3,).
+        rms_mm: Of the distances of the poses' balls from the seat.
+        redundancy: Of the fit.
+    """
+
+    vector_mm: Floats
+    covariance_mm2: Floats
+    seat_mm: Floats
+    rms_mm: float
+    redundancy: int
+
+
+def fit_pivot(geometry: Geometry, angles_rad: Floats) -> Pivot:
+    """Find the probe vector from poses with the ball in one seat.
+
+    Args:
+        geometry: The arm; its probe vector is where the fit begins.
+        angles_rad: Corrected readings, (n_poses, n_joints).
+
+    Raises:
+        ValueError: Too few poses, or their rotations hardly differ.
+    """
+    n = len(angles_rad)
+    if n < _LEAST_POSES:
+        raise ValueError(f"{n} poses in the cone, expected at least {_LEAST_POSES}")
+    known = probe_derivatives(geometry, angles_rad)
+    rotations = known.by_probe_vector
+    # Unknowns: the change of p, and the seat relative to the mean of the balls.
+    mean_mm = known.centres_mm.mean(axis=0)
+    seats = np.broadcast_to(-np.eye(3), (n, 3, 3))
+    design = np.concatenate([rotations, seats], axis=2).reshape(3 * n, 6)
+    misses_mm = (mean_mm - known.centres_mm).reshape(3 * n)
+    singular = np.linalg.svd(design, compute_uv=False)
+    if singular[-1] < _FLAT * singular[0]:
+        raise ValueError(
+            "the poses in the cone hardly differ in how the probe stands: tilt and "
+            "turn it as far as the cone allows"
+        )
+    found, _, _, _ = np.linalg.lstsq(design, misses_mm, rcond=None)
+    left_mm = misses_mm - design @ found
+    redundancy = 3 * n - 6
+    variance = float(left_mm @ left_mm) / redundancy
+    cofactors = np.linalg.inv(design.T @ design)
+    return Pivot(
+        geometry.probe_vector_mm + found[:3],
+        variance * cofactors[:3, :3],
+        mean_mm + found[3:],
+        float(np.sqrt(left_mm @ left_mm / n)),
+        redundancy,
+    )
