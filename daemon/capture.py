@@ -79,6 +79,11 @@ class Triggers:
     def __init__(self, inputs: Mapping[tuple[str, int], Trigger]) -> None:
         self._inputs = dict(inputs)
 
-    def trigger_of(self, device: str, number: int) -> Trigger | None:
+    @property
+    def devices(self) -> set[str]:
+        """Ids of the devices that have such inputs."""
+        return {device for device, _ in self._inputs}
+
+    def trigger_of(self, device: str, number: int | None) -> Trigger | None:
         """The trigger wired to an input; None if the input means nothing."""
-        return self._inputs.get((device, number))
+        return None if number is None else self._inputs.get((device, number))

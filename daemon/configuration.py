@@ -60,6 +60,16 @@ class CaptureSection(StrictModel):
     inputs: Annotated[tuple[InputSection, ...], Field(max_length=64)] = ()
 
 
+class AssemblySection(StrictModel):
+    """How readings of different instants become samples of the arm."""
+
+    clock: str | None = None
+    wait_s: float = Field(default=0.05, ge=0.001, le=1.0)
+    point_wait_s: float = Field(default=0.5, ge=0.01, le=5.0)
+    policy: Literal["flag", "drop"] = "flag"
+    skew_limit_mm: float = Field(default=0.1, gt=0.0)
+
+
 class HealthSection(StrictModel):
     """How often the daemon says how it is."""
 
@@ -73,6 +83,7 @@ class Configuration(StrictModel):
     broker: BrokerSection | None = None
     device: Annotated[tuple[AnyDevice, ...], Field(min_length=1)]
     capture: CaptureSection = CaptureSection()
+    assembly: AssemblySection = AssemblySection()
     health: HealthSection = HealthSection()
 
 

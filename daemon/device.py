@@ -2,6 +2,7 @@
 
 import asyncio
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -59,8 +60,10 @@ class Device:
             identity=identity,
         )
 
-    def health(self, rate_hz: float, now_ns: int) -> DeviceHealth:
-        """As it stands in the health message."""
+    def health(
+        self, rate_hz: float, now_ns: int, lacks: Mapping[str, int]
+    ) -> DeviceHealth:
+        """As it stands in the health message, with what the arm lacked of it."""
         return DeviceHealth(
             id=self.section.id,
             state=self.state,
@@ -68,7 +71,7 @@ class Device:
             age_s=(now_ns - self.last_ns) * 1e-9 if self.last_ns else None,
             queued=self.crossing.waiting_samples,
             queue_limit=self.crossing.max_samples,
-            counters=dict(self.counters),
+            counters={**self.counters, **lacks},
             temperatures_c={
                 str(number): value
                 for number, value in enumerate(self.temperatures_c)

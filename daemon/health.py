@@ -50,8 +50,21 @@ class HealthReport:
         broker: BrokerHealth,
         counters: Mapping[str, int],
         temperature_c: float | None,
+        lacks: Mapping[str, Mapping[str, int]],
+        skew_mm: float | None,
     ) -> Health:
-        """The figures since the last call."""
+        """The figures since the last call.
+
+        Args:
+            arm: its name.
+            session: that points belong to.
+            devices: all of the configuration.
+            broker: the connection to it.
+            counters: of everything but devices.
+            temperature_c: of the arm.
+            lacks: counters of what the arm's samples lacked, by device.
+            skew_mm: see the message.
+        """
         now_ns = self._clock.monotonic_ns()
         elapsed_s = max(1e-3, (now_ns - self._last_ns) * 1e-9)
         cpu_s = time.process_time()
@@ -60,6 +73,7 @@ class HealthReport:
             for name in SUMMED:
                 totals[name] += device.counters[name]
             totals["reconnects"] += device.reconnects
+            totals.update(lacks.get(device.section.id, {}))
         rates_hz = {
             name: max(0, totals[name] - self._last[name]) / elapsed_s for name in RATES
         }
@@ -75,9 +89,14 @@ class HealthReport:
             rates_hz=rates_hz,
             latencies=self._taken_latencies(),
             temperatures_c={} if temperature_c is None else {"arm": temperature_c},
+            skew_mm=skew_mm,
             broker=broker,
             devices=tuple(
-                device.health(self._rate_hz(device, elapsed_s), now_ns)
+                device.health(
+                    self._rate_hz(device, elapsed_s),
+                    now_ns,
+                    lacks.get(device.section.id, {}),
+                )
                 for device in devices
             ),
         )

@@ -6,14 +6,23 @@ Runs on the event loop, in plain calls; nothing here waits.
 import asyncio
 from collections.abc import Callable
 
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.arm_devices import ArmDevices
+from daemon.arm_points import Answer, ArmPoints, Stage
+from daemon.assembly import Assembly
 from daemon.capture import Capture, Triggers
 from daemon.clock import HostClock
+from daemon.configuration import AssemblySection
 from daemon.device import Device
 from daemon.events import EventLog
 from daemon.health import HealthReport
 from daemon.live import LiveView
 from daemon.pipeline import Pipeline
 from daemon.scanner import Scanner
+from daemon.skew import SkewWatch
+from daemon.tardiness import Tardiness
 from daemon.temperature_watch import TemperatureWatch
 from drivers.values import (
     CountSamples,
@@ -27,8 +36,7 @@ from drivers.values import (
     LatchedCounts,
     StreamStarted,
 )
-from protocol.messages import Live, Point
-from protocol.messages.point import Trigger
+from protocol.messages import Live
 
 
 class Measuring:
@@ -36,14 +44,23 @@ class Measuring:
 
     Args:
         clock: the host's.
+        devices: that read the arm's joints.
+        settings: how readings of different instants are brought together.
         offer_live: hands a live pose to the outgoing queue.
         status_changed: called when a device's state has changed.
+
+    Attributes:
+        points: takes points at edges and on request.
+        latches: who waits for a latch on request, by its token.
+        stream_started: set when the stream that the scan waits for has begun.
     """
 
     def __init__(
         self,
         *,
         clock: HostClock,
+        devices: ArmDevices,
+        settings: AssemblySection,
         pipeline: Pipeline,
         capture: Capture,
         triggers: Triggers,
@@ -55,9 +72,9 @@ class Measuring:
         status_changed: Callable[[], None],
     ) -> None:
         self._clock = clock
+        self._devices = devices
         self._pipeline = pipeline
         self._capture = capture
-        self._triggers = triggers
         self._scanner = scanner
         self._live = live
         self._events = events
@@ -65,8 +82,39 @@ class Measuring:
         self._health = health
         self._offer_live = offer_live
         self._status_changed = status_changed
-        self.latches: dict[int, asyncio.Future[Point | None]] = {}
+        self.assembly = Assembly(pipeline.model, settings)
+        self._tardiness = Tardiness(self.assembly, clock, events)
+        self.skew = SkewWatch(settings.skew_limit_mm)
+        stage = Stage(
+            clock,
+            devices,
+            pipeline,
+            self.assembly,
+            self.skew,
+            int(settings.point_wait_s * 1e9),
+        )
+        self.points = ArmPoints(stage, capture, triggers, events, health)
+        self.latches: dict[int, Answer] = {}
         self.stream_started = asyncio.Event()
+        # Points come out of the stream where nothing latches all joints for them.
+        self._remembers = not triggers.devices <= set(pipeline.model.devices)
+
+    @property
+    def clock_device(self) -> Device:
+        """The device whose samples' instants are those of the arm's."""
+        clock = self.assembly.clock
+        return next(d for d in self._devices.all if d.section.id == clock)
+
+    @property
+    def may_wait(self) -> bool:
+        """Whether samples or points may ever wait for readings."""
+        return self._remembers or not self._devices.alone
+
+    def keep_time(self) -> None:
+        """Go on with what has waited long enough; call it every few milliseconds."""
+        self._take_assembled()
+        self.points.settle()
+        self._tardiness.look()
 
     def take(self, device: Device, delivery: Delivery) -> None:
         """Deal with one delivery of a device."""
@@ -77,12 +125,11 @@ class Measuring:
             case LatchedCounts():
                 self._take_latch(device, delivery)
             case StreamStarted():
-                if self._scanner.follow(delivery.stream, delivery.rate_hz):
-                    self.stream_started.set()
+                self._take_stream(delivery)
             case DeviceTemperatures():
                 device.temperatures_c = delivery.values_c
-                if self._measures(device):
-                    self._temperature.look(self._pipeline.model, device)
+                if device in self._devices and self._devices.unfit is None:
+                    self._temperature.look(self._pipeline.model, self._devices)
             case DeviceCounters():
                 device.counters.clear()
                 device.counters.update(delivery.values)
@@ -104,71 +151,54 @@ class Measuring:
 
     def _take_samples(self, device: Device, samples: CountSamples) -> None:
         device.samples += len(samples.seq)
-        if not self._measures(device):
+        if device not in self._devices or self._devices.unfit is not None:
             return
         waited_ns = self._clock.monotonic_ns() - samples.received_ns
         self._health.latencies["queue_wait"].add(waited_ns)
-        model = self._pipeline.model
-        poses = self._pipeline.poses(samples, device.temperature_c)
+        if self._devices.alone and samples.skew_ns is None:
+            self._measure(samples, None)
+            if self._remembers:
+                self.assembly.note(samples)
+        else:
+            self.assembly.add(samples, self._clock.monotonic_ns())
+            self._take_assembled()
+        self.points.settle()
+
+    def _take_assembled(self) -> None:
+        for assembled in self.assembly.assembled(self._clock.monotonic_ns()):
+            self._measure(assembled.samples, assembled.doubts_counts)
+
+    def _measure(
+        self, samples: CountSamples, doubts_counts: NDArray[np.float64] | None
+    ) -> None:
+        """Pass samples of the whole arm down the pipeline."""
+        model, temperature_c = self._pipeline.model, self._devices.temperature_c
+        poses = self._pipeline.poses(samples, temperature_c)
+        if doubts_counts is not None:
+            self.skew.mark_block(model, poses, doubts_counts)
         taken_ns = self._clock.monotonic_ns() - samples.received_ns
         self._health.latencies["sample_to_pose"].add(taken_ns)
         self._scanner.take(model, poses)
         session = self._capture.session.id
-        live = self._live.message(model, poses, session, device.section.id)
+        live = self._live.message(model, poses, session, samples.device)
         if live is not None:
             self._offer_live(live)
-        self._temperature.look(model, device)
+        self._temperature.look(model, self._devices)
 
     def _take_latch(self, device: Device, latch: LatchedCounts) -> None:
-        if latch.input is None:
-            waiting = self.latches.pop(latch.token, None)
-            # Whoever asked and was told "no answer" must not find a point later.
-            if waiting is not None and not waiting.done():
-                waiting.set_result(self._captured(device, latch, "command"))
-            return
-        trigger = self._triggers.trigger_of(device.section.id, latch.input)
-        if trigger is not None:
-            if latch.active:  # the point first: somebody waits for it
-                self._captured(device, latch, trigger)
-            self._events.report(
-                "info",
-                f"{trigger}.{'pressed' if latch.active else 'released'}",
-                f"{trigger} {'on' if latch.active else 'off'}",
-                source=f"{device.section.id}/{latch.input}",
-                distinct=True,
-            )
-        # Only now may the board forget it.
-        device.driver.acknowledge(latch.token)
+        if latch.input is not None:
+            self.points.take_edge(device, latch)
+        elif (answer := self.latches.pop(latch.token, None)) is not None:
+            self.points.take_latched(latch, answer)
 
-    def _captured(
-        self, device: Device, latch: LatchedCounts, trigger: Trigger
-    ) -> Point | None:
-        if not self._measures(device):
-            text = f"{device.section.id} does not fit the arm file"
-            self._refused(text, "see the event device.mismatch")
-            return None
-        temperature_c = device.temperature_c
-        pose = self._pipeline.latched_pose(latch, temperature_c)
-        point = self._capture.take(self._pipeline.model, pose, trigger, temperature_c)
-        if point is None:
-            self._refused(
-                "the queue of points is full: the broker has not taken them",
-                "wait until the broker is back, then take the point again",
-            )
-        else:
-            taken_ns = self._clock.monotonic_ns() - latch.received_ns
-            self._health.latencies["capture_to_publish"].add(taken_ns)
-        return point
-
-    def _measures(self, device: Device) -> bool:
-        """Whether this device's counts are the arm's, as the arm file describes it."""
-        own = device.section.id == self._pipeline.model.device
-        return own and not device.problems
-
-    def _refused(self, text: str, remedy: str) -> None:
-        self._events.report(
-            "error", "capture.refused", text, source="capture", remedy=remedy
-        )
+    def _take_stream(self, started: StreamStarted) -> None:
+        model = self._pipeline.model
+        if started.device in model.devices:
+            self.assembly.stream(started.device, started.rate_hz)
+        if started.device == self.assembly.clock and self._scanner.follow(
+            started.stream, started.rate_hz
+        ):
+            self.stream_started.set()
 
     def _take_up(self, device: Device, up: DeviceUp) -> None:
         device.identity = up.identity
@@ -176,21 +206,25 @@ class Measuring:
         device.temperatures_c = ()  # those of before may have changed meanwhile
         model = self._pipeline.model
         device.problems = []
-        if device.section.id == model.device:
-            device.problems = model.problems_with(up.identity.moduli_counts)
+        if device in self._devices:
+            name = device.section.id
+            device.problems = model.problems_with(name, up.identity)
+            self.assembly.up(name, up.identity.jitter_ns, restarted=up.restarted)
+            self._remembers |= not up.identity.latches
         for problem in device.problems:
             self._events.report(
                 "error",
                 "device.mismatch",
                 problem,
                 source=device.section.id,
-                remedy="correct the arm file",
+                remedy="correct the arm file, or set the device up for it",
             )
         device.reconnects += device.state == "lost"
         device.state = "failed" if device.problems else "ready"
         if up.restarted:
             # Its absolute encoders go on; where the turns are counted is a guess.
-            self._pipeline.restart()
+            if device in self._devices:
+                self._pipeline.restart()
             self._events.report(
                 "warning",
                 "device.restarted",
@@ -210,6 +244,8 @@ class Measuring:
 
     def _take_lost(self, device: Device, lost: DeviceLost) -> None:
         device.lost = lost
+        if device in self._devices:
+            self.assembly.lost(device.section.id)
         if device.state != "starting":
             device.state = "lost"
             self._events.change(

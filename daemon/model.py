@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.values import Identity
 from kinematics.arm_file import Arm, FileError, Problem, arm_digest, read_arm
 from kinematics.effect_kinds import EFFECT_KINDS
 from kinematics.effects.arm_effects import ArmEffects, effects_from_arm
@@ -26,8 +27,8 @@ class ArmModel:
             among them.
         reference_temperature_c: where the geometry holds.
         digest: of the arm file's values; every point carries it.
-        device: id of the device that latches all joints.
-        channels: (n_joints,) the channel of each joint.
+        joint_devices: (n_joints,) id of the device that reads each joint.
+        channels: (n_joints,) the channel of each joint on its device.
     """
 
     name: str
@@ -36,9 +37,20 @@ class ArmModel:
     effects: ArmEffects
     reference_temperature_c: float
     encoders: Encoders
-    device: str
+    joint_devices: tuple[str, ...]
     channels: NDArray[np.intp]
     probe_radius_mm: float
+
+    @property
+    def devices(self) -> tuple[str, ...]:
+        """Ids of the devices that read joints, in the order of the joints."""
+        return tuple(dict.fromkeys(self.joint_devices))
+
+    @property
+    def per_count_rad(self) -> NDArray[np.float64]:
+        """By how much a count changes each reading, (n_joints,)."""
+        encoders = self.encoders
+        return encoders.signs * (2.0 * np.pi / encoders.counts_per_turn)
 
     @property
     def uses_temperature(self) -> bool:
@@ -50,24 +62,30 @@ class ArmModel:
         """`J3.encoder_eccentricity` and so on, in the order of the arm file."""
         return [self.effects.name(effect) for effect in self.effects.corrections]
 
-    def problems_with(self, moduli_counts: tuple[int, ...]) -> list[str]:
-        """What does not fit between the arm file and what the device says it has.
-
-        Args:
-            moduli_counts: per channel of the device, where its count wraps.
-        """
+    def problems_with(self, device: str, identity: Identity) -> list[str]:
+        """What does not fit between the arm file and what a device says it has."""
         found = []
+        moduli_counts = identity.moduli_counts
         for joint, channel in enumerate(self.channels.tolist()):
+            if self.joint_devices[joint] != device:
+                continue
             turn = int(self.encoders.counts_per_turn[joint])
             if channel >= len(moduli_counts):
                 found.append(
                     f"joint {joint + 1} of the arm is on channel {channel}, but "
-                    f"{self.device} has {len(moduli_counts)} channels, from 0"
+                    f"{device} has {len(moduli_counts)} channels, from 0"
+                )
+                continue
+            told = (*identity.counts_per_turn, *[None] * len(moduli_counts))[channel]
+            if told not in (None, turn):
+                found.append(
+                    f"joint {joint + 1} has {turn} counts per turn in the arm file, "
+                    f"but channel {channel} of {device} says that it has {told}"
                 )
             elif moduli_counts[channel] % turn:
                 found.append(
                     f"joint {joint + 1} has {turn} counts per turn in the arm file, "
-                    f"but channel {channel} of {self.device} wraps at "
+                    f"but channel {channel} of {device} wraps at "
                     f"{moduli_counts[channel]}, which is no whole number of turns"
                 )
         return found
@@ -98,7 +116,7 @@ def read_model(path: Path, device_ids: Mapping[str, object]) -> ArmModel:
         _in_line(effects),
         arm.reference.temperature_c,
         encoders_from_arm(arm),
-        encoders[0].device_id,
+        tuple(encoder.device_id for encoder in encoders),
         np.array([encoder.channel for encoder in encoders], dtype=np.intp),
         arm.probe.radius_mm,
     )
@@ -106,7 +124,6 @@ def read_model(path: Path, device_ids: Mapping[str, object]) -> ArmModel:
 
 def _unusable(arm: Arm, device_ids: Mapping[str, object]) -> list[Problem]:
     problems = []
-    devices = set()
     for index, joint in enumerate(arm.joints):
         where = f"joints[{index}].encoder"
         if joint.encoder is None:
@@ -114,7 +131,6 @@ def _unusable(arm: Arm, device_ids: Mapping[str, object]) -> list[Problem]:
                 Problem(where, "is missing; without it counts are not angles")
             )
             continue
-        devices.add(joint.encoder.device_id)
         if joint.encoder.device_id not in device_ids:
             known = ", ".join(sorted(device_ids)) or "none"
             problems.append(
@@ -124,14 +140,6 @@ def _unusable(arm: Arm, device_ids: Mapping[str, object]) -> list[Problem]:
                     f"configuration does not have; it has: {known}",
                 )
             )
-    if len(devices) > 1:
-        problems.append(
-            Problem(
-                "joints",
-                f"are on several devices ({', '.join(sorted(devices))}); this version "
-                "measures with one device that latches all joints at one instant",
-            )
-        )
     return problems
 
 

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from daemon.clock import HostClock
 from daemon.covariates import Bits, Covariates
+from daemon.interpolation import STATUS_INTERPOLATED
+from daemon.joint_counts import JointCounts
 from daemon.model import ArmModel
 from daemon.poses import LatchedPose, PoseBlock
 from drivers.values import (
@@ -37,6 +39,7 @@ def _quality_of_status() -> Bits:
         | ((status & STATUS_LATE) != 0) * QualityFlag.LATE
         | ((status & STATUS_STALE) != 0) * QualityFlag.STALE
         | ((status & STATUS_MISSING) != 0) * QualityFlag.INCOMPLETE
+        | ((status & STATUS_INTERPOLATED) != 0) * QualityFlag.INTERPOLATED
     )
     return np.asarray(quality, dtype=np.uint32)
 
@@ -77,11 +80,21 @@ class Pipeline:
     def poses(
         self, samples: CountSamples, temperature_c: float | None = None
     ) -> PoseBlock:
-        """Poses of a block of timed samples, (n, ...), at the arm's temperature."""
+        """Poses of a block of timed samples, (n, ...), at the arm's temperature.
+
+        Samples with fractions have been assembled: their channels are the joints. All
+        others are of the one device that reads the arm.
+        """
         model = self.model
-        counts = self._unwrapper.unwrap(samples.counts[:, model.channels])
-        angles_rad = counts_to_angles(model.encoders, counts)
-        quality = _quality(samples.status[:, model.channels])
+        if samples.fractions is None:
+            counts = self._unwrapper.unwrap(samples.counts[:, model.channels])
+            angles_rad = counts_to_angles(model.encoders, counts)
+            quality = _quality(samples.status[:, model.channels])
+        else:
+            counts = self._unwrapper.unwrap(samples.counts)
+            angles_rad = counts_to_angles(model.encoders, counts)
+            angles_rad += samples.fractions * model.per_count_rad
+            quality = _quality(samples.status)
         xyz_mm, ijk, quality = self._corrected(
             *self._covariates.block(
                 samples.sample_time_ns, angles_rad, temperature_c, quality
@@ -103,19 +116,34 @@ class Pipeline:
     def latched_pose(
         self, latch: LatchedCounts, temperature_c: float | None = None
     ) -> LatchedPose:
-        """Pose at one latch; its turns are those nearest to the last timed sample."""
+        """Pose at one latch of the device that reads all joints."""
+        channels = self.model.channels
+        return self.pose_at(
+            JointCounts(
+                latch.sample_time_ns,
+                np.array(latch.counts, dtype=np.uint32)[channels],
+                np.array(latch.status, dtype=np.uint8)[channels],
+            ),
+            temperature_c,
+        )
+
+    def pose_at(
+        self, latched: JointCounts, temperature_c: float | None = None
+    ) -> LatchedPose:
+        """Pose at one instant; its turns are those nearest to the last timed sample."""
         model = self.model
-        latched = np.array(latch.counts, dtype=np.uint32)[model.channels]
-        counts = self._unwrapper.near(latched)
-        status = np.array([latch.status], dtype=np.uint8)[:, model.channels]
+        counts = self._unwrapper.near(latched.counts)
         angles_rad = counts_to_angles(model.encoders, counts[np.newaxis])[0]
+        if latched.fractions is not None:
+            angles_rad += latched.fractions * model.per_count_rad
+        quality = _quality(latched.status[np.newaxis])
         xyz_mm, ijk, quality = self._corrected(
             *self._covariates.latched(
-                latch.sample_time_ns, angles_rad, temperature_c, _quality(status)
+                latched.sample_time_ns, angles_rad, temperature_c, quality
             )
         )
         return LatchedPose(
-            latch.sample_time_ns,
+            latched.sample_time_ns,
             counts,
             angles_rad,
             xyz_mm[0],

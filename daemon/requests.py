@@ -2,6 +2,8 @@
 
 import asyncio
 
+from daemon.arm_devices import ArmDevices
+from daemon.arm_points import Answer, CaptureRefusedError
 from daemon.capture import Capture
 from daemon.commands import CommandError, Result
 from daemon.configuration import CaptureSection
@@ -18,28 +20,28 @@ DEFAULT_RATE_HZ = 100.0
 
 
 class Requests:
-    """Carries out commands on the device that latches the arm's joints."""
+    """Carries out commands on the devices that read the arm's joints."""
 
     def __init__(
         self,
         *,
         settings: CaptureSection,
         model: ArmModel,
-        device: Device,
+        devices: ArmDevices,
         capture: Capture,
         scanner: Scanner,
         measuring: Measuring,
     ) -> None:
         self._settings = settings
         self._model = model
-        self._device = device
+        self._devices = devices
         self._capture = capture
         self._scanner = scanner
         self._measuring = measuring
 
     def track(self) -> None:
         """Stream at the rate that follows the joints while no scan runs."""
-        self._device.driver.request_stream(self._settings.tracking_rate_hz)
+        self._devices.request_stream(self._settings.tracking_rate_hz)
 
     async def take_point(self, args: PointArgs) -> Result:
         """Latch now and capture; gives session, seq and id of the point."""
@@ -49,9 +51,16 @@ class Requests:
                 "this version takes single samples, not averages",
                 "leave samples and dwell_s out",
             )
-        device = self._ready_device()
-        waiting: asyncio.Future[Point | None]
-        waiting = asyncio.get_running_loop().create_future()
+        self._check_ready()
+        if self._devices.latch_together:
+            point = await self._latched_point(self._devices.all[0])
+        else:
+            point = await self._carried_out(self._measuring.points.take_now())
+        return {"session": point.session, "seq": point.seq, "id": point.id}
+
+    async def _latched_point(self, device: Device) -> Point:
+        """A point of what a device latches now."""
+        waiting: Answer = asyncio.get_running_loop().create_future()
         try:
             token = device.driver.request_latch()
         except DeviceError as error:
@@ -59,7 +68,7 @@ class Requests:
         self._measuring.latches[token] = waiting
         try:
             async with asyncio.timeout(LATCH_S):
-                point = await waiting
+                return await self._carried_out(waiting)
         except TimeoutError as error:
             raise CommandError(
                 "device.no_answer",
@@ -68,13 +77,12 @@ class Requests:
             ) from error
         finally:
             self._measuring.latches.pop(token, None)
-        if point is None:
-            raise CommandError(
-                "capture.refused",
-                "the queue of points is full",
-                "wait until the broker has taken them",
-            )
-        return {"session": point.session, "seq": point.seq, "id": point.id}
+
+    async def _carried_out(self, answer: Answer) -> Point:
+        try:
+            return await answer
+        except CaptureRefusedError as error:
+            raise CommandError("capture.refused", str(error), error.remedy) from error
 
     async def change_scan(self, args: ScanArgs) -> Result:
         """Start a scan, or stop the running one; gives its id."""
@@ -90,13 +98,14 @@ class Requests:
                 f"this version scans by time only, not by {args.mode!r} or held",
                 'use mode "time"',
             )
-        device = self._ready_device()
+        self._check_ready()
+        device = self._measuring.clock_device
         largest_hz = self._settings.scan_max_rate_hz
+        tracking_hz = self._settings.tracking_rate_hz
         if device.identity is not None:
             largest_hz = min(largest_hz, device.identity.max_rate_hz)
-        plan = plan_scan(
-            args.rate_hz or DEFAULT_RATE_HZ, self._settings.tracking_rate_hz
-        )
+            tracking_hz = min(tracking_hz, device.identity.max_rate_hz)
+        plan = plan_scan(args.rate_hz or DEFAULT_RATE_HZ, tracking_hz)
         if plan.device_rate_hz > largest_hz:
             raise CommandError(
                 "scan.rate",
@@ -106,7 +115,7 @@ class Requests:
         self._scanner.stop()
         self._measuring.stream_started.clear()
         self._scanner.start(plan, self._model, self._capture.session.id)
-        device.driver.request_stream(plan.device_rate_hz)
+        self._devices.request_stream(plan.device_rate_hz)
         try:
             async with asyncio.timeout(STREAM_S):
                 await self._measuring.stream_started.wait()
@@ -125,13 +134,12 @@ class Requests:
             "device_rate_hz": plan.device_rate_hz,
         }
 
-    def _ready_device(self) -> Device:
-        device = self._device
-        if device.state != "ready":
+    def _check_ready(self) -> None:
+        device = self._devices.absent
+        if device is not None:
             reason = device.lost.reason if device.lost else "it is not ready"
             raise CommandError(
                 "device.lost",
                 f"{device.section.id} cannot measure: {reason}",
                 "bring the device back, then send the command again as a new request",
             )
-        return device

@@ -9,6 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from daemon.arm_devices import ArmDevices
 from daemon.capture import Capture, Triggers
 from daemon.clock import HostClock
 from daemon.commands import CommandDesk
@@ -41,6 +42,7 @@ log = logging.getLogger(__name__)
 
 DRAIN_S = 2.0
 FLUSH_S = 0.25
+TIME_S = 0.02
 
 
 async def run_service(path: Path, *, embedded: bool, embedded_port: int = 1883) -> int:
@@ -103,8 +105,13 @@ class Service:
             settings.scan_block_s,
         )
         self._live = LiveView(self._clock, settings.live_rate_hz)
+        loop = asyncio.get_running_loop()
+        self._devices = [open_device(d, loop) for d in configuration.device]
+        self._arm_devices = ArmDevices(model, self._devices)
         self._measuring = Measuring(
             clock=self._clock,
+            devices=self._arm_devices,
+            settings=configuration.assembly,
             pipeline=Pipeline(model, self._clock),
             capture=self._capture,
             triggers=Triggers(
@@ -118,13 +125,10 @@ class Service:
             status_changed=self._publish_status,
         )
         self._model = model
-        loop = asyncio.get_running_loop()
-        self._devices = [open_device(d, loop) for d in configuration.device]
-        self._latching = next(d for d in self._devices if d.section.id == model.device)
         self._requests = Requests(
             settings=settings,
             model=model,
-            device=self._latching,
+            devices=self._arm_devices,
             capture=self._capture,
             scanner=self._scanner,
             measuring=self._measuring,
@@ -173,6 +177,8 @@ class Service:
                 if not self._stopping.is_set():
                     running.append(tasks.create_task(self._publisher.run()))
                     running.append(tasks.create_task(self._keep_house()))
+                    if self._measuring.may_wait:
+                        running.append(tasks.create_task(self._keep_time()))
                     self._publish_status()
                     self._requests.track()
                     self._tell_model()
@@ -242,6 +248,12 @@ class Service:
         while True:
             for delivery in await device.crossing.take():
                 self._measuring.take(device, delivery)
+
+    async def _keep_time(self) -> None:
+        """See to what waits for readings; needed where nothing latches all joints."""
+        while True:
+            self._measuring.keep_time()
+            await asyncio.sleep(TIME_S)
 
     async def _keep_house(self) -> None:
         period_s = self._configuration.health.period_s
@@ -316,7 +328,9 @@ class Service:
             devices=self._devices,
             broker=broker,
             counters=counters,
-            temperature_c=self._latching.temperature_c,
+            temperature_c=self._arm_devices.temperature_c,
+            lacks=self._measuring.assembly.lacks(),
+            skew_mm=self._measuring.skew.taken_mm(),
         )
         self._outlet.publish("health", message)
 

@@ -53,17 +53,12 @@ def read_inputs(path: Path, embedded: bool) -> tuple[Configuration, ArmModel]:
         model = read_model(path.parent / configuration.arm.file, ids)
     except FileError as error:
         raise StartupError([*failures, str(error)], REFUSED) from error
-    foreign = [
-        Problem(
-            f"capture.inputs[{index}].source",
-            f"{wired.source!r} is not on {model.device!r}, which latches the joints; "
-            "its edges cannot capture points in this version",
+    clock = configuration.assembly.clock
+    if clock is not None and clock not in model.devices:
+        text = f"{clock!r} reads no joint; one of these does: " + ", ".join(
+            model.devices
         )
-        for index, wired in enumerate(configuration.capture.inputs)
-        if wired.device_id != model.device
-    ]
-    if foreign:
-        failures.append(str(FileError(str(path), foreign)))
+        failures.append(str(FileError(str(path), [Problem("assembly.clock", text)])))
     if failures:
         raise StartupError(failures, REFUSED)
     return configuration, model

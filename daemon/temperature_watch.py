@@ -1,7 +1,7 @@
 """Tells when effects of the arm lack the temperature that they need."""
 
+from daemon.arm_devices import ArmDevices
 from daemon.clock import HostClock
-from daemon.device import Device
 from daemon.events import EventLog
 from daemon.model import ArmModel
 
@@ -20,24 +20,25 @@ class TemperatureWatch:
         self._clock = clock
         self._events = events
 
-    def look(self, model: ArmModel, device: Device) -> None:
-        """Look at the device that latches the arm; call it with every block."""
+    def look(self, model: ArmModel, devices: ArmDevices) -> None:
+        """Look at the devices that read the arm; call it with every block."""
         if not model.uses_temperature:
             return
-        name = device.section.id
-        is_missing = device.temperature_c is None
-        if is_missing and self._clock.monotonic_ns() - device.up_ns < PATIENCE_NS:
+        is_missing = devices.temperature_c is None
+        up_ns = max(device.up_ns for device in devices.all)
+        if is_missing and self._clock.monotonic_ns() - up_ns < PATIENCE_NS:
             return  # it has just come, its first message is on the way
+        names = ", ".join(model.devices)
         missing = (
-            f"{name} has no temperature for the arm's effects; the reference of "
+            f"{names} has no temperature for the arm's effects; the reference of "
             f"{model.reference_temperature_c:g} C is taken instead"
         )
         self._events.change(
             is_missing,
             "error",
             "device.temperature_unknown",
-            missing if is_missing else f"{name} tells the temperature again",
-            source=name,
+            missing if is_missing else f"{names} tells the temperature again",
+            source=model.devices[0],
             remedy="connect the board's sensor, or take the effects that need the "
             "temperature out of the arm file",
         )

@@ -28,6 +28,7 @@ class Identity:
             False for one whose points have to be interpolated out of its stream.
         counts_per_turn: per channel, what the device itself says; None or left out
             where it does not say. It must be what the arm file says.
+        jitter_ns: how far the instant of a reading may be off, as the driver tells it.
     """
 
     name: str
@@ -37,6 +38,7 @@ class Identity:
     max_rate_hz: float
     latches: bool = True
     counts_per_turn: tuple[int | None, ...] = ()
+    jitter_ns: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -36,6 +36,9 @@ COUNTERS = {
     "events_dropped": "events dropped because a queue was full",
     "commands_received": "commands that arrived, whatever they said",
     "commands_refused": "commands answered with an error",
+    "samples_late": "sets of counts for which a device's last readings had to do",
+    "samples_incomplete": "sets of counts that lack readings of a device",
+    "samples_held_back": "sets of counts not used for want of a device's readings",
     "reconnects": "times that a device or the broker came back",
 }
 """Names of counters since the daemon's start, or a device's opening."""
@@ -140,6 +143,9 @@ class Health(Message):
     """Names from the table of latencies."""
     temperatures_c: dict[Name, float]
     """Temperatures used by the corrections: "arm", or a joint's name."""
+    skew_mm: NotNegative | None
+    """Largest error of position that reading the joints at different instants may have
+    left since the previous message; null where they are all read at one instant."""
     broker: BrokerHealth
     """The connection to the broker."""
     devices: Annotated[tuple[DeviceHealth, ...], Field(max_length=64, fail_fast=True)]

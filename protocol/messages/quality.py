@@ -30,6 +30,7 @@ class QualityFlag(IntFlag):
     BEYOND_KNOTS = 1 << 16
     TEMPERATURE_UNKNOWN = 1 << 17
     MOTION_UNKNOWN = 1 << 18
+    SKEW = 1 << 19
 
 
 FLAG_MEANINGS = {
@@ -37,7 +38,8 @@ FLAG_MEANINGS = {
     QualityFlag.ENCODER_WARNING: "an encoder warns: valid count, weak signal",
     QualityFlag.LATE: "a count was not latched at the common instant",
     QualityFlag.STALE: "a count is repeated from an earlier latch",
-    QualityFlag.INCOMPLETE: "a joint's count is missing; its last one was used",
+    QualityFlag.INCOMPLETE: "a joint's count is missing; one of another time was "
+    "used",
     QualityFlag.OVERSPEED: "the probe moved faster than the configured limit",
     QualityFlag.END_STOP: "a joint is near its end stop",
     QualityFlag.SINGULAR: "the posture is near to losing a degree of freedom",
@@ -54,6 +56,8 @@ FLAG_MEANINGS = {
     "arm file's reference",
     QualityFlag.MOTION_UNKNOWN: "a correction lacks a joint's speed or last sense of "
     "motion: left out",
+    QualityFlag.SKEW: "joints were read at different instants, and the arm moved so "
+    "that the point may be off by more than the limit",
 }
 """What each flag says."""
 

@@ -3,7 +3,9 @@ import asyncio
 import numpy as np
 import pytest
 
+from daemon.arm_devices import ArmDevices
 from daemon.capture import Capture, Triggers
+from daemon.configuration import AssemblySection
 from daemon.device import open_device
 from daemon.device_section import section_of
 from daemon.events import EventLog
@@ -51,8 +53,11 @@ class Bench:
         self.scanner = Scanner(
             self.clock, lambda scan: not self.scans.append(scan), 0.05
         )
+        self.device = self.open("base")
         self.measuring = Measuring(
             clock=self.clock,
+            devices=ArmDevices(model, [self.device]),
+            settings=AssemblySection(),
             pipeline=Pipeline(model, self.clock),
             capture=Capture(self.clock, self.offer),
             triggers=Triggers({("base", 0): "button", ("base", 1): "switch"}),
@@ -63,7 +68,6 @@ class Bench:
             offer_live=self.live.append,
             status_changed=self.count_change,
         )
-        self.device = self.open("base")
 
     def open(self, name):
         section = section_of({"id": name, "driver": "latch-board", "port": "/dev/null"})
@@ -323,6 +327,8 @@ def health(bench) -> Health:
         ),
         counters={"points_captured": len(bench.points)},
         temperature_c=bench.device.temperature_c,
+        lacks={},
+        skew_mm=None,
     )
 
 

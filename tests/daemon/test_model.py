@@ -2,8 +2,15 @@ import numpy as np
 import pytest
 
 from daemon.model import read_model
+from drivers.values import Identity
 from kinematics.arm_file import FileError, arm_digest, read_arm
 from tests.daemon.values import ARM, MODULI, arm_file, arm_model
+
+
+def device(moduli_counts, counts_per_turn=()):
+    return Identity(
+        "device", "1", moduli_counts, 0, 100.0, counts_per_turn=counts_per_turn
+    )
 
 
 def refused(tmp_path, text):
@@ -15,9 +22,10 @@ def refused(tmp_path, text):
 def test_channels_are_in_the_order_of_the_joints(tmp_path):
     model = arm_model(tmp_path)
     assert model.channels.tolist() == [2, 0, 1]
-    assert (model.name, model.device, model.probe_radius_mm) == ("bench-7", "base", 3)
+    assert (model.name, model.probe_radius_mm) == ("bench-7", 3)
+    assert (model.joint_devices, model.devices) == (("base",) * 3, ("base",))
     assert model.digest == arm_digest(read_arm(tmp_path / "arm.toml"))
-    assert model.problems_with(MODULI) == []
+    assert model.problems_with("base", device(MODULI)) == []
 
 
 def empirical(covariate):
@@ -92,23 +100,43 @@ def test_a_joint_without_encoder_and_one_on_an_unknown_device_are_told(tmp_path)
     assert "it has: base" in text
 
 
-def test_joints_on_two_devices_are_refused(tmp_path):
+def test_joints_may_be_on_several_devices(tmp_path):
     text = ARM.replace('source = "base/1"', 'source = "wrist/1"')
-    with pytest.raises(FileError, match=r"several devices \(base, wrist\)"):
-        read_model(arm_file(tmp_path, text), {"base": None, "wrist": None})
+    model = read_model(arm_file(tmp_path, text), {"base": None, "wrist": None})
+    assert model.joint_devices == ("base", "base", "wrist")
+    assert model.devices == ("base", "wrist")
+    assert model.channels.tolist() == [2, 0, 1]
+    # Each device is asked only for its own joints.
+    assert model.problems_with("wrist", device((1, 1 << 23))) == []
+    (missing,) = model.problems_with("wrist", device((1 << 23,)))
+    assert "joint 3 of the arm is on channel 1, but wrist has 1 channels" in missing
 
 
 def test_a_modulus_must_be_whole_turns_and_a_channel_there(tmp_path):
     model = arm_model(tmp_path)
-    few = model.problems_with((1 << 32, 1 << 23))
+    few = model.problems_with("base", device((1 << 32, 1 << 23)))
     assert few == [
         "joint 1 of the arm is on channel 2, but base has 2 channels, from 0"
     ]
-    half_a_turn = model.problems_with((1 << 32, 1 << 22, 1 << 20))
+    half_a_turn = model.problems_with("base", device((1 << 32, 1 << 22, 1 << 20)))
     assert len(half_a_turn) == 1
     assert "joint 3 has 8388608 counts per turn" in half_a_turn[0]
     assert "4194304" in half_a_turn[0]
-    assert model.problems_with((3_000_000, 1 << 23, 1 << 16))[0].startswith("joint 2")
+    third = model.problems_with("base", device((3_000_000, 1 << 23, 1 << 16)))
+    assert third[0].startswith("joint 2")
+
+
+def test_what_a_device_says_of_its_turns_must_be_what_the_file_says(tmp_path):
+    model = arm_model(tmp_path)
+    fits = device(MODULI, (1 << 20, None, 1 << 16))
+    assert model.problems_with("base", fits) == []
+    # Whole turns of the file fit into its modulus, and yet it is another resolution.
+    (told,) = model.problems_with("base", device(MODULI, (1 << 19, 1 << 23, 1 << 16)))
+    assert told == (
+        "joint 2 has 1048576 counts per turn in the arm file, but channel 0 of base "
+        "says that it has 524288"
+    )
+    assert model.problems_with("base", device(MODULI, ())) == []
 
 
 def test_a_model_is_read_with_the_readings_of_the_file(tmp_path):

@@ -5,10 +5,11 @@ import contextlib
 
 import pytest
 
+from daemon.arm_devices import ArmDevices
 from daemon.capture import Capture, Triggers
 from daemon.clock import HostClock
 from daemon.commands import CommandError
-from daemon.configuration import CaptureSection
+from daemon.configuration import AssemblySection, CaptureSection
 from daemon.device import open_device
 from daemon.device_section import section_of
 from daemon.events import EventLog
@@ -42,8 +43,11 @@ class Bench:
         self.device = open_device(section, asyncio.get_running_loop())
         capture = Capture(clock, self.offer)
         self.scanner = Scanner(clock, lambda scan: not self.scans.append(scan), 0.05)
+        devices = ArmDevices(model, [self.device])
         self.measuring = Measuring(
             clock=clock,
+            devices=devices,
+            settings=AssemblySection(),
             pipeline=Pipeline(model, clock),
             capture=capture,
             triggers=Triggers({("base", 0): "button"}),
@@ -57,7 +61,7 @@ class Bench:
         self.requests = Requests(
             settings=CaptureSection(),
             model=model,
-            device=self.device,
+            devices=devices,
             capture=capture,
             scanner=self.scanner,
             measuring=self.measuring,

@@ -98,13 +98,12 @@ def test_a_missing_configuration_is_told(tmp_path):
     assert "Traceback" not in told
 
 
-def test_a_button_on_a_board_without_joints_is_refused(tmp_path):
-    text = CONFIGURATION.replace('source = "base/0"', 'source = "handle/0"')
+def test_a_clock_that_reads_no_joint_is_refused(tmp_path):
+    text = CONFIGURATION + '[assembly]\nclock = "handle"\n'
     text += '[[device]]\nid = "handle"\ndriver = "latch-board"\nport = "/dev/null"\n'
     status, told = run(write(tmp_path, text, port=1, device="/dev/null"))
     assert status == 2
-    assert "capture.inputs[0].source" in told
-    assert "'handle/0' is not on 'base'" in told
+    assert "assembly.clock: 'handle' reads no joint; one of these does: base" in told
 
 
 @pytest.mark.broker

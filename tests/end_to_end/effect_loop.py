@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from daemon.arm_devices import ArmDevices
 from daemon.capture import Capture, Triggers
 from daemon.clock import HostClock
+from daemon.configuration import AssemblySection
 from daemon.device import Device
 from daemon.device_section import section_of
 from daemon.events import EventLog
@@ -132,8 +134,14 @@ class Daemon:
         self.points: list[Point] = []
         self.model = read_model(arm_file, {"base": None})
         self._clock = clock
+        section = section_of(
+            {"id": "base", "driver": "latch-board", "port": "board.pty"}
+        )
+        self._device = Device(section, None, None)
         self._measuring = Measuring(
             clock=clock,
+            devices=ArmDevices(self.model, [self._device]),
+            settings=AssemblySection(),
             pipeline=Pipeline(self.model, clock),
             capture=Capture(clock, self._keep),
             triggers=Triggers({("base", 1): "switch"}),
@@ -144,14 +152,9 @@ class Daemon:
             offer_live=lambda live: None,
             status_changed=lambda: None,
         )
-        self._device: Device | None = None
 
     def take(self, driver, delivery: Delivery) -> None:
-        if self._device is None:
-            section = section_of(
-                {"id": "base", "driver": "latch-board", "port": "board.pty"}
-            )
-            self._device = Device(section, None, driver)
+        self._device.driver = driver
         self._measuring.take(self._device, delivery)
 
     def _keep(self, point: Point) -> bool:

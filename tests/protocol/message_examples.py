@@ -176,6 +176,7 @@ HEALTH = Health(
         "capture_to_publish": Latency(p50_us=180.0, p99_us=450.0, max_us=900.0, n=18)
     },
     temperatures_c={"arm": 20.5},
+    skew_mm=0.004,
     broker=BrokerHealth(
         state="connected",
         host="localhost",

@@ -145,8 +145,8 @@ def test_retraction_repeats_the_measurement_under_its_own_number():
     assert differing == {"seq", "id", "retracts", "trigger", "time_ns"}
 
 
-def test_every_flag_has_one_bit_of_sixteen_and_a_meaning():
-    assert sorted(FLAG_MEANINGS) == [1 << bit for bit in range(19)]
+def test_every_flag_has_one_bit_and_a_meaning():
+    assert sorted(FLAG_MEANINGS) == [1 << bit for bit in range(20)]
     assert set(FLAG_MEANINGS) == set(QualityFlag)
 
 

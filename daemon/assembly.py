@@ -1,0 +1,257 @@
+"""Joints that are not read at one instant, brought to common ones.
+
+The instants are those of one device's samples, the clock device. Readings of all
+others, and its own where it reads one encoder after the other, are interpolated
+linearly in time (see `daemon.interpolation`). For a later reading to interpolate to it
+waits, but not for ever; then the last one has to do, and the sample says so.
+
+Nothing here knows a clock or an event: what is late is counted and returned.
+"""
+
+from collections import Counter, deque
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.configuration import AssemblySection
+from daemon.history import NEVER_NS, History
+from daemon.interpolation import Brought, Limits, brought
+from daemon.joint_counts import Assembled, AssembledCounts, JointCounts
+from daemon.model import ArmModel
+from drivers.values import STATUS_LATE, STATUS_MISSING, CountSamples, LatchedCounts
+
+PERIODS_APART = 3  # readings further apart than so many periods have lost others
+
+
+@dataclass(slots=True, eq=False)
+class _Source:
+    """What is known of one device with joints.
+
+    Attributes:
+        joints: (k,) which joints of the arm it reads.
+        channels: (k,) on which of its channels.
+    """
+
+    joints: NDArray[np.intp]
+    channels: NDArray[np.intp]
+    history: History
+    period_ns: int = 0
+    jitter_ns: int = 0
+    lost: bool = False
+
+
+class Assembly:
+    """Makes samples of the whole arm, and counts of it at single instants.
+
+    Args:
+        model: the arm.
+        settings: of the configuration.
+
+    Attributes:
+        late: per device, samples for which its last readings had to do.
+        incomplete: per device, samples that lack readings of it.
+        dropped: per device, samples not passed on for want of its readings.
+    """
+
+    def __init__(self, model: ArmModel, settings: AssemblySection) -> None:
+        self._settings = settings
+        self._wait_ns = int(settings.wait_s * 1e9)
+        self.late: Counter[str] = Counter()
+        self.incomplete: Counter[str] = Counter()
+        self.dropped: Counter[str] = Counter()
+        self._waiting: deque[tuple[CountSamples, int]] = deque()
+        self.use_model(model)
+
+    def use_model(self, model: ArmModel) -> None:
+        """Assemble for another arm from now on."""
+        self.clock = self._settings.clock or model.devices[0]
+        self._turns = model.encoders.counts_per_turn
+        self._sources = {}
+        self._waiting.clear()
+        for device in model.devices:
+            joints = np.flatnonzero(np.array(model.joint_devices) == device)
+            channels = model.channels[joints]
+            history = History(channels, self._turns[joints])
+            self._sources[device] = _Source(joints, channels, history)
+
+    def lacks(self) -> dict[str, dict[str, int]]:
+        """Counters by device, of those that read the arm together with others."""
+        return {
+            device: {
+                "samples_late": self.late[device],
+                "samples_incomplete": self.incomplete[device],
+                "samples_held_back": self.dropped[device],
+            }
+            for device in sorted({*self.late, *self.incomplete, *self.dropped})
+        }
+
+    # -- what devices say -----------------------------------------------------
+
+    def up(self, device: str, jitter_ns: int, *, restarted: bool) -> None:
+        """A device is there; its clock may be off by so much."""
+        source = self._sources[device]
+        source.lost, source.jitter_ns = False, jitter_ns
+        if restarted:
+            source.history.forget()
+
+    def lost(self, device: str) -> None:
+        """Nothing is to be waited for from this device."""
+        self._sources[device].lost = True
+
+    def stream(self, device: str, rate_hz: float) -> None:
+        """From now on a device is read at this rate."""
+        self._sources[device].period_ns = int(1e9 / rate_hz) if rate_hz > 0 else 0
+
+    def note(self, samples: CountSamples) -> None:
+        """Remember readings of a device for `at`."""
+        self._sources[samples.device].history.add(samples)
+
+    def add(self, samples: CountSamples, now_ns: int) -> None:
+        """Take readings of a device; of the clock device they become samples."""
+        self.note(samples)
+        if samples.device == self.clock:
+            self._waiting.append((samples, now_ns + self._wait_ns))
+
+    # -- what comes of it -----------------------------------------------------
+
+    def assembled(self, now_ns: int) -> list[Assembled]:
+        """All samples that are complete, or have waited long enough, in order."""
+        made = []
+        while self._waiting:
+            block, deadline_ns = self._waiting[0]
+            n = len(block.seq)
+            if now_ns < deadline_ns:
+                n = int(
+                    np.searchsorted(block.sample_time_ns, self._reach_ns(), "right")
+                )
+            if n:
+                made.append(self._assembled(_rows(block, slice(None, n))))
+            if n < len(block.seq):
+                self._waiting[0] = (_rows(block, slice(n, None)), deadline_ns)
+                break
+            self._waiting.popleft()
+        return [one for one in made if len(one.samples.seq)]
+
+    def at(
+        self, instant_ns: int, latch: LatchedCounts | None
+    ) -> AssembledCounts | None:
+        """The arm at one instant; None while readings after it are missing.
+
+        Args:
+            instant_ns: host monotonic time.
+            latch: what one device has latched at that very instant.
+        """
+        n_joints = len(self._turns)
+        counts, fractions = np.zeros(n_joints, np.int64), np.zeros(n_joints)
+        status, doubts = np.zeros(n_joints, np.uint8), np.zeros(n_joints)
+        instants_ns = np.array([instant_ns])
+        for device, source in self._sources.items():
+            joints = source.joints
+            if latch is not None and latch.device == device and latch.counts:
+                counts[joints] = np.array(latch.counts)[source.channels]
+                status[joints] = np.array(latch.status, np.uint8)[source.channels]
+                continue
+            if not source.history.begin_ns <= instant_ns <= source.history.reach_ns:
+                return None
+            for joint, found in zip(
+                joints.tolist(), self._brought(source, instants_ns), strict=True
+            ):
+                counts[joint], fractions[joint] = found.counts[0], found.fractions[0]
+                status[joint], doubts[joint] = found.status[0], found.doubts_counts[0]
+        return AssembledCounts(
+            JointCounts(
+                instant_ns, (counts % self._turns).astype(np.uint32), status, fractions
+            ),
+            doubts,
+        )
+
+    def lack(self, instant_ns: int, latch: LatchedCounts | None) -> str:
+        """Why `at` has nothing to say about an instant."""
+        for device, source in self._sources.items():
+            if latch is not None and latch.device == device and latch.counts:
+                continue
+            if source.history.begin_ns == NEVER_NS:
+                return f"{device} has not read all its joints yet"
+            if instant_ns < source.history.begin_ns:
+                return f"it is older than the readings of {device} that are kept"
+            if instant_ns > source.history.reach_ns:
+                return f"no readings of {device} came after it"
+        return "nothing is lacking"
+
+    def _reach_ns(self) -> int:
+        """Until when nothing more is to be waited for."""
+        sources = self._sources.values()
+        awaited = [s.history.reach_ns for s in sources if not s.lost]
+        return min(awaited, default=NEVER_NS)
+
+    def _brought(
+        self, source: _Source, instants_ns: NDArray[np.int64]
+    ) -> list[Brought]:
+        widest_ns = max(PERIODS_APART * source.period_ns, self._wait_ns)
+        limits = Limits(
+            widest_ns, 0 if source.lost else self._wait_ns, source.jitter_ns
+        )
+        around = source.history.around(int(instants_ns[0]), widest_ns)
+        return [brought(readings, instants_ns, limits) for readings in around]
+
+    def _assembled(self, block: CountSamples) -> Assembled:
+        """Samples of the whole arm at the instants of a block of the clock device."""
+        begin_ns = max(s.history.begin_ns for s in self._sources.values())
+        known = block.sample_time_ns >= begin_ns
+        if not known.all():
+            for device, source in self._sources.items():
+                early = block.sample_time_ns < source.history.begin_ns
+                self.dropped[device] += int(early.sum())
+            block = _rows(block, known)
+        n = len(block.seq)
+        shape = (n, len(self._turns))
+        counts, fractions = np.zeros(shape, np.int64), np.zeros(shape)
+        status, doubts = np.zeros(shape, np.uint8), np.zeros(shape)
+        passed = np.ones(n, np.bool_)
+        for device, source in self._sources.items() if n else ():
+            for joint, found in zip(
+                source.joints.tolist(),
+                self._brought(source, block.sample_time_ns),
+                strict=True,
+            ):
+                counts[:, joint], fractions[:, joint] = found.counts, found.fractions
+                status[:, joint], doubts[:, joint] = found.status, found.doubts_counts
+            passed &= self._judged(device, status[:, source.joints])
+        samples = replace(
+            block,
+            counts=(counts % self._turns).astype(np.uint32),
+            status=status,
+            skew_ns=None,
+            fractions=fractions,
+        )
+        if passed.all():
+            return Assembled(samples, doubts)
+        return Assembled(_rows(samples, passed), doubts[passed])
+
+    def _judged(self, device: str, status: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        """Count what a device lacks; which samples (n,) are to be passed on."""
+        told = np.bitwise_or.reduce(status, axis=1)
+        missing = (told & STATUS_MISSING) != 0
+        late = ((told & STATUS_LATE) != 0) & ~missing
+        self.incomplete[device] += int(missing.sum())
+        self.late[device] += int(late.sum())
+        if self._settings.policy == "flag":
+            return np.ones(len(told), np.bool_)
+        self.dropped[device] += int((missing | late).sum())
+        return np.asarray(~(missing | late))
+
+
+def _rows(block: CountSamples, which: slice | NDArray[np.bool_]) -> CountSamples:
+    """Some of the samples of a block."""
+    return replace(
+        block,
+        seq=block.seq[which],
+        device_ticks=block.device_ticks[which],
+        sample_time_ns=block.sample_time_ns[which],
+        inputs=block.inputs[which],
+        counts=block.counts[which],
+        status=block.status[which],
+        skew_ns=None if block.skew_ns is None else block.skew_ns[which],
+        fractions=None if block.fractions is None else block.fractions[which],
+    )

@@ -1,0 +1,67 @@
+"""What reading joints at different instants may do to a point, in millimetres.
+
+With d_j how far the count of joint j may be off (`daemon.interpolation`), as an angle,
+and dx/dalpha_j the derivative of the ball's centre,
+
+    error = sum over j of |dx/dalpha_j| d_j
+
+the most that the doubts can do together, since nobody knows which way each goes.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.model import ArmModel
+from daemon.poses import LatchedPose, PoseBlock
+from kinematics.derivatives import probe_derivatives
+from protocol.messages import QualityFlag
+
+Floats = NDArray[np.float64]
+
+
+class SkewWatch:
+    """Flags poses that are too much in doubt, and remembers the worst.
+
+    Args:
+        limit_mm: beyond it a pose is flagged ``skew``.
+    """
+
+    def __init__(self, limit_mm: float) -> None:
+        self._limit_mm = limit_mm
+        self._largest_mm: float | None = None
+
+    def taken_mm(self) -> float | None:
+        """The largest error since the last call; None where nothing was assembled."""
+        largest_mm, self._largest_mm = self._largest_mm, None
+        return largest_mm
+
+    def mark_block(
+        self, model: ArmModel, poses: PoseBlock, doubts_counts: Floats
+    ) -> None:
+        """Flag poses by the doubts (n, n_joints) of their counts."""
+        # The levers of the last pose do for a block: it spans milliseconds.
+        errors_mm = doubts_counts @ _levers_mm(model, poses.angles_rad[-1])
+        self._note(float(errors_mm.max()))
+        poses.quality[errors_mm > self._limit_mm] |= np.uint32(QualityFlag.SKEW)
+
+    def marked(
+        self, model: ArmModel, pose: LatchedPose, doubts_counts: Floats
+    ) -> LatchedPose:
+        """A pose, flagged by the doubts (n_joints,) of its counts."""
+        error_mm = float(doubts_counts @ _levers_mm(model, pose.angles_rad))
+        self._note(error_mm)
+        if error_mm <= self._limit_mm:
+            return pose
+        return replace(pose, quality=pose.quality | QualityFlag.SKEW.value)
+
+    def _note(self, error_mm: float) -> None:
+        self._largest_mm = max(self._largest_mm or 0.0, error_mm)
+
+
+def _levers_mm(model: ArmModel, angles_rad: Floats) -> Floats:
+    """How far a count of each joint moves the ball, (n_joints,)."""
+    derivatives = probe_derivatives(model.geometry, angles_rad[np.newaxis])
+    levers_mm = np.linalg.norm(derivatives.by_angles[0], axis=0)
+    return np.asarray(levers_mm * np.abs(model.per_count_rad))
