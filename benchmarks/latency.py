@@ -1,21 +1,30 @@
-"""Trigger to subscriber, beside a bare MQTT ping through the same broker."""
+"""`python -m benchmarks.latency [FILE]`: trigger to subscriber, beside bare sockets.
 
-import asyncio
+A board presses its button; from the last byte on the pty to the subscriber, which is a
+bare socket. In turns with it the same from a publisher on a bare socket: what the
+broker and the subscriber take by themselves.
+"""
+
 import contextlib
+import json
 import shutil
 import sys
-import time
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+import msgpack
 import numpy as np
 
 from benchmarks import rig
-from clients.subscription import connection, received, subscribe
-from protocol.messages import Point
+from benchmarks.raw_mqtt import RawClient
+from benchmarks.rounds import load
 
 ARM = "demo-7"
-TOPIC = "ping"
+RAW = "raw"
+RATES_HZ = (100.0, 1000.0)
+ROUNDS = 3
+SECONDS = 8.0
 
 
 @contextlib.contextmanager
@@ -24,73 +33,90 @@ def edge_board(folder: Path, presses_hz: float) -> Iterator[Path]:
     shutil.copy(rig.ARM, folder / "arm.toml")
     run = (sys.executable, "-m", "benchmarks.edge_board")
     log = folder / "presses.log"
+    log.unlink(missing_ok=True)
     with rig.program(log, *run, str(folder / "board.pty"), str(presses_hz)):
         rig.wait_for((folder / "board.pty").exists, "the board")
         yield log
 
 
-async def point_arrivals_ns(port: int, n_points: int) -> dict[int, int]:
-    """Monotonic arrival time of each point, by its number."""
-    arrivals: dict[int, int] = {}
-    async with connection("127.0.0.1", port) as client:
-        await subscribe(client, ARM, ("point",))
-        async for item in received(client):
-            arrived_ns = time.monotonic_ns()
-            if isinstance(item.message, Point):
-                arrivals[item.message.seq] = arrived_ns
-                if len(arrivals) >= n_points:
-                    return arrivals
-    return arrivals
+def raw_latencies_ns(folder: Path, port: int, rate_hz: float, n: int) -> list[int]:
+    """From a bare socket to a bare socket."""
+    client = RawClient(port, "raw-taker")
+    client.subscribe(RAW)
+    log = folder / "raw.log"
+    log.unlink(missing_ok=True)
+    arrivals_ns = []
+    run = (sys.executable, "-m", "benchmarks.raw_mqtt")
+    with rig.program(log, *run, str(port), RAW, str(rate_hz), str(n)) as sender:
+        for now_ns, payload in client.payloads():
+            arrivals_ns.append((int.from_bytes(payload[:8], "little"), now_ns))
+            if len(arrivals_ns) == n:
+                break
+        sender.wait()
+    client.close()
+    sent_ns = [int(line) for line in log.read_text("ascii").split()]
+    return [now_ns - sent_ns[number] for number, now_ns in arrivals_ns]
 
 
-async def ping_ns(port: int, n_pings: int, rate_hz: float, size: int) -> list[int]:
-    """Time from publishing to the subscriber's callback, of bare messages, QoS 1."""
-    taken: list[int] = []
-    async with (
-        connection("127.0.0.1", port) as sender,
-        connection("127.0.0.1", port) as taker,
-    ):
-        await taker.subscribe(TOPIC, qos=1)
-
-        async def take() -> None:
-            async for message in taker.messages:
-                payload = message.payload
-                if isinstance(payload, bytes):
-                    sent_ns = int.from_bytes(payload[:8], "little")
-                    taken.append(time.monotonic_ns() - sent_ns)
-                if len(taken) >= n_pings:
-                    return
-
-        taking = asyncio.create_task(take())
-        due_s = time.monotonic()
-        for _ in range(n_pings):
-            due_s += 1.0 / rate_hz
-            await asyncio.sleep(max(0.0, due_s - time.monotonic()))
-            now = time.monotonic_ns().to_bytes(8, "little")
-            await sender.publish(TOPIC, now.ljust(size, b"\0"), qos=1)
-        await taking
-    return taken
+def point_latencies_ns(folder: Path, port: int, rate_hz: float, n: int) -> list[int]:
+    """From the last byte of an edge to a bare socket; points sent twice count once."""
+    client = RawClient(port, "point-taker")
+    client.subscribe(f"traverse/{ARM}/point")
+    arrivals_ns: dict[int, int] = {}
+    with edge_board(folder, rate_hz) as log, rig.daemon(folder, port):
+        for now_ns, payload in client.payloads():
+            arrivals_ns.setdefault(msgpack.unpackb(payload)["seq"], now_ns)
+            if len(arrivals_ns) == n:
+                break
+    client.close()
+    pressed_ns = [int(line) for line in log.read_text("ascii").split()]
+    return [now_ns - pressed_ns[seq] for seq, now_ns in arrivals_ns.items()]
 
 
-def figures(values_ns: list[int]) -> str:
-    """Median and 99th percentile in milliseconds."""
-    p50, p99, worst = np.percentile(values_ns, [50, 99, 100]) * 1e-6
-    return f"p50 {p50:.3f} ms, p99 {p99:.3f} ms, largest {worst:.3f} ms"
+def figures(values_ns: list[int]) -> dict[str, float]:
+    """Median, 99th percentile and largest in microseconds."""
+    p50, p99, largest = np.percentile(values_ns, [50, 99, 100]) * 1e-3
+    return {"p50_us": p50, "p99_us": p99, "largest_us": largest}
 
 
-def latency(folder: Path, rate_hz: float = 100.0, n_points: int = 2000) -> list[str]:
-    """Lines of the table: pings, then points, through one broker."""
-    port = rig.free_port()
+def rounds(
+    folder: Path, rate_hz: float, n_rounds: int, seconds: float
+) -> Iterator[tuple[dict[str, float], dict[str, float]]]:
+    """Bare sockets and points in turn, through one broker."""
+    port, n = rig.free_port(), round(rate_hz * seconds)
     with rig.mosquitto(folder, port):
-        pings = asyncio.run(ping_ns(port, n_points, rate_hz, 500))
-        with edge_board(folder, rate_hz) as log, rig.daemon(folder, port):
-            arrivals = asyncio.run(point_arrivals_ns(port, n_points))
-        after = asyncio.run(ping_ns(port, n_points, rate_hz, 500))
-    pressed = [int(line) for line in log.read_text("ascii").split()]
-    points = [arrived - pressed[seq] for seq, arrived in arrivals.items()]
-    return [
-        f"bare ping QoS 1 before: {figures(pings)}",
-        f"trigger to subscriber:  {figures(points)}   ({len(points)} points at "
-        f"{rate_hz:g}/s, from the last byte on the pty to the subscriber's callback)",
-        f"bare ping QoS 1 after:  {figures(after)}",
-    ]
+        for _ in range(n_rounds):
+            raw = figures(raw_latencies_ns(folder, port, rate_hz, n))
+            yield raw, figures(point_latencies_ns(folder, port, rate_hz, n))
+
+
+def latency(rate_hz: float, n_rounds: int, seconds: float) -> dict[str, object]:
+    """Everything measured at one rate, printed as it comes."""
+    with tempfile.TemporaryDirectory() as folder:
+        found = []
+        for raw, point in rounds(Path(folder), rate_hz, n_rounds, seconds):
+            found.append({"raw": raw, "point": point})
+            ratios = {name: point[name] / raw[name] for name in ("p50_us", "p99_us")}
+            print(
+                f"{rate_hz:5.0f}/s: bare sockets p50 {raw['p50_us']:.0f} us, p99 "
+                f"{raw['p99_us']:.0f} us; points p50 {point['p50_us']:.0f} us "
+                f"({ratios['p50_us']:.1f} times), p99 {point['p99_us']:.0f} us "
+                f"({ratios['p99_us']:.1f} times), largest {point['largest_us']:.0f} us",
+                flush=True,
+            )
+    return {"rate_hz": rate_hz, "seconds": seconds, "rounds": found}
+
+
+def main(path: Path | None) -> None:
+    """Print the figures, and keep them in a file where one is named."""
+    print(load())
+    before = load()
+    found = [latency(rate_hz, ROUNDS, SECONDS) for rate_hz in RATES_HZ]
+    print(load())
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps({"load": before, "latency": found}, indent=1))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else None)
