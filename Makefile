@@ -9,7 +9,7 @@ FIGURES := build/figures
 # What the kernel in C is built from.
 KERNEL := setup.py $(foreach kind,pyx pxd pxi c h inc,$(wildcard kinematics/kernel/*.$(kind)))
 
-.PHONY: help venv system demo test lint format schemas lock bench bench-identification prove blind blind-full soak clean bench-kernel
+.PHONY: help venv system demo test lint format schemas lock bench bench-drivers bench-identification prove blind blind-full soak clean bench-kernel
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -57,6 +57,9 @@ bench-kernel: $(PEERS)/.ready  ## the kernel beside other libraries; takes a min
 bench: venv system bench-kernel  ## the figures of docs/performance.md; takes minutes
 	$(BIN)/python -m benchmarks
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.effects
+
+bench-drivers: venv  ## the drivers: rates, losses, share of a core; takes minutes
+	$(BIN)/python -m benchmarks.drivers_can
 
 bench-identification: venv  ## the adjustment beside scipy's least squares; takes many minutes
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.identification

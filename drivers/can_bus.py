@@ -132,15 +132,14 @@ class CanBus:
     def _ready(self, fd: int, timeout_s: float) -> bool:
         waiting = [fd] if self._wake_fd is None else [fd, self._wake_fd]
         ready, _, _ = select.select(waiting, [], [], max(0.0, timeout_s))
-        if self._wake_fd in ready:
-            self._eat_wake_up()
+        if self._wake_fd is not None and self._wake_fd in ready:
+            with contextlib.suppress(BlockingIOError):
+                os.read(self._wake_fd, 4096)
         return fd in ready
 
     def _read(self, wait_s: float) -> list[Frame]:
         frames: list[Frame] = []
         message = self._bus.recv(wait_s)
-        if self._fd is None:
-            self._eat_wake_up()
         now_ns = self._now_ns()
         while message is not None:
             if message.is_error_frame:
@@ -152,11 +151,6 @@ class CanBus:
                 break
             message = self._bus.recv(0)
         return frames
-
-    def _eat_wake_up(self) -> None:
-        if self._wake_fd is not None:
-            with contextlib.suppress(BlockingIOError):
-                os.read(self._wake_fd, 4096)
 
     def _gone(self, error: Exception) -> DeviceError:
         return DeviceError(

@@ -18,7 +18,7 @@ from drivers.canopen_cycle import Cycles
 from drivers.canopen_options import CanOpenOptions, CodeSequence, SyncSource
 from drivers.canopen_sdo import NodeSdo
 from drivers.canopen_start import Roll, identity_of, set_up_all
-from drivers.canopen_sync import SyncTrain
+from drivers.canopen_sync import HostSync, SyncTrain
 from drivers.canopen_upkeep import Upkeep
 from drivers.canopen_watch import Conditions, NodeWatch
 from drivers.crossing import Crossing
@@ -28,6 +28,7 @@ from protocol import canopen as wire
 from protocol.canopen_errors import ERROR_FLAG
 
 IDLE_S = 0.05
+COALESCE_S = 0.001  # on a fast stream a read takes what so long brings
 
 
 class CanOpen(Driver):
@@ -199,19 +200,29 @@ class CanOpen(Driver):
         bus, cycles, train = self._bus, self._cycles, self._train
         if bus is None:
             return
-        if train is not None and cycles is not None and (host := train.sent):
+        if cycles is None or train is None:
+            self._take_frames(bus, cycles, limit_s)
+            return
+        if train.sent is not None:
+            limit_s = min(limit_s, self._send_sync(bus, cycles, train.sent))
+        if train.is_fast:  # waking for each frame costs more than the frame
+            pause_s = min(limit_s, COALESCE_S)
+            time.sleep(pause_s)
+            limit_s -= pause_s
+        self._take_frames(bus, cycles, limit_s)
+        cycles.flush(self._now_ns())
+
+    def _send_sync(self, bus: CanBus, cycles: Cycles, schedule: HostSync) -> float:
+        """Send a SYNC if it is time; the seconds until the next one."""
+        now_ns = self._now_ns()
+        if now_ns >= schedule.due_ns:
+            # What has come until now belongs to the SYNC before.
+            self._take_frames(bus, cycles, 0.0)
+            steps = schedule.take(now_ns)
+            bus.send(wire.SYNC, b"")
             now_ns = self._now_ns()
-            if now_ns >= host.due_ns:
-                # What has come until now belongs to the SYNC before.
-                self._take_frames(bus, cycles, 0.0)
-                steps = host.take(now_ns)
-                bus.send(wire.SYNC, b"")
-                now_ns = self._now_ns()
-                cycles.sync(now_ns, steps)
-            limit_s = min(limit_s, (host.due_ns - now_ns) * 1e-9)
-        self._take_frames(bus, cycles, max(0.0, limit_s))
-        if cycles is not None:
-            cycles.flush(self._now_ns())
+            cycles.sync(now_ns, steps)
+        return max(0.0, (schedule.due_ns - now_ns) * 1e-9)
 
     def _take_frames(self, bus: CanBus, cycles: Cycles | None, limit_s: float) -> None:
         for can_id, data, time_ns in bus.receive(limit_s):

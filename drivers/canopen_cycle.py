@@ -3,8 +3,9 @@
 All nodes latch at a SYNC and answer one after the other, so a set is stamped with the
 instant of its SYNC and never with those of its frames. It is closed when all nodes have
 answered, or by the next SYNC; a node that has not answered is marked `STATUS_MISSING`.
-After a miss the next set is held open until its SYNC is followed by another: an answer
-that came too late would else be taken for the new one.
+A node that has missed a SYNC owes an answer, which may still come: until it has, or has
+not come for two more SYNCs, sets are held open until the next SYNC, so that the last of
+its answers counts, and what may be of the wrong SYNC is marked `STATUS_LATE`.
 """
 
 from collections import Counter
@@ -12,10 +13,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from drivers.values import STATUS_ERROR, STATUS_MISSING, CountSamples
+from drivers.values import STATUS_ERROR, STATUS_LATE, STATUS_MISSING, CountSamples
 from protocol import canopen as wire
 
 GATHER_NS = 10_000_000  # samples of so long are handed over together
+MOST_OWED = 50
+FORGIVEN_AFTER = 2  # SYNCs that were answered once since: what was owed is lost
 
 
 class Cycles:
@@ -59,7 +62,9 @@ class Cycles:
         self._open = False  # a SYNC is out and its set not yet closed
         self._time_ns = 0
         self._answered = self._all
-        self._missed_before = 0
+        self._owing = 0  # bit by channel: who owes
+        self._owed = [0] * len(nodes)
+        self._since = [0] * len(nodes)  # SYNCs answered while it owes
         self._seqs: list[int] = []
         self._times_ns: list[int] = []
         self._rows: list[int] = []
@@ -75,7 +80,7 @@ class Cycles:
         """Begin a stream; what the old one has gathered is dropped."""
         self._stream, self._seq = stream, -1
         self._open = False
-        self._answered, self._missed_before = self._all, 0
+        self._answered, self._owing = self._all, 0
         self._forget()
 
     def sync(self, time_ns: int, steps: int = 1) -> None:
@@ -105,15 +110,16 @@ class Cycles:
         bit = 1 << channel
         self.seen |= bit
         if self._answered & bit:
-            if not self._missed_before & bit:
+            if not self._owing & bit:
                 self.duplicates[channel] += 1
                 return True
-            # The first one answered the SYNC before, whose set is gone.
-            self._missed_before &= ~bit
-            self.late += 1
+            self.late += 1  # what came before answered an earlier SYNC
+            self._owed[channel] -= 1
+            if not self._owed[channel]:
+                self._owing &= ~bit
         self._counts[channel] = wire.POSITION.unpack_from(data)[0]
         self._answered |= bit
-        if self._answered == self._all and self._open and not self._missed_before:
+        if self._answered == self._all and self._open and not self._owing:
             self._close()
         return True
 
@@ -155,23 +161,38 @@ class Cycles:
     def _close(self) -> None:
         self._open = False
         missed = self._all & ~self._answered
-        self._missed_before = missed
+        status = self._judged(missed) if missed | self._owing else self.status
         if not self._answered:
             self.lost += 1
             return
         self._seqs.append(self._seq)
         self._times_ns.append(self._time_ns)
         self._rows += self._counts
+        self._states += status
         if not missed:
             self.complete += 1
-            self._states += self.status
             return
-        status = bytearray(self.status)
         for channel in range(len(status)):
             if missed >> channel & 1:
-                status[channel] |= STATUS_MISSING
                 self.missing[channel] += 1
-        self._states += status
+
+    def _judged(self, missed: int) -> bytearray:
+        """The status of a set in which somebody has missed, or owes."""
+        status = bytearray(self.status)
+        for channel in range(len(status)):
+            bit = 1 << channel
+            if missed & bit:
+                status[channel] |= STATUS_MISSING
+                self._owed[channel] = min(self._owed[channel] + 1, MOST_OWED)
+                self._since[channel] = 0
+                self._owing |= bit
+            elif self._owing & bit:
+                status[channel] |= STATUS_LATE
+                self._since[channel] += 1
+                if self._since[channel] >= FORGIVEN_AFTER:
+                    self._owed[channel] = 0
+                    self._owing &= ~bit
+        return status
 
     def _forget(self) -> None:
         self._seqs.clear()

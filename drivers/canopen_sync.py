@@ -13,11 +13,17 @@ from drivers.canopen_options import SyncSource
 from drivers.values import DeviceError
 from protocol import canopen as wire
 
+FAST_HZ = 400.0
+CLOSEST = 0.8  # of a period, between SYNCs that make up for a delay
+MOST_BEHIND = 50  # SYNCs that are made up for
 FOLLOWED = 0.05  # how much of a deviation the kept schedule follows at each SYNC
 
 
 class HostSync:
-    """Sends a SYNC at k / rate; instants that have passed unused are skipped.
+    """Sends a SYNC at k / rate.
+
+    A busy computer sends late: then the next ones follow closer until the schedule is
+    reached again, so that none is left out; only what is far behind is skipped.
 
     Args:
         rate_hz: how often.
@@ -28,17 +34,20 @@ class HostSync:
         self._period_ns = 1e9 / rate_hz
         self._begin_ns = now_ns
         self._next = 1
+        self._earliest_ns = now_ns
 
     @property
     def due_ns(self) -> int:
         """When the next one is to be sent."""
-        return self._begin_ns + round(self._next * self._period_ns)
+        planned_ns = self._begin_ns + round(self._next * self._period_ns)
+        return max(planned_ns, self._earliest_ns)
 
     def take(self, now_ns: int) -> int:
         """Steps of the schedule that the SYNC which is sent now stands for."""
-        reached = max(self._next, int((now_ns - self._begin_ns) / self._period_ns))
-        steps = reached - self._next + 1
-        self._next = reached + 1
+        self._earliest_ns = now_ns + round(CLOSEST * self._period_ns)
+        reached = int((now_ns - self._begin_ns) / self._period_ns)
+        steps = 1 if reached - self._next < MOST_BEHIND else reached - self._next + 1
+        self._next += steps
         return steps
 
 
@@ -78,6 +87,7 @@ class SyncTrain:
     Attributes:
         sent: the schedule where this program sends; else None.
         seen: the numbering where SYNCs are seen on the bus; else None.
+        is_fast: frames come so often that they are better read together.
     """
 
     def __init__(
@@ -92,10 +102,12 @@ class SyncTrain:
         self._task: PeriodicTask | None = None
         self.sent: HostSync | None = None
         self.seen: SeenSync | None = None
+        self.is_fast = False
 
     def start(self, rate_hz: float) -> None:
         """Let SYNCs come at ``rate_hz``, as far as it is ours to say."""
         self.stop()
+        self.is_fast = rate_hz > FAST_HZ
         if self._wanted == "external":
             self.seen = SeenSync(None)
             return
@@ -115,6 +127,7 @@ class SyncTrain:
     def stop(self) -> None:
         """Send no more."""
         self.sent = self.seen = None
+        self.is_fast = False
         if self._task is not None:
             self._task.stop()
             self._task = None

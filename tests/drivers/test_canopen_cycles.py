@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from drivers.can_socket import SocketFrames
 from drivers.canopen_cycle import Cycles
 from drivers.canopen_sync import HostSync, SeenSync
-from drivers.values import STATUS_ERROR, STATUS_MISSING, CountSamples
+from drivers.values import STATUS_ERROR, STATUS_LATE, STATUS_MISSING, CountSamples
 
 NODES = (3, 7, 11)
 TURN = 1 << 20
@@ -55,7 +55,7 @@ def test_a_node_that_does_not_answer_keeps_its_last_count() -> None:
     taken.answer(11, 30)
     taken.cycles.sync(1000)
     assert taken.rows() == [(0, [10, 2, 30], [0, STATUS_MISSING, 0])]
-    assert taken.cycles.missing == {1: 1}
+    assert +taken.cycles.missing == {1: 1}
     assert taken.cycles.lost == 0
 
 
@@ -86,6 +86,36 @@ def test_an_answer_after_the_next_sync_is_not_taken_for_the_new_one() -> None:
     ]
     assert taken.cycles.late == 1
     assert not taken.cycles.duplicates
+
+
+def test_answers_that_lag_by_several_syncs_are_no_duplicates() -> None:
+    taken = Taken()
+    for _ in range(3):
+        taken.cycles.sync(0)
+    for count in (10, 11, 12):
+        for node in NODES:
+            taken.answer(node, count)
+    taken.cycles.sync(0)
+    assert taken.rows() == [(2, [12, 12, 12], [0, 0, 0])]
+    assert taken.cycles.late == 6
+    assert not taken.cycles.duplicates
+    assert taken.cycles.lost == 2
+
+
+def test_what_may_be_of_the_sync_before_is_marked_until_it_is_forgiven() -> None:
+    taken = Taken()
+    for k in range(4):
+        taken.cycles.sync(1000 * k)
+        for node in NODES[k == 0 :]:
+            taken.answer(node, k)
+    status = [row[2] for row in taken.rows()]
+    # Held open until the next SYNC, but not when it is forgiven.
+    assert status == [
+        [STATUS_MISSING, 0, 0],
+        [STATUS_LATE, 0, 0],
+        [STATUS_LATE, 0, 0],
+        [0, 0, 0],
+    ]
 
 
 def test_a_second_answer_is_a_duplicate() -> None:
@@ -151,14 +181,17 @@ def test_no_sequence_of_frames_invents_or_reorders(events: list[object]) -> None
     assert taken.cycles.lost + len(rows) in (n_syncs, n_syncs - 1)
 
 
-def test_host_syncs_keep_their_schedule_and_skip_what_has_passed() -> None:
+def test_host_syncs_keep_their_schedule_and_make_up_for_delays() -> None:
     schedule = HostSync(1000.0, 0)
     assert schedule.due_ns == 1_000_000
     assert schedule.take(1_050_000) == 1
     assert schedule.due_ns == 2_000_000
-    assert schedule.take(5_700_000) == 4  # instants 2, 3, 4 and 5 with one SYNC
-    assert schedule.due_ns == 6_000_000
-    assert schedule.take(6_000_000) == 1
+    assert schedule.take(4_700_000) == 1  # late: 3 and 4 follow, not too close
+    assert schedule.due_ns == 5_500_000
+    assert schedule.take(5_500_000) == 1
+    assert schedule.due_ns == 6_300_000
+    assert schedule.take(106_300_000) == 103  # 4 to 106 with one SYNC
+    assert schedule.due_ns == 107_100_000
 
 
 @given(st.lists(st.integers(1, 4), max_size=50), st.randoms(use_true_random=False))
