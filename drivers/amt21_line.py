@@ -97,7 +97,7 @@ class Amt21Line:
                 'check baud rate and wiring, or set echo = "yes" or "no"',
             )
         raise DeviceError(
-            f"none of the {len(addresses)} encoders answers",
+            f"nothing answers at {len(addresses)} addresses",
             "check power, wires A and B, addresses and baud rate",
         )
 

@@ -118,7 +118,8 @@ class Polled(Driver):
             self._cycle()
             lengths_ns.append(self._now_ns() - begun_ns)
         self._misses.check(self._channels)
-        fastest_hz = SHARE_OF_LINE * 1e9 / max(1.0, median(lengths_ns))
+        usual_ns = max(1.0, median(lengths_ns))
+        fastest_hz = SHARE_OF_LINE * 1e9 / usual_ns
         self._reached_hz = min(self._max_rate_hz, fastest_hz)
         identity = Identity(
             name,
@@ -128,6 +129,8 @@ class Polled(Driver):
             max_rate_hz=self._reached_hz,
             latches=False,
             counts_per_turn=tuple(c.counts_per_turn for c in self._channels),
+            # It latched somewhere in the exchange, of which the middle is told.
+            jitter_ns=round(usual_ns / len(self._channels) / 2),
         )
         self._tell(DeviceUp(self.device, identity, restarted=False))
         self._streams_begun = 0  # what was wanted is to be begun again

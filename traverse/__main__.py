@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from kinematics.kernel.choice import KERNEL
+from traverse.amt21 import amt21
 from traverse.arm import arm
 from traverse.blind import blind
 from traverse.check import check
@@ -26,6 +27,7 @@ app = typer.Typer(
 for command in (demo, run, simulate, watch, check, identify, diagnose, blind):
     app.command()(command)
 app.add_typer(arm, name="arm")
+app.add_typer(amt21, name="amt21")
 
 
 def _show_version(wanted: bool) -> None:

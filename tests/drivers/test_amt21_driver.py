@@ -360,7 +360,7 @@ def test_nothing_on_the_line_is_told_with_what_to_check():
         encoder.silent = math.inf
     run = Played(made)
     (lost,) = run.of(DeviceLost)
-    assert "none of the 2 encoders answers" in lost.reason
+    assert "nothing answers at 2 addresses" in lost.reason
     assert "addresses" in lost.remedy
 
 
