@@ -37,4 +37,5 @@ KINDS = {
     "amt21": Kind(
         "simulator.devices.amt21:Amt21Table", "simulator.devices.amt21:Amt21Line"
     ),
+    "rls": Kind("simulator.devices.rls:RlsTable", "simulator.devices.rls:Rls"),
 }
