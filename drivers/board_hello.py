@@ -3,6 +3,7 @@
 from drivers.values import DeviceAlarm, DeviceRefusedError, Identity
 from protocol import latch_board as wire
 
+JITTER_NS = 50_000  # of the mapped time; see benchmarks/clock.py
 MIN_TICK_RATE_HZ, MAX_TICK_RATE_HZ = 100_000, 100_000_000
 
 
@@ -22,9 +23,14 @@ def check_hello(hello: wire.Hello, path: str) -> None:
             f"protocol, this driver version {wire.MAJOR}",
             "update the board's firmware or this program",
         )
-    if not hello.channels or not all(1 <= c.bits <= 32 for c in hello.channels):
+    if not all(1 <= c.bits <= 32 for c in hello.channels):
         raise DeviceRefusedError(
             f"the board on {path} describes impossible channels: {hello.channels}",
+            "update the board's firmware",
+        )
+    if not hello.channels and not hello.n_inputs:
+        raise DeviceRefusedError(
+            f"the board on {path} has neither channels nor inputs",
             "update the board's firmware",
         )
     if not MIN_TICK_RATE_HZ <= hello.tick_rate_hz <= MAX_TICK_RATE_HZ:
@@ -42,7 +48,9 @@ def identity_of(hello: wire.Hello) -> Identity:
         ".".join(map(str, hello.firmware)),
         tuple(channel.modulus for channel in hello.channels),
         hello.n_inputs,
-        hello.max_rate_hz,
+        hello.max_rate_hz if hello.channels else 0.0,
+        latches=bool(hello.channels),
+        jitter_ns=JITTER_NS,
     )
 
 

@@ -30,6 +30,7 @@ from protocol import latch_board as wire
 
 ALL_INPUTS = 0xFF
 HEARTBEAT_MS = 500
+EDGES_HEARTBEAT_MS = 20  # of a board that never streams: nothing else tells its time
 TEMPERATURE_MS = 2000
 MAX_LATCHES = 16
 FAST_STREAM_HZ = 400.0
@@ -89,7 +90,7 @@ class LatchBoard(Driver):
         self._port: SerialPort | None = None
         self._line: BoardLine | None = None
         self._boot_id: int | None = None
-        self._n_channels = 0
+        self._n_channels: int | None = None  # until HELLO has told
         self._acknowledged: int | None = None
         self._frames_before = 0
         self._streams_begun = 0
@@ -133,7 +134,7 @@ class LatchBoard(Driver):
         )
         line.begin()
         first = self._boot_id is None
-        self._n_channels = 0
+        self._n_channels = None
         self._stream_request = 0
         flags = wire.FORGET_EDGES if first else 0
         hello = line.ask("HELLO", lambda number: wire.hello_request(number, flags))
@@ -143,10 +144,11 @@ class LatchBoard(Driver):
         restarted = not first and hello.boot_id != self._boot_id
         self._latches.clear()  # whoever waited for them has given up
         self._clock = TickClock(hello.tick_rate_hz)
+        heartbeat_ms = HEARTBEAT_MS if hello.channels else EDGES_HEARTBEAT_MS
         line.ask(
             "CONFIGURE",
             lambda number: wire.configure_request(
-                number, ALL_INPUTS, HEARTBEAT_MS, TEMPERATURE_MS, self._debounce_us
+                number, ALL_INPUTS, heartbeat_ms, TEMPERATURE_MS, self._debounce_us
             ),
         )
         self._tell(DeviceUp(self.device, identity_of(hello), restarted))
@@ -226,7 +228,7 @@ class LatchBoard(Driver):
 
     def _dispatch(self, message: wire.Message, received_ns: int) -> None:
         match message:
-            case wire.Edge() | wire.Heartbeat() if not self._n_channels:
+            case wire.Edge() | wire.Heartbeat() if self._n_channels is None:
                 pass  # it may be of another board; both come again after HELLO
             case wire.SampleBlock():
                 self._take_samples(message, received_ns)

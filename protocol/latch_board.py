@@ -325,10 +325,10 @@ def _parse_reply(body: bytes) -> Reply | None:
 
 def _latch(body: bytes) -> tuple[tuple[int, ...], tuple[int, ...]] | None:
     n_channels, left = divmod(len(body) - _LATCHED.size, 5)
-    if n_channels < 1 or left:
+    if n_channels < 0 or left:
         return None
     counts = struct.unpack_from(f"<{n_channels}I", body, _LATCHED.size)
-    return counts, tuple(body[-n_channels:])
+    return counts, tuple(body[len(body) - n_channels :])
 
 
 def _parse_latched(body: bytes) -> Latched | None:

@@ -14,10 +14,11 @@ def hello(
     boot_id: int = 0xDEADBEEF,
     tick_rate_hz: int = 1_000_000,
     channels: Channels = ((23, 1 << 23), (32, 1 << 20)),
+    inputs: int = 2,
 ) -> bytes:
     head = struct.pack("<4B", 0x81, request, major, 0)
     numbers = struct.pack(
-        "<3BIII", len(channels), 2, 1, tick_rate_hz, 10_000_000, boot_id
+        "<3BIII", len(channels), inputs, 1, tick_rate_hz, 10_000_000, boot_id
     )
     described = b"".join(struct.pack("<BI", *channel) for channel in channels)
     return head + BOARD_ID + bytes((1, 2, 3)) + numbers + described

@@ -216,9 +216,46 @@ async def test_a_hello_of_another_version_is_told(rig):
     assert "speaks version 2" in lost.reason
 
 
-async def test_a_board_without_channels_or_clock_is_refused(rig):
-    rig.board.answers[HELLO] = lambda body: [bodies.hello(body[1], channels=())]
+async def test_a_board_of_which_nothing_can_come_is_refused(rig):
+    rig.board.answers[HELLO] = lambda body: [
+        bodies.hello(body[1], channels=(), inputs=0)
+    ]
+    assert "neither channels nor inputs" in (await told_lost(rig)).reason
+
+
+async def test_a_board_with_impossible_channels_is_refused(rig):
+    rig.board.answers[HELLO] = lambda body: [bodies.hello(body[1], channels=((33, 0),))]
     assert "impossible channels" in (await told_lost(rig)).reason
+
+
+async def test_a_board_with_inputs_only_tells_its_edges(rig):
+    rig.board.counts = ()
+    rig.board.answers[HELLO] = lambda body: [bodies.hello(body[1], channels=())]
+    with rig.driver:
+        taken = Taken(rig.crossing)
+        await taken.until(lambda: taken.of(DeviceUp), "the board")
+        tokens = [rig.board.press(1), rig.board.press(1, level=0)]
+        await taken.until(lambda: len(taken.of(LatchedCounts)) == 2, "its edges")
+        rig.driver.acknowledge(tokens[1])
+        await until(lambda: not rig.board.edges, "the acknowledgement")
+    identity = taken.of(DeviceUp)[0].identity
+    assert (identity.moduli_counts, identity.inputs) == ((), 2)
+    assert (identity.latches, identity.max_rate_hz) == (False, 0.0)
+    latches = taken.of(LatchedCounts)
+    assert [latch.token for latch in latches] == tokens
+    assert {(latch.counts, latch.status) for latch in latches} == {((), ())}
+    # Its heartbeat is all that tells its time, so it is asked for more often.
+    assert rig.board.heard(CONFIGURE)[0].hex(" ").startswith("02 02 ff 14 00")
+
+
+async def test_the_makers_own_bits_of_status_are_a_warning(rig):
+    with rig.driver:
+        taken = await streaming(rig)
+        sample = bytearray(rig.board.samples(1)[0])
+        sample[-2:] = 0x80, 0x41  # of two channels, the second with an error
+        rig.board.send(bytes(sample))
+        await taken.until(lambda: taken.of(CountSamples), "the sample")
+    assert taken.of(CountSamples)[0].status.tolist() == [[2, 3]]
 
 
 async def test_a_board_whose_counter_stands_is_refused(rig):
