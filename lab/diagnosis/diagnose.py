@@ -1,7 +1,6 @@
 """Diagnosis: find what the model lacks, name it, add it, show that the gap shrank."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -9,38 +8,30 @@ from numpy.typing import NDArray
 
 from kinematics.arm_file import Arm
 from lab.campaign import Campaign
-from lab.diagnosis.advice import separate_by
-from lab.diagnosis.candidate import BankName, Candidate
-from lab.diagnosis.choice import Choice, ranked
 from lab.diagnosis.decision import Decision, decided
-from lab.diagnosis.detectable import detectable
 from lab.diagnosis.diagnosis import (
-    Detectable,
     Diagnosis,
-    Leftover,
-    NoiseFound,
     Step,
-    Term,
-    Verdict,
 )
 from lab.diagnosis.fit import Fit
 from lab.diagnosis.gap import Gap, gap_between
 from lab.diagnosis.holdout import split
-from lab.diagnosis.library import absent_candidates
 from lab.diagnosis.naming import Naming
 from lab.diagnosis.options import DiagnosisOptions
+from lab.diagnosis.outcome import (
+    detectable_of,
+    leftovers_of,
+    noise_of,
+    terms_of,
+    verdict_of,
+)
 from lab.diagnosis.rows import Rows, rows_of
-from lab.diagnosis.search import Progress, Search, refitted
+from lab.diagnosis.search import Progress, refitted
 from lab.diagnosis.serial import without_serial_noise
-from lab.diagnosis.terms import estimates_of
 
 __all__ = ["DiagnosisOptions", "diagnose"]
 
 Booleans = NDArray[np.bool_]
-
-_LOG_10 = float(np.log(10.0))
-# The weakest first.
-_STATUSES: tuple[Verdict, ...] = ("unknown", "tentative", "named")
 
 
 def diagnose(
@@ -79,12 +70,12 @@ def diagnose(
     accepted = _accepted(decision.names, gap, options)
     adapted, rows = _adapted(campaign, decision, accepted, options)
     clock.lap("final estimates")
-    terms = _terms(decision, accepted, rows, options)
+    terms = terms_of(decision, accepted, rows, choosing, options)
     told("working out what could have been seen", 0.85)
-    seen = _detectable(search) if options.details else ()
+    seen = detectable_of(search) if options.details else ()
     clock.lap("detectable sizes")
     return Diagnosis(
-        verdict=_verdict(terms),
+        verdict=verdict_of(terms),
         terms=terms,
         arm=arm,
         adapted=adapted.arm,
@@ -97,8 +88,8 @@ def diagnose(
         ledger=_ledger(decision, fits, gaps),
         closed=gap.closed if terms else None,
         vetoed=bool(terms) and gap.is_worse,
-        noise=_noise(search),
-        leftovers=_leftovers(search),
+        noise=noise_of(search),
+        leftovers=leftovers_of(search),
         detectable=seen,
         seed=options.seed,
         seconds=clock.laps,
@@ -176,114 +167,6 @@ def _adapted(
         if index < search.n_given or accepted[index - search.n_given]
     )
     return refitted(search.fit, kept, everyone), rows
-
-
-def _terms(
-    decision: Decision,
-    accepted: tuple[bool, ...],
-    rows: Rows,
-    options: DiagnosisOptions,
-) -> tuple[Term, ...]:
-    search = decision.search
-    whole = rows.adjustment.network.parameters.effects
-    terms = []
-    for naming, is_accepted in zip(decision.names, accepted, strict=True):
-        index = naming.added.index
-        if whole is None:
-            raise ValueError("terms without effects in the fit")
-        values = rows.adjustment.state.arm.amplitudes
-        correction = whole.at(values[-len(whole.effects.values) :]).corrections[index]
-        effect = search.fit.arm.effects[index]
-        terms.append(
-            Term(
-                status=naming.status,
-                candidate=_shown(naming),
-                effect=effect.model_copy(update=correction.keys),
-                estimates=estimates_of(rows, index),
-                log_bayes_factor=naming.own.evidence,
-                log10_p=naming.own.log_p / _LOG_10,
-                harmonic=naming.harmonic,
-                alternatives=naming.alternatives,
-                separate_by=separate_by(naming, search.stage.rows, search.fit.arm)
-                if options.details
-                else "",
-                accepted=is_accepted,
-            )
-        )
-    if search.stuck is not None:
-        terms.append(_without_form(search.stuck))
-    return tuple(terms)
-
-
-def _without_form(stuck: Choice) -> Term:
-    """Tell of a curve that tilts or shifts a joint: it cannot be added."""
-    return Term(
-        status="unknown",
-        candidate=stuck.candidate,
-        effect=None,
-        estimates={},
-        log_bayes_factor=stuck.evidence,
-        log10_p=stuck.log_p / _LOG_10,
-        harmonic=None,
-        alternatives=(),
-        separate_by="",
-        accepted=False,
-    )
-
-
-def _shown(naming: Naming) -> Candidate:
-    """Say as what a term is told: a harmonic with overtones is a curve."""
-    candidate = naming.added.candidate
-    if naming.harmonic is None:
-        return candidate
-    return replace(
-        candidate,
-        kind="empirical",
-        order=None,
-        component="angle",
-        covariate=f"{candidate.joint}_rad",
-    )
-
-
-def _verdict(terms: tuple[Term, ...]) -> Verdict:
-    statuses = {term.status for term in terms}
-    return next((one for one in _STATUSES if one in statuses), "clean")
-
-
-def _noise(search: Search) -> NoiseFound:
-    noise, serial = search.fit.adjustment.network.noise, search.serial
-    return NoiseFound(
-        tuple(noise.encoder_rad.tolist()),
-        tuple(noise.contact_mm.tolist()),
-        0.0 if serial is None else serial.share,
-        0.0 if serial is None else serial.phi,
-    )
-
-
-def _leftovers(search: Search) -> tuple[Leftover, ...]:
-    found = []
-    for name in BankName:
-        choices = ranked(search.stage, (name,), search.settled)
-        if choices:
-            first = min(choices, key=lambda choice: choice.log_p)
-            threshold = search.thresholds[name] / _LOG_10
-            found.append(
-                Leftover(name, first.candidate, first.log_p / _LOG_10, threshold)
-            )
-    return tuple(found)
-
-
-def _detectable(search: Search) -> tuple[Detectable, ...]:
-    rows, arm = search.stage.rows, search.fit.arm
-    found = detectable(
-        rows,
-        search.stage.banks[BankName.LIBRARY],
-        absent_candidates(rows, arm),
-        search.thresholds[BankName.LIBRARY],
-    )
-    # What was found is in the model, where it cannot be seen once more.
-    known = {term.candidate.identity for term in search.terms}
-    return tuple(one for one in found if one.candidate.identity not in known)
 
 
 def _nobody(_what: str, _part: float) -> None:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from kinematics.arm_file import Arm, Effect
 from lab.campaign import Campaign
 from lab.diagnosis.candidate import BankName, Candidate
+from lab.diagnosis.clusters import Cluster
 from lab.identification.adjustment import Adjustment
 
 Floats = NDArray[np.float64]
@@ -65,6 +66,7 @@ class Term:
         alternatives: What else it may be, the best first.
         separate_by: The experiment that would tell them apart, in words.
         accepted: Whether it is in the adapted arm.
+        cluster: Where poses lie together that were left out, if it tells of these.
     """
 
     status: Status
@@ -77,6 +79,7 @@ class Term:
     alternatives: tuple[Alternative, ...]
     separate_by: str
     accepted: bool
+    cluster: Cluster | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,7 @@ from lab.diagnosis.adapted_arm import (
     write_adapted,
 )
 from lab.diagnosis.candidate import Candidate
+from lab.diagnosis.clusters import Cluster
 from lab.diagnosis.compare import write_discrepancies
 from lab.diagnosis.diagnosis import Detectable, Diagnosis, Estimate, Step, Term
 from lab.diagnosis.report import plots_of, report_page
@@ -165,6 +166,16 @@ def _term(term: Term, *, written: bool) -> dict[str, Any]:
         "separate_by": term.separate_by,
         "accepted": term.accepted,
         "in_arm_file": written,
+        **({} if term.cluster is None else {"poses": _cluster(term.cluster)}),
+    }
+
+
+def _cluster(place: Cluster) -> dict[str, Any]:
+    return {
+        "low": _number(place.low),
+        "high": _number(place.high),
+        "excluded": place.n_excluded,
+        "all": place.n_poses,
     }
 
 

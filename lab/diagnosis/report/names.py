@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from lab.diagnosis.candidate import Candidate
+from lab.diagnosis.clusters import Cluster
 from lab.diagnosis.diagnosis import Detectable, Diagnosis, Estimate, Term
 
 _KINDS = {
@@ -75,11 +76,31 @@ def often(times: int) -> str:
 
 
 def _curve(candidate: Candidate) -> str:
+    if candidate.artefact is not None:
+        return f"something about {candidate.artefact}"
     over = _covariate(candidate.covariate or "an unknown covariate")
     if candidate.joint is None:
         return f"something over {over} that moves the whole arm"
     moved = _MOVED.get(candidate.component or "angle", str(candidate.component))
     return f"something over {over} that changes joint {candidate.joint} ({moved})"
+
+
+def place_in_words(place: Cluster) -> str:
+    """Say where poses lie together."""
+    if place.artefact is not None:
+        return f"on {place.artefact}"
+    low, high, unit = place.low, place.high, _unit(place.covariate)
+    if unit == "rad":
+        low, high, unit = np.degrees(low), np.degrees(high), "degrees"
+    return f"where {_covariate(place.covariate)} is {low:.4g} to {high:.4g} {unit}"
+
+
+def _unit(column: str) -> str:
+    """Say the unit that a column's name ends with."""
+    ends = {"_rad": "rad", "_rad_s": "rad/s", "_c": "°C", "_s": "s", "_n": "N"}
+    return next(
+        (ends[end] for end in sorted(ends, key=len)[::-1] if column.endswith(end)), ""
+    )
 
 
 def _covariate(column: str) -> str:

@@ -13,6 +13,7 @@ from lab.diagnosis.report.names import (
 from lab.diagnosis.report.pictures import term_caption
 from lab.diagnosis.report.plots import Plots
 from lab.diagnosis.report.words import (
+    cluster_sentence,
     held_out_sentence,
     rival_sentences,
 )
@@ -65,10 +66,9 @@ def term_section(diagnosis: Diagnosis, plots: Plots) -> str:
         if png is not None:
             parts.append(image(png, term_caption(diagnosis, number - 1)))
         else:
-            parts.append(
-                paragraph("It moves no pose; see the artefacts for what it does.")
-            )
-        parts.append(_estimates(term))
+            parts.append(paragraph(_why_no_picture(term)))
+        if term.estimates:
+            parts.append(_estimates(term))
         if term.alternatives:
             parts.append(_rivals(term))
         if term.separate_by:
@@ -82,6 +82,14 @@ def term_section(diagnosis: Diagnosis, plots: Plots) -> str:
         )
     )
     return section("terms", "What is missing", *parts)
+
+
+def _why_no_picture(term: Term) -> str:
+    if term.cluster is not None:
+        return cluster_sentence(term.cluster)
+    if term.effect is None:
+        return "The arm file has no form for such a curve: it was not added."
+    return "It moves no pose; see the artefacts for what it does."
 
 
 def _evidence(term: Term) -> str:

@@ -3,11 +3,13 @@
 import numpy as np
 
 from lab.diagnosis.adapted_arm import terms_without_epoch
+from lab.diagnosis.clusters import Cluster
 from lab.diagnosis.diagnosis import Alternative, Diagnosis, Term
 from lab.diagnosis.report.names import (
     name_in_words,
     odds,
     often,
+    place_in_words,
     quantity,
     size_in_words,
 )
@@ -51,6 +53,8 @@ def missing_sentences(diagnosis: Diagnosis) -> list[str]:
 
 
 def _missing(term: Term) -> str:
+    if term.cluster is not None:
+        return cluster_sentence(term.cluster)
     name, size = name_in_words(term.candidate), size_in_words(term)
     told = f"{name} ({size})" if size else name
     if term.status == "named":
@@ -69,6 +73,18 @@ def _missing(term: Term) -> str:
     if not term.accepted:
         said += " It is not in the adapted arm."
     return said
+
+
+def cluster_sentence(place: Cluster) -> str:
+    """Say where poses that were left out lie together."""
+    said = (
+        f"Missing, and no known effect explains it: {place.n_excluded} poses that "
+        f"contradict all others lie together {place_in_words(place)}, where there are "
+        f"{place.n_poses} poses in all; blunders would lie anywhere. "
+    )
+    if place.artefact is not None:
+        return said + "Look whether it moved, is dirty, or is not what its entry says."
+    return said + "Measure more poses there, and look what happens to the arm there."
 
 
 def rival_sentences(term: Term) -> list[str]:

@@ -1,0 +1,197 @@
+"""The outcome of a search in the values of a diagnosis."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.diagnosis.advice import separate_by
+from lab.diagnosis.candidate import BankName, Candidate
+from lab.diagnosis.choice import Choice, ranked
+from lab.diagnosis.clusters import Cluster, cluster_of
+from lab.diagnosis.decision import Decision
+from lab.diagnosis.detectable import detectable
+from lab.diagnosis.diagnosis import Detectable, Leftover, NoiseFound, Term, Verdict
+from lab.diagnosis.library import absent_candidates
+from lab.diagnosis.naming import Naming
+from lab.diagnosis.options import DiagnosisOptions
+from lab.diagnosis.rows import Rows
+from lab.diagnosis.search import Search
+from lab.diagnosis.terms import estimates_of
+
+Booleans = NDArray[np.bool_]
+
+_LOG_10 = float(np.log(10.0))
+# The weakest first.
+_STATUSES: tuple[Verdict, ...] = ("unknown", "tentative", "named")
+
+
+def terms_of(
+    decision: Decision,
+    accepted: tuple[bool, ...],
+    rows: Rows,
+    choosing: Booleans,
+    options: DiagnosisOptions,
+) -> tuple[Term, ...]:
+    """Tell of everything that was found, in the order of finding.
+
+    Args:
+        decision: With the terms and their names.
+        accepted: Which of them enter the adapted arm.
+        rows: Of a fit with all terms, for the estimates.
+        choosing: Poses that might have taken part, (n_poses,).
+        options: Wishes.
+    """
+    search = decision.search
+    whole = rows.adjustment.network.parameters.effects
+    terms = []
+    for naming, is_accepted in zip(decision.names, accepted, strict=True):
+        index = naming.added.index
+        if whole is None:
+            raise ValueError("terms without effects in the fit")
+        values = rows.adjustment.state.arm.amplitudes
+        correction = whole.at(values[-len(whole.effects.values) :]).corrections[index]
+        effect = search.fit.arm.effects[index]
+        terms.append(
+            Term(
+                status=naming.status,
+                candidate=_shown(naming),
+                effect=effect.model_copy(update=correction.keys),
+                estimates=estimates_of(rows, index),
+                log_bayes_factor=naming.own.evidence,
+                log10_p=naming.own.log_p / _LOG_10,
+                harmonic=naming.harmonic,
+                alternatives=naming.alternatives,
+                separate_by=separate_by(naming, search.stage.rows, search.fit.arm)
+                if options.details
+                else "",
+                accepted=is_accepted,
+            )
+        )
+    if search.stuck is not None:
+        terms.append(_without_form(search.stuck))
+    place = cluster_of(
+        search.stage.rows,
+        choosing,
+        search.fit.included,
+        options.n_draws,
+        options.seed,
+    )
+    if place is not None and not any(_is_at(term, place) for term in terms):
+        terms.append(_from_cluster(place))
+    return tuple(terms)
+
+
+def _is_at(term: Term, place: Cluster) -> bool:
+    """Say whether a term tells of a place already."""
+    one = term.candidate
+    return (one.joint, one.covariate) == (place.joint, place.covariate)
+
+
+def _from_cluster(place: Cluster) -> Term:
+    """Tell of poses that lie together and contradict all others.
+
+    The evidence is the most that a p-value can stand for: -1 / (e p log p), after
+    Sellke, Bayarri and Berger.
+    """
+    candidate = Candidate(
+        bank=BankName.GENERIC,
+        kind="empirical",
+        joint=place.joint,
+        order=None,
+        component=None,
+        covariate=place.covariate,
+        artefact=place.artefact,
+        at_s=None,
+        parameters=(),
+        scales=(),
+        log_prior=0.0,
+    )
+    return Term(
+        status="unknown",
+        candidate=candidate,
+        effect=None,
+        estimates={},
+        log_bayes_factor=-1.0 - place.log_p - float(np.log(-place.log_p)),
+        log10_p=place.log_p / _LOG_10,
+        harmonic=None,
+        alternatives=(),
+        separate_by="",
+        accepted=False,
+        cluster=place,
+    )
+
+
+def _without_form(stuck: Choice) -> Term:
+    """Tell of a curve that tilts or shifts a joint: it cannot be added."""
+    return Term(
+        status="unknown",
+        candidate=stuck.candidate,
+        effect=None,
+        estimates={},
+        log_bayes_factor=stuck.evidence,
+        log10_p=stuck.log_p / _LOG_10,
+        harmonic=None,
+        alternatives=(),
+        separate_by="",
+        accepted=False,
+    )
+
+
+def _shown(naming: Naming) -> Candidate:
+    """Say as what a term is told: a harmonic with overtones is a curve."""
+    candidate = naming.added.candidate
+    if naming.harmonic is None:
+        return candidate
+    return replace(
+        candidate,
+        kind="empirical",
+        order=None,
+        component="angle",
+        covariate=f"{candidate.joint}_rad",
+    )
+
+
+def verdict_of(terms: tuple[Term, ...]) -> Verdict:
+    """Say the verdict of the whole: that of its weakest term."""
+    statuses = {term.status for term in terms}
+    return next((one for one in _STATUSES if one in statuses), "clean")
+
+
+def noise_of(search: Search) -> NoiseFound:
+    """Say which noise was found."""
+    noise, serial = search.fit.adjustment.network.noise, search.serial
+    return NoiseFound(
+        tuple(noise.encoder_rad.tolist()),
+        tuple(noise.contact_mm.tolist()),
+        0.0 if serial is None else serial.share,
+        0.0 if serial is None else serial.phi,
+    )
+
+
+def leftovers_of(search: Search) -> tuple[Leftover, ...]:
+    """Say what is left over in every bank."""
+    found = []
+    for name in BankName:
+        choices = ranked(search.stage, (name,), search.settled)
+        if choices:
+            first = min(choices, key=lambda choice: choice.log_p)
+            threshold = search.thresholds[name] / _LOG_10
+            found.append(
+                Leftover(name, first.candidate, first.log_p / _LOG_10, threshold)
+            )
+    return tuple(found)
+
+
+def detectable_of(search: Search) -> tuple[Detectable, ...]:
+    """Work out what could have been seen."""
+    rows, arm = search.stage.rows, search.fit.arm
+    found = detectable(
+        rows,
+        search.stage.banks[BankName.LIBRARY],
+        absent_candidates(rows, arm),
+        search.thresholds[BankName.LIBRARY],
+    )
+    # What was found is in the model, where it cannot be seen once more.
+    known = {term.candidate.identity for term in search.terms}
+    return tuple(one for one in found if one.candidate.identity not in known)
