@@ -71,10 +71,10 @@ class ArmPoints:
         self._health = health
         self._pending = PendingPoints(self._deal_with)
 
-    def settle(self) -> None:
-        """Take all points that can be taken by now."""
+    def settle(self, now_ns: int | None = None) -> None:
+        """Take all points that can be taken; refuse what waits beyond some time."""
         if self._pending:
-            self._pending.settle(self._stage.clock.monotonic_ns())
+            self._pending.settle(now_ns)
 
     def take_edge(self, device: Device, latch: LatchedCounts) -> None:
         """Deal with an edge, and only then tell the device so."""
@@ -87,7 +87,7 @@ class ArmPoints:
             device,
             latch,
         )
-        self._pending.add(request, now_ns)
+        self._pending.add(request)
 
     def take_now(self) -> Answer:
         """Take a point at this very instant, out of the stream."""
@@ -95,7 +95,7 @@ class ArmPoints:
         now_ns = self._stage.clock.monotonic_ns()
         deadline_ns = now_ns + self._stage.point_wait_ns
         request = Request(now_ns, now_ns, deadline_ns, "command", answer=answer)
-        self._pending.add(request, now_ns)
+        self._pending.add(request)
         return answer
 
     def take_latched(self, latch: LatchedCounts, answer: Answer) -> None:

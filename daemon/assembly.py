@@ -115,13 +115,13 @@ class Assembly:
 
     # -- what comes of it -----------------------------------------------------
 
-    def assembled(self, now_ns: int) -> list[Assembled]:
-        """All samples that are complete, or have waited long enough, in order."""
+    def assembled(self, now_ns: int | None = None) -> list[Assembled]:
+        """All samples that are complete, or have waited long enough by some time."""
         made = []
         while self._waiting:
             block, deadline_ns = self._waiting[0]
             n = len(block.seq)
-            if now_ns < deadline_ns:
+            if now_ns is None or now_ns < deadline_ns:
                 n = int(
                     np.searchsorted(block.sample_time_ns, self._reach_ns(), "right")
                 )

@@ -111,9 +111,14 @@ class Measuring:
         return self._remembers or not self._devices.alone
 
     def keep_time(self) -> None:
-        """Go on with what has waited long enough; call it every few milliseconds."""
-        self._take_assembled()
-        self.points.settle()
+        """Go on with what has waited long enough; call it every few milliseconds.
+
+        Nothing else looks at the time, so that deliveries which already wait when the
+        loop has been busy are taken first.
+        """
+        now_ns = self._clock.monotonic_ns()
+        self._take_assembled(now_ns)
+        self.points.settle(now_ns)
         self._tardiness.look()
 
     def take(self, device: Device, delivery: Delivery) -> None:
@@ -164,8 +169,8 @@ class Measuring:
             self._take_assembled()
         self.points.settle()
 
-    def _take_assembled(self) -> None:
-        for assembled in self.assembly.assembled(self._clock.monotonic_ns()):
+    def _take_assembled(self, now_ns: int | None = None) -> None:
+        for assembled in self.assembly.assembled(now_ns):
             self._measure(assembled.samples, assembled.doubts_counts)
 
     def _measure(

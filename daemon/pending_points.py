@@ -60,17 +60,17 @@ class PendingPoints:
     def __len__(self) -> int:
         return len(self._requests)
 
-    def add(self, request: Request, now_ns: int) -> None:
+    def add(self, request: Request) -> None:
         """Take a request, and deal with all that can be dealt with."""
         self._requests.append(request)
-        self.settle(now_ns)
+        self.settle()
 
-    def settle(self, now_ns: int) -> None:
-        """Deal with what can be dealt with by now, or has waited long enough."""
+    def settle(self, now_ns: int | None = None) -> None:
+        """Deal with what can be dealt with, or has waited long enough by some time."""
         while self._requests:
             request = self._requests[0]
-            is_last_chance = (
-                now_ns >= request.deadline_ns or len(self._requests) > MAX_PENDING
+            is_last_chance = len(self._requests) > MAX_PENDING or (
+                now_ns is not None and now_ns >= request.deadline_ns
             )
             if not self._try_one(request, is_last_chance):
                 break

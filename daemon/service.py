@@ -43,6 +43,7 @@ log = logging.getLogger(__name__)
 DRAIN_S = 2.0
 FLUSH_S = 0.25
 TIME_S = 0.02
+TURNS = 4  # of the loop, in which deliveries that wait already are taken
 
 
 async def run_service(path: Path, *, embedded: bool, embedded_port: int = 1883) -> int:
@@ -252,8 +253,10 @@ class Service:
     async def _keep_time(self) -> None:
         """See to what waits for readings; needed where nothing latches all joints."""
         while True:
-            self._measuring.keep_time()
             await asyncio.sleep(TIME_S)
+            for _ in range(TURNS):
+                await asyncio.sleep(0)
+            self._measuring.keep_time()
 
     async def _keep_house(self) -> None:
         period_s = self._configuration.health.period_s
