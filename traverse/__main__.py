@@ -10,9 +10,11 @@ from traverse.amt21 import amt21
 from traverse.arm import arm
 from traverse.blind import blind
 from traverse.check import check
+from traverse.collect import collect
 from traverse.demo import demo
 from traverse.diagnose import diagnose
 from traverse.identify import identify
+from traverse.microscribe import microscribe
 from traverse.run import run
 from traverse.simulate import simulate
 from traverse.watch import watch
@@ -24,10 +26,11 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (demo, run, simulate, watch, check, identify, diagnose, blind):
+for command in (demo, run, simulate, watch, check, collect, identify, diagnose, blind):
     app.command()(command)
 app.add_typer(arm, name="arm")
 app.add_typer(amt21, name="amt21")
+app.add_typer(microscribe, name="microscribe")
 
 
 def _show_version(wanted: bool) -> None:

@@ -1,0 +1,74 @@
+"""`traverse collect`: a campaign collected at the terminal, point by point."""
+
+import asyncio
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from traverse.refusals import refusals, refuse
+
+INCOMPLETE, UNREACHABLE = 1, 3
+
+
+def collect(
+    campaign: Annotated[
+        Path, typer.Argument(help="The campaign.toml; poses are put beside it.")
+    ],
+    *,
+    arm: Annotated[Path, typer.Option(help="The arm file that the daemon uses.")],
+    each: Annotated[
+        int, typer.Option(min=1, max=100_000, help="Touches of every feature.")
+    ] = 25,
+    allow: Annotated[
+        str, typer.Option(help="Quality flags that a point may have, with commas.")
+    ] = "surface_unknown,empirical",
+    broker: Annotated[str, typer.Option(help="Host of the MQTT broker.")] = "localhost",
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Its port.")] = 1883,
+) -> None:
+    """Collect the poses of a campaign, guided: what to touch, and how often.
+
+    Points that the daemon captures count for the artefact that is shown, or for the
+    one in their label. Each is on the disk before it counts, and a collection that
+    was ended goes on where it was. Keys, or lines on standard input: n (next),
+    p (previous), u (undo), q (quit).
+
+    Exit status 1: ended before everything was touched; 2: a file was refused; 3: the
+    broker could not be reached.
+    """
+    from kinematics.arm_file import read_arm  # noqa: PLC0415 - keeps --help quick
+
+    flags = frozenset(flag.strip() for flag in allow.split(",") if flag.strip())
+    with refusals("collect"):
+        from lab.campaign_file import read_campaign_file  # noqa: PLC0415
+        from protocol.messages.quality import FLAG_MEANINGS  # noqa: PLC0415
+        from traverse.collection import Collection, targets_of  # noqa: PLC0415
+        from traverse.collection_session import collected  # noqa: PLC0415
+
+        known = {str(flag.name).lower() for flag in FLAG_MEANINGS}
+        if unknown := sorted(flags - known):
+            refuse(
+                "collect",
+                f"--allow: no quality flag {', '.join(unknown)}; there are: "
+                f"{', '.join(sorted(known))}",
+            )
+        file = read_campaign_file(campaign)
+        if not file.poses.endswith(".csv"):
+            refuse(
+                "collect",
+                f"{campaign}: poses is {file.poses!r}; what is collected point by "
+                'point is a table: poses = "poses.csv"',
+            )
+        model = read_arm(arm)
+        collection = Collection(
+            file,
+            campaign.parent,
+            [joint.name for joint in model.joints],
+            targets_of(file, each),
+        )
+        collection.resume()
+        reached = asyncio.run(collected(collection, model.name, broker, port, flags))
+    if not reached:
+        raise typer.Exit(UNREACHABLE)
+    if collection.unfinished():
+        raise typer.Exit(INCOMPLETE)
