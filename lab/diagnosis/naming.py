@@ -27,6 +27,18 @@ Floats = NDArray[np.float64]
 
 # Whoever is within this of the best belongs to the printed set.
 _SET = float(np.log(100.0))
+# A name does not suffice if a curve of its own kind is left over beside it with a
+# smaller p-value: few are asked, not all of the bank.
+_LEFT_OVER_LOG_P = float(np.log(0.02))
+# What a curve of the same kind moves, and over what: own reading and so on.
+_MOVED = {"axis_wobble": "tilt", "axis_runout": "shift"}
+_OVER = {
+    **dict.fromkeys(TURNING_KINDS, ("{}_rad",)),
+    "encoder_temperature": ("{}_temperature_c", "temperature_c"),
+    "encoder_drift": ("time_s",),
+    "count_slip": ("time_s",),
+    "encoder_latency": ("{}_speed_rad_s",),
+}
 _OVERTONES = (2, 3, 4)
 _OVERTONE_LOG_P = float(np.log(0.02))
 
@@ -134,9 +146,12 @@ def _is_doubtful(
 
     Because the evidence is small for having been looked for among so many, because
     another name or a curve is nearly as good, because a second term of the joint helps
-    it to imitate a curve, or because something is still unexplained.
+    it to imitate a curve, because a curve of its own kind is left over beside it, or
+    because something is still unexplained.
     """
     if own.evidence < DECIDED + np.log(len(names)) or not search.is_finished:
+        return True
+    if leaves_a_curve(search.stage, own.candidate):
         return True
     for term in search.terms:
         other = term.candidate
@@ -150,6 +165,22 @@ def _is_doubtful(
         one.candidate.identity != own.candidate.identity
         and correlation(own.found, own.residuals, one.found) < ALIAS
         for one in near
+    )
+
+
+def leaves_a_curve(stage: Stage, name: Candidate) -> bool:
+    """Say whether a curve over what a name depends on explains more than it does."""
+    if name.joint is None:
+        return False
+    moved = _MOVED.get(name.kind, "angle")
+    covariates = [one.format(name.joint) for one in _OVER.get(name.kind, ())]
+    curves = stage.findings[BankName.GENERIC]
+    return any(
+        one.joint == name.joint
+        and one.component == moved
+        and one.covariate in covariates
+        and float(log_p) < _LEFT_OVER_LOG_P
+        for one, log_p in zip(curves.candidates, curves.log_p, strict=True)
     )
 
 
