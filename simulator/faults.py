@@ -100,7 +100,8 @@ class BoardFault(Fault):
 class SpeakerFault(BoardFault):
     """A device, or one encoder where each speaks for itself, that says nothing.
 
-    After `silent` it goes on as before, after `reset` it has lost power.
+    After `silent` it goes on as before, after `reset` it has lost power; `duplicate`
+    is the contrary: it says everything twice, as two encoders with one number do.
     """
 
     channel: int | None = Field(default=None, ge=0)
@@ -137,6 +138,8 @@ FAULTS: dict[str, type[Fault]] = {
     "silent": SpeakerFault,
     "reset": SpeakerFault,
     "emcy": EmcyFault,
+    "duplicate": SpeakerFault,
+    "bus_off": BoardFault,
 }
 
 

@@ -34,6 +34,10 @@ KINDS = {
         "simulator.devices.latch_board:LatchBoardTable",
         "simulator.devices.latch_board:LatchBoard",
     ),
+    "canopen": Kind(
+        "simulator.devices.canopen_table:CanOpenTable",
+        "simulator.devices.canopen:CanOpenBus",
+    ),
     "amt21": Kind(
         "simulator.devices.amt21:Amt21Table", "simulator.devices.amt21:Amt21Line"
     ),

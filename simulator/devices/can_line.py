@@ -1,0 +1,126 @@
+"""What simulated CANopen nodes hang on: a bus of python-can, or an adapter of ours."""
+
+import contextlib
+from typing import Protocol
+
+import can
+
+BLIND_POLL_S = 0.0005  # of a bus that has no descriptor to wait for
+
+
+class CanLine(Protocol):
+    """The nodes' end of a bus.
+
+    Attributes:
+        where: Where hosts find it.
+        poll_s: How often it must be looked at; None where a descriptor tells.
+        bus_off: No frame comes or goes.
+        n_dropped: Frames that the host did not take.
+        n_rejected: What came and was not understood.
+    """
+
+    where: str
+    poll_s: float | None
+    bus_off: bool
+    n_dropped: int
+    n_rejected: int
+
+    def receive(self) -> list[tuple[int, bytes]]:
+        """Frames that have come: identifier and data."""
+
+    def send(self, can_id: int, data: bytes) -> None:
+        """Put a frame on the bus."""
+
+    def send_error(self, classes: int) -> None:
+        """Tell the hosts of an error, as their own controllers would."""
+
+    def flush(self) -> None:
+        """Send what waits."""
+
+    def readers(self) -> list[int]:
+        """Descriptors to wait for until frames come."""
+
+    def writers(self) -> list[int]:
+        """Descriptors to wait for until frames can go."""
+
+    def close(self) -> None:
+        """Take it away."""
+
+
+class LibraryLine:
+    """A bus of python-can: `virtual`, `udp_multicast`, `socketcan`.
+
+    Args:
+        interface: Of python-can.
+        channel: Of that interface.
+
+    Raises:
+        OSError: It cannot be opened.
+    """
+
+    def __init__(self, interface: str, channel: str) -> None:
+        self.where = f"{interface}:{channel}"
+        self.bus_off = False
+        self.n_dropped = self.n_rejected = 0
+        try:
+            self._bus = can.Bus(channel, interface, ignore_config=True)
+        except (can.CanError, ValueError, ImportError) as error:
+            raise OSError(f"cannot open the bus {self.where}: {error}") from error
+        try:
+            self._descriptors = [self._bus.fileno()]
+            self.poll_s: float | None = None
+        except NotImplementedError:
+            self._descriptors, self.poll_s = [], BLIND_POLL_S
+
+    def receive(self) -> list[tuple[int, bytes]]:
+        """Frames that have come: identifier and data."""
+        frames = []
+        with contextlib.suppress(can.CanError):
+            while (message := self._bus.recv(0)) is not None:
+                plain = not (
+                    message.is_error_frame
+                    or message.is_extended_id
+                    or message.is_remote_frame
+                )
+                if plain and not self.bus_off:
+                    frames.append((message.arbitration_id, bytes(message.data)))
+        return frames
+
+    def send(self, can_id: int, data: bytes) -> None:
+        """Put a frame on the bus."""
+        if not self.bus_off:
+            self._put(
+                can.Message(arbitration_id=can_id, data=data, is_extended_id=False)
+            )
+
+    def send_error(self, classes: int) -> None:
+        """Tell the hosts of an error, as their own controllers would."""
+        self._put(
+            can.Message(
+                arbitration_id=classes,
+                is_error_frame=True,
+                is_extended_id=False,
+                data=bytes(8),
+            )
+        )
+
+    def flush(self) -> None:
+        """Nothing waits here."""
+
+    def readers(self) -> list[int]:
+        """Its socket, if it has one."""
+        return self._descriptors
+
+    def writers(self) -> list[int]:
+        """None: what a socket does not take is dropped."""
+        return []
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self._bus.shutdown()
+
+    def _put(self, message: can.Message) -> None:
+        try:
+            self._bus.send(message)
+        except (can.CanError, OSError):
+            self.n_dropped += 1
