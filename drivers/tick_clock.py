@@ -2,12 +2,16 @@
 
 A read never happens before the latch, so ``received - ticks / rate`` is the true
 offset plus a delay that is never negative. In each half second of device time the
-smallest of these is kept, and a line is fitted through the last of them: its slope
-is the rate of the device's crystal, its height the smallest delay. What remains is
-that smallest delay itself, which no one-way measurement can tell from the offset.
+smallest of these is kept, and a line is laid below the last of them, as near to them
+all as it can be: its slope is the rate of the device's crystal, its height the smallest
+delay. That line is an edge of their lower convex hull, the one below their mean time
+(Moon, Skelly and Towsley, INFOCOM 1999), so that delays of a busy host do not move it.
+What remains is the smallest delay itself, which no one-way measurement can tell from
+the offset.
 """
 
 from collections import deque
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,10 +121,9 @@ class TickClock:
             slope, height_ns = 0.0, float(offsets_ns[-1])
         else:
             elapsed_ns = at * self._ns_per_tick
-            run_ns = elapsed_ns - elapsed_ns.mean()
-            slope = float(run_ns @ offsets_ns / (run_ns @ run_ns))
+            slope = _slope_below(elapsed_ns.tolist(), offsets_ns.tolist())
             slope = min(MAX_RATE_ERROR, max(-MAX_RATE_ERROR, slope))
-            height_ns = float(np.mean(offsets_ns - slope * elapsed_ns))
+            height_ns = float(np.min(offsets_ns - slope * elapsed_ns))
         self._enter(ticks, slope, height_ns)
 
     def _enter(self, ticks: int, slope: float, height_ns: float) -> None:
@@ -129,3 +132,24 @@ class TickClock:
         self._slope, self._height_ns, self._jump_ns = slope, height_ns, 0.0
         self._fit_ticks = ticks - self._anchor_ticks
         self._jump_ns = float(before_ns - self.to_ns(ticks))
+
+
+def _slope_below(times: list[float], offsets: list[float]) -> float:
+    """Slope of the lower convex hull's edge below the mean time; times rise."""
+    hull: list[tuple[float, float]] = []
+    for t, y in zip(times, offsets, strict=True):
+        while len(hull) > 1 and _turns_down(hull[-2], hull[-1], (t, y)):
+            hull.pop()
+        hull.append((t, y))
+    mean = sum(times) / len(times)
+    (t0, y0), (t1, y1) = next(
+        (left, right) for left, right in pairwise(hull) if right[0] >= mean
+    )
+    return (y1 - y0) / (t1 - t0)
+
+
+def _turns_down(
+    a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]
+) -> bool:
+    """Whether b lies on or above the line from a to c."""
+    return (b[1] - a[1]) * (c[0] - a[0]) >= (c[1] - a[1]) * (b[0] - a[0])
