@@ -64,6 +64,14 @@ class VirtualTime:
         del wake_fd
         self.go_on(seconds)
 
+    def wait_for_any(
+        self, ports: "Sequence[HostEnd]", wake_fd: int, seconds: float
+    ) -> list[int]:
+        """Let the time pass until a port has bytes; for drivers with several."""
+        del wake_fd
+        self.go_on(seconds, lambda: any(port.ready for port in ports))
+        return [index for index, port in enumerate(ports) if port.ready]
+
     def go_on(self, seconds: float, until: Callable[[], bool] = bool) -> bool:
         """Let time pass until something has happened, at most so long."""
         if self.over.is_set():
@@ -114,12 +122,18 @@ class HostEnd:
     def __init__(self, cable: Cable) -> None:
         self._cable = cable
 
+    @property
+    def ready(self) -> bool:
+        """Reading it has something to tell."""
+        return bool(self._cable.to_host) or not self._cable.plugged
+
+    def fileno(self) -> int:
+        """It has none."""
+        return -1
+
     def wait(self, seconds: float) -> bool:
         """Wait for bytes."""
-        cable = self._cable
-        return cable.time.go_on(
-            seconds, lambda: bool(cable.to_host) or not cable.plugged
-        )
+        return self._cable.time.go_on(seconds, lambda: self.ready)
 
     def read(self) -> bytes:
         """What has come."""

@@ -7,8 +7,11 @@ from typing import Protocol
 class BytePort(Protocol):
     """An open port, as `drivers.serial_port.SerialPort` is one.
 
-    All but `close` raise DeviceError when the port has gone away.
+    All but `close` and `fileno` raise DeviceError when the port has gone away.
     """
+
+    def fileno(self) -> int:
+        """For waiting for several ports together."""
 
     def wait(self, seconds: float) -> bool:
         """Wait for bytes; False after ``seconds`` or a wake-up without any."""

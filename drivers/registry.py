@@ -11,6 +11,7 @@ DRIVERS = {
     "canopen": "drivers.canopen:CanOpen",
     "latch-board": "drivers.latch_board:LatchBoard",
     "amt21": "drivers.amt21:Amt21",
+    "rls": "drivers.rls:Rls",
     "microscribe": "drivers.microscribe:Microscribe",
 }
 """Name in the configuration: module and class."""

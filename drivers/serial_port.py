@@ -56,6 +56,10 @@ class SerialPort:
             self.close()
             raise _explain(path, error) from error
 
+    def fileno(self) -> int:
+        """For waiting for several ports together."""
+        return self._fd
+
     def wait(self, seconds: float) -> bool:
         """Wait for bytes; False after ``seconds`` or a wake-up without any."""
         ready, _, _ = select.select([self._fd, self._wake_fd], [], [], seconds)
