@@ -60,7 +60,7 @@ def diagnose(
     search = decision.search
     clock.lap("decision")
     told("looking at the poses kept aside", 0.7)
-    fits = _ledger_fits(decision)
+    fits = _ledger_fits(decision, options)
     gaps = [
         gap_between(fit.adjustment, fits[-1].adjustment, held_out, arm.probe.radius_mm)
         for fit in fits
@@ -96,11 +96,12 @@ def diagnose(
     )
 
 
-def _ledger_fits(decision: Decision) -> list[Fit]:
+def _ledger_fits(decision: Decision, options: DiagnosisOptions) -> list[Fit]:
     """Fit without terms, with the first, with the first two, and so on.
 
-    All to the poses of the last one: what a missing effect spoils looks like blunders
-    to a model without it, and would be left out where it hurts most.
+    For a decision alone only without terms and with all. All to the poses of the last
+    one: what a missing effect spoils looks like blunders to a model without it, and
+    would be left out where it hurts most.
     """
     search = decision.search
     if not search.terms:
@@ -113,13 +114,16 @@ def _ledger_fits(decision: Decision) -> list[Fit]:
             search.fit.included,
             snooping=False,
         )
-        for count in range(len(search.terms))
+        for count in range(len(search.terms) if options.details else 1)
     ]
     return [*fits, search.fit]
 
 
 def _ledger(decision: Decision, fits: list[Fit], gaps: list[Gap]) -> tuple[Step, ...]:
-    names = [None, *(term.candidate.name for term in decision.search.terms)]
+    added = [term.candidate.name for term in decision.search.terms]
+    if len(fits) <= len(added):
+        added = [", ".join(added)]
+    names = [None, *added]
     return tuple(
         Step(name, gap.before, fit.adjustment.sigma0)
         for name, fit, gap in zip(names, fits, gaps, strict=True)

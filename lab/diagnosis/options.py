@@ -12,8 +12,9 @@ class DiagnosisOptions:
         most_terms: That are added at most.
         level: Probability that anything is found where nothing is missing.
         n_draws: Of noise, for the thresholds.
-        details: Whether to work out what could have been seen, and the final
-            estimates from all poses; a decision alone needs neither.
+        details: Whether to work out what could have been seen, the final estimates
+            from all poses, and the ledger's steps between the first and the last; a
+            decision alone needs none of it.
         accept_tentative: Whether tentative terms enter the adapted arm.
     """
 

@@ -220,10 +220,16 @@ def two_wrong():
 
 
 def test_two_effects_are_found_one_after_the_other():
-    found = decided(measured_with(*two_wrong()))
+    found = decided(measured_with(*two_wrong()), OPTIONS)
     assert {name[0] for name in names(found)} == {one.kind for one in two_wrong()}
     s = [step.held_out.chi2 for step in found.ledger]
     assert s[0] > s[1] > s[2]
+    # A decision alone says the ends only.
+    quick = decided(measured_with(*two_wrong()))
+    first, last = quick.ledger
+    assert first.held_out.chi2 == pytest.approx(s[0])
+    assert last.held_out.chi2 == pytest.approx(s[2])
+    assert last.effect == ", ".join(step.effect for step in found.ledger[1:])
 
 
 @pytest.mark.parametrize("wished", [False, True])
