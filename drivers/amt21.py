@@ -44,7 +44,7 @@ class Amt21Options(DriverOptions):
     bits: Literal[12, 14] = 14
     turns: bool = False
     echo: Literal["auto", "yes", "no"] = "auto"
-    answer_timeout_s: float = Field(default=0.01, ge=0.001, le=1.0)
+    answer_timeout_s: float = Field(default=0.005, ge=0.001, le=1.0)
     max_rate_hz: float = Field(default=2000.0, ge=1.0, le=5000.0)
     max_speed_rad_s: float = Field(default=20.0, ge=1.0, le=1000.0)
 
@@ -95,7 +95,7 @@ class Amt21(Polled):
         bits: Literal[12, 14] = 14,
         turns: bool = False,
         echo: Literal["auto", "yes", "no"] = "auto",
-        answer_timeout_s: float = 0.01,
+        answer_timeout_s: float = 0.005,
         max_rate_hz: float = 2000.0,
         max_speed_rad_s: float = 20.0,
         monotonic_ns: Callable[[], int] = time.monotonic_ns,

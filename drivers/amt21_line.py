@@ -24,6 +24,11 @@ SHORT = Miss(
     "answers with too few bytes",
     "check cable and termination; the adapter's echo may have changed",
 )
+SLOW = Miss(
+    "slow",
+    "answers too late to know when it was read",
+    "set the adapter's latency timer to 1 ms, relieve this machine of other work",
+)
 GARBLED = Miss(
     "garbled",
     "answers with wrong check bits",
@@ -45,7 +50,8 @@ class Amt21Line:
     Args:
         port: open port; whoever opened it closes it.
         monotonic_ns: the host's clock.
-        timeout_s: within which an encoder answers through this adapter.
+        timeout_s: within which an encoder answers through this adapter; half of it is
+            the most by which the time of an answer may be off.
         echoed: the adapter gives back what is sent; see `find_echo`.
 
     Attributes:
@@ -126,6 +132,8 @@ class Amt21Line:
         if reply.value is None:
             return self._failed(reply, whole, timeout_ns)
         self._learn(received_ns - sent_ns)
+        if received_ns - sent_ns > timeout_ns:  # it was there, but nobody looked
+            return SLOW
         return Answer(reply.value, (sent_ns + received_ns) // 2)
 
     def command(self, request: bytes) -> None:

@@ -35,13 +35,19 @@ class PollBlock:
         last_counts: Sequence[int],
         received_ns: int,
     ) -> None:
-        """Take a sample; where there is no reading its last count stands in for it."""
+        """Take a sample.
+
+        Where there is no reading its last count stands in for it, at the time at
+        which it was given up.
+        """
+        given_up = Reading(0, received_ns, STATUS_MISSING)
+        read = [reading or given_up for reading in readings]
         self._seq.append(seq)
         self._instants_ns.append(instant_ns)
         self._counts.append(last_counts)
-        self._status.append([r.status if r else STATUS_MISSING for r in readings])
+        self._status.append([reading.status for reading in read])
         self._skew_ns.append(
-            [min(r.time_ns - instant_ns, MAX_SKEW_NS) if r else 0 for r in readings]
+            [min(reading.time_ns - instant_ns, MAX_SKEW_NS) for reading in read]
         )
         self._received_ns = received_ns
 

@@ -11,6 +11,7 @@ import os
 import select
 import time
 from abc import abstractmethod
+from collections import deque
 from collections.abc import Callable, Sequence
 from statistics import median
 
@@ -23,6 +24,7 @@ from drivers.polled_channel import Miss, PolledChannel, Reading
 from drivers.values import DeviceUp, Identity, StreamStarted
 
 FIRST_CYCLES = 8  # to get acquainted, and to learn how long a cycle takes
+LENGTHS = 256  # of asking, that are remembered
 SHARE_OF_LINE = 0.8  # of the time may be spent asking
 IDLE_S = 0.5  # without a stream, so often is looked whether all are there
 
@@ -76,6 +78,7 @@ class Polled(Driver):
         self._streams_begun = 0
         self._stream = 0
         self._schedule: PollSchedule | None = None
+        self._lengths_ns: deque[int] = deque(maxlen=LENGTHS)
         self._block = PollBlock(device)
         self._misses = MissLog(device, crossing.put, self._counters)
 
@@ -129,8 +132,7 @@ class Polled(Driver):
             max_rate_hz=self._reached_hz,
             latches=False,
             counts_per_turn=tuple(c.counts_per_turn for c in self._channels),
-            # It latched somewhere in the exchange, of which the middle is told.
-            jitter_ns=round(usual_ns / len(self._channels) / 2),
+            jitter_ns=self._jitter_ns(),
         )
         self._tell(DeviceUp(self.device, identity, restarted=False))
         self._streams_begun = 0  # what was wanted is to be begun again
@@ -197,7 +199,7 @@ class Polled(Driver):
     def _cycle(self) -> list[Reading | None]:
         """Ask every encoder that is to be asked; None for what cannot be believed."""
         answers: list[Reading | Miss | None] = [
-            self._read_channel(number) if channel.due(self._now_ns()) else None
+            self._asked(number) if channel.due(self._now_ns()) else None
             for number, channel in enumerate(self._channels)
         ]
         sound = self._cycle_was_sound()
@@ -205,6 +207,17 @@ class Polled(Driver):
             self._judged(number, answer if sound or answer is None else DISTURBED)
             for number, answer in enumerate(answers)
         ]
+
+    def _asked(self, number: int) -> Reading | Miss:
+        begun_ns = self._now_ns()
+        answer = self._read_channel(number)
+        if isinstance(answer, Reading):
+            self._lengths_ns.append(self._now_ns() - begun_ns)
+        return answer
+
+    def _jitter_ns(self) -> int:
+        """How far the instant of a reading may be off: by half of what asking takes."""
+        return round(median(self._lengths_ns) / 2.0)
 
     def _judged(self, number: int, answer: Reading | Miss | None) -> Reading | None:
         if answer is None:

@@ -249,7 +249,7 @@ def test_when_all_are_silent_the_device_is_lost_and_comes_back():
 
 def test_a_late_reply_is_never_taken_for_that_of_the_next_encoder():
     def late(run: Played) -> None:
-        run.line.encoders[0x54].late_s = 0.0101 + 0.001 * len(done)
+        run.line.encoders[0x54].late_s = 0.0049 + 0.0007 * len(done)
         done.append(run.time.now_s)
 
     done: list[float] = []
