@@ -144,7 +144,7 @@ class Assembly:
         """
         n_joints = len(self._turns)
         counts, fractions = np.zeros(n_joints, np.int64), np.zeros(n_joints)
-        status, doubts = np.zeros(n_joints, np.uint8), np.zeros(n_joints)
+        status, doubts = np.zeros(n_joints, np.uint8), np.zeros((n_joints, 2))
         instants_ns = np.array([instant_ns])
         for device, source in self._sources.items():
             joints = source.joints
@@ -207,7 +207,7 @@ class Assembly:
         n = len(block.seq)
         shape = (n, len(self._turns))
         counts, fractions = np.zeros(shape, np.int64), np.zeros(shape)
-        status, doubts = np.zeros(shape, np.uint8), np.zeros(shape)
+        status, doubts = np.zeros(shape, np.uint8), np.zeros((*shape, 2))
         passed = np.ones(n, np.bool_)
         for device, source in self._sources.items() if n else ():
             for joint, found in zip(

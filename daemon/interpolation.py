@@ -8,8 +8,8 @@ What that leaves out is f'' s (h - s) / 2 at some acceleration f'' met between t
 most f'' h^2 / 8 (the error of linear interpolation, as in any book on numerical
 analysis; Atkinson, "An Introduction to Numerical Analysis", section 3.1). f'' is taken
 from second divided differences at both ends, less what rounding to whole counts alone
-can make of one. To it comes what the instants themselves leave open: the speed times
-how far each may be off. The sum is the doubt of a count.
+can make of one. That is the first doubt of a count. The second is what the instants
+themselves leave open: the speed times how far each may be off.
 """
 
 from dataclasses import dataclass
@@ -53,7 +53,8 @@ class Brought:
             ``STATUS_INTERPOLATED`` where it was, ``STATUS_LATE`` where the last
             reading was taken for want of a later one, and ``STATUS_MISSING`` where
             readings are lacking around the instant.
-        doubts_counts: (m,) how far the count may be off, see above.
+        doubts_counts: (m, 2) how far the count may be off, see above: by the motion,
+            at most; by the instants, as likely one way as the other.
     """
 
     counts: Integers
@@ -127,7 +128,7 @@ def _last_known(readings: Readings, n: int) -> Brought:
         np.full(n, readings.counts[-1]),
         np.zeros(n),
         np.full(n, status, np.uint8),
-        np.zeros(n),
+        np.zeros((n, 2)),
     )
 
 
@@ -138,9 +139,9 @@ def _doubts(
     run_ns: Integers,
     limits: Limits,
 ) -> Floats:
-    """How far interpolated counts may be off, (m,); 0 where nothing was."""
+    """How far interpolated counts may be off, (m, 2); 0 where nothing was."""
     if len(t) < 2:
-        return np.zeros(len(run_ns))
+        return np.zeros((len(run_ns), 2))
     left, right = ends
     span_ns = np.diff(t)
     speeds = np.diff(x) / span_ns
@@ -148,15 +149,14 @@ def _doubts(
     reach_ns = span_ns[1:] + span_ns[:-1]
     rounding = 2.0 * (1.0 / span_ns[1:] + 1.0 / span_ns[:-1]) / reach_ns
     bends[1:-1] = np.maximum(2.0 * np.abs(np.diff(speeds)) / reach_ns - rounding, 0.0)
-    bend = np.maximum(bends[left], bends[right])
-    inside = left < right
-    # Beyond the last reading the joint may have gone on as it did.
-    gone_on = (run_ns > 0) & ~inside
     speed = np.abs(speeds[np.minimum(left, len(speeds) - 1)])
-    bend = np.where(gone_on, bends[-2], bend)
-    left_ns = np.where(inside, (t[right] - t[left]) - run_ns, 0)
-    between = bend * run_ns * left_ns / 2.0 + speed * limits.jitter_ns
-    beyond = (
-        speed * (run_ns + limits.jitter_ns) + bend * run_ns.astype(float) ** 2 / 2.0
+    between = (
+        np.maximum(bends[left], bends[right]) * run_ns * (t[right] - t[left] - run_ns)
     )
-    return np.where(inside, between, np.where(gone_on, beyond, 0.0))
+    # Beyond the last reading the joint may have gone on as it did.
+    beyond = speed * run_ns + bends[-2] * run_ns.astype(np.float64) ** 2 / 2.0
+    inside = left < right
+    outside = (run_ns > 0) & ~inside
+    motion = np.where(inside, between / 2.0, np.where(outside, beyond, 0.0))
+    instants = np.where(inside | outside, speed * limits.jitter_ns, 0.0)
+    return np.stack([motion, instants], axis=1)

@@ -31,7 +31,8 @@ class Assembled:
 
     Attributes:
         samples: their channels are the joints, brought to common instants.
-        doubts_counts: (n, n_joints) how far each count may be off for that.
+        doubts_counts: (n, n_joints, 2) how far each count may be off for that, see
+            `daemon.interpolation.Brought`.
     """
 
     samples: CountSamples
@@ -40,7 +41,7 @@ class Assembled:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AssembledCounts:
-    """One instant of the whole arm, as `Assembled`; doubts (n_joints,)."""
+    """One instant of the whole arm, as `Assembled`; doubts (n_joints, 2)."""
 
     counts: JointCounts
     doubts_counts: NDArray[np.float64]

@@ -1,11 +1,12 @@
 """What reading joints at different instants may do to a point, in millimetres.
 
-With d_j how far the count of joint j may be off (`daemon.interpolation`), as an angle,
-and dx/dalpha_j the derivative of the ball's centre,
+With m_j and t_j how far the count of joint j may be off, by its motion and by its
+instant (`daemon.interpolation`), as angles, and l_j = |dx/dalpha_j| for the ball,
 
-    error = sum over j of |dx/dalpha_j| d_j
+    error = sum over j of l_j m_j  +  root of the sum over j of (l_j t_j)^2
 
-the most that the doubts can do together, since nobody knows which way each goes.
+The first is the most that the motions can do together: a hand accelerates all joints at
+once. Instants are off by chance, each by itself.
 """
 
 from dataclasses import replace
@@ -40,17 +41,18 @@ class SkewWatch:
     def mark_block(
         self, model: ArmModel, poses: PoseBlock, doubts_counts: Floats
     ) -> None:
-        """Flag poses by the doubts (n, n_joints) of their counts."""
+        """Flag poses by the doubts (n, n_joints, 2) of their counts."""
         # The levers of the last pose do for a block: it spans milliseconds.
-        errors_mm = doubts_counts @ _levers_mm(model, poses.angles_rad[-1])
+        errors_mm = _errors_mm(doubts_counts, _levers_mm(model, poses.angles_rad[-1]))
         self._note(float(errors_mm.max()))
         poses.quality[errors_mm > self._limit_mm] |= np.uint32(QualityFlag.SKEW)
 
     def marked(
         self, model: ArmModel, pose: LatchedPose, doubts_counts: Floats
     ) -> LatchedPose:
-        """A pose, flagged by the doubts (n_joints,) of its counts."""
-        error_mm = float(doubts_counts @ _levers_mm(model, pose.angles_rad))
+        """A pose, flagged by the doubts (n_joints, 2) of its counts."""
+        levers_mm = _levers_mm(model, pose.angles_rad)
+        error_mm = float(_errors_mm(doubts_counts[np.newaxis], levers_mm)[0])
         self._note(error_mm)
         if error_mm <= self._limit_mm:
             return pose
@@ -58,6 +60,13 @@ class SkewWatch:
 
     def _note(self, error_mm: float) -> None:
         self._largest_mm = max(self._largest_mm or 0.0, error_mm)
+
+
+def _errors_mm(doubts_counts: Floats, levers_mm: Floats) -> Floats:
+    """Errors (n,) of doubts (n, n_joints, 2)."""
+    by_motion = doubts_counts[:, :, 0] @ levers_mm
+    by_instants = doubts_counts[:, :, 1] ** 2 @ levers_mm**2
+    return np.asarray(by_motion + np.sqrt(by_instants))
 
 
 def _levers_mm(model: ArmModel, angles_rad: Floats) -> Floats:
