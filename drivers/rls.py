@@ -188,6 +188,11 @@ class Rls(Polled):
         self._status.tell(self._names, self._now_ns())
         return True
 
+    def _jitter_ns(self) -> int:
+        """By so much the instant of a reading may be off: half of what asking takes."""
+        bank = self._open_bank()
+        return bank.reply_ns // 2 if self._continuous else bank.usual_ns // 2
+
     def _ask_all(self, bank: RlsBank) -> None:
         """Ask every encoder that is due in this cycle, one for its temperature."""
         now_ns = self._now_ns()

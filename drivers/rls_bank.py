@@ -1,6 +1,7 @@
 """The lines to several RLS encoders, which are asked and answer side by side."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from statistics import median
 
 from drivers.any_port import WaitForAny
 from drivers.byte_port import BytePort
@@ -64,6 +65,16 @@ class RlsBank:
     def longest_ns(self) -> int:
         """How long the longest good exchange took."""
         return max(line.exchange_ns for line in self.lines)
+
+    @property
+    def usual_ns(self) -> int:
+        """How long the last good exchanges took."""
+        return round(median(line.last_ns for line in self.lines))
+
+    @property
+    def reply_ns(self) -> int:
+        """Time on the wire of what an encoder says by itself."""
+        return self.lines[0].follow_ns
 
     def close(self) -> None:
         """Close the ports."""

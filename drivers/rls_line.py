@@ -44,6 +44,8 @@ class RlsLine:
         request: what was asked last.
         strays: bytes that nobody had asked for.
         latest: last reply of the continuous mode, until it is taken.
+        last_ns: how long the last good exchange took.
+        follow_ns: time on the wire of what it says by itself.
         exchange_ns: how long the longest good exchange took.
     """
 
@@ -60,7 +62,7 @@ class RlsLine:
         self.request = b""
         self.strays = 0
         self.latest: Answer | None = None
-        self.exchange_ns = 0
+        self.exchange_ns = self.last_ns = 0
         self._layout = layout
         self._now_ns = monotonic_ns
         self._byte_ns = byte_ns
@@ -70,7 +72,7 @@ class RlsLine:
         self._sent_ns = self._received_ns = 0
         self._surplus = False
         self._doubted_until_ns = 0
-        self._follow_bytes = 0
+        self.follow_ns = 0
         self._replies: rls.Replies | None = None
 
     @property
@@ -123,7 +125,8 @@ class RlsLine:
         self._wanted = 0
         if miss is not None:
             return self._failed(miss)
-        self.exchange_ns = max(self.exchange_ns, self._received_ns - self._sent_ns)
+        self.last_ns = self._received_ns - self._sent_ns
+        self.exchange_ns = max(self.exchange_ns, self.last_ns)
         return self._heard
 
     def answer(self) -> Answer | Miss:
@@ -139,7 +142,7 @@ class RlsLine:
     def follow(self, request: bytes) -> None:
         """From now on the encoder answers a request by itself."""
         self._replies = rls.Replies(request, self._layout)
-        self._follow_bytes = self._layout.reply_bytes(request)
+        self.follow_ns = self._layout.reply_bytes(request) * self._byte_ns
         self.latest = None
 
     def overhear(self) -> None:
@@ -153,7 +156,7 @@ class RlsLine:
         found = self._replies.feed(data)
         self.strays += self._replies.skipped - skipped
         if found:
-            self.latest = Answer(found[-1], now_ns - self._follow_bytes * self._byte_ns)
+            self.latest = Answer(found[-1], now_ns - self.follow_ns)
 
     def _failed(self, miss: Miss) -> Miss:
         self._doubted_until_ns = self._sent_ns + self._doubt_ns
