@@ -52,7 +52,7 @@ class UnknownFault(Fault):
 
 
 class LineFault(Fault):
-    """Frames that are lost, corrupted, repeated, or have garbage before them.
+    """Frames that are lost, corrupted, repeated, lack a byte, or follow on garbage.
 
     With `channel` only what one encoder says, where each speaks for itself.
     """
@@ -129,6 +129,7 @@ FAULTS: dict[str, type[Fault]] = {
     "corrupted": LineFault,
     "repeated": LineFault,
     "garbage": LineFault,
+    "cut": LineFault,
     "check": LineFault,
     "late": LateFault,
     "stuck": EncoderFault,
@@ -156,7 +157,7 @@ AnyFault = Annotated[SerializeAsAny[Fault], BeforeValidator(fault_from_table)]
 
 
 SPEECHLESS = frozenset({"silent", "reset"})
-ON_THE_WIRE = frozenset({"lost", "corrupted", "repeated", "garbage"})
+ON_THE_WIRE = frozenset({"lost", "corrupted", "repeated", "garbage", "cut"})
 
 
 @dataclass(slots=True)
@@ -167,6 +168,7 @@ class FaultCounts:
     corrupted: int = 0
     repeated: int = 0
     garbage: int = 0
+    cut: int = 0
     silenced: int = 0
     check: int = 0
     late: int = 0
@@ -250,6 +252,9 @@ class DisturbedLine:
             return frame + frame
         if kind == "garbage":
             return draw.bytes(int(draw.integers(1, 65))) + frame
+        if kind == "cut":
+            at = int(draw.integers(len(frame))) if frame else 0
+            return frame[:at] + frame[at + 1 :]
         struck = bytearray(frame)
         if struck:
             bit = int(draw.integers(8 * len(struck)))

@@ -2,6 +2,7 @@
 
 import os
 import select
+import termios
 import tty
 from collections import deque
 from pathlib import Path
@@ -67,6 +68,11 @@ class PtyPort:
     def wake_descriptor(self) -> int:
         """What to wait for until the host writes, goes, or comes and writes."""
         return self.descriptor if self._held else self._changes.fileno()
+
+    @property
+    def host_speed(self) -> int:
+        """At which the host has set its end, as a constant of termios."""
+        return int(termios.tcgetattr(self.descriptor)[4])
 
     def host_changed(self) -> bool:
         """Look whether a host took or let go of the other end."""

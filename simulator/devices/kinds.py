@@ -41,5 +41,9 @@ KINDS = {
     "amt21": Kind(
         "simulator.devices.amt21:Amt21Table", "simulator.devices.amt21:Amt21Line"
     ),
+    "microscribe": Kind(
+        "simulator.devices.microscribe:MicroscribeTable",
+        "simulator.devices.microscribe:Microscribe",
+    ),
     "rls": Kind("simulator.devices.rls:RlsTable", "simulator.devices.rls:Rls"),
 }

@@ -73,6 +73,11 @@ class SerialLine:
         """What to wait for until the host reads, if bytes wait for that."""
         return self._port.descriptor if self._port.backlog else None
 
+    @property
+    def host_speed(self) -> int:
+        """At which the host has set its end, as a constant of termios."""
+        return self._port.host_speed
+
     def listen(self, now_s: float) -> bool:
         """Take what the host has sent, now; True if the host came or let go."""
         changed = self._port.host_changed()

@@ -1,0 +1,208 @@
+"""The box inside a MicroScribe: what it makes of each byte that a host sends.
+
+Written from the published protocol. It waits for "IMMC", gives it back, and after
+"BEGIN" tells what it is; from then on a byte below 80 asks for a packet and one above
+is a command, given back before its answer. C5 ends the session, and then it follows the
+baud rate of whoever calls it next.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+CALL, BEGIN = b"IMMC", b"BEGIN"
+GEOMETRY, HOME, GO_HOME, SET_HOME, SET_BAUD, END, MAXES, SET_GEOMETRY = range(
+    0xC0, 0xC8
+)
+PRODUCT, PRODUCT_ID, MODEL, SERIAL, COMMENT, FORMAT, VERSION = range(0xC8, 0xCF)
+MOTION, SET_REFERENCE, FACTORY, MARKER, SET_DACS = range(0xCF, 0xD4)
+ARGUMENTS = {SET_BAUD: 1, MARKER: 1, SET_DACS: 1}
+WITH_PASSWORD = frozenset((SET_HOME, SET_GEOMETRY, SET_REFERENCE, FACTORY))
+BAUD_CODES = {12: 9600, 11: 19200, 10: 38400, 3: 14400, 2: 28800, 1: 57600, 0: 115200}
+ENCODERS = {2: (0, 2, 3, 6), 3: (0, 2, 4, 8)}
+GREATEST_TIMER = 16383
+
+
+@dataclass(frozen=True, slots=True)
+class Plate:
+    """What is written into the box.
+
+    Attributes:
+        hci: Version of the protocol, 2 or 3.
+        texts: By command.
+        geometry: The block of its own table.
+        home: Counts at the home position, 6 of them.
+        maxes: Greatest counts of the encoders that are there.
+    """
+
+    hci: int
+    texts: dict[int, bytes]
+    geometry: bytes
+    home: tuple[int, ...]
+    maxes: tuple[int, ...]
+
+    @property
+    def n_encoders(self) -> int:
+        """Of a whole packet."""
+        return ENCODERS[self.hci][3]
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """A report of motion that was asked for."""
+
+    delay_s: float
+    command: int
+    buttons: int
+    deltas: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """What the box finds at an instant."""
+
+    buttons: int
+    ticks: int
+    counts: tuple[int, ...]
+
+
+class Box:
+    """A box that has just been switched on.
+
+    Args:
+        plate: What is written into it.
+        state_at: Latches buttons, timer and encoders at an instant.
+        go_home: Lets the encoders stand at the home position from an instant on.
+
+    Attributes:
+        baud_rate: Of the session, None while it waits for one.
+        report: That runs, None for none.
+        n_rejected: Bytes that meant nothing, or wanted a password.
+    """
+
+    def __init__(
+        self,
+        plate: Plate,
+        state_at: Callable[[float], State],
+        go_home: Callable[[float], None],
+    ) -> None:
+        self._plate = plate
+        self._answers = {
+            **{command: text + b"\0" for command, text in plate.texts.items()},
+            GEOMETRY: bytes((len(plate.geometry),)) + plate.geometry,
+            HOME: b"".join(home.to_bytes(2, "big") for home in plate.home),
+            MAXES: _greatest(plate),
+        }
+        self._state_at = state_at
+        self._go_home = go_home
+        self.baud_rate: int | None = None
+        self.report: Report | None = None
+        self.n_rejected = 0
+        self._called = False
+        self._coming = b""
+        self._wanted = 0  # bytes of the command that is coming
+
+    def hear(self, byte: int, at_s: float, baud_rate: int) -> bytes:
+        """Take a byte; gives what is answered."""
+        if self.baud_rate is None:
+            return self._wait_for_session(byte, baud_rate)
+        if baud_rate != self.baud_rate:
+            self.n_rejected += 1  # at another rate it is noise
+            return b""
+        if self._coming:
+            return self._take_argument(byte, at_s)
+        if byte < 0x80:
+            if byte == 0:
+                self.report = None
+            return self.packet(byte, self._state_at(at_s))
+        return self._begin_command(byte, at_s)
+
+    def packet(self, command: int, state: State) -> bytes:
+        """A packet as a command asks for it."""
+        packet = bytearray((command | 0x80, state.buttons & 0x7F))
+        if command & 0x20:
+            packet += _halves(state.ticks)
+        if n_analogs := (0, 2, 4, 8)[command >> 2 & 3]:
+            packet += bytes(n_analogs + 1)  # nothing is connected there
+        for count in self.asked_counts(command, state):
+            packet += _halves(count)
+        return bytes(packet)
+
+    def asked_counts(self, command: int, state: State) -> Sequence[int]:
+        """Counts of the encoders that a command asks for, 0 where there is none."""
+        counts = (*state.counts, *[0] * self._plate.n_encoders)
+        return counts[: ENCODERS[self._plate.hci][command & 3]]
+
+    def _wait_for_session(self, byte: int, baud_rate: int) -> bytes:
+        self._coming += bytes((byte,))
+        if self._coming == CALL:
+            self._coming, self._called = b"", True
+            return CALL
+        if self._called and self._coming == BEGIN:
+            self._coming, self._called = b"", False
+            self.baud_rate = baud_rate
+            return self._plate.texts[PRODUCT_ID] + b"\0"
+        if not any(word.startswith(self._coming) for word in (CALL, BEGIN)):
+            self.n_rejected += byte != END
+            self._coming = bytes((byte,)) if byte in b"IB" else b""
+        return b""
+
+    def _begin_command(self, byte: int, at_s: float) -> bytes:
+        echo = bytes((byte,))
+        if byte == END:
+            self.baud_rate = self.report = None
+            return b""
+        if byte == GO_HOME:
+            self._go_home(at_s)
+        elif byte in WITH_PASSWORD:
+            self._coming = echo  # until a NUL
+        elif byte in ARGUMENTS or byte == MOTION:
+            most = 12 + 2 * self._plate.n_encoders
+            self._coming, self._wanted = echo, ARGUMENTS.get(byte, most) + 1
+            if byte == MOTION:
+                return b""  # it is given back when all of it has come
+        elif byte not in self._answers:
+            self.n_rejected += 1
+            return b""
+        return echo + self._answers.get(byte, b"")
+
+    def _take_argument(self, byte: int, at_s: float) -> bytes:
+        self._coming += bytes((byte,))
+        command = self._coming[0]
+        if command in WITH_PASSWORD:
+            if byte == 0:  # no password is ever right here
+                self._coming = b""
+                self.n_rejected += 1
+            return b""
+        if len(self._coming) < self._wanted:
+            return b""
+        arguments, self._coming = self._coming[1:], b""
+        if command == MARKER:
+            return arguments
+        if command == SET_BAUD:
+            self.baud_rate = BAUD_CODES.get(arguments[0], self.baud_rate)
+        if command != MOTION:
+            return b""
+        delay_ms = int.from_bytes(arguments[:2], "big")
+        steps = arguments[12:]
+        self.report = Report(
+            max(1, delay_ms) * 1e-3,
+            arguments[2],
+            arguments[3],
+            tuple(
+                int.from_bytes(steps[k : k + 2], "big") for k in range(0, len(steps), 2)
+            ),
+        )
+        return bytes((MOTION,))
+
+
+def _greatest(plate: Plate) -> bytes:
+    """Greatest counts: buttons, timer, analogs, their low bits, encoders."""
+    greatest = (*plate.maxes, *[0] * plate.n_encoders)[: plate.n_encoders]
+    size = 2 if plate.hci == 2 else 4
+    encoders = b"".join(count.to_bytes(size, "big") for count in greatest)
+    return b"\x03" + GREATEST_TIMER.to_bytes(2, "big") + bytes(9) + encoders
+
+
+def _halves(number: int) -> bytes:
+    """14 bits as two bytes without their bit 7."""
+    return bytes((number >> 7 & 0x7F, number & 0x7F))
