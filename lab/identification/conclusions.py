@@ -138,26 +138,33 @@ def cartesian_covariance(
     return CartesianCovariance(tuple(names), all_values, free @ covariance @ free.T)
 
 
-def global_test(adjustment: Adjustment, *, noise_estimated: bool) -> GlobalTest:
-    """Test sigma0 against 1, two-sided."""
-    redundancy = adjustment.redundancy
+def global_test(
+    sigma0: float, redundancy: float, *, noise_estimated: bool
+) -> GlobalTest:
+    """Test sigma0 against 1, two-sided.
+
+    Args:
+        sigma0: A-posteriori standard deviation of unit weight.
+        redundancy: How many independent squares there are as much as.
+        noise_estimated: From the same residuals.
+    """
     if redundancy <= 0:
         return GlobalTest(1.0, True, noise_estimated)
-    upper = chi_square_p_value(adjustment.system.sum_of_squares, redundancy)
+    upper = chi_square_p_value(sigma0**2 * redundancy, redundancy)
     p_value = 2.0 * min(upper, 1.0 - upper)
     return GlobalTest(p_value, p_value >= _LEVEL, noise_estimated)
 
 
-def variance_factor(adjustment: Adjustment, test: GlobalTest) -> float:
+def variance_factor(sigma0: float, test: GlobalTest) -> float:
     """Say by what cofactors are multiplied to give covariances.
 
     One where the noise is known and sigma0 does not contradict it upwards: the
     estimate of sigma0 would only add its own uncertainty. Else sigma0 squared.
     """
-    believed = test.passed or adjustment.sigma0 < 1.0
+    believed = test.passed or sigma0 < 1.0
     if believed and not test.noise_estimated:
         return 1.0
-    return adjustment.sigma0**2
+    return sigma0**2
 
 
 def artefact_results(

@@ -7,7 +7,7 @@ from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 Floats = NDArray[np.float64]
 
 
-def chi_square_p_value(statistic: float, degrees: int) -> float:
+def chi_square_p_value(statistic: float, degrees: float) -> float:
     """Say how likely a sum of squares is at least this large."""
     return float(special.chdtrc(degrees, statistic))
 

@@ -99,6 +99,13 @@ def identification_json(result: Identification) -> dict[str, Any]:
             "encoder_rad": result.noise.encoder_rad.tolist(),
             "contact_mm": {e.id: e.contact_mm for e in result.artefacts},
         },
+        "serial_noise": None
+        if result.serial_noise is None
+        else {
+            "lasts_s": result.serial_noise.lasts_s,
+            "samples_per_mean": result.serial_noise.samples_per_mean,
+            "samples_per_square": result.serial_noise.samples_per_square,
+        },
         "condition_number": result.condition_number,
         "zero_offsets_rad": result.zero_offsets_rad.tolist(),
         "coverage": [

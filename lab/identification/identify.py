@@ -31,6 +31,7 @@ from lab.identification.parameters import (
 )
 from lab.identification.result import ExcludedPose, Identification
 from lab.identification.rounds import Rounds
+from lab.identification.serial_noise import serial_noise
 from lab.identification.start import coarse_start
 from lab.identification.undetermined import undetermined_directions, weak_directions
 
@@ -77,9 +78,20 @@ def identify(
         coarse = coarse_start(campaign, parameters, design, radius_mm)
         design, zero_offsets_rad = coarse.arm, coarse.zero_offsets_rad
     run = Rounds(design, options, radius_mm, progress)
-    adjustment, found, included, critical = run.to_the_end(network)
-    test = global_test(adjustment, noise_estimated=run.variances(campaign).estimates)
-    factor = variance_factor(adjustment, test)
+    alone, found, included, critical = run.to_the_end(network)
+    adjustment, serial = alone, None
+    sigma0, redundancy, shared = alone.sigma0, alone.redundancy, 1.0
+    if campaign.is_stream:
+        serial = serial_noise(alone)
+        adjustment = run.less_weight(alone, serial)
+        redundancy, shared = serial.redundancy, serial.samples_per_square
+        sigma0 = float(np.sqrt(alone.system.sum_of_squares / max(redundancy, 1)))
+    test = global_test(
+        sigma0,
+        redundancy / shared,
+        noise_estimated=run.variances(campaign).estimates,
+    )
+    factor = variance_factor(sigma0, test)
     inverse = adjustment.split.inverse
     covariance = factor * inverse @ inverse.T
     poses = np.flatnonzero(included)
@@ -90,11 +102,12 @@ def identify(
         adjustment=adjustment,
         converged=adjustment.converged,
         iterations=tuple(run.iterations),
-        sigma0=adjustment.sigma0,
-        redundancy=adjustment.redundancy,
+        sigma0=sigma0,
+        redundancy=redundancy,
         global_test=test,
         variance_factor=factor,
         noise=adjustment.network.noise,
+        serial_noise=serial,
         rms_before_mm=rms_before_mm,
         rms_after_mm=rms_mm(adjustment.network, adjustment.state),
         parameters=parameter_estimates(adjustment, design, covariance),

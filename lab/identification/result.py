@@ -12,6 +12,7 @@ from lab.identification.advice import Suggestion
 from lab.identification.coverage import JointCoverage
 from lab.identification.noise import Noise
 from lab.identification.pose_statistics import PoseStatistics
+from lab.identification.serial_noise import SerialNoise
 from lab.identification.undetermined import Undetermined, Weak
 
 Floats = NDArray[np.float64]
@@ -127,16 +128,19 @@ class Identification:
         arm: With the estimates and, in `[identification]`, their provenance.
         design: As it was given.
         campaign: What was measured.
-        adjustment: The last one, with state, system and rank.
+        adjustment: The last one, with state, system and rank. Samples of a stream
+            have as little weight in it as they have to say.
         converged: Whether it converged.
         iterations: Of all adjustments, in order.
         sigma0: A-posteriori standard deviation of unit weight.
-        redundancy: Of the last adjustment.
+        redundancy: Equations and certificates less determined unknowns, which take
+            more than one each from the samples of a stream.
         global_test: Of sigma0.
         variance_factor: By what cofactors were multiplied to give covariances: 1
             where the noise is known and sigma0 does not contradict it upwards, else
             sigma0 squared.
         noise: Standard deviations that were used last.
+        serial_noise: What neighbouring samples of a stream share; None: single poses.
         rms_before_mm: Of scalar misclosures with the design.
         rms_after_mm: Of those of the poses that took part, with the estimates.
         parameters: Every free one.
@@ -166,6 +170,7 @@ class Identification:
     global_test: GlobalTest
     variance_factor: float
     noise: Noise
+    serial_noise: SerialNoise | None
     rms_before_mm: float
     rms_after_mm: float
     parameters: tuple[ParameterEstimate, ...]

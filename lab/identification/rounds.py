@@ -1,5 +1,7 @@
 """The rounds of an identification: adjust, test, improve the noise, and again."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from lab.campaign import Campaign
@@ -14,6 +16,7 @@ from lab.identification.pose_statistics import (
     pose_statistics,
 )
 from lab.identification.robust import robust_state
+from lab.identification.serial_noise import SerialNoise
 from lab.identification.snooping import Snooping, robust_scale, snoop
 from lab.identification.variance_components import (
     VarianceModel,
@@ -96,6 +99,15 @@ class Rounds:
                 adjustment.network, included, adjustment.state.arm, noise
             )
         return adjustment, self._of_all(adjustment, found, included), included, critical
+
+    def less_weight(self, alone: Adjustment, serial: SerialNoise) -> Adjustment:
+        """Adjust once more, samples of a stream weighed by what they say together.
+
+        Certificates keep their weight: a standard is as uncertain as it was.
+        """
+        weights = alone.network.weights / serial.samples_per_mean
+        network = replace(alone.network, weights=weights)
+        return self._adjusted(network, alone.state)
 
     def _adjusted(self, network: Network, state: State) -> Adjustment:
         return adjust(network, state, self._design, self._told)

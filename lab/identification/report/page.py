@@ -28,6 +28,7 @@ from lab.identification.report.words import (
     map_sentence,
     noise_sentence,
     rms_sentence,
+    serial_sentence,
     sigma0_sentences,
     zeros_sentence,
 )
@@ -129,12 +130,13 @@ def _verdict(result: Identification, found: UncertaintyMap) -> str:
     # Less noise than was given does no harm.
     as_expected = test.passed or test.noise_estimated or result.sigma0 < 1.0
     good = result.converged and as_expected
-    zeros = zeros_sentence(result)
+    zeros, serial = zeros_sentence(result), serial_sentence(result)
     sentences = [
         *sigma0_sentences(result),
         *([] if zeros is None else [zeros]),
         rms_sentence(result),
         noise_sentence(result),
+        *([] if serial is None else [serial]),
         determined_sentence(result),
         excluded_sentence(result),
         map_sentence(result, found),

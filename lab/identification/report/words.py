@@ -67,7 +67,9 @@ def _sigma0_sentence(result: Identification, figures: str) -> str:
 
 
 def _power_sentence(result: Identification) -> str:
-    width = _TWO_SIDED / np.sqrt(2.0 * result.redundancy)
+    serial = result.serial_noise
+    shared = 1.0 if serial is None else serial.samples_per_square
+    width = _TWO_SIDED / np.sqrt(2.0 * result.redundancy / shared)
     seen = f"by less than about {100.0 * width:.0f} % would not be noticed"
     if result.redundancy < _LEAST_REDUNDANCY:
         return (
@@ -96,6 +98,18 @@ def noise_sentence(result: Identification) -> str:
     )
     whence = "estimated" if result.global_test.noise_estimated else "given or assumed"
     return f"Noise ({whence}): readings {readings} µrad, contacts {shown}."
+
+
+def serial_sentence(result: Identification) -> str | None:
+    """Say what neighbouring samples of a stream share."""
+    serial = result.serial_noise
+    if serial is None:
+        return None
+    return (
+        f"Neighbouring samples of the stream share noise, which lasts "
+        f"{1e3 * serial.lasts_s:.0f} ms: {serial.samples_per_mean:.3g} of them say as "
+        "much as one. Standard deviations and the test of sigma0 allow for that."
+    )
 
 
 def determined_sentence(result: Identification) -> str:
@@ -171,9 +185,11 @@ def summary_lines(result: Identification, found: UncertaintyMap) -> list[str]:
         return lines
     zeros = zeros_sentence(result)
     lines += [] if zeros is None else [zeros]
+    serial = serial_sentence(result)
     lines += [
         rms_sentence(result),
         noise_sentence(result),
+        *([] if serial is None else [serial]),
         determined_sentence(result),
     ]
     effects_mm = undetermined_effects_mm(result)
