@@ -13,10 +13,10 @@ def message(name: str, **options) -> Outgoing:
     return Outgoing(name, b"", **options)
 
 
-async def sent_order(queue: OutgoingQueue, n: int) -> list[str]:
+def sent_order(queue: OutgoingQueue, n: int) -> list[str]:
     order = []
     for _ in range(n):
-        kind, one = await queue.next()
+        kind, one = queue.next()
         queue.done(kind, one)
         order.append(one.topic)
     return order
@@ -79,7 +79,7 @@ async def test_a_full_queue_refuses_points_and_drops_none():
     assert queue.offer("point", message("b"))
     assert not queue.offer("point", message("c"))
     assert queue.dropped["point"] == 0
-    assert await sent_order(queue, 2) == ["a", "b"]
+    assert sent_order(queue, 2) == ["a", "b"]
     assert queue.offer("point", message("d"))
 
 
@@ -88,7 +88,7 @@ async def test_what_matters_most_is_sent_first():
     for kind in ("health", "live", "scan", "event", "point", "reply", "status"):
         queue.offer(kind, message(kind))
     queue.offer("point", message("point 2"))
-    assert await sent_order(queue, 8) == [
+    assert sent_order(queue, 8) == [
         "status",
         "reply",
         "point",
@@ -104,8 +104,10 @@ async def test_a_message_stays_until_it_is_done():
     told = []
     queue = OutgoingQueue()
     queue.offer("point", message("a", sent=lambda: told.append("a")))
-    first = await queue.next()
-    assert await queue.next() == first  # the connection broke meanwhile
+    first = queue.next()
+    assert queue.next() is None
+    queue.take_back()  # the connection broke meanwhile
+    assert queue.next() == first
     assert (told, queue.waiting("point")) == ([], 1)
     queue.done(*first)
     assert (told, queue.waiting("point")) == (["a"], 0)
@@ -117,16 +119,16 @@ async def test_live_poses_are_thinned_to_the_latest_and_counted():
     for k in range(5):
         assert queue.offer("live", message(str(k)))
     assert queue.dropped["live"] == 4
-    assert await sent_order(queue, 1) == ["4"]
+    assert sent_order(queue, 1) == ["4"]
 
 
 async def test_a_newer_pose_is_not_lost_while_the_older_is_being_sent():
     queue = OutgoingQueue()
     queue.offer("live", message("old"))
-    sending = await queue.next()
+    sending = queue.next()
     queue.offer("live", message("new"))
     queue.done(*sending)
-    assert await sent_order(queue, 1) == ["new"]
+    assert sent_order(queue, 1) == ["new"]
 
 
 @pytest.mark.parametrize(
@@ -137,15 +139,42 @@ async def test_events_replies_and_scans_are_dropped_newest_first(kind, limit):
     offered = [queue.offer(kind, message(str(k))) for k in range(limit + 2)]
     assert offered == [True] * limit + [False] * 2
     assert queue.dropped[kind] == 2
-    assert await sent_order(queue, limit) == [str(k) for k in range(limit)]
+    assert sent_order(queue, limit) == [str(k) for k in range(limit)]
 
 
-async def test_empty_waits_for_the_last_message():
+async def test_empty_waits_until_the_last_message_is_there():
     queue = OutgoingQueue()
     queue.offer("point", message("a"))
+    queue.offer("event", message("b"))
     waiting = asyncio.create_task(queue.empty())
-    sending = asyncio.create_task(sent_order(queue, 2))  # waits for a second one
+    assert sent_order(queue, 1) == ["a"]
+    on_the_way = queue.next()
+    await asyncio.sleep(0)
+    assert not waiting.done()
+    queue.done(*on_the_way)
     await waiting
-    assert queue.waiting("point") == 0
-    queue.offer("point", message("b"))
-    assert await sending == ["a", "b"]
+    await queue.empty()
+
+
+async def test_what_was_on_its_way_is_sent_again_in_order():
+    queue = OutgoingQueue(max_points=4)
+    for name in "abcd":
+        assert queue.offer("point", message(name))
+    first, second, third = (queue.next() for _ in range(3))
+    queue.done(*second)  # answered out of turn
+    assert queue.waiting("point") == 3
+    assert queue.offer("point", message("e"))
+    assert not queue.offer("point", message("f"))
+    queue.take_back()
+    assert sent_order(queue, 4) == ["a", "c", "d", "e"]
+    assert (first[1].topic, third[1].topic) == ("a", "c")
+
+
+async def test_a_pose_that_was_on_its_way_gives_way_to_a_newer_one():
+    queue = OutgoingQueue()
+    queue.offer("live", message("old"))
+    queue.next()
+    queue.offer("live", message("new"))
+    queue.take_back()
+    assert sent_order(queue, 1) == ["new"]
+    assert queue.next() is None

@@ -108,6 +108,31 @@ async def test_points_arrive_in_order_with_their_content_type(mosquitto):
     assert bench.changes[0][0] is True
 
 
+async def test_many_blocks_behind_many_points_are_sent_as_answers_come(mosquitto):
+    async with (
+        Witness(mosquitto.port, "traverse/bench-7/scan") as witness,
+        Bench(address(mosquitto)).running() as bench,
+    ):
+        for k in range(40):  # more than may be on their way at a time
+            bench.point(str(k))
+        blocks = [bytes([k]) * 50_000 for k in range(60)]  # more than a socket takes
+        for block in blocks:
+            assert bench.queue.offer("scan", Outgoing("traverse/bench-7/scan", block))
+        assert await witness.payloads(60) == blocks
+        await bench.all_sent()
+    assert bench.queue.sent["point"] == 40
+    assert bench.queue.sent["scan"] == 60
+
+
+async def test_a_topic_that_nobody_can_publish_on_costs_that_message_only(mosquitto):
+    async with Bench(address(mosquitto)).running() as bench:
+        bench.queue.offer("reply", Outgoing("no/#/such", b"", qos=1))
+        bench.point("0")
+        await bench.all_sent()
+        assert bench.queue.dropped["reply"] == 1
+        assert bench.publisher.state == "connected"
+
+
 async def test_the_status_is_retained(mosquitto):
     async with Bench(address(mosquitto)).running() as bench:
         bench.queue.offer("status", Outgoing(STATUS, b"here", qos=1, retain=True))
