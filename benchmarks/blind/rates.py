@@ -7,6 +7,8 @@ from benchmarks.blind.outcomes import Line
 from benchmarks.proofs.statistics import binomial_interval
 from lab.diagnosis.rivals import RIVALS
 
+# Of the intervals.
+LEVEL = 0.95
 # None: the run has no answer and does not count.
 Question = Callable[[Line], bool | None]
 
@@ -84,7 +86,7 @@ def binomial_row(
         rivals: Their rates.
     """
     n, yes = len(answers), sum(answers)
-    low, high = binomial_interval(yes, n)
+    low, high = binomial_interval(yes, n, LEVEL)
     if at_least is not None:
         holds, figure = high >= at_least, f">= {at_least:.0%}"
     else:

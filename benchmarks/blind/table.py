@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from benchmarks.blind.outcomes import Line
-from benchmarks.blind.rates import Question, Row, Runs, binomial_row, share
+from benchmarks.blind.rates import LEVEL, Question, Row, Runs, binomial_row, share
 from benchmarks.proofs.statistics import binomial_interval
 from lab.diagnosis.rivals import RIVALS
 from lab.diagnosis.score import pooled_gap
@@ -184,7 +184,7 @@ def _deviations(lines: Sequence[Line]) -> Iterator[Row]:
     if not found:
         return
     inside = sum(deviation <= 2.0 for deviation in found)
-    low, high = binomial_interval(inside, len(found))
+    low, high = binomial_interval(inside, len(found), LEVEL)
     yield Row(
         "parameters within two sigma",
         "93 to 97 %",
