@@ -1,35 +1,129 @@
-"""An MQTT client that hears when the broker refuses a message.
+"""An MQTT client that writes at once, and hears when the broker refuses a message.
 
+aiomqtt hands a packet to the event loop, which watches the socket, comes round again
+and writes: two wake-ups and two system calls for each message more than it takes. And
 aiomqtt 2.5 takes every PUBACK for a yes; with MQTT 5 its reason code may say no, for
 example where an access list forbids the topic. Brokers of MQTT 3.1.1 cannot say no.
 """
 
+import threading
+from collections.abc import Callable
 from typing import Any
 
 import aiomqtt
 from paho.mqtt.client import Client as PahoClient
+from paho.mqtt.enums import MQTTErrorCode
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
+from daemon.outgoing import Outgoing
+
+MOST_ON_THE_WAY = 16  # paho holds back what is beyond 20
+
 
 class BrokerClient(aiomqtt.Client):
-    """A client whose messages are published one after the other."""
+    """A client that has several messages on their way.
 
-    _refusal: str | None = None
+    Attributes:
+        acknowledged: called with the number of each message that the broker has
+            answered, and with its reason where it was refused.
+        writable: called when a socket that took no more takes bytes again.
+        most_on_the_way: so many messages may wait for their answers.
+    """
 
-    def take_refusal(self) -> str | None:
-        """Why the broker refused the message just published; None: it has it."""
-        refusal, self._refusal = self._refusal, None
-        return refusal
+    acknowledged: Callable[[int, str | None], None] | None = None
+    writable: Callable[[], None] | None = None
+    most_on_the_way = MOST_ON_THE_WAY
+    _is_sending = False
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:  # noqa: ANN401
+        super().__init__(*arguments, **options)
+        self._own_thread = threading.current_thread()
+
+    @property
+    def is_congested(self) -> bool:
+        """Whether bytes wait that the socket did not take."""
+        return self._client.want_write()
+
+    def send(self, message: Outgoing, properties: Properties | None) -> int:
+        """Write a message now.
+
+        Returns:
+            Its number, with which the broker answers if its quality of service is 1.
+
+        Raises:
+            aiomqtt.MqttError: there is no connection any more.
+            ValueError: nothing can be published on this topic.
+        """
+        self._is_sending = True  # or every packet would be watched for
+        try:
+            info = self._client.publish(
+                message.topic, message.payload, message.qos, message.retain, properties
+            )
+            result = info.rc or self._client.loop_write()
+        finally:
+            self._is_sending = False
+        if result != MQTTErrorCode.MQTT_ERR_SUCCESS:
+            raise aiomqtt.MqttCodeError(result, "could not publish")
+        if self.is_congested:
+            self._watch()
+        return info.mid
+
+    def _watch(self) -> None:
+        sock = self._client.socket()
+        if sock is not None:
+            self._loop.add_writer(sock.fileno(), self._write)
+
+    def _write(self) -> None:
+        try:
+            self._client.loop_write()
+        except Exception as error:  # noqa: BLE001 - as aiomqtt: the connection is gone
+            if not self._disconnected.done():
+                self._disconnected.set_exception(error)
+        if self.writable is not None and not self.is_congested:
+            self.writable()
+
+    def _answered(self, mid: int, reason: str | None) -> None:
+        if self.acknowledged is not None:
+            self.acknowledged(mid, reason)
+
+    def _on_connect(
+        self,
+        client: PahoClient,
+        userdata: Any,  # noqa: ANN401 - as aiomqtt declares it
+        flags: Any,  # noqa: ANN401
+        reason_code: ReasonCode,
+        properties: Properties | None = None,
+    ) -> None:
+        most = getattr(properties, "ReceiveMaximum", MOST_ON_THE_WAY)
+        self.most_on_the_way = min(MOST_ON_THE_WAY, most)
+        super()._on_connect(client, userdata, flags, reason_code, properties)
+
+    def _on_socket_register_write(
+        self,
+        client: PahoClient,
+        userdata: Any,  # noqa: ANN401
+        sock: Any,  # noqa: ANN401
+    ) -> None:
+        if self._is_sending:
+            return  # it is written without watching
+        if threading.current_thread() is self._own_thread:
+            # At once: what is put off could come after the writing, and then for ever.
+            self._watch()
+        else:  # while connecting
+            super()._on_socket_register_write(client, userdata, sock)
 
     def _on_publish(
         self,
         client: PahoClient,
-        userdata: Any,  # noqa: ANN401 - as aiomqtt declares it
+        userdata: Any,  # noqa: ANN401
         mid: int,
         reason_code: ReasonCode,
         properties: Properties,
     ) -> None:
-        if reason_code.is_failure:
-            self._refusal = str(reason_code)
+        if self.acknowledged is not None and not self._is_sending:
+            reason = str(reason_code) if reason_code.is_failure else None
+            # Not within paho's callback, where nothing can be sent: it would wait for
+            # itself.
+            self._loop.call_soon(self._answered, mid, reason)
         super()._on_publish(client, userdata, mid, reason_code, properties)

@@ -37,9 +37,13 @@ class Outgoing:
 class OutgoingQueue:
     """The one queue between the event loop's work and the publisher.
 
+    A message that has been sent stays here, on its way, until the broker has it.
+
     Attributes:
         dropped: messages dropped, by kind.
         sent: messages that the broker has taken, by kind.
+        offered: called after a message has been queued; the publisher sets it while
+            it has a connection.
     """
 
     def __init__(
@@ -54,10 +58,11 @@ class OutgoingQueue:
         # In the order of sending; a kind without a limit keeps its latest only.
         kinds = ("status", "reply", "point", "event", "scan", "live", "health")
         self._waiting: dict[str, deque[Outgoing]] = {kind: deque() for kind in kinds}
-        self._filled = asyncio.Event()
+        self._on_the_way: dict[str, deque[Outgoing]] = {k: deque() for k in kinds}
         self._emptied = asyncio.Event()
         self.dropped: Counter[str] = Counter()
         self.sent: Counter[str] = Counter()
+        self.offered: Callable[[], None] | None = None
 
     @property
     def limit(self) -> int:
@@ -65,8 +70,8 @@ class OutgoingQueue:
         return sum(self._limits.values())
 
     def waiting(self, kind: str) -> int:
-        """How many messages of ``kind`` wait."""
-        return len(self._waiting[kind])
+        """How many messages of ``kind`` the broker does not have yet."""
+        return len(self._waiting[kind]) + len(self._on_the_way[kind])
 
     def offer(self, kind: str, message: Outgoing) -> bool:
         """Queue a message; False where there was no room and it was dropped."""
@@ -76,40 +81,53 @@ class OutgoingQueue:
             if queue and kind == "live":
                 self.dropped[kind] += 1  # thinned: a newer pose replaces it
             queue.clear()
-        elif len(queue) >= limit:
+        elif self.waiting(kind) >= limit:
             self.dropped[kind] += kind != "point"  # a point is refused, not dropped
             return False
         queue.append(message)
         self._emptied.clear()
-        self._filled.set()
+        if self.offered is not None:
+            self.offered()
         return True
 
-    async def next(self) -> tuple[str, Outgoing]:
-        """The message to send next; it stays queued until `done`."""
-        while True:
-            for kind, queue in self._waiting.items():
-                if queue:
-                    return kind, queue[0]
-            self._emptied.set()
-            self._filled.clear()
-            await self._filled.wait()
+    def next(self) -> tuple[str, Outgoing] | None:
+        """Take the message to send next, if there is one: now it is on its way."""
+        for kind, queue in self._waiting.items():
+            if queue:
+                message = queue.popleft()
+                self._on_the_way[kind].append(message)
+                return kind, message
+        return None
+
+    def take_back(self) -> None:
+        """The connection broke: what was on its way is to be sent again, in order."""
+        for kind, gone in self._on_the_way.items():
+            if kind in self._limits or not self._waiting[kind]:
+                self._waiting[kind].extendleft(reversed(gone))
+            gone.clear()
 
     def done(self, kind: str, message: Outgoing) -> None:
         """``message`` has been sent: forget it."""
-        queue = self._waiting[kind]
-        if queue and queue[0] is message:
-            queue.popleft()
+        self._forget(kind, message)
         self.sent[kind] += 1
         if message.sent is not None:
             message.sent()
 
     def drop(self, kind: str, message: Outgoing) -> None:
         """``message`` cannot be sent: forget it and count that."""
-        queue = self._waiting[kind]
-        if queue and queue[0] is message:
-            queue.popleft()
+        self._forget(kind, message)
         self.dropped[kind] += 1
 
     async def empty(self) -> None:
         """Wait until everything has been sent."""
-        await self._emptied.wait()
+        while any(self.waiting(kind) for kind in self._waiting):
+            self._emptied.clear()
+            await self._emptied.wait()
+
+    def _forget(self, kind: str, message: Outgoing) -> None:
+        gone = self._on_the_way[kind]
+        if gone and gone[0] is message:  # answers come in the order of sending
+            gone.popleft()
+        else:
+            self._on_the_way[kind] = deque(one for one in gone if one is not message)
+        self._emptied.set()

@@ -7,7 +7,6 @@ hundred waits 24 ms. A message leaves its queue only after the broker has taken 
 
 import asyncio
 import contextlib
-import logging
 import os
 import random
 import socket
@@ -23,9 +22,8 @@ from paho.mqtt.reasoncodes import ReasonCode
 
 from daemon.broker_client import BrokerClient
 from daemon.outgoing import Outgoing, OutgoingQueue
+from daemon.sending import Sending
 from protocol.encoding import Encoding, content_type
-
-log = logging.getLogger(__name__)
 
 FIRST_RETRY_S = 0.2
 LAST_RETRY_S = 5.0
@@ -59,7 +57,7 @@ class Incoming:
 
 
 class Publisher:
-    """Keeps a connection, sends what the queue holds, hands on what comes in.
+    """Keeps a connection, has the queue sent, hands on what comes in.
 
     Args:
         address: of the broker.
@@ -88,6 +86,7 @@ class Publisher:
         self._client_id = client_id
         self._will = will
         self._encoding = encoding
+        self._usual_properties = _properties_of(encoding)
         self._queue = queue
         self._subscription = subscription
         self._receive = receive
@@ -133,9 +132,17 @@ class Publisher:
             retry_s = min(2 * retry_s, LAST_RETRY_S)
 
     async def _serve(self, client: BrokerClient) -> None:
-        sending = asyncio.create_task(self._send(client))
-        receiving = asyncio.create_task(self._take(client))
-        tasks: tuple[asyncio.Task[None], ...] = (sending, receiving)
+        sending = Sending(
+            client,
+            self._queue,
+            properties=self._properties,
+            changed=self._changed,
+            broker=str(self.address),
+        )
+        tasks: tuple[asyncio.Task[None], ...] = (
+            asyncio.create_task(sending.run()),
+            asyncio.create_task(self._take(client)),
+        )
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -145,33 +152,6 @@ class Publisher:
         for result in results:
             if isinstance(result, Exception):
                 raise result
-
-    async def _send(self, client: BrokerClient) -> None:
-        refused_before = False
-        while True:
-            kind, message = await self._queue.next()
-            await client.publish(
-                message.topic,
-                message.payload,
-                qos=message.qos,
-                retain=message.retain,
-                properties=self._properties(message),
-            )
-            refusal = client.take_refusal()
-            if refusal is None:
-                self._queue.done(kind, message)
-                if refused_before:
-                    refused_before = False
-                    self._changed(True, f"broker {self.address} takes points again")
-                continue
-            text = f"broker {self.address} refuses {message.topic}: {refusal}"
-            if kind == "point":  # kept: somebody may correct the access list
-                refused_before = True
-                self._changed(False, text)
-                await asyncio.sleep(LAST_RETRY_S)
-            else:
-                log.warning("%s; dropped", text)
-                self._queue.drop(kind, message)
 
     async def _take(self, client: aiomqtt.Client) -> None:
         async for message in client.messages:
@@ -190,10 +170,10 @@ class Publisher:
     def _properties(self, message: Outgoing) -> Properties | None:
         if self._version is not aiomqtt.ProtocolVersion.V5:
             return None
-        properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]  # paho's is not typed
-        properties.ContentType = content_type(self._encoding)
-        if message.correlation is not None:
-            properties.CorrelationData = message.correlation
+        if message.correlation is None:
+            return self._usual_properties
+        properties = _properties_of(self._encoding)
+        properties.CorrelationData = message.correlation
         return properties
 
     @contextlib.asynccontextmanager
@@ -232,6 +212,13 @@ class Publisher:
         )
         client.pending_calls_threshold = 1000
         return client
+
+
+def _properties_of(encoding: Encoding) -> Properties:
+    """What every message carries; one of them serves all, since making it is slow."""
+    properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]  # paho's is not typed
+    properties.ContentType = content_type(encoding)
+    return properties
 
 
 def _is_version_refusal(error: aiomqtt.MqttCodeError) -> bool:

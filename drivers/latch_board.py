@@ -33,8 +33,11 @@ HEARTBEAT_MS = 500
 EDGES_HEARTBEAT_MS = 20  # of a board that never streams: nothing else tells its time
 TEMPERATURE_MS = 2000
 MAX_LATCHES = 16
+# On a fast stream a read takes what some milliseconds bring, since waking up costs
+# more than a sample; no more than a quarter of what a pty holds.
 FAST_STREAM_HZ = 400.0
-COALESCE_S = 0.002  # above that rate a read takes what 2 ms bring
+GATHER_S = 0.005
+GATHER_BYTES = 1000
 
 # The maker's own bits of a status byte warn of something; what, nobody else knows.
 _MAKERS = 0xF0
@@ -165,13 +168,18 @@ class LatchBoard(Driver):
             self._carry_out_requests(line)
             if line.wait(0.1):
                 if self._rate_hz > FAST_STREAM_HZ:
-                    time.sleep(COALESCE_S)
+                    time.sleep(self._gather_s())
                 line.read()
                 self._report_broken(line.broken - broken)
                 broken = line.broken
             self._counters["frames_received"] = self._frames_before + line.accepted
             self._report_counters()
             line.check_alive()
+
+    def _gather_s(self) -> float:
+        """How long to let bytes come together."""
+        bytes_s = self._rate_hz * wire.sample_frame_bytes(self._n_channels or 0)
+        return min(GATHER_S, GATHER_BYTES / bytes_s)
 
     def _disconnect(self) -> None:
         if self._line is not None:
@@ -307,7 +315,7 @@ class LatchBoard(Driver):
         token: int,
         received_ns: int,
     ) -> bool:
-        ticks = int(self._clock.unwrap(np.array([latch.ticks], np.uint32))[0])
+        ticks = self._clock.unwrap_one(latch.ticks)
         self._clock.update(ticks, received_ns)
         return self._crossing.put(
             LatchedCounts(
@@ -331,8 +339,7 @@ class LatchBoard(Driver):
             )
         if self._stream_request:
             self._report_lost(self._sequence.reach(heartbeat.next_sample_seq))
-        ticks = self._clock.unwrap(np.array([heartbeat.ticks], np.uint32))
-        self._clock.update(int(ticks[0]), received_ns)
+        self._clock.update(self._clock.unwrap_one(heartbeat.ticks), received_ns)
         self._edges.expect(heartbeat.next_edge_seq - heartbeat.edges_back)
         self._counters["board_tx_dropped"] = heartbeat.tx_dropped
         self._counters["board_rx_rejected"] = heartbeat.rx_rejected

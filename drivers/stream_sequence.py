@@ -23,12 +23,12 @@ class StreamSequence:
             is, None for all; how many are missing before or between; how many are
             to be dropped because they came before, or cannot be.
         """
-        ahead = (seq.astype(np.int64) - self._expected + WRAP // 2) % WRAP - WRAP // 2
         n = len(seq)
-        if ahead[0] == 0 and (n == 1 or bool((np.diff(ahead) == 1).all())):
-            numbers = self._expected + ahead
+        numbers = np.arange(self._expected, self._expected + n)
+        if np.array_equal(seq, numbers.astype(np.uint32)):
             self._expected += n
             return numbers, None, 0, 0
+        ahead = (seq.astype(np.int64) - self._expected + WRAP // 2) % WRAP - WRAP // 2
         possible = np.abs(ahead) < MAX_JUMP
         reached = np.maximum.accumulate(np.where(possible, ahead, -1))
         before = np.concatenate(([-1], np.maximum(reached[:-1], -1)))

@@ -57,13 +57,25 @@ class TickClock:
 
     def unwrap(self, ticks: NDArray[np.uint32]) -> NDArray[np.int64]:
         """Ticks without wraps, (n,) int64, relative to the last ones seen."""
-        raw = ticks.astype(np.int64)
+        unwrapped = ticks.astype(np.int64)
         if self._last is None:
-            self._last = int(raw[0])
+            self._last = int(unwrapped[0])
+        unwrapped[1:] -= unwrapped[:-1].copy()
+        unwrapped[0] -= self._last % self._wrap
+        # Steps of at most half a turn, forwards or back.
         half = self._wrap // 2
-        steps = np.diff(raw, prepend=self._last % self._wrap)
-        steps = (steps + half) % self._wrap - half
-        return self._last + np.cumsum(steps)
+        unwrapped += half
+        unwrapped %= self._wrap
+        unwrapped -= half
+        unwrapped[0] += self._last
+        return np.cumsum(unwrapped, out=unwrapped)
+
+    def unwrap_one(self, ticks: int) -> int:
+        """What `unwrap` makes of one tick count."""
+        if self._last is None:
+            self._last = ticks
+        half = self._wrap // 2
+        return self._last + (ticks - self._last + half) % self._wrap - half
 
     def update(self, ticks: int, received_ns: int) -> None:
         """Learn from a latch at ``ticks`` (unwrapped) read at ``received_ns``."""
@@ -88,8 +100,16 @@ class TickClock:
             self._enter(ticks, self._slope, offset_ns)
 
     def to_ns(self, ticks: int) -> int:
-        """Host monotonic time of one unwrapped tick count."""
-        return int(self.to_ns_array(np.array([ticks]))[0])
+        """What `to_ns_array` makes of one tick count, to the nanosecond."""
+        elapsed = ticks - self._anchor_ticks
+        elapsed_ns = elapsed * self._ns_per_tick
+        left = 1.0 - (elapsed - self._fit_ticks) / self._bin_ticks
+        correction_ns = (
+            self._height_ns
+            + self._slope * elapsed_ns
+            + self._jump_ns * min(1.0, max(0.0, left))
+        )
+        return self._anchor_ns + round(elapsed_ns + correction_ns)
 
     def to_ns_array(self, ticks: NDArray[np.int64]) -> NDArray[np.int64]:
         """Host monotonic times, (n,) int64 [ns], of unwrapped ticks (n,)."""

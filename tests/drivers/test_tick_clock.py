@@ -105,3 +105,17 @@ def test_a_short_counter_wraps_without_a_trace():
     # A tick is known to its begin: half a tick and the smallest delays remain.
     assert abs(clock.to_ns(ticks) - latch_ms * 1e6) < 1.1e6
     assert clock.steps == 0
+
+
+def test_one_latch_has_the_time_of_a_block():
+    clock, _ = followed(-35.0, WRAP - 3_000_000, 12.0, 3e6)
+    base = clock.unwrap(np.array([0], np.uint32))[0]
+    rng = np.random.default_rng(8)
+    for ticks in (base + rng.integers(-2_000_000, 2_000_000, 200)).tolist():
+        assert clock.unwrap_one(ticks % WRAP) == ticks
+        assert clock.unwrap(np.array([ticks % WRAP], np.uint32)).tolist() == [ticks]
+        assert clock.to_ns(ticks) == clock.to_ns_array(np.array([ticks]))[0]
+
+
+def test_a_first_latch_alone_counts_from_itself():
+    assert TickClock(RATE_HZ).unwrap_one(4_000_000_000) == 4_000_000_000
