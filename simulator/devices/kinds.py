@@ -45,5 +45,8 @@ KINDS = {
         "simulator.devices.microscribe:MicroscribeTable",
         "simulator.devices.microscribe:Microscribe",
     ),
+    "modbus": Kind(
+        "simulator.devices.modbus:ModbusTable", "simulator.devices.modbus:ModbusLine"
+    ),
     "rls": Kind("simulator.devices.rls:RlsTable", "simulator.devices.rls:Rls"),
 }
