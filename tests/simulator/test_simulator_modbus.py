@@ -73,10 +73,8 @@ def test_a_position_in_two_registers(tmp_path):
     with encoders(tmp_path) as (_, ask):
         answer = ask("01 04 00 00 00 02 71 CB", 123.456)
         assert answer == "01 04 04 00 01 E2 40 E3 14"
-        assert (
-            ask(framed("02 03 00 00 00 02"), 122.456)
-            == framed("02 03 04 00 01 E2 40").hex(" ").upper()
-        )
+        answer = ask(framed("02 03 00 00 00 02"), 124.0)  # 125000
+        assert answer == framed("02 03 04 00 01 E8 48").hex(" ").upper()
 
 
 def test_a_position_in_one_register_as_in_the_manual(tmp_path):
