@@ -6,6 +6,7 @@ nanosecond, its count of lost frames, and a fifth of the cost.
 """
 
 import contextlib
+import errno
 import os
 import select
 import time
@@ -24,6 +25,7 @@ Frame = tuple[int, bytes | bytearray, int]
 
 MOST_AT_ONCE = 64  # frames read before the caller may send again
 BLIND_WAIT_S = 0.02  # of an interface that nothing else can wake
+FULL_TRIES, FULL_WAIT_S = 50, 0.001  # SocketCAN queues ten frames as it is delivered
 SLCAN_WAIT_S = 0.1  # python-can waits 2 s, for boards that restart when opened
 
 
@@ -99,17 +101,23 @@ class CanBus:
             raise self._gone(error) from error
 
     def send(self, can_id: int, data: bytes) -> None:
-        """Send a frame.
+        """Send a frame; waits a little where the queue of the interface is full.
 
         Raises:
             DeviceError: the bus does not take it.
         """
-        try:
-            self._bus.send(
-                can.Message(arbitration_id=can_id, data=data, is_extended_id=False)
-            )
-        except (can.CanError, OSError) as error:
-            raise self._gone(error) from error
+        message = can.Message(arbitration_id=can_id, data=data, is_extended_id=False)
+        for attempt in range(FULL_TRIES):
+            try:
+                self._bus.send(message)
+            except can.CanOperationError as error:
+                if error.error_code != errno.ENOBUFS or attempt == FULL_TRIES - 1:
+                    raise self._gone(error) from error
+                time.sleep(FULL_WAIT_S)  # the time of some frames on the bus
+            except (can.CanError, OSError) as error:
+                raise self._gone(error) from error
+            else:
+                return
 
     def send_periodically(self, can_id: int, period_s: float) -> PeriodicTask:
         """Let the kernel send an empty frame every ``period_s``.

@@ -40,7 +40,7 @@ class Upkeep:
         sdos: by channel.
         facts: by channel, as they were found.
         status_period_ns: how often each node's complaints are read; 0 for never.
-        fault: tells what was survived: code, text, remedy, how often.
+        tell_fault: tells what was survived: code, text, remedy, how often.
         counters: of the driver.
     """
 
@@ -54,7 +54,7 @@ class Upkeep:
     code_sequence: CodeSequence
     status_period_ns: int
     now_ns: Callable[[], int]
-    fault: Fault
+    tell_fault: Fault
     counters: Counter[str]
     _look_due_ns: int = 0
     _status_due_ns: int = 0
@@ -124,7 +124,7 @@ class Upkeep:
         for channel, n in cycles.duplicates.items():
             sign = f"{n} second answers to one SYNC"
             self.watch.duplicate(channel, now_ns, sign)
-            self.fault(
+            self.tell_fault(
                 "duplicate_answers",
                 f"node {self.facts[channel].node}: {sign}",
                 "see the alarm duplicate_node",
@@ -143,7 +143,7 @@ class Upkeep:
             setattr(cycles, name, 0)
         lost, cycles.lost = cycles.lost, 0
         if lost:
-            self.fault(
+            self.tell_fault(
                 "samples_lost",
                 f"{lost} samples lost: no node answered, or no SYNC was sent",
                 "lower the rate; check the load of bus and computer",
@@ -154,7 +154,7 @@ class Upkeep:
                 f"node {self.facts[channel].node}: {n}"
                 for channel, n in sorted(cycles.missing.items())
             )
-            self.fault(
+            self.tell_fault(
                 "readings_missing",
                 f"SYNCs without an answer: {who}",
                 "check these encoders; lower the rate if it is all of them",
@@ -168,7 +168,7 @@ class Upkeep:
             self._tell_overflow(dropped)
 
     def _tell_overflow(self, n: int) -> None:
-        self.fault(
+        self.tell_fault(
             "frames_overflowed",
             f"frames were lost on {self.bus.name} because nobody read them in time",
             "lower the rate; give the daemon more of the computer",
@@ -196,7 +196,7 @@ class Upkeep:
         self.watch.set_up(channel, self.now_ns())
         self.watch.complaints(channel, found.alarms, found.warnings)
         if forgotten:
-            self.fault(
+            self.tell_fault(
                 "node_restarted",
                 f"node {known.node} has restarted; it is set up again and measures",
                 "check its power supply; check a known point before measuring on",

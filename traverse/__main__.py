@@ -9,6 +9,7 @@ from kinematics.kernel.choice import KERNEL
 from traverse.amt21 import amt21
 from traverse.arm import arm
 from traverse.blind import blind
+from traverse.can import can
 from traverse.check import check
 from traverse.collect import collect
 from traverse.demo import demo
@@ -30,6 +31,7 @@ for command in (demo, run, simulate, watch, check, collect, identify, diagnose, 
     app.command()(command)
 app.add_typer(arm, name="arm")
 app.add_typer(amt21, name="amt21")
+app.add_typer(can, name="can")
 app.add_typer(microscribe, name="microscribe")
 
 
