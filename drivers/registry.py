@@ -13,6 +13,8 @@ DRIVERS = {
     "amt21": "drivers.amt21:Amt21",
     "rls": "drivers.rls:Rls",
     "microscribe": "drivers.microscribe:Microscribe",
+    "gpio": "drivers.gpio:Gpio",
+    "evdev": "drivers.evdev:Evdev",
 }
 """Name in the configuration: module and class."""
 

@@ -1,0 +1,47 @@
+"""Events of the kernel's input devices (evdev), as /dev/input/event* gives them.
+
+    struct input_event {
+        long seconds, microseconds; u16 type, code; s32 value;
+    }
+
+in the machine's own byte order and word size: 24 bytes where a long has 8.
+"""
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+SYN, KEY = 0, 1
+"""Types: synchronisation; keys and buttons."""
+SYN_REPORT, SYN_DROPPED = 0, 3
+"""Codes of `SYN`: what came together is complete; the kernel's buffer has run over."""
+RELEASED, PRESSED, REPEATED = 0, 1, 2
+"""Values of a key."""
+
+_EVENT = struct.Struct("@llHHi")
+EVENT_BYTES = _EVENT.size
+
+
+@dataclass(frozen=True, slots=True)
+class InputEvent:
+    """One event; its time is of the clock that the device was told to use."""
+
+    time_ns: int
+    type: int
+    code: int
+    value: int
+
+
+class InputEventDecoder:
+    """Cuts what was read into events; keeps less than one."""
+
+    def __init__(self) -> None:
+        self._rest = b""
+
+    def feed(self, data: bytes) -> Iterator[InputEvent]:
+        """Events that are whole now, in order."""
+        data = self._rest + data
+        whole = len(data) - len(data) % EVENT_BYTES
+        self._rest = data[whole:]
+        for seconds, micros, kind, code, value in _EVENT.iter_unpack(data[:whole]):
+            yield InputEvent(seconds * 10**9 + micros * 1000, kind, code, value)
