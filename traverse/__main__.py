@@ -1,11 +1,16 @@
 """Entry point: the console script `traverse`, and `python -m traverse`."""
 
+import sys
 from importlib.metadata import version
 from typing import Annotated
 
 import typer
 
-from kinematics.kernel.choice import KERNEL
+try:  # before everything else that computes
+    from kinematics.kernel.choice import KERNEL
+except ValueError as error:
+    sys.stderr.write(f"traverse: {error}\n")
+    sys.exit(2)
 from traverse.amt21 import amt21
 from traverse.arm import arm
 from traverse.blind import blind

@@ -58,6 +58,14 @@ def test_unknown_kernel_is_refused():
     assert "TRAVERSE_KERNEL is 'abacus'" in run.stderr
 
 
+def test_commands_refuse_an_unknown_kernel_in_a_sentence():
+    run = run_python("abacus", "-m", "traverse", "arm", "show", "nowhere.toml")
+    assert run.returncode == 2
+    (line,) = run.stderr.splitlines()
+    assert line.startswith("traverse: TRAVERSE_KERNEL is 'abacus'")
+    assert "expected one of numpy" in line
+
+
 def test_laws_of_the_kinematics_hold_without_the_kernel():
     run = run_python(
         "numpy",
