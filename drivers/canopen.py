@@ -179,7 +179,7 @@ class CanOpen(Driver):
         while upkeep is not None and not self._stopping:
             self._begin_wanted_stream()
             self._turn(IDLE_S)
-            upkeep.look()
+            upkeep.act()
             self._report_counters()
 
     def _disconnect(self) -> None:
@@ -211,6 +211,8 @@ class CanOpen(Driver):
             limit_s -= pause_s
         self._take_frames(bus, cycles, limit_s)
         cycles.flush(self._now_ns())
+        if self._upkeep is not None:
+            self._upkeep.observe()
 
     def _send_sync(self, bus: CanBus, cycles: Cycles, schedule: HostSync) -> float:
         """Send a SYNC if it is time; the seconds until the next one."""

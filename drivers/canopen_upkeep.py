@@ -56,6 +56,7 @@ class Upkeep:
     now_ns: Callable[[], int]
     tell_fault: Fault
     counters: Counter[str]
+    _restarted: Sequence[int] = ()
     _look_due_ns: int = 0
     _status_due_ns: int = 0
     _status_turn: int = 0
@@ -63,11 +64,11 @@ class Upkeep:
     _bus_off_ns: int = 0
     _dropped: int = 0
 
-    def look(self) -> None:
-        """Do what is due.
+    def observe(self) -> None:
+        """Note who lives and what was lost; asks nobody, so that it never waits.
 
         Raises:
-            DeviceError: all nodes are gone, or one is not what it was.
+            DeviceError: all nodes are gone.
         """
         now_ns = self.now_ns()
         if now_ns < self._look_due_ns:
@@ -75,21 +76,29 @@ class Upkeep:
         self._look_due_ns = now_ns + LOOK_NS
         self._note_answers(now_ns)
         self._tell_losses()
-        restarted = self.watch.look(now_ns)
+        self._restarted = self.watch.look(now_ns)
+        for channel in range(len(self.sdos)):
+            self.cycles.status[channel] = self.watch.status(channel)
         if self.watch.all_lost(now_ns):
             raise DeviceError(
                 f"all nodes on {self.bus.name} are silent",
                 "check the power of the encoders and the cable of the bus",
             )
-        if restarted and now_ns >= self._set_up_due_ns:
-            self._set_up_due_ns = now_ns + SET_UP_AGAIN_NS
-            self._set_up_again(restarted[0])
+
+    def act(self) -> None:
+        """Deal with one node, if one is due; `observe` goes on meanwhile.
+
+        Raises:
+            DeviceError: all nodes are gone, or one is not what it was.
+        """
+        now_ns = self.now_ns()
+        if self._restarted and now_ns >= self._set_up_due_ns:
+            self._set_up_again(self._restarted[0])
+            self._set_up_due_ns = self.now_ns() + SET_UP_AGAIN_NS
         elif self.status_period_ns and now_ns >= self._status_due_ns:
             self._status_due_ns = now_ns + self.status_period_ns // len(self.sdos)
             self._ask_complaints(self._status_turn)
             self._status_turn = (self._status_turn + 1) % len(self.sdos)
-        for channel in range(len(self.sdos)):
-            self.cycles.status[channel] = self.watch.status(channel)
 
     def emergency(self, channel: int, message: wire.Emergency) -> None:
         """An emergency has come: ask that node next, it may have more to tell."""
@@ -194,6 +203,7 @@ class Upkeep:
             return  # it stays lost; it is tried again
         self.bus.send(wire.NMT, wire.nmt_command(wire.START, known.node))
         self.watch.set_up(channel, self.now_ns())
+        self._restarted = ()
         self.watch.complaints(channel, found.alarms, found.warnings)
         if forgotten:
             self.tell_fault(
