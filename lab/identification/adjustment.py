@@ -138,7 +138,8 @@ def adjust(
         iterations.append(found)
         if progress is not None:
             progress(found)
-        if fraction == 0.0:
+        if converged or fraction == 0.0:
+            # So small a step leaves the system as it is.
             break
         if system.sum_of_squares < _GOOD_START * network.n_rows:
             state = replace(state, corrections=system.corrections)

@@ -147,7 +147,12 @@ class Parameters:
             by_links[own, 4 * k + 2 : 4 * k + 4] = basis[k].T
         by_links[-3:, 4 * n + 3 : 4 * n + 6] = np.eye(3)
         by_zeros[:, 4 * n + 6 : 5 * n + 6] = np.eye(n)
-        return by_axes[:, self.free], by_links[:, self.free], by_zeros[:, self.free]
+        # A choice of columns is stored column by column, which multiplies slowly.
+        return (
+            np.ascontiguousarray(by_axes[:, self.free]),
+            np.ascontiguousarray(by_links[:, self.free]),
+            np.ascontiguousarray(by_zeros[:, self.free]),
+        )
 
     def moved(self, values: ArmValues, step: Floats) -> ArmValues:
         """Apply a step of the free parameters, (n_free,); axes stay unit vectors."""
