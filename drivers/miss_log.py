@@ -78,6 +78,7 @@ class MissLog:
     def _alarm(
         self, number: int, raised: bool, text: str, miss: Miss, misses: int
     ) -> DeviceAlarm:
+        remedy = miss.remedy if raised else ""
         return DeviceAlarm(
-            self._device, number, raised, "encoder_missing", text, misses, miss.remedy
+            self._device, number, raised, "encoder_missing", text, misses, remedy
         )
