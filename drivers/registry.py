@@ -11,6 +11,7 @@ DRIVERS = {
     "canopen": "drivers.canopen:CanOpen",
     "latch-board": "drivers.latch_board:LatchBoard",
     "amt21": "drivers.amt21:Amt21",
+    "modbus": "drivers.modbus:Modbus",
     "rls": "drivers.rls:Rls",
     "microscribe": "drivers.microscribe:Microscribe",
     "gpio": "drivers.gpio:Gpio",

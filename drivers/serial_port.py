@@ -27,12 +27,22 @@ class SerialPort:
         path: device file, best one below /dev/serial/by-id.
         baud_rate: bits per second; without meaning on USB-CDC and ptys.
         wake_fd: a non-blocking pipe; bytes in it end `wait` early and are eaten.
+        parity: "N", "E" or "O"; a pty takes none but "N".
+        stop_bits: 1 or 2.
 
     Raises:
         DeviceNotFoundError: it is missing, in use, or not permitted.
     """
 
-    def __init__(self, path: str, baud_rate: int, wake_fd: int) -> None:
+    def __init__(
+        self,
+        path: str,
+        baud_rate: int,
+        wake_fd: int,
+        *,
+        parity: str = "N",
+        stop_bits: int = 1,
+    ) -> None:
         try:
             self._port = serial.Serial(
                 path,
@@ -40,8 +50,10 @@ class SerialPort:
                 timeout=0,
                 write_timeout=WRITE_TIMEOUT_S,
                 exclusive=True,
+                parity=parity,
+                stopbits=stop_bits,
             )
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, termios.error) as error:
             raise _explain(path, error) from error
         self._fd = self._port.fileno()
         self._wake_fd = wake_fd

@@ -1,0 +1,49 @@
+"""Registers of Modbus encoders: words of 16 bits, and what they make.
+
+Frames are the business of pymodbus; here is only what their data mean.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True, slots=True)
+class PositionRegisters:
+    """Where an encoder keeps its position, and in which form.
+
+    Attributes:
+        first: Number of the first register, from 0.
+        words: How many.
+        word_order: Which word stands first, "high" or "low".
+        signed: The highest bit means minus.
+        scale: Counts for one unit of what is read.
+        modulus: Count at which it wraps to 0.
+    """
+
+    first: int
+    words: int
+    word_order: Literal["high", "low"]
+    signed: bool
+    scale: float
+    modulus: int
+
+    def count(self, words: Sequence[int]) -> int:
+        """The count, from 0 to below the modulus.
+
+        Args:
+            words: As they were read, each from 0 to 65535.
+
+        Raises:
+            ValueError: Not so many words as expected.
+        """
+        if len(words) != self.words:
+            raise ValueError(f"{len(words)} words; expected {self.words}")
+        value = 0
+        for word in words if self.word_order == "high" else reversed(words):
+            value = value << 16 | word
+        if self.signed and value >> (16 * self.words - 1):
+            value -= 1 << 16 * self.words
+        if self.scale != 1.0:
+            value = round(value * self.scale)
+        return value % self.modulus
