@@ -15,7 +15,7 @@ from collections.abc import Callable
 
 from drivers.can_bus import CanBus
 from drivers.canopen_cycle import Cycles
-from drivers.canopen_options import CanOpenOptions, CodeSequence, SyncSource
+from drivers.canopen_options import CanOpenOptions
 from drivers.canopen_sdo import NodeSdo
 from drivers.canopen_start import Roll, identity_of, set_up_all
 from drivers.canopen_sync import HostSync, SyncTrain
@@ -37,17 +37,8 @@ class CanOpen(Driver):
     Args:
         device: id in the configuration.
         crossing: where deliveries go.
-        channel: of the interface: "can0", "/dev/ttyACM0", ...
-        nodes: numbers of the encoders.
-        interface: of python-can.
-        bitrate: of the bus.
-        sync: who sends SYNC; "auto" is the kernel where it can, else this program.
-        code_sequence: which way counts go up; "keep" as the encoders have it.
-        heartbeat_ms: how often each node says that it lives.
-        answer_s: how long an answer may take.
-        answer_tries: how often a question is asked.
-        status_period_s: how often alarms and warnings of each node are read; 0 never.
         monotonic_ns: the host's clock.
+        options: as in `CanOpenOptions`, which has the defaults.
     """
 
     options = CanOpenOptions
@@ -57,27 +48,12 @@ class CanOpen(Driver):
         device: str,
         crossing: Crossing,
         *,
-        channel: str,
-        nodes: tuple[int, ...],
-        interface: str = "socketcan",
-        bitrate: int = 1_000_000,
-        sync: SyncSource = "auto",
-        code_sequence: CodeSequence = "keep",
-        heartbeat_ms: int = 200,
-        answer_s: float = 0.3,
-        answer_tries: int = 3,
-        status_period_s: float = 5.0,
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
+        **options: object,
     ) -> None:
         super().__init__(device, crossing, monotonic_ns)
-        self._interface, self._channel, self._bit_rate = interface, channel, bitrate
-        self._nodes = tuple(nodes)
-        self._channels = {node: channel for channel, node in enumerate(nodes)}
-        self._sync_source = sync
-        self._code_sequence = code_sequence
-        self._heartbeat_ms = heartbeat_ms
-        self._answer_s, self._tries = answer_s, answer_tries
-        self._status_period_ns = int(status_period_s * 1e9)
+        self._set = CanOpenOptions.model_validate(options)
+        self._channels = {node: number for number, node in enumerate(self._set.nodes)}
         # Written by the service, read by the thread.
         self._rate_hz = 0.0
         self._streams_wanted = 0
@@ -105,25 +81,19 @@ class CanOpen(Driver):
     # -- in the driver's thread ------------------------------------------------
 
     def _connect(self) -> None:
+        wanted = self._set
         bus = self._bus = CanBus(
-            self._interface,
-            self._channel,
-            self._bit_rate,
+            wanted.interface,
+            wanted.channel,
+            wanted.bitrate,
             wake_fd=self._wake_read,
             monotonic_ns=self._now_ns,
-            identifiers=wire.identifiers(self._nodes),
+            identifiers=wire.identifiers(wanted.nodes),
         )
-        for node in self._nodes:
+        for node in wanted.nodes:
             bus.send(wire.NMT, wire.nmt_command(wire.PRE_OPERATIONAL, node))
-        roll = self._roll = Roll(self._nodes)
-        roll.call(
-            bus,
-            self._turn,
-            now_ns=self._now_ns,
-            answer_s=self._answer_s,
-            tries=self._tries,
-            stopping=self._is_stopping,
-        )
+        roll = self._roll = Roll(wanted.nodes)
+        roll.call(bus, self._turn, wanted, self._now_ns, self._is_stopping)
         roll.check(bus.name)
         self._roll = None
         self._sdos = {
@@ -132,25 +102,25 @@ class CanOpen(Driver):
                 bus,
                 self._turn,
                 stopping=self._is_stopping,
-                answer_s=self._answer_s,
-                tries=self._tries,
+                answer_s=wanted.answer_s,
+                tries=wanted.answer_tries,
                 monotonic_ns=self._now_ns,
             )
-            for node in self._nodes
+            for node in wanted.nodes
         }
-        started = set_up_all(self._sdos, self._heartbeat_ms, self._code_sequence)
+        started = set_up_all(self._sdos, wanted)
         cycles = self._cycles = Cycles(
             self.device,
-            self._nodes,
+            wanted.nodes,
             [fact.modulus for fact in started.facts],
             [fact.position for fact in started.facts],
             self._crossing.put,
         )
-        self._train = SyncTrain(bus, self._sync_source, self._fault, self._now_ns)
-        for node in self._nodes:
+        self._train = SyncTrain(bus, wanted.sync, self._fault, self._now_ns)
+        for node in wanted.nodes:
             bus.send(wire.NMT, wire.nmt_command(wire.START, node))
         now_ns = self._now_ns()
-        watch = NodeWatch(self._nodes, self._heartbeat_ms, self._conditions, now_ns)
+        watch = NodeWatch(wanted.nodes, wanted.heartbeat_ms, self._conditions, now_ns)
         self._upkeep = Upkeep(
             bus,
             list(self._sdos.values()),
@@ -158,15 +128,13 @@ class CanOpen(Driver):
             cycles,
             watch,
             self._conditions,
-            self._heartbeat_ms,
-            self._code_sequence,
-            self._status_period_ns,
+            wanted,
             self._now_ns,
             self._fault,
             self._counters,
         )
-        identity = identity_of(started.facts, bus.name, self._interface, self._bit_rate)
         restarted = started.forgotten and not self._first
+        identity = identity_of(started.facts, bus.name, wanted)
         self._tell(DeviceUp(self.device, identity, restarted))
         self._first = False
         for channel, fact in enumerate(started.facts):

@@ -8,7 +8,7 @@ checked against the encoder's manual: the order in which a PDO is mapped anew, a
 import contextlib
 from dataclasses import dataclass
 
-from drivers.canopen_options import CodeSequence
+from drivers.canopen_options import CanOpenOptions
 from drivers.canopen_sdo import NodeRefusedError, NodeSdo
 from drivers.values import DeviceRefusedError
 from protocol import canopen as wire
@@ -96,9 +96,7 @@ def read_facts(sdo: NodeSdo, node: int) -> NodeFacts:
     )
 
 
-def set_up(
-    sdo: NodeSdo, facts: NodeFacts, heartbeat_ms: int, code_sequence: CodeSequence
-) -> bool:
+def set_up(sdo: NodeSdo, facts: NodeFacts, wanted: CanOpenOptions) -> bool:
     """Let a node send its position at every SYNC; nothing is stored in it.
 
     Returns:
@@ -108,12 +106,12 @@ def set_up(
     Raises:
         NodeError: it does not answer, or refuses.
     """
-    forgotten = sdo.find_number(objects.HEARTBEAT_MS) != heartbeat_ms
-    if code_sequence != "keep":
-        wanted = facts.parameters & ~objects.COUNTERCLOCKWISE
-        wanted |= objects.COUNTERCLOCKWISE * (code_sequence == "ccw")
-        if wanted != facts.parameters:
-            sdo.write(objects.OPERATING_PARAMETERS, 0, wanted, 2)
+    forgotten = sdo.find_number(objects.HEARTBEAT_MS) != wanted.heartbeat_ms
+    if wanted.code_sequence != "keep":
+        parameters = facts.parameters & ~objects.COUNTERCLOCKWISE
+        parameters |= objects.COUNTERCLOCKWISE * (wanted.code_sequence == "ccw")
+        if parameters != facts.parameters:
+            sdo.write(objects.OPERATING_PARAMETERS, 0, parameters, 2)
     _map_position(sdo, facts.node)
     for further in FURTHER_TPDOS:
         used = sdo.find_number(objects.TPDO + further, 1)
@@ -121,7 +119,7 @@ def set_up(
             # One that cannot be switched off costs room on the bus and no more.
             with contextlib.suppress(NodeRefusedError):
                 sdo.write(objects.TPDO + further, 1, used | objects.PDO_OFF, 4)
-    sdo.write(objects.HEARTBEAT_MS, 0, heartbeat_ms, 2)
+    sdo.write(objects.HEARTBEAT_MS, 0, wanted.heartbeat_ms, 2)
     return forgotten
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from drivers.can_bus import CanBus
 from drivers.canopen_node import NodeFacts, read_facts, set_up
-from drivers.canopen_options import CodeSequence
+from drivers.canopen_options import CanOpenOptions
 from drivers.canopen_sdo import NodeSdo
 from drivers.values import (
     DeviceError,
@@ -38,28 +38,24 @@ class Roll:
         self,
         bus: CanBus,
         turn: Callable[[float], None],
-        *,
+        wanted: CanOpenOptions,
         now_ns: Callable[[], int],
-        answer_s: float,
-        tries: int,
         stopping: Callable[[], bool],
     ) -> None:
-        """Ask until all have answered, at most ``tries`` times.
+        """Ask until all have answered, as often as the options say.
 
         Args:
             bus: open.
             turn: reads it once and counts answers in `answers`.
+            wanted: the options.
             now_ns: the host's clock.
-            answer_s: how long answers may take.
-            tries: how often silent nodes are asked.
             stopping: asked between waits; True ends the call.
         """
-        for _ in range(tries):
-            silent = self.silent
-            for node in silent:
+        for _ in range(wanted.answer_tries):
+            for node in self.silent:
                 self.asked[node] += 1
                 bus.send(wire.SDO_REQUEST + node, ASK_DEVICE_TYPE)
-            until_ns = now_ns() + int(answer_s * 1e9)
+            until_ns = now_ns() + int(wanted.answer_s * 1e9)
             while self.silent and (left_ns := until_ns - now_ns()) > 0:
                 if stopping():
                     return
@@ -105,9 +101,7 @@ class Started:
     forgotten: bool
 
 
-def set_up_all(
-    sdos: Mapping[int, NodeSdo], heartbeat_ms: int, code_sequence: CodeSequence
-) -> Started:
+def set_up_all(sdos: Mapping[int, NodeSdo], wanted: CanOpenOptions) -> Started:
     """Read and set up all nodes; they are not started yet.
 
     Raises:
@@ -117,7 +111,7 @@ def set_up_all(
     for node, sdo in sdos.items():
         try:
             found = read_facts(sdo, node)
-            forgotten |= set_up(sdo, found, heartbeat_ms, code_sequence)
+            forgotten |= set_up(sdo, found, wanted)
             facts.append(found)
         except DeviceError as error:
             failures.append(error)
@@ -129,11 +123,11 @@ def set_up_all(
 
 
 def identity_of(
-    facts: Sequence[NodeFacts], where: str, interface: str, bit_rate: int
+    facts: Sequence[NodeFacts], where: str, wanted: CanOpenOptions
 ) -> Identity:
     """Who all the nodes together are, in the words of all drivers."""
-    rate_hz = BUS_SHARE * wire.largest_sync_rate_hz(len(facts), bit_rate)
-    if interface == "slcan":
+    rate_hz = BUS_SHARE * wire.largest_sync_rate_hz(len(facts), wanted.bitrate)
+    if wanted.interface == "slcan":
         rate_hz = min(rate_hz, SLCAN_FRAMES_HZ / (len(facts) + 1))
     versions = sorted({f"{fact.profile or 0:08X}" for fact in facts})
     return Identity(

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from drivers.can_bus import CanBus
 from drivers.canopen_cycle import Cycles
 from drivers.canopen_node import NodeFacts, read_facts, set_up
-from drivers.canopen_options import CodeSequence
+from drivers.canopen_options import CanOpenOptions
 from drivers.canopen_sdo import NodeError, NodeSdo
 from drivers.canopen_watch import Conditions, NodeWatch
 from drivers.values import DeviceError
@@ -39,7 +39,7 @@ class Upkeep:
     Attributes:
         sdos: by channel.
         facts: by channel, as they were found.
-        status_period_ns: how often each node's complaints are read; 0 for never.
+        wanted: the options.
         tell_fault: tells what was survived: code, text, remedy, how often.
         counters: of the driver.
     """
@@ -50,9 +50,7 @@ class Upkeep:
     cycles: Cycles
     watch: NodeWatch
     conditions: Conditions
-    heartbeat_ms: int
-    code_sequence: CodeSequence
-    status_period_ns: int
+    wanted: CanOpenOptions
     now_ns: Callable[[], int]
     tell_fault: Fault
     counters: Counter[str]
@@ -95,8 +93,9 @@ class Upkeep:
         if self._restarted and now_ns >= self._set_up_due_ns:
             self._set_up_again(self._restarted[0])
             self._set_up_due_ns = self.now_ns() + SET_UP_AGAIN_NS
-        elif self.status_period_ns and now_ns >= self._status_due_ns:
-            self._status_due_ns = now_ns + self.status_period_ns // len(self.sdos)
+        elif self.wanted.status_period_s and now_ns >= self._status_due_ns:
+            period_s = self.wanted.status_period_s / len(self.sdos)
+            self._status_due_ns = now_ns + int(period_s * 1e9)
             self._ask_complaints(self._status_turn)
             self._status_turn = (self._status_turn + 1) % len(self.sdos)
 
@@ -198,7 +197,7 @@ class Upkeep:
                     f", it had {known.counts_per_turn}",
                     "if it was replaced, correct the arm file and identify anew",
                 )
-            forgotten = set_up(sdo, found, self.heartbeat_ms, self.code_sequence)
+            forgotten = set_up(sdo, found, self.wanted)
         except NodeError:
             return  # it stays lost; it is tried again
         self.bus.send(wire.NMT, wire.nmt_command(wire.START, known.node))
