@@ -1,34 +1,79 @@
-"""`make bench`: the figures of docs/performance.md."""
+"""`python -m benchmarks [SECONDS] [FOLDER]`: what the daemon costs, and what it bears.
 
+Streams at two rates in turn, three rounds; then noise and a corrupted line for the
+decoder. Latency, kernel and path have programs of their own, see the Makefile.
+"""
+
+import json
 import os
+import statistics
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 
 from benchmarks.decoder import corrupted, noise, speed
-from benchmarks.latency import latency
-from benchmarks.stream import stream
+from benchmarks.rounds import load
+from benchmarks.stream import Streamed, stream
 
-SECONDS = 60.0
+SECONDS = 20.0
+ROUNDS = 3
+RATES_HZ = (1000.0, 10_000.0)
 
 
-def main(seconds: float) -> None:
+def streams(seconds: float, n_rounds: int = ROUNDS) -> Iterator[Streamed]:
+    """Streams at all rates, round after round."""
+    for _ in range(n_rounds):
+        for rate_hz in RATES_HZ:
+            with tempfile.TemporaryDirectory() as folder:
+                yield stream(Path(folder), rate_hz, seconds)
+
+
+def bare_start_s(statement: str) -> float:
+    """How long a bare interpreter takes for a statement, the quickest of five."""
+    taken_s = []
+    for _ in range(5):
+        begun_s = time.monotonic()
+        os.spawnv(os.P_WAIT, sys.executable, [sys.executable, "-c", statement])
+        taken_s.append(time.monotonic() - begun_s)
+    return min(taken_s)
+
+
+def main(seconds: float, folder: Path | None) -> None:
     """Print every figure, and how busy the machine was meanwhile."""
-    busy = os.getloadavg()[0]
-    begun_s = time.monotonic()
-    print(f"load of the machine before: {busy:.2f}, cores: {os.cpu_count()}")
-    for rate_hz in (1000.0, 10_000.0):
-        with tempfile.TemporaryDirectory() as folder:
-            print(stream(Path(folder), rate_hz, seconds), flush=True)
-    with tempfile.TemporaryDirectory() as folder:
-        print("\n".join(latency(Path(folder))), flush=True)
+    before, begun_s = load(), time.monotonic()
+    print(before)
+    found = []
+    for streamed in streams(seconds):
+        print(streamed.line(), flush=True)
+        found.append(streamed)
+    for rate_hz in RATES_HZ:
+        shares = [one.daemon_share for one in found if one.rate_hz == rate_hz]
+        print(
+            f"{rate_hz:6.0f} Hz: daemon {statistics.median(shares):.1%} of a core "
+            f"({min(shares):.1%} to {max(shares):.1%})"
+        )
+    ready_s = [one.ready_s for one in found]
+    print(
+        f"ready after {statistics.median(ready_s):.2f} s ({min(ready_s):.2f} to "
+        f"{max(ready_s):.2f}); bare interpreter {bare_start_s('pass'):.2f} s, with "
+        f"numpy {bare_start_s('import numpy'):.2f} s; at most "
+        f"{max(one.memory_mb for one in found):.0f} MB"
+    )
     print(noise())
     print(corrupted())
     print(speed())
-    taken_s = time.monotonic() - begun_s
-    print(f"load after: {os.getloadavg()[0]:.2f}; took {taken_s:.0f} s")
+    print(f"{load()}; took {time.monotonic() - begun_s:.0f} s")
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+        values = {"load": before, "streams": [asdict(one) for one in found]}
+        (folder / "streams.json").write_text(json.dumps(values, indent=1))
 
 
 if __name__ == "__main__":
-    main(float(sys.argv[1]) if len(sys.argv) > 1 else SECONDS)
+    main(
+        float(sys.argv[1]) if len(sys.argv) > 1 else SECONDS,
+        Path(sys.argv[2]) if len(sys.argv) > 2 else None,
+    )

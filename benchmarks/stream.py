@@ -89,26 +89,62 @@ async def follow_scan(
     return followed, share, taken_s
 
 
-def stream(folder: Path, rate_hz: float, seconds: float) -> str:
-    """One line of the table: a stream of ``seconds`` at ``rate_hz``."""
-    port = rig.free_port()
-    with (
-        rig.mosquitto(folder, port),
-        rig.simulator(folder) as board,
-        rig.daemon(folder, port) as process,
-    ):
-        n_samples = round(rate_hz * seconds)
-        begun = rig.cpu_s(board)
-        followed, share, taken_s = asyncio.run(
-            follow_scan(port, rate_hz, n_samples, process)
+@dataclass(frozen=True, slots=True)
+class Streamed:
+    """A stream and what it cost; shares are of one core.
+
+    Attributes:
+        ready_s: from starting the daemon to its telling that it measures.
+    """
+
+    rate_hz: float
+    seconds: float
+    samples: int
+    gaps: int
+    lost: int
+    dropped: int
+    achieved_hz: float
+    daemon_share: float
+    simulator_share: float
+    memory_mb: float
+    ready_s: float
+
+    def line(self) -> str:
+        """It in one line, for people."""
+        return (
+            f"{self.rate_hz:6.0f} Hz for {self.seconds:g} s: {self.samples} samples, "
+            f"{self.gaps} gaps, {self.lost} lost on the line, {self.dropped} dropped, "
+            f"{self.achieved_hz:.1f} Hz achieved; daemon {self.daemon_share:.1%} of a "
+            f"core, {self.memory_mb:.0f} MB, ready after {self.ready_s:.2f} s; "
+            f"simulator {self.simulator_share:.1%}"
         )
-        board_share = (rig.cpu_s(board) - begun) / taken_s
-        memory_mb = rig.rss_mb(process)
-    achieved_hz = (followed.samples - 1) / (followed.last_ns - followed.first_ns) * 1e9
-    return (
-        f"{rate_hz:6.0f} Hz for {seconds:g} s: {followed.samples} samples, "
-        f"{len(followed.gaps)} gaps, {followed.lost} lost on the line, "
-        f"{followed.dropped} dropped, {achieved_hz:.1f} Hz achieved; "
-        f"daemon {share:.1%} of a core, {memory_mb:.0f} MB; "
-        f"simulator {board_share:.1%}"
+
+
+def stream(folder: Path, rate_hz: float, seconds: float) -> Streamed:
+    """Follow a stream of ``seconds`` at ``rate_hz``."""
+    port = rig.free_port()
+    n_samples = round(rate_hz * seconds)
+    with rig.mosquitto(folder, port), rig.simulator(folder) as board:
+        begun_s = time.monotonic()
+        with rig.daemon(folder, port) as process:
+            ready_s = time.monotonic() - begun_s
+            begun = rig.cpu_s(board)
+            followed, share, taken_s = asyncio.run(
+                follow_scan(port, rate_hz, n_samples, process)
+            )
+            board_share = (rig.cpu_s(board) - begun) / taken_s
+            memory_mb = rig.rss_mb(process)
+    spanned_ns = followed.last_ns - followed.first_ns
+    return Streamed(
+        rate_hz,
+        seconds,
+        followed.samples,
+        len(followed.gaps),
+        followed.lost,
+        followed.dropped,
+        (followed.samples - 1) / spanned_ns * 1e9,
+        share,
+        board_share,
+        memory_mb,
+        ready_s,
     )

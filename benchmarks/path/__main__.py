@@ -63,7 +63,10 @@ def tables(
     plain = Task("plain loop", lambda: PlainLoop(model).run(some), n_plain, True)
     yield timed("bytes to payloads, a sample", [*ways, plain], rounds)
     for way in (FROM_MEMORY, LIKE_A_LINE):
-        tasks = stages(model, RATE_HZ, data, n_samples, way)
+        tasks = [
+            whole(model, RATE_HZ, data, n_samples, way),
+            *stages(model, RATE_HZ, data, n_samples, way),
+        ]
         yield timed(f"stages, {way.name}", tasks, rounds)
 
 
