@@ -60,6 +60,7 @@ bench: venv system bench-kernel  ## the figures of docs/performance.md; takes mi
 
 bench-drivers: venv  ## the drivers: rates, losses, share of a core; takes minutes
 	$(BIN)/python -m benchmarks.drivers_can
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.deskew
 	$(BIN)/python -m benchmarks.clock
 
 bench-identification: venv  ## the adjustment beside scipy's least squares; takes many minutes

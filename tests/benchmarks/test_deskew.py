@@ -1,11 +1,12 @@
 """What interpolation takes away of the error of joints that are read in turn."""
 
-from benchmarks.deskew import Case, measured
+from benchmarks.deskew import measured
+from benchmarks.moving_arm import Case
 
 
 def test_interpolation_leaves_little_more_than_the_resolution_of_the_encoders():
     found = measured(Case(0.0005, 0.0001, 100.0, sway_hz=0.5), seconds=1.5)
-    # At 1 rad/s and up to 3.5 ms too late a reach of about a metre is off by millimetres
+    # At 1 rad/s, up to 3.5 ms too late and a metre away: millimetres
     assert found.rms_mm["as read"] > 0.8
     assert found.rms_mm["interpolated"] < 1.2 * found.rms_mm["latched"]
     # 14 bits: a sixth of a turn's 16384th part at each joint
