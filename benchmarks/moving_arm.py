@@ -6,6 +6,7 @@ time the encoders are a process of their own behind a pty.
 
 import multiprocessing
 import threading
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -81,7 +82,12 @@ class Moving:
     table: Amt21Table
 
 
-def moving(folder: Path, case: Case, seconds: float) -> Moving:
+def moving(
+    folder: Path,
+    case: Case,
+    seconds: float,
+    faults: Sequence[Mapping[str, object]] = (),
+) -> Moving:
     """An arm that moves from time 0 of the simulation on."""
     text = ARM.read_text("utf-8").replace("8388608", "16384")
     (folder / "arm.toml").write_text(text.replace("4194304", "16384"))
@@ -115,7 +121,7 @@ def moving(folder: Path, case: Case, seconds: float) -> Moving:
         ScriptedCounts(course, arm.encoders[0]),
         script,
         clock,
-        (fault_from_table(late),),
+        tuple(fault_from_table(fault) for fault in (late, *faults)),
         (1, 0),
         TruthLog(None, course, clock),
         ClimateTable(),
