@@ -67,6 +67,7 @@ class Microscribe(Driver):
         self._edges = PedalQueue(device, crossing.put)
         self._misses = MissLog(device, crossing.put, self._counters)
         self._block = SampleBlock(device)
+        self._last_counts: tuple[int, ...] = ()
         self._streams_begun = 0
         self._stream = 0
         self._next_seq = 0
@@ -195,6 +196,7 @@ class Microscribe(Driver):
         broken = session.decoder.faults["broken"]
         while self._goes_on(session):
             heard = report.hear(0.02)
+            asked = None
             if report.is_quiet(unsettled=self._pedals.unsettled):
                 report.end()
                 if (asked := session.ask()) is not None:
@@ -203,18 +205,39 @@ class Microscribe(Driver):
             for one in heard:  # a broken packet would have had a number too
                 seq = self._next_seq + session.decoder.faults["broken"] - broken
                 broken = session.decoder.faults["broken"]
-                self._take(session, one, seq if rate_hz else None)
+                self._take(
+                    session,
+                    one,
+                    seq if rate_hz else None,
+                    reported=one is not asked,
+                )
         report.end()
 
-    def _take(self, session: MicroscribeSession, heard: Heard, seq: int | None) -> None:
-        """Take a packet; ``seq`` is its number where it belongs to the stream."""
+    def _take(
+        self,
+        session: MicroscribeSession,
+        heard: Heard,
+        seq: int | None,
+        *,
+        reported: bool = False,
+    ) -> None:
+        """Take a packet.
+
+        Args:
+            session: with the arm.
+            heard: the packet.
+            seq: its number where it belongs to the stream.
+            reported: it came by itself, because something had changed.
+        """
         self._answered_ns = heard.received_ns
         self._counters["packets_received"] += 1
         sample, implausible = session.sample_of(heard)
         for number in implausible:
             self._misses.note(number, session.channels[number], IMPLAUSIBLE)
         if sample.complete:
-            for edge in self._pedals.judge(sample):
+            certain = reported and sample.counts == self._last_counts
+            self._last_counts = sample.counts
+            for edge in self._pedals.judge(sample, certain=certain):
                 self._lost_edges += self._edges.add(edge)
         if seq is not None:
             self._lost += max(0, seq - self._next_seq)

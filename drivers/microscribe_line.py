@@ -47,6 +47,7 @@ class MicroscribeLine:
     Attributes:
         stray: bytes that came while nothing was asked.
         old: packets that answered something asked before.
+        patience_s: so long a packet is waited for.
     """
 
     def __init__(
@@ -59,6 +60,7 @@ class MicroscribeLine:
         self._now_ns = monotonic_ns
         self._stopping = stopping
         self.stray = self.old = 0
+        self.patience_s = PACKET_S
 
     def sign_on(self, patience_s: float = SIGN_ON_S) -> str | None:
         """Begin a session; what kind of box the arm is, None if nobody answers."""
@@ -142,7 +144,7 @@ class MicroscribeLine:
         self.drop_stray()
         self.port.write(packet_request(timer=True))
         sent_ns = begun_ns = self._now_ns()
-        until_ns = sent_ns + int(PACKET_S * 1e9)
+        until_ns = sent_ns + int(self.patience_s * 1e9)
         while (left_ns := until_ns - self._now_ns()) > 0 and not self._stopping():
             if not self.port.wait(left_ns * 1e-9):
                 continue

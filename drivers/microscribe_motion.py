@@ -12,7 +12,7 @@ from drivers.microscribe_session import MicroscribeSession
 from protocol import microscribe_set_up as wire
 
 QUIET_NS = 250_000_000
-CONFIRM_NS = 40_000_000  # the same while a pedal's change waits to be confirmed
+CONFIRM_NS = 15_000_000  # the same while a pedal's change waits to be confirmed
 
 
 class MotionReport:

@@ -1,7 +1,9 @@
 """Pedals of a MicroScribe: levels in packets become edges, once each.
 
 Packets have no check sum, so a changed level is believed when the next packet shows it
-too; the edge then has the counts and the time of the packet that showed it first.
+too; the edge then has the counts and the time of the packet that showed it first. In a
+report of motion a packet whose counts are those of before can only be there because of
+the pedal: it needs no other.
 """
 
 from collections import deque
@@ -48,15 +50,15 @@ class Pedals:
         self._first.clear()
         self._until_ns.clear()
 
-    def judge(self, sample: Sample) -> list[PedalEdge]:
-        """The edges that a packet confirms."""
+    def judge(self, sample: Sample, *, certain: bool = False) -> list[PedalEdge]:
+        """The edges that a packet confirms, or tells beyond doubt."""
         edges = []
         for number in range(N_BUTTONS):
             bit = 1 << number
             if not (self._levels ^ sample.buttons) & bit:
                 self._first.pop(number, None)
-            elif number in self._first:
-                first = self._first.pop(number)
+            elif number in self._first or certain:
+                first = self._first.pop(number, sample)
                 self._levels ^= bit
                 self._until_ns[number] = first.time_ns + self._debounce_ns
                 edges.append(PedalEdge(number, bool(sample.buttons & bit), first))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from statistics import median
 
 from drivers.microscribe_arm import MicroscribeArm, ask_arm
-from drivers.microscribe_line import Heard, MicroscribeLine
+from drivers.microscribe_line import PACKET_S, Heard, MicroscribeLine
 from drivers.microscribe_packets import PacketClock, Sample, timer_runs
 from drivers.polled_channel import IMPLAUSIBLE, PolledChannel, Reading
 from drivers.serial_port import SerialPort
@@ -15,6 +15,8 @@ from protocol.microscribe import N_BUTTONS, PacketDecoder
 BAUD_RATES = (115200, 57600, 38400, 19200, 9600, 28800, 14400)
 LOOK_S = 0.1  # to get acquainted
 SHARE_OF_LINE = 0.8
+PATIENCE = 3.0  # times the longest packet so far
+SHORTEST_S = 0.02
 TRIES = 3
 
 OpenPort = Callable[[int], SerialPort]
@@ -145,6 +147,9 @@ class MicroscribeSession:
         self.timer_used = timer_rate_hz > 0 and timer_runs(heard, timer_rate_hz, wrap)
         self._clock = PacketClock(timer_rate_hz if self.timer_used else 0.0, wrap)
         self.first = [self.sample_of(one)[0] for one in heard][-1]
+        if self.timer_used:  # which tells an answer that comes later than that
+            usual_s = PATIENCE * max(lengths_ns) * 1e-9
+            self.line.patience_s = min(max(usual_s, SHORTEST_S), PACKET_S)
         self.reached_hz = SHARE_OF_LINE * 1e9 / max(1.0, median(lengths_ns))
         # Latched somewhere between request and answer.
         self._jitter_ns = round(median(h.begun_ns - h.sent_ns for h in heard) / 2)

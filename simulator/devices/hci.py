@@ -19,6 +19,7 @@ ARGUMENTS = {SET_BAUD: 1, MARKER: 1, SET_DACS: 1}
 WITH_PASSWORD = frozenset((SET_HOME, SET_GEOMETRY, SET_REFERENCE, FACTORY))
 BAUD_CODES = {12: 9600, 11: 19200, 10: 38400, 3: 14400, 2: 28800, 1: 57600, 0: 115200}
 ENCODERS = {2: (0, 2, 3, 6), 3: (0, 2, 4, 8)}
+ALL_ENCODERS = 3
 GREATEST_TIMER = 16383
 
 
@@ -70,7 +71,7 @@ class Box:
 
     Args:
         plate: What is written into it.
-        state_at: Latches buttons, timer and encoders at an instant.
+        state_at: Latches buttons, timer and encoders at an instant, for a command.
         go_home: Lets the encoders stand at the home position from an instant on.
 
     Attributes:
@@ -82,7 +83,7 @@ class Box:
     def __init__(
         self,
         plate: Plate,
-        state_at: Callable[[float], State],
+        state_at: Callable[[float, int], State],
         go_home: Callable[[float], None],
     ) -> None:
         self._plate = plate
@@ -113,7 +114,7 @@ class Box:
         if byte < 0x80:
             if byte == 0:
                 self.report = None
-            return self.packet(byte, self._state_at(at_s))
+            return self.packet(byte, self._state_at(at_s, byte))
         return self._begin_command(byte, at_s)
 
     def packet(self, command: int, state: State) -> bytes:

@@ -186,7 +186,7 @@ class Microscribe(SerialDevice):
             self.power_up(to_s)
         while (report := self._box.report) and (at_s := self._next_look_s) <= to_s:
             self._next_look_s = at_s + report.delay_s
-            state = self._state_at(at_s)
+            state = self._state_at(at_s, report.command)
             if self._has_changed(state, report):
                 self._sent = state
                 self.say(0, self._box.packet(report.command, state), at_s)
@@ -222,12 +222,14 @@ class Microscribe(SerialDevice):
 
     def _go_home(self, at_s: float) -> None:
         home = np.array(self._plate.home[: len(self._moduli)])
-        self._offsets[: len(home)] += home - np.array(self._state_at(at_s).counts)[:6]
+        self._offsets[: len(home)] += (
+            home - np.array(self._state_at(at_s, 0).counts)[:6]
+        )
 
-    def _state_at(self, at_s: float) -> wire.State:
+    def _state_at(self, at_s: float, command: int) -> wire.State:
         """Latch everything; edges of pedals belong to the packet that shows them."""
-        clock = self.mounting.clock
-        clock.begin(at_s)
+        if command & wire.ALL_ENCODERS:
+            self.mounting.clock.begin(at_s)
         latched, status = self.wiring.latch(np.array([at_s]), edge=False)
         counts = (latched[0].astype(np.int64) + self._offsets) % self._moduli
         self.n_readings += 1
