@@ -1,4 +1,8 @@
-"""Seven AMT21 encoders on one line, the button on a board of its own."""
+"""Seven AMT21 encoders on one line, the button on a board of its own, and a pedal."""
+
+import os
+import struct
+import time
 
 import numpy as np
 import pytest
@@ -34,7 +38,13 @@ HANDLE = """
 id = "handle"
 driver = "latch-board"
 port = "{folder}/handle.pty"
+[[device]]
+id = "pedal"
+driver = "evdev"
+port = "{folder}/pedal"
+keys = ["KEY_B"]
 """
+BUTTON = 'trigger = "button" },'
 SILENT = """
 [[fault]]
 kind = "silent"
@@ -56,14 +66,27 @@ def line(bench: Workbench) -> Workbench:
     board = f'driver = "latch-board"\nport = "{bench.pty}"'
     assert board in text
     text = text.replace(board, READ_BY.format(pty=bench.pty))
+    text = text.replace("inputs = [", 'inputs = [{ source = "pedal/0", ' + BUTTON)
     path.write_text(text + HANDLE.format(folder=bench.folder), "utf-8")
+    os.mkfifo(bench.folder / "pedal")
     return bench
+
+
+def step_on(pedal: int) -> None:
+    """Press and release the key, in the kernel's bytes."""
+    now_ns = time.monotonic_ns()
+    stamp = (now_ns // 10**9, now_ns % 10**9 // 1000)
+    for value in (1, 0):
+        os.write(pedal, struct.pack("@llHHi", *stamp, 1, 48, value))
+        os.write(pedal, struct.pack("@llHHi", *stamp, 0, 0, 0))
 
 
 async def test_points_of_amt21_encoders_are_where_the_ball_was(line: Workbench) -> None:
     rest = '[[motion]]\nkind = "rest"\nduration_s = 3.0'
     sphere = SPHERE.format(points=4)
     line.write_simulator(rest, sphere, REST, board=ENCODERS, faults=SILENT)
+    # A pipe stands in for the pedal's device file; who writes holds it open.
+    pedal = os.open(line.folder / "pedal", os.O_RDWR)
     async with measuring(line) as (listener, _, _):
         await listener.n_points(4)
 
@@ -72,7 +95,10 @@ async def test_points_of_amt21_encoders_are_where_the_ball_was(line: Workbench) 
             return [event.active for event in found]
 
         await until(lambda: alarms() == [True, False], "encoder 2 is lost and back")
+        step_on(pedal)
+        await listener.n_points(5)
         health = listener.healths[-1]
+    os.close(pedal)
     truth, points = line.presses(), listener.points[:4]
     rounding_mm = MatrixArm(line.arm_file).resolution_mm()
     for point, edge in zip(points, truth, strict=True):
@@ -84,3 +110,8 @@ async def test_points_of_amt21_encoders_are_where_the_ball_was(line: Workbench) 
     counters = next(d.counters for d in health.devices if d.id == "base")
     assert counters["echoed"] == 1
     assert counters["missed_2"] >= 3
+    stepped = listener.points[4]
+    assert stepped.trigger == "button"
+    assert "interpolated" in stepped.quality.flags
+    codes = {event.code for event in listener.events}
+    assert "device.times_estimated" in codes  # a pipe has no clock of its own
