@@ -16,6 +16,7 @@ from drivers.crossing import Crossing
 from drivers.driver import Driver
 from drivers.microscribe_arm import MicroscribeArm
 from drivers.microscribe_line import Heard
+from drivers.microscribe_losses import LossLog
 from drivers.microscribe_motion import MotionReport
 from drivers.microscribe_options import MicroscribeOptions
 from drivers.microscribe_packets import SampleBlock
@@ -66,13 +67,12 @@ class Microscribe(Driver):
         self._pedals = Pedals(debounce_ms * 1_000_000)
         self._edges = PedalQueue(device, crossing.put)
         self._misses = MissLog(device, crossing.put, self._counters)
+        self._losses = LossLog(self._fault, self._counters)
         self._block = SampleBlock(device)
         self._last_counts: tuple[int, ...] = ()
         self._streams_begun = 0
         self._stream = 0
         self._next_seq = 0
-        self._rejected = 0
-        self._lost = self._lost_edges = 0
         self._told_ns = 0
         self._answered_ns = 0
 
@@ -109,7 +109,7 @@ class Microscribe(Driver):
         # Not earlier: if that fails, the next try has to tell of the restart.
         self._arm = opened.arm
         self._pedals.begin(session.first)
-        self._rejected = 0
+        self._losses.begin()
         self._streams_begun = 0  # what was wanted is to be begun again
         self._answered_ns = self._now_ns()
 
@@ -160,7 +160,7 @@ class Microscribe(Driver):
             self._deliver_block()
         if now_ns - self._told_ns >= TELL_NS:
             self._told_ns = now_ns
-            self._tell_losses(session)
+            self._losses.tell(session, self._path)
             self._misses.check(session.channels)
             self._misses.tell(session.channels, now_ns)
         self._report_counters()
@@ -238,42 +238,12 @@ class Microscribe(Driver):
             certain = reported and sample.counts == self._last_counts
             self._last_counts = sample.counts
             for edge in self._pedals.judge(sample, certain=certain):
-                self._lost_edges += self._edges.add(edge)
+                self._losses.edges += self._edges.add(edge)
         if seq is not None:
-            self._lost += max(0, seq - self._next_seq)
+            self._losses.samples += max(0, seq - self._next_seq)
             self._next_seq = seq + 1
             self._counters["samples_received"] += 1
             self._block.add(seq, sample)
-
-    def _tell_losses(self, session: MicroscribeSession) -> None:
-        line, faults = session.line, session.decoder.faults
-        self._counters["bytes_stray"] = line.stray + faults["stray"]
-        self._counters["packets_old"] = line.old
-        self._counters["clock_steps"] = session.clock_steps
-        if rejected := faults["broken"] + faults["foreign"] - self._rejected:
-            self._rejected += rejected
-            self._fault(
-                "frames_rejected",
-                f"{rejected} broken packets on {self._path}",
-                "check cable, shielding and baud rate",
-                rejected,
-            )
-        if edges := self._lost_edges:
-            self._lost_edges = 0
-            self._fault(
-                "edges_lost",
-                f"{edges} pedal edges were lost because nobody takes them",
-                "the daemon is overloaded; repeat the last points",
-                edges,
-            )
-        if lost := self._lost:
-            self._lost = 0
-            self._fault(
-                "samples_lost",
-                f"{lost} samples lost between {session.arm.name} and host",
-                "lower the rate, or check cable and adapter",
-                lost,
-            )
 
     def _deliver_block(self) -> None:
         if samples := self._block.take(self._stream):
