@@ -9,7 +9,7 @@ FIGURES := build/figures
 # What the kernel in C is built from.
 KERNEL := setup.py $(foreach kind,pyx pxd pxi c h inc,$(wildcard kinematics/kernel/*.$(kind)))
 
-.PHONY: help venv system demo test lint format schemas lock bench bench-drivers bench-identification prove blind blind-full soak clean bench-kernel
+.PHONY: help venv system demo test lint format schemas lock bench bench-drivers bench-identification prove blind blind-full fuzz soak clean bench-kernel
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -74,6 +74,9 @@ blind: venv  ## 200 hidden effects and what the diagnosis says of them; takes mi
 
 blind-full: venv  ## thousands of them, goes on from its file; takes an hour or two
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.blind --full --out build/blind-full.jsonl
+
+fuzz: venv  ## every decoder under atheris; takes about a minute
+	$(BIN)/python -m tests.fuzz --seconds 60
 
 soak: venv system  ## a stream through outages of broker and board; takes about a minute
 	$(BIN)/python -m benchmarks.soak

@@ -1,0 +1,35 @@
+"""Frames of CANopen nodes: values are the bytes of the frame and nothing else."""
+
+from protocol import canopen, canopen_errors, canopen_objects
+
+SEEDS = tuple(
+    bytes.fromhex(text)
+    for text in (
+        "01 85 40 E2 01 00",
+        "00 80",
+        "00 80 07",
+        "00 85 00 10 01 01 00 00 00 00",
+        "07 05 7F",
+        "05 85 43 00 10 00 96 01 02 00",
+    )
+)
+
+
+def check(data: bytes) -> None:
+    """Two bytes of identifier, then what the frame carries."""
+    can_id, carried = int.from_bytes(data[:2]) & 0x7FF, data[2:10]
+    found = canopen.decode(can_id, carried)
+    assert canopen.decode(can_id, bytearray(carried)) == found
+    if found is None or isinstance(found, canopen.Sync):
+        return
+    assert 1 <= found.node <= 127
+    assert can_id % 128 == found.node
+    if isinstance(found, canopen.Position):
+        assert found.count == int.from_bytes(carried[:4], "little")
+    if isinstance(found, canopen.Emergency):
+        assert found.code == int.from_bytes(carried[:2], "little")
+        assert isinstance(canopen_objects.emergency_text(found.code), str)
+    number = int.from_bytes(carried[:4], "little")
+    assert isinstance(canopen_objects.alarm_text(number & 0xFFFF), str)
+    assert isinstance(canopen_objects.warning_text(number & 0xFFFF), str)
+    assert canopen_errors is not None

@@ -1,0 +1,15 @@
+"""Events of the kernel's input devices: each is 24 bytes of what came."""
+
+from protocol.input_events import EVENT_BYTES, InputEventDecoder
+from tests.fuzz.chunks import chunks
+
+PRESS = bytes.fromhex("3930000000000000 15CD070000000000 0100 3000 01000000")
+SEEDS = (b"\x00" + PRESS, b"\x17" + PRESS + PRESS, b"\x04" + PRESS[:-1])
+
+
+def check(data: bytes) -> None:
+    """Cut or not, the same is found."""
+    cut, whole = InputEventDecoder(), InputEventDecoder()
+    found = [event for chunk in chunks(data) for event in cut.feed(chunk)]
+    assert list(whole.feed(data[1:])) == found
+    assert len(found) == len(data[1:]) // EVENT_BYTES

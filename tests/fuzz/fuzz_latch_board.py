@@ -1,0 +1,38 @@
+"""Frames of a controller board: nothing is a frame without its check sum."""
+
+import binascii
+
+from protocol import latch_board
+from tests.fuzz.chunks import chunks
+from tests.protocol.latch_board_frames import FROM_BOARD
+
+SEEDS = tuple(b"\x05" + bytes.fromhex(frame) for frame in FROM_BOARD)
+SEEDS += (b"\xff" + bytes.fromhex("".join(FROM_BOARD)),)
+LONGEST_SEGMENT = 253
+
+
+def sound(segment: bytes) -> bool:
+    """COBS undone by its definition, and the check sum by the standard library."""
+    body, at = bytearray(), 0
+    while at < len(segment):
+        following = at + segment[at]
+        if segment[at] == 0 or following > len(segment):
+            return False
+        body += segment[at + 1 : following]
+        body += b"\0" if following < len(segment) else b""
+        at = following
+    check = int.from_bytes(body[-2:], "little")
+    return len(body) > 2 and binascii.crc_hqx(bytes(body[:-2]), 0xFFFF) == check
+
+
+def check(data: bytes) -> None:
+    """Cut or not, the same is found, and no more than check sums allow."""
+    cut, whole = latch_board.Decoder(), latch_board.Decoder()
+    found = [message for chunk in chunks(data) for message in cut.feed(chunk)]
+    whole.feed(data[1:])
+    assert cut.accepted == whole.accepted
+    assert cut.faults == whole.faults
+    assert cut.pending <= LONGEST_SEGMENT
+    n_sound = sum(map(sound, data[1:].split(b"\0")[:-1]))
+    assert cut.accepted <= n_sound
+    assert len(found) <= cut.accepted

@@ -1,0 +1,48 @@
+"""Replies of RLS encoders: every one stands in the bytes, and cuts do not matter."""
+
+from protocol import rls
+from tests.fuzz.chunks import chunks
+
+REQUESTS = (rls.POSITION, rls.DETAILED, rls.TEMPERATURE, rls.SHORT)
+SEEDS = tuple(
+    bytes.fromhex(text)
+    for text in (
+        "04 02 31 48 8B 31 48 8F 31 48 93 31",
+        "05 07 64 48 8B 00 64 48 8B 00 64 48 8B 00 64",
+        "06 02 74 48 8B 01 0D",
+        "17 FF 88 B8 03",
+        "84 05 31 FF FE 48 8B 31 FF FE 48 8B 31 FF FE 48 8B 31",
+        "00 00 76 32 31 41 30 37 78",
+    )
+)
+
+
+def check(data: bytes) -> None:
+    """The first byte chooses request and layout."""
+    chosen = data[0] if data else 0
+    layout = rls.Layout(10 + (chosen >> 2) % 13, turns=chosen >= 128)
+    request = REQUESTS[chosen & 3]
+    heard = data[2:]
+    rls.serial_number(heard)
+    size = layout.reply_bytes(request)
+    found = rls.position(heard[:size], request, layout)
+    if found is not None:
+        check_values(found, layout)
+    if request == rls.SHORT:
+        return
+    cut, whole = rls.Replies(request, layout), rls.Replies(request, layout)
+    told = [reply for chunk in chunks(data[1:]) for reply in cut.feed(chunk)]
+    assert whole.feed(heard) == told
+    assert cut.skipped == whole.skipped
+    assert len(cut._kept) <= 2 * size
+    assert len(told) * size + cut.skipped + len(cut._kept) == len(heard)
+    assert len(told) <= heard.count(request)
+    for reply in told:
+        check_values(reply, layout)
+
+
+def check_values(found: rls.Position, layout: rls.Layout) -> None:
+    """They are within what the layout can say."""
+    assert 0 <= found.count < 1 << layout.bits
+    assert -(1 << 15) <= found.turns < 1 << 15
+    assert layout.turns or not found.turns
