@@ -11,7 +11,7 @@ import os
 import select
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import can
 from can.interfaces.socketcan import SocketcanBus
@@ -29,11 +29,16 @@ FULL_TRIES, FULL_WAIT_S = 50, 0.001  # SocketCAN queues ten frames as it is deli
 SLCAN_WAIT_S = 0.1  # python-can waits 2 s, for boards that restart when opened
 
 
-class PeriodicTask(Protocol):
+class PeriodicTask:
     """A frame that the kernel sends again and again."""
 
+    def __init__(self, task: can.broadcastmanager.CyclicSendTaskABC) -> None:
+        self._task = task
+
     def stop(self) -> None:
-        """Send it no more."""
+        """Send it no more; never raises, the bus may be gone."""
+        with contextlib.suppress(can.CanError, OSError, ValueError):
+            self._task.stop()
 
 
 class CanBus:
@@ -126,9 +131,8 @@ class CanBus:
             DeviceError: it cannot; the module can-bcm is missing, for example.
         """
         try:
-            return self._bus.send_periodic(
-                can.Message(arbitration_id=can_id, is_extended_id=False), period_s
-            )
+            frame = can.Message(arbitration_id=can_id, is_extended_id=False)
+            return PeriodicTask(self._bus.send_periodic(frame, period_s))
         except (can.CanError, OSError, ValueError) as error:
             raise self._gone(error) from error
 

@@ -71,6 +71,7 @@ class CanOpen(Driver):
         self._upkeep: Upkeep | None = None
         self._streams_begun = 0
         self._train: SyncTrain | None = None
+        self._echoes = False
 
     def request_stream(self, rate_hz: float) -> None:
         """Send SYNCs at ``rate_hz`` from now on; 0 stops them."""
@@ -213,6 +214,8 @@ class CanOpen(Driver):
         channel = None if message is None else self._channels.get(message.node)
         if message is None or channel is None:
             self._counters["frames_ignored"] += 1
+            # Some interfaces give back what is sent: no SYNC is a stranger's there.
+            self._echoes |= can_id - wire.SDO_REQUEST in self._channels
             return
         if isinstance(message, wire.SdoAnswer):
             if self._roll is not None:
@@ -232,7 +235,7 @@ class CanOpen(Driver):
             return
         if self._train.seen is not None:
             self._cycles.sync(time_ns, self._train.seen.take(time_ns))
-        elif self._train.sent is not None:
+        elif self._train.sent is not None and not self._echoes:
             self._counters["foreign_syncs"] += 1
 
     # -- streams ---------------------------------------------------------------

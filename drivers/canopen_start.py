@@ -19,6 +19,10 @@ from protocol import canopen as wire
 ASK_DEVICE_TYPE = bytes.fromhex("40 00 10 00 00 00 00 00")
 BUS_SHARE = 0.8  # for SYNC and positions; the rest is for heartbeats and questions
 SLCAN_FRAMES_HZ = 5000.0  # what python-can reads from such an adapter
+# From the SYNC's stamp to the latch: the kernel stamps the frame on the bus; adapters
+# on USB hand it on a millisecond or so after it was sent.
+JITTER_NS = {"socketcan": 50_000}
+ADAPTER_JITTER_NS = 1_000_000
 
 
 class Roll:
@@ -138,6 +142,7 @@ def identity_of(
         float(int(rate_hz)),
         latches=False,
         counts_per_turn=tuple(fact.counts_per_turn for fact in facts),
+        jitter_ns=JITTER_NS.get(wanted.interface, ADAPTER_JITTER_NS),
     )
 
 

@@ -79,6 +79,7 @@ class _Node:
 
     Attributes:
         heard_ns: when anything of it came last.
+        started_ns: when it was told to be operational.
         boot_ns: its last boot-up; 0 for none.
         duplicate_ns: when it last seemed to be two.
         wants_set_up: it has restarted and forgotten what it was told.
@@ -88,6 +89,7 @@ class _Node:
 
     number: int
     heard_ns: int
+    started_ns: int
     boot_ns: int = 0
     duplicate_ns: int = 0
     wants_set_up: bool = False
@@ -117,7 +119,7 @@ class NodeWatch:
         conditions: Conditions,
         now_ns: int,
     ) -> None:
-        self._nodes = [_Node(number, now_ns) for number in nodes]
+        self._nodes = [_Node(number, now_ns, now_ns) for number in nodes]
         self._patience_ns = int(HEARTBEATS_MISSED * heartbeat_ms * 1e6)
         self._conditions = conditions
         self.boot_ups = 0
@@ -139,7 +141,11 @@ class NodeWatch:
             node.boot_ns = now_ns
             node.wants_set_up = True
             self.boot_ups += 1
-        node.idle = state in (wire.STATE_STOPPED, wire.STATE_PRE_OPERATIONAL)
+        # Its first word after the start may still be of the state before.
+        node.idle = (
+            state in (wire.STATE_STOPPED, wire.STATE_PRE_OPERATIONAL)
+            and now_ns - node.started_ns > self._patience_ns // 2
+        )
 
     def emergency(self, channel: int, message: wire.Emergency) -> None:
         """An error of a node begins, or all are over."""
@@ -203,7 +209,7 @@ class NodeWatch:
         node = self._nodes[channel]
         node.wants_set_up = node.idle = False
         node.emergencies.clear()
-        node.heard_ns = now_ns
+        node.heard_ns = node.started_ns = now_ns
         self._conditions.end(channel, "emergency")
 
     def all_lost(self, now_ns: int) -> bool:

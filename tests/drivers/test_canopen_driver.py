@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import itertools
 from collections.abc import AsyncIterator
+from random import Random
 
 import pytest
 
@@ -45,7 +46,7 @@ class CanRig:
             "answer_tries": 2,
             "status_period_s": 0.0,
         } | options
-        self.driver = CanOpen("arm", crossing, **given)  # type: ignore[arg-type]  # of the options, whose bounds they keep
+        self.driver = CanOpen("arm", crossing, **given)
         self.nodes.plug()
 
     def emit(self, n: int) -> None:
@@ -317,6 +318,24 @@ async def test_a_stream_can_be_stopped_and_begun_again(rig: CanRig):
         rig.emit(2)
         await taken.until(lambda: len(taken.seqs()) >= 5, "2 samples more")
     assert taken.seqs() == [0, 1, 2, 0, 1]
+
+
+async def test_noise_on_the_bus_ends_nothing(rig: CanRig):
+    random = Random(3)
+    with rig.driver:
+        taken = await streaming(rig)
+        for _ in range(2000):
+            node = random.choice([0, 5, 9, 17])
+            service = random.choice([0x080, 0x180, 0x280, 0x580, 0x700, 0x780])
+            n = random.randrange(9)
+            rig.nodes.send(service + node, random.randbytes(n), random.random() < 0.1)
+        rig.emit(3)
+        await until_status(rig, taken, [0, 0])
+    assert all(
+        "fault in the driver" not in lost.reason for lost in taken.of(DeviceLost)
+    )
+    counts = [row for block in taken.of(CountSamples) for row in block.counts.tolist()]
+    assert len(counts) == len(taken.seqs())
 
 
 @pytest.fixture(autouse=True)
