@@ -9,36 +9,20 @@ Nothing here knows a clock or an event: what is late is counted and returned.
 """
 
 from collections import Counter, deque
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daemon.configuration import AssemblySection
-from daemon.history import NEVER_NS, History
-from daemon.interpolation import Brought, Limits, brought
+from daemon.history import NEVER_NS
 from daemon.joint_counts import Assembled, AssembledCounts, JointCounts
+from daemon.joint_source import Columns, JointSource
 from daemon.model import ArmModel
 from drivers.values import STATUS_LATE, STATUS_MISSING, CountSamples, LatchedCounts
 
-PERIODS_APART = 3  # readings further apart than so many periods have lost others
-
-
-@dataclass(slots=True, eq=False)
-class _Source:
-    """What is known of one device with joints.
-
-    Attributes:
-        joints: (k,) which joints of the arm it reads.
-        channels: (k,) on which of its channels.
-    """
-
-    joints: NDArray[np.intp]
-    channels: NDArray[np.intp]
-    history: History
-    period_ns: int = 0
-    jitter_ns: int = 0
-    lost: bool = False
+Floats = NDArray[np.float64]
 
 
 class Assembly:
@@ -71,9 +55,9 @@ class Assembly:
         self._waiting.clear()
         for device in model.devices:
             joints = np.flatnonzero(np.array(model.joint_devices) == device)
-            channels = model.channels[joints]
-            history = History(channels, self._turns[joints])
-            self._sources[device] = _Source(joints, channels, history)
+            self._sources[device] = JointSource(
+                joints, model.channels[joints], self._turns[joints], self._wait_ns
+            )
 
     def lacks(self) -> dict[str, dict[str, int]]:
         """Counters by device, of those that read the arm together with others."""
@@ -117,7 +101,7 @@ class Assembly:
 
     def assembled(self, now_ns: int | None = None) -> list[Assembled]:
         """All samples that are complete, or have waited long enough by some time."""
-        made = []
+        made: list[Assembled | None] = []
         while self._waiting:
             block, deadline_ns = self._waiting[0]
             n = len(block.seq)
@@ -131,7 +115,7 @@ class Assembly:
                 self._waiting[0] = (_rows(block, slice(n, None)), deadline_ns)
                 break
             self._waiting.popleft()
-        return [one for one in made if len(one.samples.seq)]
+        return [one for one in made if one is not None]
 
     def at(
         self, instant_ns: int, latch: LatchedCounts | None
@@ -142,28 +126,18 @@ class Assembly:
             instant_ns: host monotonic time.
             latch: what one device has latched at that very instant.
         """
-        n_joints = len(self._turns)
-        counts, fractions = np.zeros(n_joints, np.int64), np.zeros(n_joints)
-        status, doubts = np.zeros(n_joints, np.uint8), np.zeros((n_joints, 2))
+        found = {}
         instants_ns = np.array([instant_ns])
         for device, source in self._sources.items():
-            joints = source.joints
             if latch is not None and latch.device == device and latch.counts:
-                counts[joints] = np.array(latch.counts)[source.channels]
-                status[joints] = np.array(latch.status, np.uint8)[source.channels]
-                continue
-            if not source.history.begin_ns <= instant_ns <= source.history.reach_ns:
+                found[device] = source.latched(latch)
+            elif source.history.begin_ns <= instant_ns <= source.history.reach_ns:
+                found[device] = source.at(instants_ns)
+            else:
                 return None
-            for joint, found in zip(
-                joints.tolist(), self._brought(source, instants_ns), strict=True
-            ):
-                counts[joint], fractions[joint] = found.counts[0], found.fractions[0]
-                status[joint], doubts[joint] = found.status[0], found.doubts_counts[0]
+        counts, fractions, status, doubts = self._joined(found)
         return AssembledCounts(
-            JointCounts(
-                instant_ns, (counts % self._turns).astype(np.uint32), status, fractions
-            ),
-            doubts,
+            JointCounts(instant_ns, counts[0], status[0], fractions[0]), doubts[0]
         )
 
     def lack(self, instant_ns: int, latch: LatchedCounts | None) -> str:
@@ -185,17 +159,7 @@ class Assembly:
         awaited = [s.history.reach_ns for s in sources if not s.lost]
         return min(awaited, default=NEVER_NS)
 
-    def _brought(
-        self, source: _Source, instants_ns: NDArray[np.int64]
-    ) -> list[Brought]:
-        widest_ns = max(PERIODS_APART * source.period_ns, self._wait_ns)
-        limits = Limits(
-            widest_ns, 0 if source.lost else self._wait_ns, source.jitter_ns
-        )
-        around = source.history.around(int(instants_ns[0]), widest_ns)
-        return [brought(readings, instants_ns, limits) for readings in around]
-
-    def _assembled(self, block: CountSamples) -> Assembled:
+    def _assembled(self, block: CountSamples) -> Assembled | None:
         """Samples of the whole arm at the instants of a block of the clock device."""
         begin_ns = max(s.history.begin_ns for s in self._sources.values())
         known = block.sample_time_ns >= begin_ns
@@ -204,30 +168,40 @@ class Assembly:
                 early = block.sample_time_ns < source.history.begin_ns
                 self.dropped[device] += int(early.sum())
             block = _rows(block, known)
-        n = len(block.seq)
-        shape = (n, len(self._turns))
-        counts, fractions = np.zeros(shape, np.int64), np.zeros(shape)
-        status, doubts = np.zeros(shape, np.uint8), np.zeros((*shape, 2))
-        passed = np.ones(n, np.bool_)
-        for device, source in self._sources.items() if n else ():
-            for joint, found in zip(
-                source.joints.tolist(),
-                self._brought(source, block.sample_time_ns),
-                strict=True,
-            ):
-                counts[:, joint], fractions[:, joint] = found.counts, found.fractions
-                status[:, joint], doubts[:, joint] = found.status, found.doubts_counts
-            passed &= self._judged(device, status[:, source.joints])
+        if not len(block.seq):
+            return None
+        found = {
+            device: source.own(block)
+            if device == block.device
+            else source.at(block.sample_time_ns)
+            for device, source in self._sources.items()
+        }
+        passed = np.ones(len(block.seq), np.bool_)
+        for device, columns in found.items():
+            passed &= self._judged(device, columns.status)
+        counts, fractions, status, doubts = self._joined(found)
         samples = replace(
-            block,
-            counts=(counts % self._turns).astype(np.uint32),
-            status=status,
-            skew_ns=None,
-            fractions=fractions,
+            block, counts=counts, status=status, skew_ns=None, fractions=fractions
         )
         if passed.all():
             return Assembled(samples, doubts)
+        if not passed.any():
+            return None
         return Assembled(_rows(samples, passed), doubts[passed])
+
+    def _joined(
+        self, found: Mapping[str, Columns]
+    ) -> tuple[NDArray[np.uint32], Floats, NDArray[np.uint8], Floats]:
+        """Counts within their turns, fractions, status and doubts of all joints."""
+        order = np.argsort(np.concatenate([s.joints for s in self._sources.values()]))
+        columns = list(found.values())
+        counts = np.concatenate([c.counts for c in columns], axis=1)[:, order]
+        return (
+            (counts % self._turns).astype(np.uint32),
+            np.concatenate([c.fractions for c in columns], axis=1)[:, order],
+            np.concatenate([c.status for c in columns], axis=1)[:, order],
+            np.concatenate([c.doubts_counts for c in columns], axis=1)[:, order],
+        )
 
     def _judged(self, device: str, status: NDArray[np.uint8]) -> NDArray[np.bool_]:
         """Count what a device lacks; which samples (n,) are to be passed on."""
