@@ -16,6 +16,7 @@ from daemon.capture import Capture, Triggers
 from daemon.clock import HostClock
 from daemon.configuration import AssemblySection
 from daemon.device import Device
+from daemon.device_states import DeviceStates
 from daemon.events import EventLog
 from daemon.health import HealthReport
 from daemon.live import LiveView
@@ -77,12 +78,18 @@ class Measuring:
         self._capture = capture
         self._scanner = scanner
         self._live = live
-        self._events = events
         self._temperature = TemperatureWatch(clock, events)
         self._health = health
         self._offer_live = offer_live
-        self._status_changed = status_changed
         self.assembly = Assembly(pipeline.model, settings)
+        self._states = DeviceStates(
+            clock=clock,
+            devices=devices,
+            pipeline=pipeline,
+            assembly=self.assembly,
+            events=events,
+            changed=status_changed,
+        )
         self._tardiness = Tardiness(self.assembly, clock, events)
         self.skew = SkewWatch(settings.skew_limit_mm)
         stage = Stage(
@@ -139,20 +146,16 @@ class Measuring:
                 device.counters.clear()
                 device.counters.update(delivery.values)
             case DeviceUp():
-                self._take_up(device, delivery)
+                self._states.take_up(device, delivery)
+                # What cannot latch gives its points out of the stream.
+                not_latching = not delivery.identity.latches
+                self._remembers |= not_latching and device in self._devices
             case DeviceLost():
-                self._take_lost(device, delivery)
+                self._states.take_lost(device, delivery)
             case DeviceAlarm():
-                self._take_alarm(device, delivery)
+                self._states.take_alarm(device, delivery)
             case DeviceFault():
-                self._events.report(
-                    "warning",
-                    f"device.{delivery.code}",
-                    delivery.text,
-                    source=device.section.id,
-                    remedy=delivery.remedy,
-                    count=delivery.count,
-                )
+                self._states.take_fault(device, delivery)
 
     def _take_samples(self, device: Device, samples: CountSamples) -> None:
         device.samples += len(samples.seq)
@@ -204,75 +207,3 @@ class Measuring:
             started.stream, started.rate_hz
         ):
             self.stream_started.set()
-
-    def _take_up(self, device: Device, up: DeviceUp) -> None:
-        device.identity = up.identity
-        device.up_ns = self._clock.monotonic_ns()
-        device.temperatures_c = ()  # those of before may have changed meanwhile
-        model = self._pipeline.model
-        device.problems = []
-        if device in self._devices:
-            name = device.section.id
-            device.problems = model.problems_with(name, up.identity)
-            self.assembly.up(name, up.identity.jitter_ns, restarted=up.restarted)
-            self._remembers |= not up.identity.latches
-        for problem in device.problems:
-            self._events.report(
-                "error",
-                "device.mismatch",
-                problem,
-                source=device.section.id,
-                remedy="correct the arm file, or set the device up for it",
-            )
-        device.reconnects += device.state == "lost"
-        device.state = "failed" if device.problems else "ready"
-        if up.restarted:
-            # Its absolute encoders go on; where the turns are counted is a guess.
-            if device in self._devices:
-                self._pipeline.restart()
-            self._events.report(
-                "warning",
-                "device.restarted",
-                f"{device.section.id} has been without power",
-                source=device.section.id,
-                remedy="check a known point before measuring on",
-            )
-        self._events.change(
-            False,
-            "error",
-            "device.lost",
-            f"{up.identity.name} is there, firmware {up.identity.firmware}",
-            source=device.section.id,
-        )
-        device.heard.set()
-        self._status_changed()
-
-    def _take_lost(self, device: Device, lost: DeviceLost) -> None:
-        device.lost = lost
-        if device in self._devices:
-            self.assembly.lost(device.section.id)
-        if device.state != "starting":
-            device.state = "lost"
-            self._events.change(
-                True,
-                "error",
-                "device.lost",
-                lost.reason,
-                source=device.section.id,
-                remedy=lost.remedy,
-            )
-        device.heard.set()
-        self._status_changed()
-
-    def _take_alarm(self, device: Device, alarm: DeviceAlarm) -> None:
-        source = device.section.id
-        if alarm.channel is not None:
-            source = f"{source}/{alarm.channel}"
-        self._events.change(
-            alarm.raised,
-            "error",
-            f"alarm.{alarm.code}",
-            f"{alarm.text} (value {alarm.value})",
-            source=source,
-            remedy=alarm.remedy,
-        )

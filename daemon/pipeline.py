@@ -72,10 +72,12 @@ class Pipeline:
         self._unwrapper = Unwrapper(model.encoders)
         self._covariates = Covariates(model, self._clock)
 
-    def restart(self) -> None:
-        """Forget the turns counted: the device has been away."""
-        self._unwrapper.reset()
-        self._covariates.forget()
+    def restart(self, device: str) -> None:
+        """Forget the turns counted: the device has been without power."""
+        joints = np.array(self.model.joint_devices) == device
+        if joints.any():
+            self._unwrapper.reset(joints)
+            self._covariates.forget()
 
     def poses(
         self, samples: CountSamples, temperature_c: float | None = None

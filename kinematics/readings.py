@@ -106,7 +106,8 @@ class Unwrapper:
             * encoders.zeros_rad
             * (encoders.counts_per_turn / (2.0 * np.pi))
         )
-        self._last: NDArray[np.int64] | None = None
+        self._last = np.zeros(encoders.n_joints, dtype=np.int64)
+        self._fresh = np.ones(encoders.n_joints, dtype=np.bool_)
 
     def unwrap(self, counts: Counts) -> NDArray[np.int64]:
         """Continue the stream by a block.
@@ -125,6 +126,7 @@ class Unwrapper:
         steps[1:] = self._shortest(raw[1:] - raw[:-1])
         unwrapped = np.cumsum(steps, axis=0)
         self._last = unwrapped[-1].copy()
+        self._fresh[:] = False
         return unwrapped
 
     def near(self, counts: Counts) -> NDArray[np.int64]:
@@ -138,15 +140,21 @@ class Unwrapper:
         """
         return self._nearest(self._checked(counts, dimensions=1))
 
-    def reset(self) -> None:
-        """Forget the turns: the next sample is a first one."""
-        self._last = None
+    def reset(self, joints: NDArray[np.bool_] | None = None) -> None:
+        """Forget turns: the next sample is a first one.
+
+        Args:
+            joints: Whose, (n_joints,); None for all.
+        """
+        self._fresh |= True if joints is None else joints
 
     def _nearest(self, raw: NDArray[np.int64]) -> NDArray[np.int64]:
-        if self._last is not None:
-            return self._last + self._shortest(raw - self._last)
+        near_last = self._last + self._shortest(raw - self._last)
+        if not self._fresh.any():
+            return near_last
         turns = np.ceil((self._zero_counts - raw) / self._counts_per_turn - 0.5)
-        return raw + turns.astype(np.int64) * self._counts_per_turn
+        near_zero = raw + turns.astype(np.int64) * self._counts_per_turn
+        return np.where(self._fresh, near_zero, near_last)
 
     def _shortest(self, differences: NDArray[np.int64]) -> NDArray[np.int64]:
         """Reduce differences to -counts_per_turn/2 <= d < counts_per_turn/2."""

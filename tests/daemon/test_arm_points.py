@@ -167,6 +167,32 @@ async def test_a_lost_device_and_its_return_neither_lose_nor_double_an_edge(benc
     assert bench.codes().count("button.pressed") == 1
 
 
+async def test_a_device_without_power_costs_the_turns_of_its_own_joints_only(bench):
+    bench.take(wrist().samples(range(120)), base().samples(range(140)))
+    before = whole_turns(bench)
+    # By now the base has turned on, by more than it would be put back to.
+    bench.measuring._pipeline._unwrapper._last += bench.model.encoders.counts_per_turn
+    bench.take(DeviceUp("wrist", IDENTITIES["wrist"], True))
+    bench.take(StreamStarted("wrist", 2, 80.0))
+    later = wrist(stream=2, first_ns=BEGIN_NS + 1_500_000_000)
+    bench.take(later.samples(range(80)))
+    for first in range(140, 240, 5):
+        bench.take(base().samples(range(first, first + 5)))
+    assert (whole_turns(bench) - before).tolist() == [1, 1, 0]
+    assert "device.restarted" in bench.codes()
+
+
+def whole_turns(bench):
+    """By how many turns the last live pose differs from the true motion."""
+    live = bench.live[-1]
+    last_ns = live.time_ns - bench.clock.offset_ns
+    true_rad = true_counts(np.array([last_ns]))[0] * np.abs(bench.model.per_count_rad)
+    shown_rad = np.array(live.angles_rad) * bench.model.encoders.signs
+    turns = (shown_rad - true_rad) / (2 * np.pi)
+    assert np.abs(turns - np.rint(turns)).max() < 1e-3
+    return np.rint(turns).astype(int)
+
+
 async def test_samples_of_both_make_live_poses_and_what_lacks_is_told_once(bench):
     bench.take(wrist().samples(range(40)), base().samples(range(40)))
     (live,) = bench.live[-1:]

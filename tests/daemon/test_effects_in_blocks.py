@@ -69,7 +69,7 @@ def test_a_restart_forgets_the_motion_and_a_new_model_replaces_all_effects(tmp_p
     pipeline = Pipeline(model, SetClock())
     counts = counts_of()
     pipeline.poses(count_samples(counts[:20]))
-    pipeline.restart()
+    pipeline.restart("base")
     after = pipeline.poses(count_samples(counts[20:40], first=20))
     assert [flags(after, row) for row in (0, 1)] == [("motion_unknown",), ()]
     grown = arm_model(tmp_path, MASSES + effect("thermal_expansion", expansion_per_c=1))

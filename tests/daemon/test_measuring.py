@@ -220,14 +220,18 @@ async def test_alarms_are_raised_and_cleared_with_their_channel(bench):
         DeviceAlarm("base", 1, True, 1, *weak),
         DeviceAlarm("base", None, True, 6, "frames dropped", 9),
         DeviceAlarm("base", 1, False, 1, *weak),
+        DeviceAlarm("base", 2, True, "node_lost", "node 5 is silent", 0, "look at it"),
     )
     told = [(event.code, event.source, event.active) for event in bench.events]
     assert told == [
         ("alarm.1", "base/1", True),
         ("alarm.6", "base", True),
         ("alarm.1", "base/1", False),
+        ("alarm.node_lost", "base/2", True),
     ]
     assert "350" in bench.events[0].text
+    named = bench.events[-1]
+    assert (named.text, named.remedy) == ("node 5 is silent", "look at it")
 
 
 WARM = """

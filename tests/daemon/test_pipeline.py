@@ -110,7 +110,7 @@ def test_a_latch_takes_the_turn_of_the_stream_and_leaves_it_alone(model):
 def test_after_a_restart_the_turns_are_those_nearest_to_the_zero(model):
     pipeline = Pipeline(model, SetClock())
     pipeline.poses(count_samples(moved(1, 400)))
-    pipeline.restart()
+    pipeline.restart("base")
     afresh = pipeline.poses(count_samples(moved(1, 1)))
     first = Pipeline(model, SetClock()).poses(count_samples(moved(1, 1)))
     assert afresh.counts.tolist() == first.counts.tolist()

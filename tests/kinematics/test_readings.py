@@ -184,3 +184,14 @@ def test_counts_of_another_number_of_joints_are_refused():
         unwrapper.unwrap(np.zeros((4, 2), dtype=np.int64))
     with pytest.raises(ValueError, match="n_joints"):
         unwrapper.near(np.zeros((1, 1), dtype=np.int64))
+
+
+def test_turns_of_some_encoders_are_forgotten_and_those_of_others_kept():
+    unwrapper = Unwrapper(Encoders(np.array([1000, 1000]), np.ones(2), np.zeros(2)))
+    there = np.array([[0, 0], [400, 400], [800, 800], [200, 200]])
+    assert unwrapper.unwrap(there)[-1].tolist() == [1200, 1200]
+    unwrapper.reset(np.array([False, True]))
+    assert unwrapper.near(there[-1]).tolist() == [1200, 200]
+    assert unwrapper.unwrap(there[-1:]).tolist() == [[1200, 200]]
+    unwrapper.reset()
+    assert unwrapper.unwrap(there[-1:]).tolist() == [[200, 200]]
