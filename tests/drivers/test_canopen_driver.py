@@ -92,10 +92,15 @@ async def until_status(rig: CanRig, taken: Taken, status: list[int]) -> None:
     """SYNCs until a sample has this status."""
     async with asyncio.timeout(8):
         while last_status(taken) != status:
-            rig.emit(1)
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(0.03):  # samples alone need not wake it
-                    taken.all += await rig.crossing.take()
+            await answered(rig, taken)
+
+
+async def answered(rig: CanRig, taken: Taken) -> None:
+    """One SYNC, and what is delivered then."""
+    rig.emit(1)
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(0.03):  # samples alone need not wake it
+            taken.all += await rig.crossing.take()
 
 
 async def test_nodes_are_set_up_in_the_portable_way(rig: CanRig):
