@@ -27,6 +27,7 @@
 #pragma GCC push_options
 #pragma GCC target("avx2")
 #endif
+#define BLENDS
 #define VARIANT avx2
 #include "variant.inc"
 #undef VARIANT
