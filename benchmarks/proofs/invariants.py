@@ -33,15 +33,22 @@ class DistanceErrors:
         errors_mm: (n_pairs,); without a length, of distances in units of their mean.
         chi_square: Of the errors, whitened by the stated cofactors and sigma0 = 1.
         degrees: Of freedom.
+        foreseen: Chi-square of the errors that follow from foreseen steps, or NaN.
     """
 
     errors_mm: Floats
     chi_square: float
     degrees: int
+    foreseen: float
 
 
 def distance_errors(
-    result: Identification, poses: PoseSet, seed: int, *, has_scale: bool = True
+    result: Identification,
+    poses: PoseSet,
+    seed: int,
+    *,
+    has_scale: bool = True,
+    steps: Floats | None = None,
 ) -> DistanceErrors:
     """Compare predicted distances between random posture pairs with the truth.
 
@@ -50,6 +57,7 @@ def distance_errors(
         poses: Where the true arm and its limits are.
         seed: Of the posture pairs.
         has_scale: Whether the campaign has a length; else shapes are compared.
+        steps: By which the free parameters are foreseen to be off, (n_free,).
     """
     rng = np.random.default_rng([seed, 0x696E76])
     least, largest = poses.limits_rad.T
@@ -81,7 +89,11 @@ def distance_errors(
     left, sizes, _ = np.linalg.svd(spread, full_matrices=False)
     seen = sizes > _LEAST_SIZE * np.max(sizes, initial=0.0)
     white = (left.T @ errors_mm)[seen] / sizes[seen]
-    return DistanceErrors(errors_mm, float(white @ white), len(white))
+    foreseen = np.nan
+    if steps is not None:
+        expected = (left.T @ (slopes @ steps))[seen] / sizes[seen]
+        foreseen = float(expected @ expected)
+    return DistanceErrors(errors_mm, float(white @ white), len(white), foreseen)
 
 
 def _distances(centres_mm: Floats) -> Floats:

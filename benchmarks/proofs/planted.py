@@ -1,13 +1,14 @@
-"""What least squares must leave of the errors that were planted.
+"""What least squares must make of the errors that were planted.
 
 At the true arm the equations are as good as linear in errors this small, so whitened
 misclosures are whitened errors, and the adjustment leaves the part that no unknown
 explains. With the noise as stated its square is chi-square distributed, exactly. An
 adjustment that ends with this very sum of squares therefore passes its global test as
-often as it should; how many of some hundred draws pass is luck of the draw.
+often as it should; how many of some hundred draws pass is luck of the draw. Estimates
+are off by what the unknowns explain, and their chi-square is foreseen likewise.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,19 @@ Floats = NDArray[np.float64]
 _RANK = 1e-9
 _LENGTHS = ("distance_mm", "radius_mm")
 _SILENCE = NoiseTable(encoder_rad=0.0, contact_mm=0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Foreseen:
+    """What must come out of a campaign.
+
+    Attributes:
+        sum_of_squares: Weighted.
+        steps: By which free parameters are off, (n_free,).
+    """
+
+    sum_of_squares: float
+    steps: Floats
 
 
 class PlantedNoise:
@@ -56,13 +70,18 @@ class PlantedNoise:
             at += n_own
         columns = np.vstack(blocks)
         sizes = np.linalg.norm(columns, axis=0)
-        scaled = columns / np.where(sizes > 0.0, sizes, 1.0)
-        left, values, _ = np.linalg.svd(scaled, full_matrices=False)
-        self._explained = left[:, values > _RANK * values[0]]
+        sizes = np.where(sizes > 0.0, sizes, 1.0)
+        left, values, right = np.linalg.svd(columns / sizes, full_matrices=False)
+        seen = values > _RANK * values[0]
+        self._explained = left[:, seen]
+        self._to_steps = (right[seen].T / values[seen] / sizes[:, np.newaxis])[width:]
         self.redundancy = int(np.subtract(*self._explained.shape))
 
-    def sum_of_squares(self, drawn: SimulatedCampaign) -> float:
-        """Foresee the weighted sum of squares of a campaign with these poses."""
+    def foreseen(self, drawn: SimulatedCampaign) -> Foreseen:
+        """Foresee what comes out of a campaign with these poses.
+
+        Where there is no length, steps change the scale too, as happens to be least.
+        """
         campaign = handed_over(drawn.campaign)
         errors = np.concatenate(
             [
@@ -71,7 +90,10 @@ class PlantedNoise:
             ]
         )
         explained = errors @ self._explained
-        return float(errors @ errors - explained @ explained)
+        return Foreseen(
+            float(errors @ errors - explained @ explained),
+            -self._to_steps @ explained,
+        )
 
     def _errors(
         self, at: int, station: Station, drawn: SimulatedCampaign, campaign: Campaign

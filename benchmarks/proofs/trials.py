@@ -57,6 +57,7 @@ class Outcome:
             all take part without blunders; else NaN.
         foreseen_redundancy: Of that.
         chi_square: Of invariant distances.
+        foreseen_chi_square: That which follows from the planted errors; else NaN.
         degrees: Of that.
         mean_square_mm2: Of the distances' errors.
         n_determined: Directions of the arm's parameters.
@@ -75,6 +76,7 @@ class Outcome:
     foreseen: float
     foreseen_redundancy: int
     chi_square: float
+    foreseen_chi_square: float
     degrees: int
     mean_square_mm2: float
     n_determined: int
@@ -96,22 +98,28 @@ def outcomes(task: Task) -> tuple[Outcome, ...]:
     for seed in task.noise_seeds:
         simulated = draw_noise(poses, seed, noise)
         result = identify(handed_over(simulated.campaign), poses.arm, options)
-        errors = distance_errors(
-            result, poses, seed, has_scale=task.mix not in WITHOUT_LENGTH
-        )
         spoilt = np.zeros(poses.n_poses, dtype=np.bool_)
         spoilt[[blunder.row for blunder in simulated.truth.blunders]] = True
         kept = spoilt & result.included
         is_whole = bool(np.all(result.included)) and not np.any(spoilt)
+        foreseen = planted.foreseen(simulated) if is_whole else None
+        errors = distance_errors(
+            result,
+            poses,
+            seed,
+            has_scale=task.mix not in WITHOUT_LENGTH,
+            steps=None if foreseen is None else foreseen.steps,
+        )
         found.append(
             Outcome(
                 converged=result.converged,
                 passed=result.global_test.passed,
                 sum_of_squares=result.adjustment.system.sum_of_squares,
                 redundancy=result.redundancy,
-                foreseen=planted.sum_of_squares(simulated) if is_whole else np.nan,
+                foreseen=np.nan if foreseen is None else foreseen.sum_of_squares,
                 foreseen_redundancy=planted.redundancy,
                 chi_square=errors.chi_square,
+                foreseen_chi_square=errors.foreseen,
                 degrees=errors.degrees,
                 mean_square_mm2=float(np.mean(errors.errors_mm**2)),
                 n_determined=result.adjustment.split.n_determined,

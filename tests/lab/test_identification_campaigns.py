@@ -54,15 +54,20 @@ def test_a_simulated_campaign_converges_to_the_noise_that_was_put_in(result):
     assert low < statistic < high
 
 
-def test_the_sum_of_squares_is_what_the_planted_errors_must_leave(poses):
+def test_a_campaign_comes_out_as_foreseen_from_the_planted_errors(mix, poses):
     planted = PlantedNoise(poses, NoiseTable())
     options = Options(n_suggestions=0, snooping=False)
     simulated = draw_noise(poses, 13)
     found = identify(handed_over(simulated.campaign), poses.arm, options)
     assert found.redundancy == planted.redundancy
-    foreseen = planted.sum_of_squares(simulated)
+    foreseen = planted.foreseen(simulated)
+    total = found.adjustment.system.sum_of_squares
     spread = np.sqrt(2.0 * found.redundancy)
-    assert abs(found.adjustment.system.sum_of_squares - foreseen) < 0.1 * spread
+    assert abs(total - foreseen.sum_of_squares) < 0.1 * spread
+    has_scale = mix != "cones"
+    errors = distance_errors(found, poses, 4, has_scale=has_scale, steps=foreseen.steps)
+    spread = np.sqrt(2.0 * errors.degrees)
+    assert abs(errors.chi_square - errors.foreseen) < 0.1 * spread
 
 
 def test_predicted_distances_are_as_wrong_as_the_covariance_says(mix, poses, result):
