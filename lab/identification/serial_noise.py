@@ -9,7 +9,7 @@ artefact, n samples say as much as n over
 
 independent ones, as long as the posture hardly changes meanwhile; else they say more.
 What the model lacks is correlated too and counts here as noise. Sums end where the lag
-is five times tau (Sokal's window): beyond there is only chance.
+is three times tau (Sokal's window): beyond there is only chance.
 """
 
 from dataclasses import dataclass
@@ -24,13 +24,12 @@ from lab.identification.network import white_rows
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-_WINDOW = 5.0
+_WINDOW = 3.0
 _MOST_LAGS = 4096
 # Below this correlation noise is over.
 _OVER = 0.05
-_ROUNDS = 20
-_SETTLED = 1e-3
-_MOST_TAKEN = 0.5
+# Where more than this would be lost to the fit, nobody can say how much was.
+_LEAST_LEFT = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,19 +51,20 @@ class SerialNoise:
 
 
 def serial_noise(adjustment: Adjustment) -> SerialNoise:
-    """Find out how much the samples of an adjusted stream share."""
-    seen = correlations(adjustment)
+    """Find out how much the samples of an adjusted stream share.
+
+    The fit takes of what lasts: each of u unknowns tau of the n squares, spread over
+    long lags. So residuals l lags apart show (rho_l - b) / (1 - b) only, b = u tau / n,
+    which is solved for tau.
+    """
+    seen = _in_window(correlations(adjustment))
     n_rows = adjustment.network.n_rows
     n_unknowns = n_rows - adjustment.redundancy
-    shared, tau, before = seen, 1.0, 0.0
-    for _ in range(_ROUNDS):
-        if abs(tau - before) < _SETTLED * tau:
-            break
-        before = tau
-        # The fit takes its part of what lasts: tau of each unknown's direction.
-        taken = min(n_unknowns * tau / n_rows, _MOST_TAKEN)
-        shared = _in_window(taken + (1.0 - taken) * seen)
-        tau = max(1.0 + 2.0 * float(np.sum(shared)), 1.0)
+    total = float(np.sum(seen))
+    lost = 2.0 * n_unknowns / n_rows * (len(seen) - total)
+    tau = max((1.0 + 2.0 * total) / max(1.0 - lost, _LEAST_LEFT), 1.0)
+    taken = min(n_unknowns * tau / n_rows, 1.0)
+    shared = taken + (1.0 - taken) * seen
     low = np.append(shared < _OVER, True)
     steps_s = np.diff(adjustment.network.campaign.poses.time_s)
     step_s = float(np.median(steps_s)) if len(steps_s) else 0.0
@@ -77,7 +77,7 @@ def serial_noise(adjustment: Adjustment) -> SerialNoise:
 
 
 def _in_window(found: Floats) -> Floats:
-    """Cut correlations off at the lag that is five times tau up to there."""
+    """Cut correlations off at the lag that is some times tau up to there."""
     taus = 1.0 + 2.0 * np.cumsum(found)
     beyond = np.arange(1, len(found) + 1) >= _WINDOW * taus
     return found[: int(np.argmax(beyond)) + 1] if np.any(beyond) else found
