@@ -51,12 +51,15 @@ $(PEERS)/.ready: benchmarks/peers.txt requirements.lock $(STAMP)
 	-ln -sf /usr/lib/python3/dist-packages/PyKDL.*.so $(PEERS)/lib/python3.*/site-packages/
 	touch $@
 
-bench-kernel: $(PEERS)/.ready  ## the kernel beside other libraries; takes a minute
+bench-kernel: $(PEERS)/.ready  ## kernel and measurement path beside others; takes two minutes
 	OPENBLAS_NUM_THREADS=1 $(PEERS)/bin/python -m benchmarks.kinematics $(FIGURES)/kinematics.json
+	OPENBLAS_NUM_THREADS=1 $(PEERS)/bin/python -m benchmarks.path $(FIGURES)/path.json
 
 bench: venv system bench-kernel  ## the figures of docs/performance.md; takes minutes
-	$(BIN)/python -m benchmarks
+	$(BIN)/python -m benchmarks 20 $(FIGURES)
+	$(BIN)/python -m benchmarks.latency $(FIGURES)/latency.json
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.effects
+	$(BIN)/python -m benchmarks.plots $(FIGURES)
 
 bench-drivers: venv  ## the drivers: rates, losses, share of a core; takes minutes
 	$(BIN)/python -m benchmarks.drivers_can

@@ -58,7 +58,8 @@ def main(seconds: float, folder: Path | None) -> None:
     ready_s = [one.ready_s for one in found]
     print(
         f"ready after {statistics.median(ready_s):.2f} s ({min(ready_s):.2f} to "
-        f"{max(ready_s):.2f}); bare interpreter {bare_start_s('pass'):.2f} s, with "
+        f"{max(ready_s):.2f}), {statistics.median(o.start_cpu_s for o in found):.2f} s "
+        f"of CPU; bare interpreter {bare_start_s('pass'):.2f} s, with "
         f"numpy {bare_start_s('import numpy'):.2f} s; at most "
         f"{max(one.memory_mb for one in found):.0f} MB"
     )

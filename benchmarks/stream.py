@@ -95,6 +95,7 @@ class Streamed:
 
     Attributes:
         ready_s: from starting the daemon to its telling that it measures.
+        start_cpu_s: CPU time that it took until then.
     """
 
     rate_hz: float
@@ -108,6 +109,7 @@ class Streamed:
     simulator_share: float
     memory_mb: float
     ready_s: float
+    start_cpu_s: float
 
     def line(self) -> str:
         """It in one line, for people."""
@@ -128,6 +130,7 @@ def stream(folder: Path, rate_hz: float, seconds: float) -> Streamed:
         begun_s = time.monotonic()
         with rig.daemon(folder, port) as process:
             ready_s = time.monotonic() - begun_s
+            start_cpu_s = rig.cpu_s(process)
             begun = rig.cpu_s(board)
             followed, share, taken_s = asyncio.run(
                 follow_scan(port, rate_hz, n_samples, process)
@@ -147,4 +150,5 @@ def stream(folder: Path, rate_hz: float, seconds: float) -> Streamed:
         board_share,
         memory_mb,
         ready_s,
+        start_cpu_s,
     )
