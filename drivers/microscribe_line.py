@@ -28,12 +28,26 @@ Answer = TypeVar("Answer")
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """A packet, and when: latched between the first two, host monotonic."""
+    """A packet, and when it came, host monotonic.
+
+    Attributes:
+        sent_ns: its request had been written; it was latched after that.
+        begun_ns: its first bytes had been read; it was latched before that.
+        received_ns: all of it had been read.
+        wire_ns: how much longer those first bytes were on the line than the request.
+    """
 
     packet: Packet
     sent_ns: int
     begun_ns: int
     received_ns: int
+    wire_ns: int
+
+    @property
+    def delay_ns(self) -> int:
+        """From the latch to its first bytes, if the rest took as long both ways."""
+        exchange_ns = self.begun_ns - self.sent_ns
+        return min((exchange_ns + self.wire_ns) // 2, exchange_ns)
 
 
 class MicroscribeLine:
@@ -41,6 +55,7 @@ class MicroscribeLine:
 
     Args:
         port: open port; whoever opened it closes it.
+        baud_rate: that it was opened with.
         monotonic_ns: the host's clock.
         stopping: asked between waits; True ends whatever is waited for.
 
@@ -53,10 +68,12 @@ class MicroscribeLine:
     def __init__(
         self,
         port: SerialPort,
+        baud_rate: int,
         monotonic_ns: Callable[[], int],
         stopping: Callable[[], bool],
     ) -> None:
         self.port = port
+        self._byte_ns = 1e10 / baud_rate
         self._now_ns = monotonic_ns
         self._stopping = stopping
         self.stray = self.old = 0
@@ -144,19 +161,25 @@ class MicroscribeLine:
         self.drop_stray()
         self.port.write(packet_request(timer=True))
         sent_ns = begun_ns = self._now_ns()
+        wire_ns = 0
         until_ns = sent_ns + int(self.patience_s * 1e9)
         while (left_ns := until_ns - self._now_ns()) > 0 and not self._stopping():
             if not self.port.wait(left_ns * 1e-9):
                 continue
-            received_ns = self._now_ns()
+            now_ns = self._now_ns()
+            data = self.port.read()
             if not decoder.pending:
-                begun_ns = received_ns
-            for packet in decoder.feed(self.port.read()):
-                heard = Heard(packet, sent_ns, begun_ns, self._now_ns())
+                begun_ns, wire_ns = now_ns, self.wire_ns(data)
+            for packet in decoder.feed(data):
+                heard = Heard(packet, sent_ns, begun_ns, self._now_ns(), wire_ns)
                 if not old(heard):
                     return heard
                 self.old += 1
         return None
+
+    def wire_ns(self, data: bytes) -> int:
+        """How much longer bytes take on the line than a request does."""
+        return round(max(0, len(data) - 1) * self._byte_ns)
 
     def read_until_quiet(self, quiet_s: float = QUIET_S) -> bytes:
         """All that comes until nothing has come for a while, at most some."""

@@ -31,6 +31,7 @@ class MotionReport:
         monotonic_ns: Callable[[], int],
     ) -> None:
         self._line = session.line
+        self._exchange_ns = session.exchange_ns
         self._decoder = session.decoder
         self._now_ns = monotonic_ns
         framing = session.arm.framing
@@ -55,9 +56,13 @@ class MotionReport:
         if not self._line.port.wait(seconds):
             return []
         begun_ns = self._now_ns()
-        packets = self._decoder.feed(self._without_echo(self._line.port.read()))
+        data = self._without_echo(self._line.port.read())
+        packets = self._decoder.feed(data)
         received_ns = self._now_ns()
-        heard = [Heard(p, self._last_ns, begun_ns, received_ns) for p in packets]
+        # As if each had been asked for: no earlier than an exchange takes.
+        sent_ns = max(self._last_ns, begun_ns - self._exchange_ns)
+        wire_ns = self._line.wire_ns(data)
+        heard = [Heard(p, sent_ns, begun_ns, received_ns, wire_ns) for p in packets]
         if heard:
             self._last_ns = begun_ns
         return heard

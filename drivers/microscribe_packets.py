@@ -1,8 +1,10 @@
 """Packets of a MicroScribe as samples: their time, their counts, gathered in blocks.
 
-A packet is latched after its request has left and before its answer begins. Within
-that, the arm's own timer says when: it goes on by ticks whose rate and offset are
-learned. A timer that does not run as expected is left alone.
+A packet is latched after its request has left and before its answer begins; how much
+of that is time on the line is known, the rest is taken to be the same both ways. The
+arm's own timer makes it better: it goes on by ticks whose rate and offset are learned,
+so that what the host or an adapter held back does not count. A timer that does not run
+as expected is left alone.
 """
 
 from collections.abc import Sequence
@@ -24,7 +26,7 @@ class Sample:
     """What a packet says, in the words of all drivers.
 
     Attributes:
-        ticks: the arm's timer, unwrapped.
+        ticks: the arm's timer, unwrapped; the time again where it is not used.
         status: by channel, bits ``STATUS_*``; where missing the last count stands.
     """
 
@@ -47,9 +49,11 @@ class PacketClock:
     Args:
         rate_hz: of the arm's timer; 0 where it is not to be used.
         wrap: where the timer goes back to 0.
+        delay_ns: from the latch to the first bytes, where nothing is held back.
     """
 
-    def __init__(self, rate_hz: float, wrap: int) -> None:
+    def __init__(self, rate_hz: float, wrap: int, delay_ns: int) -> None:
+        self._delay_ns = delay_ns
         self._clock = TickClock(rate_hz, wrap) if rate_hz else None
         self._tick_ns = round(1e9 / rate_hz) if rate_hz else 0
 
@@ -62,25 +66,25 @@ class PacketClock:
         """Whether a packet was latched before it was asked for."""
         if self._clock is None or not self._clock.running:
             return False
-        ends_ns = self._clock.to_ns(self._ticks(self._clock, heard)) + self._tick_ns
+        begins_ns = self._clock.to_ns(self._ticks(self._clock, heard)) - self._delay_ns
+        ends_ns = begins_ns + self._tick_ns
         return ends_ns + EARLY_NS < heard.sent_ns
 
     def time_of(self, heard: Heard) -> tuple[int, int]:
         """Unwrapped ticks and the host's time of a packet; learns from it."""
-        first_ns, last_ns = heard.sent_ns, heard.begun_ns
+        time_ns = heard.begun_ns - heard.delay_ns
         if self._clock is None:
-            return heard.packet.timer or 0, (first_ns + last_ns) // 2
+            return time_ns, time_ns
         ticks = self._ticks(self._clock, heard)
-        self._clock.update(ticks, last_ns)
-        tick_ns = self._clock.to_ns(ticks)
-        # The tick had begun and the next one had not: what is common to both.
-        first_ns = min(max(first_ns, tick_ns), last_ns)
-        last_ns = max(min(last_ns, tick_ns + self._tick_ns), first_ns)
-        return ticks, (first_ns + last_ns) // 2
+        self._clock.update(ticks, heard.begun_ns)
+        # The tick had begun and the next one had not. Where in it the host knows
+        # better: requests may keep step with the timer, and then ticks never tell.
+        tick_ns = self._clock.to_ns(ticks) - self._delay_ns
+        time_ns = min(max(time_ns, tick_ns), tick_ns + self._tick_ns)
+        return ticks, min(max(time_ns, heard.sent_ns), heard.begun_ns)
 
     def _ticks(self, clock: TickClock, heard: Heard) -> int:
-        timer = np.array([heard.packet.timer or 0], dtype=np.uint32)
-        return int(clock.unwrap(timer)[0])
+        return clock.unwrap_one(heard.packet.timer or 0)
 
 
 def timer_runs(heard: Sequence[Heard], rate_hz: float, wrap: int) -> bool:

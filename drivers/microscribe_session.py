@@ -13,10 +13,11 @@ from drivers.values import STATUS_MISSING, DeviceError, Identity
 from protocol.microscribe import N_BUTTONS, PacketDecoder
 
 BAUD_RATES = (115200, 57600, 38400, 19200, 9600, 28800, 14400)
-LOOK_S = 0.1  # to get acquainted
+LOOK_S = 0.06  # to get acquainted
 SHARE_OF_LINE = 0.8
 PATIENCE = 3.0  # times the longest packet so far
 SHORTEST_S = 0.02
+LEAST_JITTER_NS = 100_000  # a host is not quicker than that
 TRIES = 3
 
 OpenPort = Callable[[int], SerialPort]
@@ -50,7 +51,7 @@ def open_arm(
     if known is not None:
         port = open_port(baud_rate)
         try:
-            line = MicroscribeLine(port, monotonic_ns, stopping)
+            line = MicroscribeLine(port, baud_rate, monotonic_ns, stopping)
             line.still()
             decoder = known.decoder()
             if any(line.packet(decoder) for _ in range(TRIES)):
@@ -92,7 +93,7 @@ def signed_on(
     for rate in [*rates, *others, *rates[:1]]:
         port = open_port(rate)
         path = port.path
-        line = MicroscribeLine(port, monotonic_ns, stopping)
+        line = MicroscribeLine(port, rate, monotonic_ns, stopping)
         try:
             if rate in rates:
                 if (said := line.sign_on()) is not None:
@@ -123,6 +124,7 @@ class MicroscribeSession:
         channels: what is known of the encoders.
         decoder: of the packets.
         reached_hz: packets that can be asked for in a second.
+        exchange_ns: shortest time from a request to the first bytes of its answer.
         first: the last sample before all others that are asked for.
         timer_used: whether the arm's timer runs as it should.
     """
@@ -141,18 +143,21 @@ class MicroscribeSession:
         ]
         self.decoder: PacketDecoder = self.arm.decoder()
         self._now_ns = monotonic_ns
-        self._clock = PacketClock(0.0, 1)
+        self._clock = PacketClock(0.0, 1, 0)
         heard, lengths_ns = self._look()
         wrap = self.arm.timer_wrap
         self.timer_used = timer_rate_hz > 0 and timer_runs(heard, timer_rate_hz, wrap)
-        self._clock = PacketClock(timer_rate_hz if self.timer_used else 0.0, wrap)
+        quickest = min(heard, key=lambda one: one.begun_ns - one.sent_ns)
+        self.exchange_ns = quickest.begun_ns - quickest.sent_ns
+        used_hz = timer_rate_hz if self.timer_used else 0.0
+        self._clock = PacketClock(used_hz, wrap, quickest.delay_ns)
         self.first = [self.sample_of(one)[0] for one in heard][-1]
         if self.timer_used:  # which tells an answer that comes later than that
             usual_s = PATIENCE * max(lengths_ns) * 1e-9
             self.line.patience_s = min(max(usual_s, SHORTEST_S), PACKET_S)
         self.reached_hz = SHARE_OF_LINE * 1e9 / max(1.0, median(lengths_ns))
-        # Latched somewhere between request and answer.
-        self._jitter_ns = round(median(h.begun_ns - h.sent_ns for h in heard) / 2)
+        # What is not known to be time on the line may have been on either way.
+        self._jitter_ns = max(self.exchange_ns - quickest.delay_ns, LEAST_JITTER_NS)
 
     @property
     def identity(self) -> Identity:
