@@ -33,7 +33,7 @@ def errors_ns(clock: PacketClock, period_ms: float) -> np.ndarray:
         assert one.sent_ns <= time_ns <= one.begun_ns
         assert unwrapped in (ticks, time_ns)
         found.append(time_ns - latch_ns)
-    return np.array(found)
+    return np.array(found[150:])  # the clock has settled after a second
 
 
 @pytest.mark.parametrize("period_ms", [10.0, 7.3])
