@@ -42,9 +42,12 @@ def test_the_timer_bounds_what_a_busy_host_adds(period_ms):
     delay_ns = heard(0, 0).delay_ns
     with_timer = errors_ns(PacketClock(1000.0, 16384, delay_ns), period_ms)
     without = errors_ns(PacketClock(0.0, 16384, delay_ns), period_ms)
-    assert np.abs(with_timer).max() < 1.2 * MS
+    # Its edges are known to a tick, and a sample is put into a tick.
+    assert np.abs(with_timer).max() < 2.1 * MS
+    assert np.percentile(np.abs(with_timer), 99) < 1.1 * MS
     assert np.abs(np.median(with_timer)) < 0.1 * MS
-    assert np.abs(without).max() > 3 * MS
+    assert np.abs(without).max() > 5 * MS
+    assert np.percentile(np.abs(without), 99) > 2 * MS
 
 
 def test_an_undisturbed_exchange_is_known_to_what_is_not_line():
