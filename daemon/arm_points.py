@@ -1,7 +1,7 @@
 """Points: from an edge or a command to the capture, in order and never twice."""
 
 import asyncio
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from daemon.arm_devices import ArmDevices
 from daemon.assembly import Assembly
@@ -14,9 +14,11 @@ from daemon.pending_points import PendingPoints, Request
 from daemon.pipeline import Pipeline
 from daemon.poses import LatchedPose
 from daemon.skew import SkewWatch
+from daemon.tip_path import TipPath
+from daemon.uncertainty import Reading, Uncertainty
 from drivers.values import LatchedCounts
 from protocol.messages import Point
-from protocol.messages.point import Trigger
+from protocol.messages.point import Covariance, Trigger
 
 Answer = asyncio.Future[Point]
 
@@ -42,6 +44,8 @@ class Stage:
     pipeline: Pipeline
     assembly: Assembly
     skew: SkewWatch
+    path: TipPath
+    uncertainty: Uncertainty
     point_wait_ns: int
 
 
@@ -134,6 +138,7 @@ class ArmPoints:
         if found is None:
             return None
         pose = stage.pipeline.pose_at(found.counts, stage.devices.temperature_c)
+        pose = replace(pose, doubts_counts=found.doubts_counts)
         return stage.skew.marked(stage.pipeline.model, pose, found.doubts_counts)
 
     def _latched_pose(self, latch: LatchedCounts) -> LatchedPose | None:
@@ -151,7 +156,11 @@ class ArmPoints:
             self._capture.refused += 1
             return self._refused(*self._lack(request))
         point = self._capture.take(
-            stage.pipeline.model, pose, request.trigger, stage.devices.temperature_c
+            stage.pipeline.model,
+            pose,
+            request.trigger,
+            stage.devices.temperature_c,
+            self._covariance(request, pose),
         )
         if point is None:
             return self._refused(
@@ -161,6 +170,17 @@ class ArmPoints:
         taken_ns = stage.clock.monotonic_ns() - request.received_ns
         self._health.latencies["capture_to_publish"].add(taken_ns)
         return point
+
+    def _covariance(self, request: Request, pose: LatchedPose) -> Covariance | None:
+        stage, jitter_ns = self._stage, 0
+        device = request.device
+        if device is not None and pose.doubts_counts is not None and device.identity:
+            jitter_ns = device.identity.jitter_ns
+        speeds_rad_s = stage.path.speeds_rad_s(pose.sample_time_ns, pose.angles_rad)
+        return stage.uncertainty.covariance(
+            stage.pipeline.model,
+            Reading(pose.block, speeds_rad_s, pose.doubts_counts, jitter_ns),
+        )
 
     def _lack(self, request: Request) -> tuple[str, str]:
         """Why there is no pose, and what to do."""

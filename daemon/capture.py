@@ -7,7 +7,7 @@ from daemon.clock import HostClock
 from daemon.model import ArmModel
 from daemon.poses import LatchedPose
 from protocol.messages import Label, Point, Quality
-from protocol.messages.point import Trigger
+from protocol.messages.point import Covariance, Trigger
 
 
 class Session:
@@ -39,6 +39,7 @@ class Capture:
         pose: LatchedPose,
         trigger: Trigger,
         temperature_c: float | None,
+        covariance_mm2: Covariance | None = None,
     ) -> Point | None:
         """Capture the point at ``pose``; None if it had to be refused."""
         point = Point(
@@ -55,7 +56,7 @@ class Capture:
             surface_mm=None,
             compensation="none",
             part_xyz_mm=None,
-            covariance_mm2=None,
+            covariance_mm2=covariance_mm2,
             angles_rad=tuple(pose.angles_rad.tolist()),
             counts=tuple(pose.counts.tolist()),
             temperature_c=temperature_c,

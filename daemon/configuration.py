@@ -70,6 +70,14 @@ class AssemblySection(StrictModel):
     skew_limit_mm: float = Field(default=0.1, gt=0.0)
 
 
+class UncertaintySection(StrictModel):
+    """Standard deviations that no other file tells."""
+
+    encoder_rad: float = Field(default=5e-6, ge=0.0, le=0.01)
+    contact_mm: float = Field(default=0.005, ge=0.0, le=10.0)
+    trigger_s: float = Field(default=1e-5, ge=0.0, le=1.0)
+
+
 class HealthSection(StrictModel):
     """How often the daemon says how it is."""
 
@@ -84,6 +92,7 @@ class Configuration(StrictModel):
     device: Annotated[tuple[AnyDevice, ...], Field(min_length=1)]
     capture: CaptureSection = CaptureSection()
     assembly: AssemblySection = AssemblySection()
+    uncertainty: UncertaintySection = UncertaintySection()
     health: HealthSection = HealthSection()
 
 

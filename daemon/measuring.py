@@ -21,10 +21,13 @@ from daemon.events import EventLog
 from daemon.health import HealthReport
 from daemon.live import LiveView
 from daemon.pipeline import Pipeline
+from daemon.poses import PoseBlock
 from daemon.scanner import Scanner
 from daemon.skew import SkewWatch
 from daemon.tardiness import Tardiness
 from daemon.temperature_watch import TemperatureWatch
+from daemon.tip_path import TipPath
+from daemon.uncertainty import Reading, Uncertainty
 from drivers.values import (
     CountSamples,
     Delivery,
@@ -47,6 +50,7 @@ class Measuring:
         clock: the host's.
         devices: that read the arm's joints.
         settings: how readings of different instants are brought together.
+        uncertainty: states the covariance of points.
         offer_live: hands a live pose to the outgoing queue.
         status_changed: called when a device's state has changed.
 
@@ -62,6 +66,7 @@ class Measuring:
         clock: HostClock,
         devices: ArmDevices,
         settings: AssemblySection,
+        uncertainty: Uncertainty,
         pipeline: Pipeline,
         capture: Capture,
         triggers: Triggers,
@@ -92,12 +97,16 @@ class Measuring:
         )
         self._tardiness = Tardiness(self.assembly, clock, events)
         self.skew = SkewWatch(settings.skew_limit_mm)
+        self.path = TipPath()
+        self._uncertainty = uncertainty
         stage = Stage(
             clock,
             devices,
             pipeline,
             self.assembly,
             self.skew,
+            self.path,
+            uncertainty,
             int(settings.point_wait_s * 1e9),
         )
         self.points = ArmPoints(stage, capture, triggers, events, health)
@@ -147,6 +156,8 @@ class Measuring:
                 device.counters.update(delivery.values)
             case DeviceUp():
                 self._states.take_up(device, delivery)
+                if delivery.restarted:
+                    self.path.forget()
                 # What cannot latch gives its points out of the stream.
                 not_latching = not delivery.identity.latches
                 self._remembers |= not_latching and device in self._devices
@@ -186,12 +197,29 @@ class Measuring:
             self.skew.mark_block(model, poses, doubts_counts)
         taken_ns = self._clock.monotonic_ns() - samples.received_ns
         self._health.latencies["sample_to_pose"].add(taken_ns)
+        self.path.add(poses)
         self._scanner.take(model, poses)
         session = self._capture.session.id
         live = self._live.message(model, poses, session, samples.device)
         if live is not None:
-            self._offer_live(live)
+            self._offer_live(self._with_covariance(live, poses, doubts_counts))
         self._temperature.look(model, self._devices)
+
+    def _with_covariance(
+        self, live: Live, poses: PoseBlock, doubts_counts: NDArray[np.float64] | None
+    ) -> Live:
+        """What is shown of a block's last pose, with how well it is known."""
+        time_ns, angles_rad = int(poses.sample_time_ns[-1]), poses.angles_rad[-1]
+        block = self._pipeline.block_at(
+            time_ns, angles_rad, self._devices.temperature_c
+        )
+        reading = Reading(
+            block,
+            self.path.speeds_rad_s(time_ns, angles_rad),
+            None if doubts_counts is None else doubts_counts[-1],
+        )
+        found = self._uncertainty.covariance(self._pipeline.model, reading)
+        return live.model_copy(update={"covariance_mm2": found})
 
     def _take_latch(self, device: Device, latch: LatchedCounts) -> None:
         if latch.input is not None:

@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.arm_knowledge import read_knowledge
 from drivers.values import Identity
+from kinematics.arm_covariance import ArmCovariance
 from kinematics.arm_file import Arm, FileError, Problem, arm_digest, read_arm
 from kinematics.effect_kinds import EFFECT_KINDS
 from kinematics.effects.arm_effects import ArmEffects, effects_from_arm
@@ -29,6 +31,7 @@ class ArmModel:
         digest: of the arm file's values; every point carries it.
         joint_devices: (n_joints,) id of the device that reads each joint.
         channels: (n_joints,) the channel of each joint on its device.
+        covariance: of the arm's parameters; None where no file tells it.
     """
 
     name: str
@@ -40,6 +43,7 @@ class ArmModel:
     joint_devices: tuple[str, ...]
     channels: NDArray[np.intp]
     probe_radius_mm: float
+    covariance: ArmCovariance | None = None
 
     @property
     def devices(self) -> tuple[str, ...]:
@@ -106,6 +110,12 @@ def read_model(path: Path, device_ids: Mapping[str, object]) -> ArmModel:
             str(path), [*problems, Problem("effects", str(error))]
         ) from None
     problems += [*_never_known(effects), *_never_coming(arm)]
+    in_line = _in_line(effects)
+    covariance = None
+    try:
+        covariance = read_knowledge(path, arm, effects, in_line)
+    except ValueError as error:
+        problems.append(Problem("identification.covariance_file", str(error)))
     if problems:
         raise FileError(str(path), problems)
     encoders = [joint.encoder for joint in arm.joints if joint.encoder is not None]
@@ -113,12 +123,13 @@ def read_model(path: Path, device_ids: Mapping[str, object]) -> ArmModel:
         arm.name,
         arm_digest(arm),
         geometry_from_arm(arm),
-        _in_line(effects),
+        in_line,
         arm.reference.temperature_c,
         encoders_from_arm(arm),
         tuple(encoder.device_id for encoder in encoders),
         np.array([encoder.channel for encoder in encoders], dtype=np.intp),
         arm.probe.radius_mm,
+        covariance,
     )
 
 

@@ -139,11 +139,10 @@ class Pipeline:
         if latched.fractions is not None:
             angles_rad += latched.fractions * model.per_count_rad
         quality = _quality(latched.status[np.newaxis])
-        xyz_mm, ijk, quality = self._corrected(
-            *self._covariates.latched(
-                latched.sample_time_ns, angles_rad, temperature_c, quality
-            )
+        block, quality = self._covariates.latched(
+            latched.sample_time_ns, angles_rad, temperature_c, quality
         )
+        xyz_mm, ijk, quality = self._corrected(block, quality)
         return LatchedPose(
             latched.sample_time_ns,
             counts,
@@ -151,7 +150,16 @@ class Pipeline:
             xyz_mm[0],
             ijk[0],
             int(quality[0]),
+            block,
         )
+
+    def block_at(
+        self, time_ns: int, angles_rad: NDArray[np.float64], temperature_c: float | None
+    ) -> Block:
+        """One sample of the stream (n_joints,) again, with what the effects need."""
+        quality = np.zeros(1, np.uint32)
+        block, _ = self._covariates.latched(time_ns, angles_rad, temperature_c, quality)
+        return block
 
     def _corrected(
         self, block: Block, quality: Bits

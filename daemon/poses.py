@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kinematics.effects.block import Block
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseBlock:
@@ -67,7 +69,13 @@ _ARRAYS = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LatchedPose:
-    """The pose at one latch: (n_joints,), (3,) and (3,) arrays as in `PoseBlock`."""
+    """The pose at one latch: (n_joints,), (3,) and (3,) arrays as in `PoseBlock`.
+
+    Attributes:
+        block: one sample, what the pose was computed of.
+        doubts_counts: of interpolated readings, (n_joints, 2), see
+            `daemon.interpolation.Brought`; None where all were latched.
+    """
 
     sample_time_ns: int
     counts: NDArray[np.int64]
@@ -75,3 +83,5 @@ class LatchedPose:
     xyz_mm: NDArray[np.float64]
     ijk: NDArray[np.float64]
     quality: int
+    block: Block
+    doubts_counts: NDArray[np.float64] | None = None

@@ -33,6 +33,7 @@ from daemon.startup import (
     check_devices,
     read_inputs,
 )
+from daemon.uncertainty import Uncertainty
 from kinematics.kernel.choice import KERNEL
 from protocol import topics
 from protocol.encoding import Encoding
@@ -113,6 +114,7 @@ class Service:
             clock=self._clock,
             devices=self._arm_devices,
             settings=configuration.assembly,
+            uncertainty=Uncertainty(configuration.uncertainty),
             pipeline=Pipeline(model, self._clock),
             capture=self._capture,
             triggers=Triggers(

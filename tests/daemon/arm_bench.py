@@ -4,7 +4,7 @@ import asyncio
 
 from daemon.arm_devices import ArmDevices
 from daemon.capture import Capture, Triggers
-from daemon.configuration import AssemblySection
+from daemon.configuration import AssemblySection, UncertaintySection
 from daemon.device import Device
 from daemon.device_section import section_of
 from daemon.events import EventLog
@@ -13,6 +13,7 @@ from daemon.live import LiveView
 from daemon.measuring import Measuring
 from daemon.pipeline import Pipeline
 from daemon.scanner import Scanner
+from daemon.uncertainty import Uncertainty
 from drivers.crossing import Crossing
 from drivers.driver import Driver
 from drivers.values import DeviceUp, Identity, LatchedCounts, StreamStarted
@@ -54,7 +55,7 @@ class DeafDriver(Driver):
 class ArmBench:
     """All that measures, in time that a test sets."""
 
-    def __init__(self, folder, model=None, **settings):
+    def __init__(self, folder, model=None, uncertainty=None, **settings):
         self.clock = SetClock()
         self.clock.now_ns = BEGIN_NS
         self.model = model or model_on_two(folder)
@@ -70,6 +71,7 @@ class ArmBench:
             clock=self.clock,
             devices=self.arm_devices,
             settings=AssemblySection(**settings),
+            uncertainty=Uncertainty(uncertainty or UncertaintySection()),
             pipeline=Pipeline(self.model, self.clock),
             capture=self.capture,
             triggers=Triggers({("handle", 0): "button", ("base", 0): "switch"}),

@@ -6,6 +6,7 @@ import pytest
 from daemon.capture import Capture, Triggers
 from daemon.outgoing import MAX_EVENTS, MAX_REPLIES, Outgoing, OutgoingQueue
 from daemon.poses import LatchedPose
+from kinematics.effects.block import Block
 from tests.daemon.values import UTC_OFFSET_NS, SetClock, arm_model
 
 
@@ -35,6 +36,7 @@ def pose(quality: int = 0) -> LatchedPose:
         np.array([10.0, 20.0, 30.0]),
         np.array([0.0, 0.0, 1.0]),
         quality,
+        Block(np.array([[0.1, 0.2, 0.3]])),
     )
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from daemon.arm_devices import ArmDevices
 from daemon.capture import Capture, Triggers
-from daemon.configuration import AssemblySection
+from daemon.configuration import AssemblySection, UncertaintySection
 from daemon.device import open_device
 from daemon.device_section import section_of
 from daemon.events import EventLog
@@ -15,6 +15,7 @@ from daemon.measuring import Measuring
 from daemon.pipeline import Pipeline
 from daemon.poses import PoseBlock
 from daemon.scanner import Scanner, plan_scan
+from daemon.uncertainty import Uncertainty
 from drivers.values import (
     CountSamples,
     DeviceAlarm,
@@ -58,6 +59,7 @@ class Bench:
             clock=self.clock,
             devices=ArmDevices(model, [self.device]),
             settings=AssemblySection(),
+            uncertainty=Uncertainty(UncertaintySection()),
             pipeline=Pipeline(model, self.clock),
             capture=Capture(self.clock, self.offer),
             triggers=Triggers({("base", 0): "button", ("base", 1): "switch"}),

@@ -9,7 +9,7 @@ from daemon.arm_devices import ArmDevices
 from daemon.capture import Capture, Triggers
 from daemon.clock import HostClock
 from daemon.commands import CommandError
-from daemon.configuration import AssemblySection, CaptureSection
+from daemon.configuration import AssemblySection, CaptureSection, UncertaintySection
 from daemon.device import open_device
 from daemon.device_section import section_of
 from daemon.events import EventLog
@@ -20,6 +20,7 @@ from daemon.pipeline import Pipeline
 from daemon.requests import Requests
 from daemon.scanner import Scanner
 from daemon.startup import REFUSED, UNREACHABLE, check_devices
+from daemon.uncertainty import Uncertainty
 from protocol.messages import PointArgs, ScanArgs
 from tests.daemon.values import arm_model
 from tests.drivers import board_bodies as bodies
@@ -48,6 +49,7 @@ class Bench:
             clock=clock,
             devices=devices,
             settings=AssemblySection(),
+            uncertainty=Uncertainty(UncertaintySection()),
             pipeline=Pipeline(model, clock),
             capture=capture,
             triggers=Triggers({("base", 0): "button"}),

@@ -26,6 +26,7 @@ SECTIONS: dict[str, list[tuple[str, type[BaseModel]]]] = {
         *((f'`driver = "{name}"`', driver_class(name).options) for name in DRIVERS),
         ("`[capture]`", configuration.CaptureSection),
         ("`[[capture.inputs]]`", configuration.InputSection),
+        ("`[uncertainty]`", configuration.UncertaintySection),
         ("`[health]`", configuration.HealthSection),
     ],
     "docs/reference/arm-file.md": [

@@ -11,7 +11,7 @@ import numpy as np
 from daemon.arm_devices import ArmDevices
 from daemon.capture import Capture, Triggers
 from daemon.clock import HostClock
-from daemon.configuration import AssemblySection
+from daemon.configuration import AssemblySection, UncertaintySection
 from daemon.device import Device
 from daemon.device_section import section_of
 from daemon.events import EventLog
@@ -21,6 +21,7 @@ from daemon.measuring import Measuring
 from daemon.model import ArmModel, read_model
 from daemon.pipeline import Pipeline
 from daemon.scanner import Scanner
+from daemon.uncertainty import Uncertainty
 from drivers.values import Delivery
 from kinematics.arm_file import Arm, Effect, Identification, write_arm
 from protocol.messages import Point
@@ -128,9 +129,12 @@ class Daemon:
     Args:
         arm_file: what it measures with.
         clock: the host's.
+        uncertainty: States covariances.
     """
 
-    def __init__(self, arm_file: Path, clock: HostClock) -> None:
+    def __init__(
+        self, arm_file: Path, clock: HostClock, uncertainty: Uncertainty | None = None
+    ) -> None:
         self.points: list[Point] = []
         self.model = read_model(arm_file, {"base": None})
         self._clock = clock
@@ -138,11 +142,13 @@ class Daemon:
             {"id": "base", "driver": "latch-board", "port": "board.pty"}
         )
         self._device = Device(section, None, None)
+        self._pipeline = Pipeline(self.model, clock)
         self._measuring = Measuring(
             clock=clock,
             devices=ArmDevices(self.model, [self._device]),
             settings=AssemblySection(),
-            pipeline=Pipeline(self.model, clock),
+            uncertainty=uncertainty or Uncertainty(UncertaintySection()),
+            pipeline=self._pipeline,
             capture=Capture(clock, self._keep),
             triggers=Triggers({("base", 1): "switch"}),
             scanner=Scanner(clock, lambda scan: True, 0.05),
@@ -156,6 +162,10 @@ class Daemon:
     def take(self, driver, delivery: Delivery) -> None:
         self._device.driver = driver
         self._measuring.take(self._device, delivery)
+
+    def use_model(self, model: ArmModel) -> None:
+        """Measure with another arm from now on."""
+        self._pipeline.use_model(model)
 
     def _keep(self, point: Point) -> bool:
         self.points.append(point)

@@ -1,0 +1,118 @@
+"""Where the ball was a moment ago: blocks of poses as they came, kept for a while.
+
+Nothing is computed until somebody asks, so a stream costs no more for being remembered.
+"""
+
+from collections import deque
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.poses import PoseBlock
+from protocol.messages import QualityFlag
+
+Floats = NDArray[np.float64]
+
+KEPT_NS = 3_000_000_000
+SPEED_NS = 5_000_000  # over less the encoders' noise would be more than the speed
+GAP_NS = 250_000_000  # the slowest stream has a sample every 100 ms
+NOT_THERE = QualityFlag.ENCODER_ERROR | QualityFlag.INCOMPLETE
+"""Of samples that do not tell where the ball was."""
+
+
+class TipPath:
+    """Remembers the last seconds of the stream."""
+
+    def __init__(self) -> None:
+        self._blocks: deque[PoseBlock] = deque()
+
+    def forget(self) -> None:
+        """Begin anew: what came before does not join on to what comes."""
+        self._blocks.clear()
+
+    def add(self, poses: PoseBlock) -> None:
+        """Continue by a block, not empty."""
+        blocks = self._blocks
+        blocks.append(poses)
+        oldest_ns = int(poses.sample_time_ns[-1]) - KEPT_NS
+        while blocks[0].sample_time_ns[-1] < oldest_ns:
+            blocks.popleft()
+
+    @property
+    def last_ns(self) -> int | None:
+        """The time of the last sample; None where there is none."""
+        return int(self._blocks[-1].sample_time_ns[-1]) if self._blocks else None
+
+    def speeds_rad_s(self, time_ns: int, angles_rad: Floats) -> Floats | None:
+        """How fast the joints turn where they have some readings at some time.
+
+        Args:
+            time_ns: host monotonic.
+            angles_rad: the readings then, (n_joints,).
+
+        Returns:
+            (n_joints,); None where no good sample tells it.
+        """
+        for block in reversed(self._blocks):
+            row = _last_until(block, time_ns - SPEED_NS)
+            if row < 0:
+                continue
+            elapsed_ns = time_ns - int(block.sample_time_ns[row])
+            if elapsed_ns > GAP_NS or block.quality[row] & NOT_THERE:
+                return None
+            speeds: Floats = (angles_rad - block.angles_rad[row]) / (elapsed_ns * 1e-9)
+            return speeds
+        return None
+
+    def last_away_mm(
+        self, time_ns: int, from_mm: Floats, distance_mm: float
+    ) -> Floats | None:
+        """Where the ball was last, before some time, so far or farther from a place.
+
+        Returns:
+            (3,); None where it has not been.
+        """
+        for block in reversed(self._blocks):
+            rows = np.flatnonzero(
+                _away(block, from_mm, distance_mm) & (block.sample_time_ns < time_ns)
+            )
+            if len(rows):
+                place: Floats = block.xyz_mm[rows[-1]]
+                return place
+        return None
+
+    def first_away_mm(
+        self, time_ns: int, from_mm: Floats, distance_mm: float
+    ) -> tuple[int, Floats] | None:
+        """When and where the ball was first, after some time, so far from a place."""
+        for block in self._blocks:
+            rows = np.flatnonzero(
+                _away(block, from_mm, distance_mm) & (block.sample_time_ns > time_ns)
+            )
+            if len(rows):
+                row = rows[0]
+                return int(block.sample_time_ns[row]), block.xyz_mm[row]
+        return None
+
+    def after(self, time_ns: int, until_ns: int) -> Iterator[PoseBlock]:
+        """Samples from one time to another, both included; no block is empty."""
+        for block in self._blocks:
+            times_ns = block.sample_time_ns
+            if times_ns[-1] < time_ns or times_ns[0] > until_ns:
+                continue
+            first = int(np.searchsorted(times_ns, time_ns, side="left"))
+            end = int(np.searchsorted(times_ns, until_ns, side="right"))
+            if first < end:
+                yield block.rows(slice(first, end))
+
+
+def _last_until(block: PoseBlock, time_ns: int) -> int:
+    """The row of the last sample until a time; -1 where there is none."""
+    return int(np.searchsorted(block.sample_time_ns, time_ns, side="right")) - 1
+
+
+def _away(block: PoseBlock, from_mm: Floats, distance_mm: float) -> NDArray[np.bool_]:
+    """Which samples are good and so far away, (n,)."""
+    away = np.linalg.norm(block.xyz_mm - from_mm, axis=1) >= distance_mm
+    return np.asarray(away & ((block.quality & NOT_THERE) == 0))
