@@ -99,7 +99,8 @@ def jacobian(geometry: Geometry, angles_rad: Floats, peers: list[Peer]) -> list[
     for peer in peers:
         if peer.derivatives is not None:
             call = partial(peer.derivatives, angles_rad - geometry.zeros_rad)
-            tasks.append(Task(f"{peer.name}, angles only", call, n))
+            name = f"{peer.name}, angles only"
+            tasks.append(Task(name, call, n, is_peer=True))
     return tasks
 
 

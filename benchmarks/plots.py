@@ -15,7 +15,7 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
 DOCS = Path(__file__).parent.parent / "docs"
-OURS, THEIRS, STAGE = "#1f6f8b", "#c8963e", "#7a9e7e"
+OURS, THEIRS = "#1f6f8b", "#c8963e"
 Tables = dict[str, dict[str, tuple[list[float], bool]]]
 
 

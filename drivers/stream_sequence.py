@@ -25,7 +25,7 @@ class StreamSequence:
         """
         n = len(seq)
         numbers = np.arange(self._expected, self._expected + n)
-        if np.array_equal(seq, numbers.astype(np.uint32)):
+        if (seq == numbers.astype(np.uint32)).all():
             self._expected += n
             return numbers, None, 0, 0
         ahead = (seq.astype(np.int64) - self._expected + WRAP // 2) % WRAP - WRAP // 2

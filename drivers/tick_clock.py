@@ -115,12 +115,10 @@ class TickClock:
         """Host monotonic times, (n,) int64 [ns], of unwrapped ticks (n,)."""
         elapsed = ticks - self._anchor_ticks
         elapsed_ns = elapsed * self._ns_per_tick
-        left = 1.0 - (elapsed - self._fit_ticks) / self._bin_ticks
-        correction_ns = (
-            self._height_ns
-            + self._slope * elapsed_ns
-            + self._jump_ns * np.clip(left, 0.0, 1.0)
-        )
+        correction_ns = self._height_ns + self._slope * elapsed_ns
+        if self._jump_ns and elapsed.min() < self._fit_ticks + self._bin_ticks:
+            left = 1.0 - (elapsed - self._fit_ticks) / self._bin_ticks
+            correction_ns += self._jump_ns * np.minimum(1.0, np.maximum(0.0, left))
         return self._anchor_ns + np.rint(elapsed_ns + correction_ns).astype(np.int64)
 
     def _restart(self, ticks: int, received_ns: int) -> None:
