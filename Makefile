@@ -62,6 +62,7 @@ bench: venv system bench-kernel  ## the figures of docs/performance.md; takes mi
 	$(BIN)/python -m benchmarks.plots $(FIGURES)
 
 bench-drivers: venv  ## the drivers: rates, losses, share of a core; takes minutes
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.drivers_bar
 	$(BIN)/python -m benchmarks.drivers_can
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.deskew
 	$(BIN)/python -m benchmarks.clock

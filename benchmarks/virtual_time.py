@@ -6,6 +6,7 @@ in memory, which stands in for the pty on the device's side and for the port on 
 driver's.
 """
 
+import termios
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -112,15 +113,20 @@ class Cable:
         del baud_rate, wake_fd
         if not self.plugged:
             raise DeviceError(f"cannot open {path}: there is no such port", "plug it")
+        return HostEnd(self.held_by_host(), path)
+
+    def held_by_host(self) -> "Cable":
+        """The host holds its end from now on."""
         self.held = True
-        return HostEnd(self)
+        return self
 
 
 class HostEnd:
     """The end of a cable that a driver reads, as a `drivers.byte_port.BytePort`."""
 
-    def __init__(self, cable: Cable) -> None:
+    def __init__(self, cable: Cable, path: str) -> None:
         self._cable = cable
+        self.path = path
 
     @property
     def ready(self) -> bool:
@@ -161,6 +167,7 @@ class DeviceEnd:
     """The end of a cable that stands in for `simulator.pty_port.PtyPort`."""
 
     backlog = False
+    host_speed = termios.B115200  # what most ask for
     wake_descriptor = descriptor = -1
 
     def __init__(self, cable: Cable) -> None:
@@ -198,7 +205,10 @@ def lines_through(cables: Sequence[Cable]) -> Iterator[None]:
         del path, buffer_bytes
         return DeviceEnd(next(left))
 
-    with patch("simulator.devices.serial_line.PtyPort", end_of_next):
+    with (
+        patch("simulator.devices.serial_line.PtyPort", end_of_next),
+        patch("simulator.devices.latch_board.PtyPort", end_of_next),
+    ):
         yield
 
 
