@@ -1,0 +1,73 @@
+"""Encoders that are asked one by one, as a process, and what its truth log says."""
+
+import json
+import math
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+
+from tests.simulator.conftest import arm_text, config_text
+from tests.simulator.test_simulator_process import PROGRAM
+
+PORTS = [f"port/{number}" for number in range(7)]
+MOVING = """
+[[motion]]
+kind = "sphere"
+centre_mm = [500.0, 100.0, 50.0]
+radius_mm = 25.4
+points = 3
+"""
+
+
+def test_the_truth_log_tells_what_was_latched_when(folder):
+    (folder / "arm.toml").write_text(arm_text().replace("8388608", "262144"))
+    head = 'truth_log = "truth.jsonl"\ntruth_readings = true\nstart = "first_start"'
+    keys = f'kind = "rls"\nports = {PORTS}\nbits = 18'
+    text = config_text(MOVING, head).replace('port = "port/base"', keys)
+    (folder / "sim.toml").write_text(text)
+    with subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, str(folder / "sim.toml")],
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        try:
+            where = " ".join(str(folder / port) for port in PORTS)
+            assert process.stdout.readline() == f"ready base {where}\n"
+            asked = [ask(folder / PORTS[k % 7], b"1", 4) for k in range(70)]
+            process.send_signal(signal.SIGTERM)
+            assert process.wait(10.0) == 0
+        finally:
+            process.kill()
+    *readings, summary = map(
+        json.loads, (folder / "truth.jsonl").read_text("utf-8").splitlines()
+    )
+    assert summary["base"]["samples"] == len(readings) == 70
+    for number, (reading, (sent_ns, reply, got_ns)) in enumerate(
+        zip(readings, asked, strict=True)
+    ):
+        channel = number % 7
+        assert (reading["event"], reading["channel"]) == ("reading", channel)
+        assert sent_ns < reading["monotonic_ns"] < got_ns
+        assert reply[0] == ord("1")
+        assert int.from_bytes(reply[1:], "big") >> 6 == reading["count"]
+        counts = reading["angles_rad"][channel] * 262144 / math.tau * (-1) ** channel
+        assert (reading["count"] - round(counts) + 1) % 262144 <= 2
+    assert readings[0]["script_s"] == 0.0
+    assert readings[-1]["script_s"] > 0.0
+
+
+def ask(port, request, n_bytes):
+    """When the request was sent, the reply, and when it was there."""
+    descriptor = os.open(port, os.O_RDWR | os.O_NOCTTY)
+    try:
+        sent_ns, reply = time.monotonic_ns(), b""
+        os.write(descriptor, request)
+        while len(reply) < n_bytes:
+            assert select.select([descriptor], [], [], 10.0)[0], reply
+            reply += os.read(descriptor, n_bytes)
+        return sent_ns, reply, time.monotonic_ns()
+    finally:
+        os.close(descriptor)
