@@ -34,20 +34,14 @@ class Heard:
         sent_ns: its request had been written; it was latched after that.
         begun_ns: its first bytes had been read; it was latched before that.
         received_ns: all of it had been read.
-        wire_ns: how much longer those first bytes were on the line than the request.
+        delay_ns: from the latch to its first bytes, as far as that can be told.
     """
 
     packet: Packet
     sent_ns: int
     begun_ns: int
     received_ns: int
-    wire_ns: int
-
-    @property
-    def delay_ns(self) -> int:
-        """From the latch to its first bytes, if the rest took as long both ways."""
-        exchange_ns = self.begun_ns - self.sent_ns
-        return min((exchange_ns + self.wire_ns) // 2, exchange_ns)
+    delay_ns: int
 
 
 class MicroscribeLine:
@@ -161,7 +155,7 @@ class MicroscribeLine:
         self.drop_stray()
         self.port.write(packet_request(timer=True))
         sent_ns = begun_ns = self._now_ns()
-        wire_ns = 0
+        delay_ns = 0
         until_ns = sent_ns + int(self.patience_s * 1e9)
         while (left_ns := until_ns - self._now_ns()) > 0 and not self._stopping():
             if not self.port.wait(left_ns * 1e-9):
@@ -169,17 +163,14 @@ class MicroscribeLine:
             now_ns = self._now_ns()
             data = self.port.read()
             if not decoder.pending:
-                begun_ns, wire_ns = now_ns, self.wire_ns(data)
+                begun_ns = now_ns
+                delay_ns = self._delay_ns(data, begun_ns - sent_ns)
             for packet in decoder.feed(data):
-                heard = Heard(packet, sent_ns, begun_ns, self._now_ns(), wire_ns)
+                heard = Heard(packet, sent_ns, begun_ns, self._now_ns(), delay_ns)
                 if not old(heard):
                     return heard
                 self.old += 1
         return None
-
-    def wire_ns(self, data: bytes) -> int:
-        """How much longer bytes take on the line than a request does."""
-        return round(max(0, len(data) - 1) * self._byte_ns)
 
     def read_until_quiet(self, quiet_s: float = QUIET_S) -> bytes:
         """All that comes until nothing has come for a while, at most some."""
@@ -187,6 +178,15 @@ class MicroscribeLine:
         while (more := self._read_for(quiet_s)) and len(data) < MOST_BYTES:
             data += more
         return data
+
+    def _delay_ns(self, data: bytes, exchange_ns: int) -> int:
+        """From a latch to the first bytes of its packet.
+
+        They take longer on the line than the request does; what is left of the
+        exchange is taken to be the same both ways.
+        """
+        wire_ns = round(max(0, len(data) - 1) * self._byte_ns)
+        return min((exchange_ns + wire_ns) // 2, exchange_ns)
 
     def _ask(
         self, command: int, found: Callable[[bytes], Answer | None]

@@ -31,19 +31,19 @@ class MotionReport:
         monotonic_ns: Callable[[], int],
     ) -> None:
         self._line = session.line
-        self._exchange_ns = session.exchange_ns
+        self._delay_ns = session.delay_ns
         self._decoder = session.decoder
         self._now_ns = monotonic_ns
         framing = session.arm.framing
         self._request = wire.motion_request(framing, delay_ms, timer=True)
         self._running = self._unechoed = False
-        self._last_ns = monotonic_ns()
+        self._begun_ns = self._last_ns = monotonic_ns()
 
     def begin(self) -> None:
         """Let the arm report from now on."""
         self._line.port.write(self._request)
         self._running = self._unechoed = True
-        self._last_ns = self._now_ns()
+        self._begun_ns = self._last_ns = self._now_ns()
 
     def end(self) -> None:
         """Let it be silent again."""
@@ -56,16 +56,14 @@ class MotionReport:
         if not self._line.port.wait(seconds):
             return []
         begun_ns = self._now_ns()
-        data = self._without_echo(self._line.port.read())
-        packets = self._decoder.feed(data)
+        packets = self._decoder.feed(self._without_echo(self._line.port.read()))
         received_ns = self._now_ns()
-        # As if each had been asked for: no earlier than an exchange takes.
-        sent_ns = max(self._last_ns, begun_ns - self._exchange_ns)
-        wire_ns = self._line.wire_ns(data)
-        heard = [Heard(p, sent_ns, begun_ns, received_ns, wire_ns) for p in packets]
-        if heard:
-            self._last_ns = begun_ns
-        return heard
+        if packets:
+            self._last_ns = received_ns
+        return [
+            Heard(packet, self._begun_ns, begun_ns, received_ns, self._delay_ns)
+            for packet in packets
+        ]
 
     def is_quiet(self, *, unsettled: bool) -> bool:
         """Whether it is time to ask."""

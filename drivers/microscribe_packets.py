@@ -54,6 +54,7 @@ class PacketClock:
 
     def __init__(self, rate_hz: float, wrap: int, delay_ns: int) -> None:
         self._delay_ns = delay_ns
+        self._last_ns = 0
         self._clock = TickClock(rate_hz, wrap) if rate_hz else None
         self._tick_ns = round(1e9 / rate_hz) if rate_hz else 0
 
@@ -73,7 +74,10 @@ class PacketClock:
     def time_of(self, heard: Heard) -> tuple[int, int]:
         """Unwrapped ticks and the host's time of a packet; learns from it."""
         time_ns = heard.begun_ns - heard.delay_ns
+        # Packets come in the order in which they were latched.
+        earliest_ns = min(max(heard.sent_ns, self._last_ns), heard.begun_ns)
         if self._clock is None:
+            self._last_ns = time_ns = max(time_ns, earliest_ns)
             return time_ns, time_ns
         ticks = self._ticks(self._clock, heard)
         self._clock.update(ticks, heard.begun_ns)
@@ -81,7 +85,8 @@ class PacketClock:
         # better: requests may keep step with the timer, and then ticks never tell.
         tick_ns = self._clock.to_ns(ticks) - self._delay_ns
         time_ns = min(max(time_ns, tick_ns), tick_ns + self._tick_ns)
-        return ticks, min(max(time_ns, heard.sent_ns), heard.begun_ns)
+        self._last_ns = time_ns = min(max(time_ns, earliest_ns), heard.begun_ns)
+        return ticks, time_ns
 
     def _ticks(self, clock: TickClock, heard: Heard) -> int:
         return clock.unwrap_one(heard.packet.timer or 0)

@@ -124,7 +124,7 @@ class MicroscribeSession:
         channels: what is known of the encoders.
         decoder: of the packets.
         reached_hz: packets that can be asked for in a second.
-        exchange_ns: shortest time from a request to the first bytes of its answer.
+        delay_ns: from the latch to the first bytes of a packet, at the quickest.
         first: the last sample before all others that are asked for.
         timer_used: whether the arm's timer runs as it should.
     """
@@ -148,16 +148,17 @@ class MicroscribeSession:
         wrap = self.arm.timer_wrap
         self.timer_used = timer_rate_hz > 0 and timer_runs(heard, timer_rate_hz, wrap)
         quickest = min(heard, key=lambda one: one.begun_ns - one.sent_ns)
-        self.exchange_ns = quickest.begun_ns - quickest.sent_ns
+        self.delay_ns = quickest.delay_ns
         used_hz = timer_rate_hz if self.timer_used else 0.0
-        self._clock = PacketClock(used_hz, wrap, quickest.delay_ns)
+        self._clock = PacketClock(used_hz, wrap, self.delay_ns)
         self.first = [self.sample_of(one)[0] for one in heard][-1]
         if self.timer_used:  # which tells an answer that comes later than that
             usual_s = PATIENCE * max(lengths_ns) * 1e-9
             self.line.patience_s = min(max(usual_s, SHORTEST_S), PACKET_S)
         self.reached_hz = SHARE_OF_LINE * 1e9 / max(1.0, median(lengths_ns))
         # What is not known to be time on the line may have been on either way.
-        self._jitter_ns = max(self.exchange_ns - quickest.delay_ns, LEAST_JITTER_NS)
+        unknown_ns = quickest.begun_ns - quickest.sent_ns - quickest.delay_ns
+        self._jitter_ns = max(unknown_ns, LEAST_JITTER_NS)
 
     @property
     def identity(self) -> Identity:

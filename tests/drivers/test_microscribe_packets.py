@@ -17,7 +17,9 @@ def heard(latch_ns: int, ticks: int, before_ns: int = 0, after_ns: int = 0) -> H
     begun_ns = latch_ns + REPLY_NS + after_ns
     sent_ns = latch_ns - REQUEST_NS - before_ns
     packet = Packet(0, ticks % 16384, (0,) * 6)
-    return Heard(packet, sent_ns, begun_ns, begun_ns, WIRE_NS)
+    exchange_ns = begun_ns - sent_ns
+    delay_ns = (exchange_ns + WIRE_NS) // 2
+    return Heard(packet, sent_ns, begun_ns, begun_ns, delay_ns)
 
 
 def errors_ns(clock: PacketClock, period_ms: float) -> np.ndarray:
