@@ -1,7 +1,8 @@
 """Events: logged, and published without flooding.
 
 The first of its kind goes out at once; what repeats within a second is counted and
-told once. A lasting condition is raised once and cleared once.
+told once. Of those that are distinct, such as presses of a button, it is the first
+twenty in a second. A lasting condition is raised once and cleared once.
 """
 
 import logging
@@ -14,6 +15,7 @@ from daemon.clock import HostClock
 log = logging.getLogger("daemon.events")
 
 QUIET_NS = 1_000_000_000
+MAX_DISTINCT = 20  # in a second: more than hands can do, less than a broken button
 MAX_KINDS = 256
 LEVELS = {"info": logging.INFO, "warning": logging.WARNING, "error": logging.ERROR}
 
@@ -49,6 +51,7 @@ class EventLog:
         self._publish = publish
         self._held: dict[tuple[str, str], Occurrence] = {}
         self._told_ns: dict[tuple[str, str], int] = {}
+        self._distinct: dict[tuple[str, str], tuple[int, int]] = {}
         self._active: set[tuple[str, str]] = set()
 
     def report(
@@ -65,8 +68,8 @@ class EventLog:
     ) -> None:
         """Something momentary happened ``count`` times.
 
-        With ``distinct`` every one is told by itself, as for buttons; the other
-        arguments are those of the message.
+        With ``distinct`` every one is told by itself, as for buttons, unless there are
+        too many; the other arguments are those of the message.
         """
         now_ns = self._clock.monotonic_ns()
         occurrence = Occurrence(
@@ -82,7 +85,11 @@ class EventLog:
             data or {},
         )
         key = (code, source)
-        if distinct or now_ns - self._told_ns.get(key, now_ns - QUIET_NS) >= QUIET_NS:
+        if distinct:
+            is_told = self._is_one_of_few(key, now_ns)
+        else:
+            is_told = now_ns - self._told_ns.get(key, now_ns - QUIET_NS) >= QUIET_NS
+        if is_told:
             self._tell(key, occurrence)
         elif (held := self._held.get(key)) is not None:
             self._held[key] = replace(
@@ -129,6 +136,18 @@ class EventLog:
             if now_ns - self._told_ns.get(key, 0) >= QUIET_NS:
                 del self._held[key]
                 self._tell(key, held)
+
+    def _is_one_of_few(self, key: tuple[str, str], now_ns: int) -> bool:
+        """Whether a distinct one is told; what was held back before is told first."""
+        since_ns, n = self._distinct.get(key, (now_ns, 0))
+        if now_ns - since_ns >= QUIET_NS:
+            since_ns, n = now_ns, 0
+            if (held := self._held.pop(key, None)) is not None:
+                self._tell(key, held)
+        if len(self._distinct) >= MAX_KINDS:
+            self._distinct.clear()
+        self._distinct[key] = since_ns, n + 1
+        return n < MAX_DISTINCT
 
     def _tell(self, key: tuple[str, str], occurrence: Occurrence) -> None:
         if len(self._told_ns) >= MAX_KINDS:

@@ -22,6 +22,7 @@ class EdgeOrder:
 
     def __init__(self, expected: int | None = None) -> None:
         self._next = expected
+        self._delivered: int | None = None
         self._acknowledged: int | None = None
         self._early_since_ns: int | None = None
 
@@ -29,6 +30,11 @@ class EdgeOrder:
     def last_acknowledged(self) -> int | None:
         """The number to repeat when the board asks again."""
         return self._acknowledged
+
+    @property
+    def are_open(self) -> bool:
+        """Whether the consumer has edges that it has not yet dealt with."""
+        return self._delivered is not None and self._delivered != self._acknowledged
 
     def expect(self, seq: int) -> None:
         """The board says with which edge to begin; believed only at the beginning."""
@@ -61,11 +67,13 @@ class EdgeOrder:
     def delivered(self, seq: int) -> None:
         """Edge ``seq`` is being handed to the consumer."""
         self._next = (seq + 1) % WRAP
+        self._delivered = seq
         self._early_since_ns = None
 
     def refused(self, seq: int) -> None:
         """The consumer had no room for edge ``seq``: it is to come again."""
         self._next = seq
+        self._delivered = (seq - 1) % WRAP
 
     def acknowledge(self, seq: int) -> None:
         """The consumer has dealt with all edges up to ``seq``.

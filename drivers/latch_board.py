@@ -33,6 +33,9 @@ HEARTBEAT_MS = 500
 EDGES_HEARTBEAT_MS = 20  # of a board that never streams: nothing else tells its time
 TEMPERATURE_MS = 2000
 MAX_LATCHES = 16
+# The board sends an edge again after 50 ms, so there is time to acknowledge several at
+# once, and none to be lost by waking the reader while the point is on its way.
+ACKNOWLEDGE_NS = 10_000_000
 # On a fast stream a read takes what some milliseconds bring, since waking up costs
 # more than a sample; no more than a quarter of what a pty holds.
 FAST_STREAM_HZ = 400.0
@@ -95,6 +98,7 @@ class LatchBoard(Driver):
         self._boot_id: int | None = None
         self._n_channels: int | None = None  # until HELLO has told
         self._acknowledged: int | None = None
+        self._acknowledged_ns = 0
         self._frames_before = 0
         self._streams_begun = 0
         self._stream = 0
@@ -124,9 +128,8 @@ class LatchBoard(Driver):
         return self._latch_token
 
     def acknowledge(self, token: int) -> None:
-        """Tell the board that all edges up to ``token`` have been dealt with."""
+        """Have the board told soon that edges up to ``token`` have been dealt with."""
         self._edges.acknowledge(token)
-        self._wake()
 
     # -- in the reader thread -------------------------------------------------
 
@@ -166,7 +169,7 @@ class LatchBoard(Driver):
         line, broken = self._line, 0
         while line is not None and not self._stopping:
             self._carry_out_requests(line)
-            if line.wait(0.1):
+            if line.wait(ACKNOWLEDGE_NS * 1e-9 if self._owes_acknowledgement else 0.1):
                 if self._rate_hz > FAST_STREAM_HZ:
                     time.sleep(self._gather_s())
                 line.read()
@@ -175,6 +178,12 @@ class LatchBoard(Driver):
             self._counters["frames_received"] = self._frames_before + line.accepted
             self._report_counters()
             line.check_alive()
+
+    @property
+    def _owes_acknowledgement(self) -> bool:
+        """Whether an edge has been delivered of which the board does not know it."""
+        edges = self._edges
+        return edges.are_open or edges.last_acknowledged != self._acknowledged
 
     def _gather_s(self) -> float:
         """How long to let bytes come together."""
@@ -191,8 +200,11 @@ class LatchBoard(Driver):
             self._port = None
 
     def _carry_out_requests(self, line: BoardLine) -> None:
-        if (done := self._edges.last_acknowledged) != self._acknowledged:
-            self._acknowledged = done
+        now_ns = self._now_ns()
+        if (
+            done := self._edges.last_acknowledged
+        ) != self._acknowledged and now_ns - self._acknowledged_ns >= ACKNOWLEDGE_NS:
+            self._acknowledged, self._acknowledged_ns = done, now_ns
             if done is not None:
                 line.send(wire.edge_ack(done))
         while self._latches:

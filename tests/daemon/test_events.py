@@ -1,6 +1,6 @@
 import pytest
 
-from daemon.events import MAX_KINDS, QUIET_NS, EventLog
+from daemon.events import MAX_DISTINCT, MAX_KINDS, QUIET_NS, EventLog
 from daemon.latencies import KEPT, Latencies
 from tests.daemon.values import SetClock
 
@@ -56,6 +56,25 @@ def test_buttons_are_told_one_by_one(bench):
     for _ in range(5):
         bench.log.report("info", "button.pressed", "", source="base/0", distinct=True)
     assert [one.count for one in bench.told] == [1] * 5
+
+
+def test_a_broken_button_does_not_flood(bench):
+    def press(n):
+        for _ in range(n):
+            bench.log.report(
+                "info", "button.pressed", "", source="base/0", distinct=True
+            )
+
+    press(500)
+    assert [one.count for one in bench.told] == [1] * MAX_DISTINCT
+    bench.clock.now_ns += QUIET_NS
+    press(3)
+    held = 500 - MAX_DISTINCT
+    assert [one.count for one in bench.told[MAX_DISTINCT:]] == [held, 1, 1, 1]
+    press(MAX_DISTINCT)
+    bench.clock.now_ns += QUIET_NS
+    bench.log.flush()
+    assert sum(one.count for one in bench.told) == 503 + MAX_DISTINCT
 
 
 def test_a_lasting_condition_is_raised_once_and_cleared_once(bench):

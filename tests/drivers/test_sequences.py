@@ -121,3 +121,18 @@ def test_a_refused_edge_is_taken_when_it_comes_again():
     edges.acknowledge(3)  # nobody can have: it is still to come
     assert edges.judge(4, 1) == ("early", 0)
     assert edges.judge(3, 2) == ("next", 0)
+
+
+def test_edges_are_open_until_the_consumer_has_dealt_with_the_last():
+    edges = EdgeOrder(WRAP - 1)
+    assert not edges.are_open
+    edges.delivered(WRAP - 1)
+    edges.delivered(0)
+    assert edges.are_open
+    edges.acknowledge(WRAP - 1)
+    assert edges.are_open
+    edges.acknowledge(0)
+    assert not edges.are_open
+    edges.delivered(1)
+    edges.refused(1)
+    assert not edges.are_open
