@@ -45,8 +45,8 @@ delay_s = 0.15
 
 [[fault]]
 kind = "reset"
-at_s = 0.2
-duration_s = 0.3
+at_s = 0.8
+duration_s = 0.2
 """
 
 
@@ -64,12 +64,12 @@ def write_true_arm(folder: Path) -> None:
 
 
 def simulator_text(faults: str, device: str) -> str:
-    sphere = SPHERE.format(rest_s=0.5)
+    sphere = SPHERE.format(rest_s=1.5 if faults else 0.5)
     return f"""\
 schema = "traverse/simulator/1"
 start = "first_start"
 truth_log = "truth.jsonl"
-repeat = {"true" if faults else "false"}
+repeat = true
 [arm]
 file = "true.toml"
 [operator]
@@ -145,23 +145,22 @@ def assert_true(bench: Workbench, listener: Listener) -> None:
         assert np.abs(np.array(point.ijk) - edge["shank"]).max() < 5e-3
 
 
-async def test_two_commands_bring_points_of_a_microscribe(bench: Workbench) -> None:
-    listener = await measured(bench)
+async def test_reports_of_motion_bring_points_with_the_counts_of_their_packets(
+    bench: Workbench,
+) -> None:
+    listener = await measured(bench, device="hci = 3", option='report = "motion"')
     assert_true(bench, listener)
-    assert len(listener.points) == len(bench.presses())
-    # Exactly the counts of the packet: only these are rounded.
     arm = MatrixArm(bench.arm_file)
-    for point, edge in zip(listener.points, bench.presses(), strict=True):
+    for point, edge in zip(listener.points, truth_of(bench, listener), strict=True):
         centre_mm, _ = arm.pose(edge["counts"])
         assert np.abs(np.array(point.xyz_mm) - centre_mm).max() < 1e-6
     assert not listener.told("device.timer_unused")
 
 
 async def test_a_bad_line_costs_samples_and_invents_nothing(bench: Workbench) -> None:
-    """Eight encoders a packet, which come by themselves when the arm has moved."""
-    listener = await measured(bench, FAULTS, "hci = 3", 'report = "motion"')
+    listener = await measured(bench, FAULTS)
     assert_true(bench, listener)
-    assert listener.told("device.frames_rejected")
+    assert listener.told("device.samples_lost")
     assert listener.told("device.restarted")
 
 
