@@ -12,7 +12,11 @@ import numpy as np
 from kinematics.arm_file import Arm, write_arm
 from kinematics.arm_file import Identification as Provenance
 from kinematics.arm_text import write_whole
-from lab.identification.result import ArtefactResult, Identification
+from lab.identification.result import (
+    ArtefactResult,
+    CartesianCovariance,
+    Identification,
+)
 
 SCHEMA = "traverse/identification/1"
 COVARIANCE_FILE = "arm.cov.npz"
@@ -35,7 +39,7 @@ def write_result(
     """
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
-    covariance_digest = _write_covariance(result, target / COVARIANCE_FILE)
+    covariance_digest = write_covariance(result.cartesian, target / COVARIANCE_FILE)
     arm = result.arm.model_copy(
         update={
             "identification": Provenance(
@@ -138,13 +142,13 @@ def _artefact(entry: ArtefactResult) -> dict[str, Any]:
     return values
 
 
-def _write_covariance(result: Identification, path: Path) -> str:
+def write_covariance(cartesian: CartesianCovariance, path: Path) -> str:
     """Write names, values and covariance; return the file's SHA-256."""
     np.savez(
         path,
-        names=np.array(result.cartesian.names),
-        values=result.cartesian.values,
-        covariance=result.cartesian.covariance,
+        names=np.array(cartesian.names),
+        values=cartesian.values,
+        covariance=cartesian.covariance,
     )
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
