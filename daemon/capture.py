@@ -1,21 +1,53 @@
-"""From a latch to a captured point: which trigger, which number, which flags."""
+"""From a pose to a captured point: which number, which label, which flags."""
 
-import uuid
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 from daemon.clock import HostClock
 from daemon.model import ArmModel
 from daemon.poses import LatchedPose
+from daemon.sessions import Session
 from protocol.messages import Label, Point, Quality
-from protocol.messages.point import Covariance, Trigger
+from protocol.messages.point import Compensation, Covariance, Trigger
+
+QUEUE_FULL = (
+    "the queue of points is full: the broker has not taken them",
+    "wait until the broker is back, then try again",
+)
 
 
-class Session:
-    """The numbering that points belong to: one per start of the daemon."""
+class CaptureRefusedError(Exception):
+    """No point was taken, or none taken back; the text says why."""
 
-    def __init__(self) -> None:
-        self.id = uuid.uuid4().hex
-        self.next_seq = 0
+    def __init__(self, text: str, remedy: str) -> None:
+        super().__init__(text)
+        self.remedy = remedy
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """What a point is made of.
+
+    Attributes:
+        model: the arm that it was measured with.
+        pose: of one latch, or the mean of several samples.
+        temperature_c: of the arm then; None where no sensor tells it.
+        covariance_mm2: of the ball's centre.
+        samples, spread_mm: how many were averaged, and how far they lay apart.
+        surface_mm: the touched point, (3,), by ``compensation``.
+    """
+
+    model: ArmModel
+    pose: LatchedPose
+    temperature_c: float | None
+    covariance_mm2: Covariance | None = None
+    samples: int = 1
+    spread_mm: float | None = None
+    surface_mm: NDArray[np.float64] | None = None
+    compensation: Compensation = "none"
 
 
 class Capture:
@@ -24,54 +56,97 @@ class Capture:
     Args:
         clock: the host's.
         offer: hands a point to the outgoing queue; False if it has no room.
+
+    Attributes:
+        label: what the points to come are taken on.
     """
 
     def __init__(self, clock: HostClock, offer: Callable[[Point], bool]) -> None:
         self._clock = clock
         self._offer = offer
         self.session = Session()
+        self.label = Label()
         self.captured = 0
+        self.retracted = 0
         self.refused = 0
 
-    def take(
-        self,
-        model: ArmModel,
-        pose: LatchedPose,
-        trigger: Trigger,
-        temperature_c: float | None,
-        covariance_mm2: Covariance | None = None,
-    ) -> Point | None:
-        """Capture the point at ``pose``; None if it had to be refused."""
+    def take(self, measured: Measured, trigger: Trigger) -> Point:
+        """Capture a point.
+
+        Raises:
+            CaptureRefusedError: there is no room for it.
+        """
+        pose, surface_mm = measured.pose, measured.surface_mm
+        session = self.session
         point = Point(
-            session=self.session.id,
-            seq=self.session.next_seq,
-            id=f"{self.session.id}-{self.session.next_seq}",
+            session=session.id,
+            seq=session.next_seq,
+            id=session.next_id,
             retracts=None,
-            arm=model.name,
-            model=model.digest,
+            arm=measured.model.name,
+            model=measured.model.digest,
             trigger=trigger,
             time_ns=self._clock.to_utc_ns(pose.sample_time_ns),
             xyz_mm=tuple(pose.xyz_mm.tolist()),
             ijk=tuple(pose.ijk.tolist()),
-            surface_mm=None,
-            compensation="none",
+            surface_mm=None if surface_mm is None else tuple(surface_mm.tolist()),
+            compensation=measured.compensation,
             part_xyz_mm=None,
-            covariance_mm2=covariance_mm2,
+            covariance_mm2=measured.covariance_mm2,
             angles_rad=tuple(pose.angles_rad.tolist()),
             counts=tuple(pose.counts.tolist()),
-            temperature_c=temperature_c,
-            probe_radius_mm=model.probe_radius_mm,
-            samples=1,
-            spread_mm=None,
-            label=Label(),
+            temperature_c=measured.temperature_c,
+            probe_radius_mm=measured.model.probe_radius_mm,
+            samples=measured.samples,
+            spread_mm=measured.spread_mm,
+            label=self.label,
             quality=Quality.from_bits(pose.quality),
         )
-        if not self._offer(point):
-            self.refused += 1
-            return None
-        self.session.next_seq += 1
+        self._hand_on(point)
         self.captured += 1
         return point
+
+    def undo(self, trigger: Trigger, point_id: str | None = None) -> Point:
+        """Take the last point back that stands yet; gives the retraction.
+
+        Args:
+            trigger: what asked for it.
+            point_id: if given, it must be that point.
+
+        Raises:
+            CaptureRefusedError: there is none, it is another, or there is no room.
+        """
+        last = self.session.last
+        if last is None:
+            raise CaptureRefusedError(
+                "this session has no point that could be taken back",
+                "points of earlier sessions cannot be undone; leave them out by hand",
+            )
+        if point_id not in (None, last.id):
+            raise CaptureRefusedError(
+                f"the last point that stands is {last.id}, not {point_id}",
+                "undo the last one first, or leave the id out",
+            )
+        retraction = last.retraction(
+            seq=self.session.next_seq,
+            point_id=self.session.next_id,
+            trigger=trigger,
+            time_ns=self._clock.to_utc_ns(self._clock.monotonic_ns()),
+        )
+        self._hand_on(retraction)
+        self.retracted += 1
+        return retraction
+
+    def begin_session(self, note: str = "") -> Session:
+        """Number from 0 again; what the next points are taken on is to be said anew."""
+        self.session = Session(note)
+        self.label = Label()
+        return self.session
+
+    def _hand_on(self, point: Point) -> None:
+        if not self._offer(point):
+            raise CaptureRefusedError(*QUEUE_FULL)
+        self.session.add(point)
 
 
 class Triggers:

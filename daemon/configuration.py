@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from daemon.device_section import AnyDevice
+from daemon.scan_section import ScanSection
 from kinematics.arm_file import Problem, StrictModel, read_strict
 
 INPUT_PATTERN = r"^[A-Za-z0-9_-]+/[0-7]$"
@@ -56,6 +57,8 @@ class CaptureSection(StrictModel):
     live_rate_hz: float = Field(default=20.0, gt=0.0, le=100.0)
     scan_block_s: float = Field(default=0.05, ge=0.01, le=1.0)
     scan_max_rate_hz: float = Field(default=10_000.0, gt=0.0, le=10_000.0)
+    average_speed_mm_s: float = Field(default=5.0, gt=0.0, le=1000.0)
+    average_spread_mm: float = Field(default=0.05, gt=0.0, le=100.0)
     max_waiting_points: int = Field(default=1000, ge=1, le=100_000)
     inputs: Annotated[tuple[InputSection, ...], Field(max_length=64)] = ()
 
@@ -91,6 +94,7 @@ class Configuration(StrictModel):
     broker: BrokerSection | None = None
     device: Annotated[tuple[AnyDevice, ...], Field(min_length=1)]
     capture: CaptureSection = CaptureSection()
+    scan: ScanSection = ScanSection()
     assembly: AssemblySection = AssemblySection()
     uncertainty: UncertaintySection = UncertaintySection()
     health: HealthSection = HealthSection()

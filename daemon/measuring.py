@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arm_devices import ArmDevices
-from daemon.arm_points import Answer, ArmPoints, Stage
+from daemon.arm_points import Answer, ArmPoints
+from daemon.arm_sight import Stage
 from daemon.assembly import Assembly
 from daemon.capture import Capture, Triggers
 from daemon.clock import HostClock
@@ -57,6 +58,7 @@ class Measuring:
     Attributes:
         points: takes points at edges and on request.
         latches: who waits for a latch on request, by its token.
+        rate_hz: of the samples of the arm that come now.
         stream_started: set when the stream that the scan waits for has begun.
     """
 
@@ -81,7 +83,9 @@ class Measuring:
         self._devices = devices
         self._pipeline = pipeline
         self._capture = capture
+        self._triggers = triggers
         self._scanner = scanner
+        self._events = events
         self._live = live
         self._temperature = TemperatureWatch(clock, events)
         self._health = health
@@ -112,6 +116,7 @@ class Measuring:
         self.points = ArmPoints(stage, capture, triggers, events, health)
         self.latches: dict[int, Answer] = {}
         self.stream_started = asyncio.Event()
+        self.rate_hz = 0.0
         # Points come out of the stream where nothing latches all joints for them.
         self._remembers = not triggers.devices <= set(pipeline.model.devices)
 
@@ -125,6 +130,11 @@ class Measuring:
     def may_wait(self) -> bool:
         """Whether samples or points may ever wait for readings."""
         return self._remembers or not self._devices.alone
+
+    @property
+    def now_ns(self) -> int:
+        """Host monotonic time."""
+        return self._clock.monotonic_ns()
 
     def keep_time(self) -> None:
         """Go on with what has waited long enough; call it every few milliseconds.
@@ -198,6 +208,7 @@ class Measuring:
         taken_ns = self._clock.monotonic_ns() - samples.received_ns
         self._health.latencies["sample_to_pose"].add(taken_ns)
         self.path.add(poses)
+        self.points.follow(poses)
         self._scanner.take(model, poses)
         session = self._capture.session.id
         live = self._live.message(model, poses, session, samples.device)
@@ -223,14 +234,33 @@ class Measuring:
 
     def _take_latch(self, device: Device, latch: LatchedCounts) -> None:
         if latch.input is not None:
+            if self._triggers.trigger_of(device.section.id, latch.input) == "button":
+                self._hold_scan(device, latch.input, latch)
             self.points.take_edge(device, latch)
         elif (answer := self.latches.pop(latch.token, None)) is not None:
             self.points.take_latched(latch, answer)
+
+    def _hold_scan(self, device: Device, number: int, latch: LatchedCounts) -> None:
+        """A button was pressed or released: a scan may depend on it."""
+        name = device.section.id
+        late_s = self._scanner.edge((name, number), latch.sample_time_ns, latch.active)
+        if late_s:
+            self._events.report(
+                "warning",
+                "scan.edge_late",
+                f"an edge of a button came {late_s:.3f} s too late: the held scan "
+                f"{'begins' if latch.active else 'ends'} so much late here",
+                source=f"{name}/{number}",
+                remedy="raise held_wait_s of [scan], or lower the debounce time",
+                data={"late_s": late_s},
+            )
 
     def _take_stream(self, started: StreamStarted) -> None:
         model = self._pipeline.model
         if started.device in model.devices:
             self.assembly.stream(started.device, started.rate_hz)
+        if started.device == self.assembly.clock:
+            self.rate_hz = started.rate_hz
         if started.device == self.assembly.clock and self._scanner.follow(
             started.stream, started.rate_hz
         ):

@@ -1,64 +1,96 @@
 """Edges and commands in the order in which they came, until they have been dealt with.
 
 Where a device latches all joints, that is at once. Else the readings after the instant
-are waited for; what came later waits too, so that points keep their order and no edge
-is acknowledged before an earlier one.
+are waited for, or the samples of a mean; what came later waits too, so that points keep
+their order and no edge is acknowledged before an earlier one.
 """
 
 import asyncio
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
+from daemon.averaging import Average
+from daemon.capture import Measured
 from daemon.device import Device
 from drivers.values import LatchedCounts
-from protocol.messages import Point
 from protocol.messages.point import Trigger
 
 MAX_PENDING = 256
+MAX_BEHIND = 12  # behind a mean: a board keeps 16 edges that are not acknowledged
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class Request:
-    """An edge, or a command to take a point.
+    """An edge, or a command.
 
     Attributes:
         instant_ns: host monotonic time of it.
         received_ns: when the daemon got it.
-        deadline_ns: until when it may wait.
-        device, latch: the edge; None for a command.
-        trigger: what it captures with; None for an edge that captures nothing.
-        answer: who waits for the point of a command.
+        deadline_ns: until when it may wait for readings.
+        trigger: what it captures with; None for what captures nothing.
+        device: whose edge it is; None for a command.
+        latch: what a device latched at that instant.
+        answer: who waits for what comes of a command.
+        act: what a command does that takes no point.
+        average: the samples of a mean.
+        seen: what is known of the arm at the instant, as soon as it is.
     """
 
     instant_ns: int
     received_ns: int
     deadline_ns: int
-    trigger: Trigger | None
+    trigger: Trigger | None = None
     device: Device | None = None
     latch: LatchedCounts | None = None
-    answer: asyncio.Future[Point] | None = None
+    answer: asyncio.Future[Any] | None = None
+    act: Callable[[], object] | None = None
+    average: Average | None = None
+    seen: Measured | None = None
 
     @property
     def captures(self) -> bool:
         """Whether it asks for a point."""
-        return self.trigger is not None and (self.latch is None or self.latch.active)
+        if self.trigger is None or self.act is not None:
+            return False
+        return self.device is None or self.latch is None or self.latch.active
+
+    @property
+    def is_given_up(self) -> bool:
+        """Whoever asked for it does not wait any more."""
+        return self.answer is not None and self.answer.done()
 
 
 class PendingPoints:
     """Deals with requests one after the other.
 
     Args:
+        look: finds out what a request that has not seen the arm yet can see of it.
         try_one: deals with a request; False while it has to wait. With the second
             argument True it must not wait any more.
+
+    Attributes:
+        some: set while there are requests that wait.
     """
 
-    def __init__(self, try_one: Callable[[Request, bool], bool]) -> None:
+    def __init__(
+        self,
+        look: Callable[[Request], None],
+        try_one: Callable[[Request, bool], bool],
+    ) -> None:
+        self._look = look
         self._try_one = try_one
         self._requests: deque[Request] = deque()
+        self.some = asyncio.Event()
 
     def __len__(self) -> int:
         return len(self._requests)
+
+    @property
+    def is_crowded(self) -> bool:
+        """So many wait that a mean must not be waited for."""
+        return len(self._requests) > MAX_BEHIND
 
     def add(self, request: Request) -> None:
         """Take a request, and deal with all that can be dealt with."""
@@ -67,6 +99,9 @@ class PendingPoints:
 
     def settle(self, now_ns: int | None = None) -> None:
         """Deal with what can be dealt with, or has waited long enough by some time."""
+        for request in self._requests:
+            if request.captures and request.seen is None:
+                self._look(request)
         while self._requests:
             request = self._requests[0]
             is_last_chance = len(self._requests) > MAX_PENDING or (
@@ -75,3 +110,7 @@ class PendingPoints:
             if not self._try_one(request, is_last_chance):
                 break
             self._requests.popleft()
+        if self._requests:
+            self.some.set()
+        else:
+            self.some.clear()

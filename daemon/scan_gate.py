@@ -16,18 +16,13 @@ Key = tuple[str, int]
 
 
 class HeldGate:
-    """Remembers when which button was held.
-
-    Attributes:
-        decided_ns: what was before this instant has been asked for, and stays.
-    """
+    """Remembers when which button was held."""
 
     def __init__(self) -> None:
         self._edges: dict[Key, deque[tuple[int, bool]]] = {}
-        self.decided_ns = 0
 
-    def edge(self, button: Key, time_ns: int, held: bool) -> bool:
-        """A button was pressed or released; False if it is told too late.
+    def edge(self, button: Key, time_ns: int, held: bool) -> None:
+        """A button was pressed or released.
 
         Args:
             button: device and number of the input.
@@ -38,7 +33,6 @@ class HeldGate:
         insort(edges, (time_ns, held))
         if len(edges) > MAX_EDGES:
             edges.popleft()
-        return time_ns >= self.decided_ns
 
     def held(self, times_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
         """At which times (n,), not decreasing, any button was held.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from daemon.commands import CommandError
-from daemon.configuration import ScanSection
+from daemon.scan_section import ScanSection
 from kinematics.filters import FILTERS, PointFilter
 from protocol.messages import ScanArgs
 from protocol.messages.scan import ScanMode

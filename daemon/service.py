@@ -17,6 +17,7 @@ from daemon.configuration import BrokerSection, Configuration
 from daemon.device import Device, open_device
 from daemon.embedded_broker import HOST, BrokerStartError, embedded_broker
 from daemon.events import EventLog
+from daemon.filters import removed_counters
 from daemon.health import HealthReport
 from daemon.live import LiveView
 from daemon.measuring import Measuring
@@ -24,6 +25,7 @@ from daemon.model import ArmModel
 from daemon.outgoing import OutgoingQueue
 from daemon.outlet import Outlet
 from daemon.pipeline import Pipeline
+from daemon.point_requests import PointRequests
 from daemon.publisher import BrokerAddress, Publisher
 from daemon.requests import Requests
 from daemon.scanner import Scanner
@@ -105,6 +107,7 @@ class Service:
             self._clock,
             lambda scan: self._outlet.publish("scan", scan),
             settings.scan_block_s,
+            configuration.scan,
         )
         self._live = LiveView(self._clock, settings.live_rate_hz)
         loop = asyncio.get_running_loop()
@@ -130,18 +133,29 @@ class Service:
         self._model = model
         self._requests = Requests(
             settings=settings,
+            scan=configuration.scan,
             model=model,
             devices=self._arm_devices,
             capture=self._capture,
             scanner=self._scanner,
             measuring=self._measuring,
         )
+        self._point_requests = PointRequests(
+            settings=settings,
+            devices=self._arm_devices,
+            capture=self._capture,
+            measuring=self._measuring,
+            session_changed=self._publish_status,
+        )
         self._commands = CommandDesk(
             arm=model.name,
             encoding=self._encoding,
             offer=lambda answer: self._queue.offer("reply", answer),
             carry_out={
-                "point": self._requests.take_point,
+                "point": self._point_requests.take_point,
+                "undo": self._point_requests.undo,
+                "label": self._point_requests.label,
+                "session": self._point_requests.begin_session,
                 "scan": self._requests.change_scan,
             },
         )
@@ -180,8 +194,7 @@ class Service:
                 if not self._stopping.is_set():
                     running.append(tasks.create_task(self._publisher.run()))
                     running.append(tasks.create_task(self._keep_house()))
-                    if self._measuring.may_wait:
-                        running.append(tasks.create_task(self._keep_time()))
+                    running.append(tasks.create_task(self._keep_time()))
                     self._publish_status()
                     self._requests.track()
                     self._tell_model()
@@ -253,8 +266,10 @@ class Service:
                 self._measuring.take(device, delivery)
 
     async def _keep_time(self) -> None:
-        """See to what waits for readings; needed where nothing latches all joints."""
+        """See to what waits for readings, or for time to pass; else sleep."""
         while True:
+            if not self._measuring.may_wait:
+                await self._measuring.points.some_wait.wait()
             await asyncio.sleep(TIME_S)
             for _ in range(TURNS):
                 await asyncio.sleep(0)
@@ -315,6 +330,7 @@ class Service:
         )
         counters = {
             "points_captured": self._capture.captured,
+            "points_retracted": self._capture.retracted,
             "points_refused": self._capture.refused,
             "points_published": self._queue.sent["point"],
             "scan_points_published": self._scanner.published_points,
@@ -326,6 +342,7 @@ class Service:
             "commands_received": self._commands.received,
             "commands_refused": self._commands.refused,
             "reconnects": self._publisher.reconnects,
+            **removed_counters(self._scanner.chain),
         }
         message = self._health.message(
             arm=self._arm,

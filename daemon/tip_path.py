@@ -15,6 +15,7 @@ from protocol.messages import QualityFlag
 Floats = NDArray[np.float64]
 
 KEPT_NS = 3_000_000_000
+SLOW_NS = 30_000_000  # over which it is told whether the ball rests
 SPEED_NS = 5_000_000  # over less the encoders' noise would be more than the speed
 GAP_NS = 250_000_000  # the slowest stream has a sample every 100 ms
 NOT_THERE = QualityFlag.ENCODER_ERROR | QualityFlag.INCOMPLETE
@@ -54,15 +55,41 @@ class TipPath:
         Returns:
             (n_joints,); None where no good sample tells it.
         """
+        found = self._sample(time_ns - SPEED_NS)
+        if found is None:
+            return None
+        block, row = found
+        elapsed_ns = time_ns - int(block.sample_time_ns[row])
+        if elapsed_ns > GAP_NS or block.quality[row] & NOT_THERE:
+            return None
+        speeds: Floats = (angles_rad - block.angles_rad[row]) / (elapsed_ns * 1e-9)
+        return speeds
+
+    def speed_mm_s(self, time_ns: int) -> float | None:
+        """How fast the ball went on the whole, a moment before some time.
+
+        Returns:
+            None where too few samples tell it.
+        """
+        end = self._sample(time_ns)
+        if end is None:
+            return None
+        block, row = end
+        end_ns, end_mm = int(block.sample_time_ns[row]), block.xyz_mm[row]
+        begin = self._sample(end_ns - SLOW_NS)
+        if begin is None or time_ns - end_ns > GAP_NS:
+            return None
+        block, row = begin
+        elapsed_ns = end_ns - int(block.sample_time_ns[row])
+        away_mm = float(np.linalg.norm(end_mm - block.xyz_mm[row]))
+        return None if elapsed_ns > GAP_NS else away_mm / (elapsed_ns * 1e-9)
+
+    def _sample(self, time_ns: int) -> tuple[PoseBlock, int] | None:
+        """The last sample until some time: its block and row."""
         for block in reversed(self._blocks):
-            row = _last_until(block, time_ns - SPEED_NS)
-            if row < 0:
-                continue
-            elapsed_ns = time_ns - int(block.sample_time_ns[row])
-            if elapsed_ns > GAP_NS or block.quality[row] & NOT_THERE:
-                return None
-            speeds: Floats = (angles_rad - block.angles_rad[row]) / (elapsed_ns * 1e-9)
-            return speeds
+            row = _last_until(block, time_ns)
+            if row >= 0:
+                return block, row
         return None
 
     def last_away_mm(

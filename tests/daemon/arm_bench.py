@@ -4,7 +4,7 @@ import asyncio
 
 from daemon.arm_devices import ArmDevices
 from daemon.capture import Capture, Triggers
-from daemon.configuration import AssemblySection, UncertaintySection
+from daemon.configuration import AssemblySection, CaptureSection, UncertaintySection
 from daemon.device import Device
 from daemon.device_section import section_of
 from daemon.events import EventLog
@@ -12,6 +12,7 @@ from daemon.health import HealthReport
 from daemon.live import LiveView
 from daemon.measuring import Measuring
 from daemon.pipeline import Pipeline
+from daemon.point_requests import PointRequests
 from daemon.scanner import Scanner
 from daemon.uncertainty import Uncertainty
 from drivers.crossing import Crossing
@@ -55,7 +56,7 @@ class DeafDriver(Driver):
 class ArmBench:
     """All that measures, in time that a test sets."""
 
-    def __init__(self, folder, model=None, uncertainty=None, **settings):
+    def __init__(self, folder, model=None, uncertainty=None, capture=None, **settings):
         self.clock = SetClock()
         self.clock.now_ns = BEGIN_NS
         self.model = model or model_on_two(folder)
@@ -66,13 +67,15 @@ class ArmBench:
         self.scanner = Scanner(
             self.clock, lambda scan: not self.scans.append(scan), 0.05
         )
-        self.capture = Capture(self.clock, lambda point: not self.points.append(point))
+        self.capture = Capture(self.clock, self.offer)
+        self.pipeline = Pipeline(self.model, self.clock)
+        self.room = True
         self.measuring = Measuring(
             clock=self.clock,
             devices=self.arm_devices,
             settings=AssemblySection(**settings),
             uncertainty=Uncertainty(uncertainty or UncertaintySection()),
-            pipeline=Pipeline(self.model, self.clock),
+            pipeline=self.pipeline,
             capture=self.capture,
             triggers=Triggers({("handle", 0): "button", ("base", 0): "switch"}),
             scanner=self.scanner,
@@ -82,6 +85,19 @@ class ArmBench:
             offer_live=self.live.append,
             status_changed=lambda: None,
         )
+        self.sessions = []
+        self.point_requests = PointRequests(
+            settings=CaptureSection(**(capture or {})),
+            devices=self.arm_devices,
+            capture=self.capture,
+            measuring=self.measuring,
+            session_changed=lambda: self.sessions.append(self.capture.session.id),
+        )
+
+    def offer(self, point):
+        if self.room:
+            self.points.append(point)
+        return self.room
 
     def device(self, name):
         section = section_of(

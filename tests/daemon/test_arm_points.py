@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from daemon.arm_points import CaptureRefusedError
+from daemon.capture import CaptureRefusedError
 from daemon.pending_points import MAX_PENDING
 from drivers.values import DeviceLost, DeviceUp, StreamStarted
 from kinematics.forward import probe_centre

@@ -34,13 +34,18 @@ def requests(bench):
     )
 
 
+@pytest.fixture
+def point_requests(bench):
+    return bench.point_requests
+
+
 def rates_hz(bench):
     return {name: device.driver.rates_hz for name, device in bench.devices.items()}
 
 
-async def test_a_point_on_request_comes_out_of_the_stream(bench, requests):
+async def test_a_point_on_request_comes_out_of_the_stream(bench, point_requests):
     bench.clock.now_ns = BEGIN_NS + 300_000_000
-    asking = asyncio.create_task(requests.take_point(PointArgs()))
+    asking = asyncio.create_task(point_requests.take_point(PointArgs()))
     await asyncio.sleep(0)
     assert not asking.done()
     bench.take(wrist().samples(range(20, 40)), base().samples(range(20, 40)))
@@ -50,9 +55,11 @@ async def test_a_point_on_request_comes_out_of_the_stream(bench, requests):
     assert point.time_ns == BEGIN_NS + 300_000_000 + bench.clock.offset_ns
 
 
-async def test_a_point_that_cannot_be_told_is_refused_with_the_reason(bench, requests):
+async def test_a_point_that_cannot_be_told_is_refused_with_the_reason(
+    bench, point_requests
+):
     bench.clock.now_ns = BEGIN_NS + 300_000_000
-    asking = asyncio.create_task(requests.take_point(PointArgs()))
+    asking = asyncio.create_task(point_requests.take_point(PointArgs()))
     await asyncio.sleep(0)
     bench.later(0.6)
     with pytest.raises(CommandError, match="no readings of base came after it") as told:
@@ -61,10 +68,12 @@ async def test_a_point_that_cannot_be_told_is_refused_with_the_reason(bench, req
     assert told.value.remedy
 
 
-async def test_no_command_is_taken_while_one_of_the_devices_is_away(bench, requests):
+async def test_no_command_is_taken_while_one_of_the_devices_is_away(
+    bench, requests, point_requests
+):
     bench.take(DeviceLost("wrist", "unplugged", "plug it in"))
     for command in (
-        requests.take_point(PointArgs()),
+        point_requests.take_point(PointArgs()),
         requests.change_scan(ScanArgs(action="start", rate_hz=50.0)),
     ):
         with pytest.raises(CommandError, match="wrist cannot measure: unplugged"):

@@ -3,7 +3,7 @@ import asyncio
 import numpy as np
 import pytest
 
-from daemon.capture import Capture, Triggers
+from daemon.capture import Capture, CaptureRefusedError, Measured, Triggers
 from daemon.outgoing import MAX_EVENTS, MAX_REPLIES, Outgoing, OutgoingQueue
 from daemon.poses import LatchedPose
 from kinematics.effects.block import Block
@@ -43,7 +43,7 @@ def pose(quality: int = 0) -> LatchedPose:
 def test_a_point_says_what_was_latched(model):
     taken = []
     capture = Capture(SetClock(), lambda point: not taken.append(point))
-    point = capture.take(model, pose(quality=1), "button", 21.5)
+    point = capture.take(Measured(model, pose(quality=1), 21.5), "button")
     assert taken == [point]
     assert (point.seq, point.trigger, point.temperature_c) == (0, "button", 21.5)
     assert point.time_ns == UTC_OFFSET_NS + 10**12
@@ -57,15 +57,14 @@ def test_a_point_says_what_was_latched(model):
 def test_a_refused_point_uses_no_number(model):
     room = [True, False, False, True]
     capture = Capture(SetClock(), lambda point: room.pop(0))
-    points = [capture.take(model, pose(), "command", None) for _ in range(4)]
-    assert [None if point is None else point.seq for point in points] == [
-        0,
-        None,
-        None,
-        1,
-    ]
-    assert (capture.captured, capture.refused) == (2, 2)
-    assert len({point.id for point in points if point}) == 2
+    points = [capture.take(Measured(model, pose(), None), "command")]
+    for _ in range(2):
+        with pytest.raises(CaptureRefusedError, match="queue of points is full"):
+            capture.take(Measured(model, pose(), None), "command")
+    points.append(capture.take(Measured(model, pose(), None), "command"))
+    assert [point.seq for point in points] == [0, 1]
+    assert capture.captured == 2
+    assert len({point.id for point in points}) == 2
 
 
 def test_only_wired_inputs_trigger():

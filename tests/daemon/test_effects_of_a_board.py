@@ -31,7 +31,7 @@ async def measuring(folder, *effects):
 
 
 async def captured(bench):
-    await bench.requests.take_point(PointArgs())
+    await bench.point_requests.take_point(PointArgs())
     return bench.points[-1][0]
 
 

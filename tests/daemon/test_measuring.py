@@ -14,7 +14,8 @@ from daemon.live import LiveView
 from daemon.measuring import Measuring
 from daemon.pipeline import Pipeline
 from daemon.poses import PoseBlock
-from daemon.scanner import Scanner, plan_scan
+from daemon.scan_plan import plan_scan
+from daemon.scanner import Scanner
 from daemon.uncertainty import Uncertainty
 from drivers.values import (
     CountSamples,

@@ -17,6 +17,7 @@ from daemon.health import HealthReport
 from daemon.live import LiveView
 from daemon.measuring import Measuring
 from daemon.pipeline import Pipeline
+from daemon.point_requests import PointRequests
 from daemon.requests import Requests
 from daemon.scanner import Scanner
 from daemon.startup import REFUSED, UNREACHABLE, check_devices
@@ -24,7 +25,7 @@ from daemon.uncertainty import Uncertainty
 from protocol.messages import PointArgs, ScanArgs
 from tests.daemon.values import arm_model
 from tests.drivers import board_bodies as bodies
-from tests.drivers.fake_board import HELLO, LATCH, START, FakeBoard
+from tests.drivers.fake_board import HELLO, START, FakeBoard
 from tests.drivers.taken import until
 
 CHANNELS = ((32, 0), (23, 1 << 23), (20, 1 << 20))
@@ -67,6 +68,13 @@ class Bench:
             capture=capture,
             scanner=self.scanner,
             measuring=self.measuring,
+        )
+        self.point_requests = PointRequests(
+            settings=CaptureSection(),
+            devices=devices,
+            capture=capture,
+            measuring=self.measuring,
+            session_changed=lambda: None,
         )
 
     def offer(self, point):
@@ -113,10 +121,10 @@ async def test_the_joints_are_tracked_when_nothing_else_is_asked(bench):
 
 
 async def test_a_point_on_request_tells_its_number(bench):
-    result = await bench.requests.take_point(PointArgs())
+    result = await bench.point_requests.take_point(PointArgs())
     ((point, _),) = bench.points
     assert result == {"session": point.session, "seq": 0, "id": point.id}
-    assert (await bench.requests.take_point(PointArgs()))["seq"] == 1
+    assert (await bench.point_requests.take_point(PointArgs()))["seq"] == 1
 
 
 async def test_an_edge_is_acknowledged_only_after_its_point_is_taken(bench):
@@ -131,14 +139,7 @@ async def test_an_edge_is_acknowledged_only_after_its_point_is_taken(bench):
 async def test_a_refused_point_is_told_to_whoever_asked(bench):
     bench.room = False
     with pytest.raises(CommandError, match="queue of points is full"):
-        await bench.requests.take_point(PointArgs())
-
-
-@pytest.mark.parametrize("args", [PointArgs(samples=5), PointArgs(dwell_s=1.0)])
-async def test_what_this_version_cannot_do_is_refused(bench, args):
-    with pytest.raises(CommandError, match="not averages"):
-        await bench.requests.take_point(args)
-    assert bench.board.heard(LATCH) == []
+        await bench.point_requests.take_point(PointArgs())
 
 
 async def test_a_scan_begins_ends_and_goes_back_to_tracking(bench):
@@ -187,16 +188,11 @@ async def test_a_scan_that_the_board_refuses_ends_in_tracking(bench):
     assert bench.device.state == "ready"
 
 
-@pytest.mark.parametrize(
-    "args",
-    [
-        ScanArgs(action="start", mode="distance", spacing_mm=1.0),
-        ScanArgs(action="start", held=True),
-    ],
-)
-async def test_other_ways_of_scanning_are_refused(bench, args):
-    with pytest.raises(CommandError, match="by time only"):
-        await bench.requests.change_scan(args)
+async def test_scans_by_distance_read_densely(bench):
+    args = ScanArgs(action="start", mode="distance", spacing_mm=1.0)
+    begun = await bench.requests.change_scan(args)
+    assert (begun["rate_hz"], begun["device_rate_hz"]) == (1000.0, 1000.0)
+    assert bench.scanner.plan.mode == "distance"
 
 
 async def test_a_lost_device_refuses_commands_and_a_scan_outlives_it(bench):
@@ -206,7 +202,7 @@ async def test_a_lost_device_refuses_commands_and_a_scan_outlives_it(bench):
     bench.board.unplug()
     await until(lambda: bench.device.state == "lost", "the loss")
     with pytest.raises(CommandError, match="base cannot measure"):
-        await bench.requests.take_point(PointArgs())
+        await bench.point_requests.take_point(PointArgs())
     bench.board.plug()
     await until(lambda: len(bench.rates_hz()) == 3, "the scan's stream")
     bench.board.send(*bench.board.samples(10))

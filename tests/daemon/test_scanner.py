@@ -3,7 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from daemon.scanner import Scanner, ScanPlan, plan_scan
+from daemon.scan_plan import ScanPlan, plan_scan
+from daemon.scanner import Scanner
 from tests.daemon.values import UTC_OFFSET_NS, PoseMaker, SetClock, arm_model
 
 PERIOD_NS = 10_000_000  # a stream of 100 Hz

@@ -1,0 +1,113 @@
+"""What is known of the arm at one instant, or of the mean of many samples."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from daemon.arm_devices import ArmDevices
+from daemon.assembly import Assembly
+from daemon.averaging import Average, mean_pose
+from daemon.capture import Measured
+from daemon.clock import HostClock
+from daemon.pending_points import Request
+from daemon.pipeline import Pipeline
+from daemon.poses import LatchedPose
+from daemon.skew import SkewWatch
+from daemon.tip_path import TipPath
+from daemon.uncertainty import Reading, Uncertainty
+from drivers.values import LatchedCounts
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stage:
+    """What points are made with.
+
+    Attributes:
+        point_wait_ns: how long a point waits for the readings after its instant.
+    """
+
+    clock: HostClock
+    devices: ArmDevices
+    pipeline: Pipeline
+    assembly: Assembly
+    skew: SkewWatch
+    path: TipPath
+    uncertainty: Uncertainty
+    point_wait_ns: int
+
+
+class ArmSight:
+    """Sees the arm.
+
+    Args:
+        stage: what points are made with.
+    """
+
+    def __init__(self, stage: Stage) -> None:
+        self._stage = stage
+
+    def at(self, request: Request) -> Measured | None:
+        """The arm at the instant of a request; None while that is not known."""
+        pose = self._pose(request)
+        if pose is None:
+            return None
+        stage, jitter_ns = self._stage, 0
+        device = request.device
+        if device is not None and pose.doubts_counts is not None and device.identity:
+            jitter_ns = device.identity.jitter_ns
+        speeds_rad_s = stage.path.speeds_rad_s(pose.sample_time_ns, pose.angles_rad)
+        return self._measured(
+            pose, Reading(pose.block, speeds_rad_s, pose.doubts_counts, jitter_ns)
+        )
+
+    def mean(self, average: Average) -> Measured:
+        """The arm as it was on the mean of samples, while it rested."""
+        stage, pose = self._stage, average.pose()
+        block = stage.pipeline.block_at(
+            pose.sample_time_ns, pose.angles_rad, stage.devices.temperature_c
+        )
+        at_rest = np.zeros(len(pose.angles_rad))
+        measured = self._measured(
+            mean_pose(average, block), Reading(block, at_rest, samples=average.n)
+        )
+        spread_mm = None if average.n == 1 else average.spread_mm
+        return replace(measured, samples=average.n, spread_mm=spread_mm)
+
+    def lack(self, request: Request) -> tuple[str, str]:
+        """Why nothing is known of an instant, and what to do."""
+        unfit = self._stage.devices.unfit
+        if unfit is not None:
+            text = f"{unfit.section.id} does not fit the arm file"
+            return text, "see the event device.mismatch"
+        lack = self._stage.assembly.lack(request.instant_ns, request.latch)
+        text = f"the joints cannot be told at the instant of the point: {lack}"
+        return text, "see the device's events, then take the point again"
+
+    def _measured(self, pose: LatchedPose, reading: Reading) -> Measured:
+        stage = self._stage
+        model = stage.pipeline.model
+        return Measured(
+            model,
+            pose,
+            stage.devices.temperature_c,
+            stage.uncertainty.covariance(model, reading),
+        )
+
+    def _pose(self, request: Request) -> LatchedPose | None:
+        stage, latch = self._stage, request.latch
+        if stage.devices.unfit is not None:
+            return None
+        if latch is not None and self._is_whole(latch):
+            return stage.pipeline.latched_pose(latch, stage.devices.temperature_c)
+        found = stage.assembly.at(request.instant_ns, latch)
+        if found is None:
+            return None
+        pose = stage.pipeline.pose_at(found.counts, stage.devices.temperature_c)
+        pose = replace(pose, doubts_counts=found.doubts_counts)
+        return stage.skew.marked(stage.pipeline.model, pose, found.doubts_counts)
+
+    def _is_whole(self, latch: LatchedCounts) -> bool:
+        """The one device that reads all joints has latched them."""
+        devices = self._stage.devices
+        alone = devices.alone and devices.all[0].section.id == latch.device
+        return alone and bool(latch.counts)

@@ -1,0 +1,17 @@
+"""The `[scan]` table: rates, buttons that hold a scan, filters."""
+
+from typing import Annotated
+
+from pydantic import Field
+
+from daemon.filters import AnyFilter
+from kinematics.arm_file import StrictModel
+
+
+class ScanSection(StrictModel):
+    """What a scan's command leaves open, and which of its points pass."""
+
+    rate_hz: float = Field(default=100.0, gt=0.0, le=10_000.0)
+    dense_rate_hz: float = Field(default=1000.0, ge=10.0, le=10_000.0)
+    held_wait_s: float = Field(default=0.2, ge=0.01, le=2.0)
+    filters: Annotated[tuple[AnyFilter, ...], Field(max_length=32)] = ()
