@@ -31,7 +31,9 @@ class Begun:
     """A `ScriptClock` that begins when another process says so, and not before."""
 
     def __init__(self) -> None:
-        self._begin_s = multiprocessing.get_context("fork").Value("d", -1.0)
+        fork = multiprocessing.get_context("fork")
+        self._begin_s = fork.Value("d", -1.0)
+        self._ended = fork.Event()
 
     @property
     def begin_s(self) -> float | None:
@@ -41,6 +43,14 @@ class Begun:
     def set(self, time_s: float) -> None:
         """Say it."""
         self._begin_s.value = time_s
+
+    def end(self) -> None:
+        """Let the devices end, whatever the script says."""
+        self._ended.set()
+
+    def is_over(self) -> bool:
+        """They shall end, or nobody is there any more."""
+        return self._ended.is_set() or os.getppid() == 1
 
     def begin(self, time_s: float) -> None:
         """A reading does not begin the script here."""
@@ -113,7 +123,7 @@ class Stage:
         """Be the device until the motion is over; for a process of its own."""
         device = self.device()
         end_s = self.script.duration_s
-        live_real([device], clock, self.begun, end_s, lambda: os.getppid() == 1)
+        live_real([device], clock, self.begun, end_s, self.begun.is_over)
         device.close()
 
 

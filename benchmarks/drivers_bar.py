@@ -12,6 +12,7 @@ import multiprocessing
 import tempfile
 import threading
 from dataclasses import dataclass
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -106,16 +107,20 @@ class Measured:
 
 
 def measured_really(make: Make, points: int, folder: Path) -> Measured:
-    """Read through real ports, the device in a process of its own.
+    """Read in real time, the device in a process of its own if it has a port.
 
     Raises:
         TimeoutError: The device is not found.
     """
     stage, clock = staged(make, points, folder), MonotonicClock()
-    fork = multiprocessing.get_context("fork")
-    life = fork.Process(target=stage.live, args=(clock,), daemon=True)
-    life.start()
     taker = Taker(make.asked_hz, threading.Event())
+    life: threading.Thread | BaseProcess
+    if make.is_on_a_bus:
+        life = threading.Thread(target=stage.live, args=(clock,), daemon=True)
+    else:
+        fork = multiprocessing.get_context("fork")
+        life = fork.Process(target=stage.live, args=(clock,), daemon=True)
+    life.start()
     try:
         taker.driver = make.driver(taker, folder)
         with taker.driver:
@@ -124,7 +129,7 @@ def measured_really(make: Make, points: int, folder: Path) -> Measured:
             stage.begun.set(clock.now_s() + LEAD_S)
             life.join(stage.script.duration_s + UP_S)
     finally:
-        life.terminate()
+        stage.begun.end()
         life.join()
     return judged(stage, taker.all, clock.origin_ns)
 
