@@ -10,7 +10,8 @@ from daemon.clock import HostClock
 from daemon.model import ArmModel
 from daemon.pipeline import Pipeline
 from daemon.poses import PoseBlock
-from daemon.scanner import Scanner, plan_scan
+from daemon.scan_plan import plan_scan
+from daemon.scanner import Scanner
 from drivers.stream_sequence import StreamSequence
 from drivers.tick_clock import TickClock
 from drivers.values import CountSamples

@@ -30,6 +30,7 @@ COUNTERS = {
     "points_published": "points acknowledged by the broker, retractions included",
     "scan_points_published": "points of scans handed to the broker",
     "scan_points_dropped": "points of scans dropped because a queue was full",
+    "scan_filter_n_kind": "points of scans held back by filter n of that kind",
     "live_published": "live poses handed to the broker",
     "live_thinned": "live poses left out to keep to the display rate",
     "events_published": "events handed to the broker",

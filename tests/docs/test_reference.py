@@ -12,9 +12,11 @@ from pydantic_core import PydanticUndefined
 
 from daemon import configuration
 from daemon.device_section import DeviceSection
+from daemon.filters import section_class
 from drivers.registry import DRIVERS, driver_class
 from kinematics import arm_file
 from kinematics.arm_file import EFFECT_KINDS
+from kinematics.filters import FILTERS
 from tests.docs.pages import code_words, tables, text_of
 from traverse.__main__ import app
 
@@ -27,6 +29,8 @@ SECTIONS: dict[str, list[tuple[str, type[BaseModel]]]] = {
         ("`[capture]`", configuration.CaptureSection),
         ("`[[capture.inputs]]`", configuration.InputSection),
         ("`[uncertainty]`", configuration.UncertaintySection),
+        ("`[scan]`", configuration.ScanSection),
+        *((f'`kind = "{kind}"`', section_class(kind)) for kind in FILTERS),
         ("`[health]`", configuration.HealthSection),
     ],
     "docs/reference/arm-file.md": [

@@ -79,7 +79,13 @@ class Workbench:
         (self.folder / "simulator.toml").write_text("\n".join(parts), "utf-8")
 
     def write_daemon(
-        self, *, broker: str = "", capture: str = "", trigger: str = "button"
+        self,
+        *,
+        broker: str = "",
+        capture: str = "",
+        trigger: str = "button",
+        scan: str = "",
+        quality: str = "",
     ) -> None:
         """Write the daemon's configuration; arguments are TOML inside its tables."""
         parts = [
@@ -91,6 +97,8 @@ class Workbench:
             f"[capture]\n{capture}",
             f'inputs = [{{ source = "base/{int(trigger == "switch")}", '
             f'trigger = "{trigger}" }}]',
+            f"[scan]\n{scan}" if scan else "",
+            f"[quality]\n{quality}" if quality else "",
             "[health]\nperiod_s = 0.2",
         ]
         (self.folder / "daemon.toml").write_text("\n".join(parts), "utf-8")
