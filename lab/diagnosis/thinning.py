@@ -30,7 +30,10 @@ Integers = NDArray[np.int64]
 MOST_POSES = 2000
 _FIRST_POSES = 800
 # Below this correlation samples count as independent.
-_LEAST_CORRELATION = 0.05
+_LEAST_CORRELATION = 0.02
+# How it falls is seen where it is above this, at so many lags at least.
+_STEEP = 0.15
+_LEAST_LAGS = 3
 _LONGEST_LAG = 500
 _MOST_LOOKED_AT = 100_000
 # Motion of the fastest joint over which the running mean is taken.
@@ -199,8 +202,28 @@ def _lasting(values: Floats, stretches: Integers, window: int) -> int:
     )
     # Less its running mean noise is a little correlated the other way at all lags.
     baseline = float(np.mean(found[len(found) // 2 :]))
-    low = (found - baseline) < _LEAST_CORRELATION * (1.0 - baseline)
-    return int(lags[np.argmax(low)]) if np.any(low) else int(lags[-1])
+    found = (found - baseline) / (1.0 - baseline)
+    low = found < _LEAST_CORRELATION
+    crossed = int(lags[np.argmax(low)]) if np.any(low) else int(lags[-1])
+    return int(np.clip(_extrapolated(found), crossed, lags[-1]))
+
+
+def _extrapolated(found: Floats) -> int:
+    """Say when a correlation would be low that goes on falling as it does at first.
+
+    One that was estimated from few samples crosses the limit early by chance.
+
+    Args:
+        found: At lags from 1 on, (n_lags,).
+    """
+    is_low = found < _STEEP
+    n = int(np.argmax(is_low)) if np.any(is_low) else len(found)
+    if n < _LEAST_LAGS:
+        return n
+    slope, start = np.polyfit(np.arange(1, n + 1), np.log(found[:n]), 1)
+    if slope >= 0.0:
+        return n
+    return int(np.ceil((np.log(_LEAST_CORRELATION) - start) / slope))
 
 
 def _correlation(values: Floats, stretches: Integers, lag: int) -> float:

@@ -1,5 +1,6 @@
 """Terms of a fit one by one: taken out, and their standard deviations."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -14,6 +15,7 @@ from lab.diagnosis.library import library_bank
 from lab.diagnosis.rows import rows_of
 from lab.diagnosis.serial import SerialNoise, without_serial_noise
 from lab.diagnosis.terms import estimates_of, rows_without
+from lab.identification.network import has_length
 from lab.identification.plausible import campaign_start
 from simulator.campaigns import BallBar, Cone, NoiseTable, draw_noise, make_poses
 from simulator.campaigns import with_effects as touched_with
@@ -119,6 +121,27 @@ def test_standard_deviations_are_those_of_the_adjustment(table):
     found = estimates_of(rows_of(adjustment), 0)
     told = np.concatenate([np.atleast_1d(one.std) for one in found.values()])
     np.testing.assert_allclose(told, stds, rtol=0.02, atol=1e-3 * stds.max())
+
+
+def test_without_any_length_misclosures_say_nothing_of_it():
+    """They grow with the arm: a column of its length would explain all of them."""
+    given = measured().with_effect(effect_from_table(dict(ECCENTRICITY)))
+    campaign = given.campaign
+    kinds = np.array([artefact.kind for artefact in campaign.artefacts])
+    on_cones = kinds[campaign.poses.artefacts] == "cone"
+    # Stated noise that is too small makes misclosures as large as many poses do.
+    campaign = replace(campaign.part(on_cones), encoder_rad=2e-7, contact_mm=1e-4)
+    everyone = np.ones(len(campaign.poses), dtype=np.bool_)
+    arm = with_effects(given.arm, (effect_from_table(dict(ECCENTRICITY)),))
+    adjustment = fitted(campaign, arm, everyone, snooping=False).adjustment
+    assert not has_length(adjustment.network)
+    rows = rows_of(adjustment)
+    assert rows.redundancy == adjustment.redundancy
+    assert rows.sum_of_squares == pytest.approx(adjustment.system.sum_of_squares)
+    inverse = adjustment.split.inverse[-2:]
+    stds = adjustment.sigma0 * np.linalg.norm(inverse, axis=1)
+    found = estimates_of(rows, 0)
+    np.testing.assert_allclose([one.std for one in found.values()], stds, rtol=1e-3)
 
 
 def test_estimates_have_the_keys_and_units_of_the_arm_file():

@@ -13,6 +13,7 @@ from lab.campaign import read_campaign
 from lab.diagnosis.findings import judge, project
 from lab.diagnosis.fit import fitted
 from lab.diagnosis.harmonics import harmonic_bank
+from lab.diagnosis.library import library_bank
 from lab.diagnosis.options import DiagnosisOptions
 from lab.diagnosis.rows import rows_of
 from lab.diagnosis.stream_harmonics import first_significant, stream_harmonics
@@ -101,11 +102,11 @@ def test_latency_and_backlash_are_found(folders, tmp_path):
 def test_noise_lasts_as_long_as_was_simulated(folders):
     arm, campaign = read(folders())
     whole, thinning = thinned(campaign, arm)
-    # Correlated until share phi^n is a twentieth: 24 samples; a bit less, since
+    # Correlated until share phi^n is a fiftieth: 32 samples; a bit less, since
     # the mean over the motion is taken out.
-    expected = np.log(0.05 / SHARE) / np.log(PHI) / 200.0
+    expected = np.log(0.02 / SHARE) / np.log(PHI) / 200.0
     for lasting_s in thinning.lasting_s:
-        assert 0.4 * expected < lasting_s < 1.2 * expected
+        assert 0.5 * expected < lasting_s < 1.2 * expected
     lines = campaign.poses.lines[thinning.poses]
     assert np.min(np.diff(lines)) >= round(min(thinning.apart_s) * 200.0)
     touched = np.isfinite(whole.poses.directions[:, 0])
@@ -115,10 +116,32 @@ def test_noise_lasts_as_long_as_was_simulated(folders):
     assert np.allclose(lengths, 1.0)
 
 
+def test_what_correlation_is_left_hardly_widens_any_estimate(folders):
+    """The true covariance of every estimate, from how the noise was simulated."""
+    arm, campaign = read(folders())
+    _, thinning = thinned(campaign, arm)
+    poses = campaign.part(thinning.poses)
+    everyone = np.ones(len(poses.poses), dtype=bool)
+    rows = rows_of(fitted(poses, arm, everyone).adjustment)
+    samples = poses.poses.lines[rows.poses]
+    apart = np.abs(samples[:, None] - samples[None, :])
+    covariance = SHARE * PHI**apart * (rows.sources @ rows.sources.T)
+    covariance[np.diag_indices_from(covariance)] += 1.0 - SHARE
+    ratios = [
+        np.sqrt(np.einsum("rd,rs,sd->d", u, covariance, u, optimize=True))
+        for u in (one.directions for one in project(rows, library_bank(rows, arm)))
+    ]
+    wider = np.concatenate(ratios)
+    assert len(wider) > 100
+    # White noise would give 1 throughout.
+    assert 0.98 < np.median(wider) < 1.08
+    assert wider.max() < 1.12
+
+
 def test_fewer_poses_are_kept_where_more_would_be_too_many(folders):
     arm, campaign = read(folders(LATENCY, BACKLASH))
-    _, thinning = thinned(campaign, arm, most_poses=200)
-    assert 100 < len(thinning.poses) <= 200
+    _, thinning = thinned(campaign, arm, most_poses=100)
+    assert 50 < len(thinning.poses) <= 100
     assert thinning.is_capped
     assert set(campaign.poses.artefacts[thinning.poses]) == {0, 1, 2, 3}
 
