@@ -1,6 +1,6 @@
 """Frames of CANopen nodes: values are the bytes of the frame and nothing else."""
 
-from protocol import canopen, canopen_errors, canopen_objects
+from protocol import canopen, canopen_objects
 
 SEEDS = tuple(
     bytes.fromhex(text)
@@ -32,4 +32,3 @@ def check(data: bytes) -> None:
     number = int.from_bytes(carried[:4], "little")
     assert isinstance(canopen_objects.alarm_text(number & 0xFFFF), str)
     assert isinstance(canopen_objects.warning_text(number & 0xFFFF), str)
-    assert canopen_errors is not None
