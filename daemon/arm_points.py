@@ -5,16 +5,18 @@ from collections.abc import Callable
 from typing import Any
 
 from daemon.arm_sight import ArmSight, Stage
-from daemon.averaging import Average
+from daemon.averaging import Average, AverageLimits, AverageWanted
+from daemon.buttons import buttons_of
 from daemon.capture import Capture, CaptureRefusedError, Measured, Triggers
+from daemon.configuration import Action, CaptureSection
 from daemon.device import Device
 from daemon.events import EventLog
 from daemon.health import HealthReport
 from daemon.pending_points import PendingPoints, Request
+from daemon.point_events import PointEvents
 from daemon.poses import PoseBlock
-from daemon.sessions import Session
 from drivers.values import LatchedCounts
-from protocol.messages import Label, Point
+from protocol.messages import Point
 from protocol.messages.point import Trigger
 
 Answer = asyncio.Future[Point]
@@ -26,16 +28,23 @@ class ArmPoints:
     Args:
         stage: what they are made with.
         capture: numbers them and hands them on.
-        triggers: which edges capture.
+        triggers: what inputs are.
+        settings: what presses mean.
         events: where edges and refusals are told.
         health: where it is told how long it took.
+
+    Attributes:
+        events: tells what becomes of requests.
+        carry_out: what to call for actions that are not about points.
     """
 
     def __init__(
         self,
         stage: Stage,
+        *,
         capture: Capture,
         triggers: Triggers,
+        settings: CaptureSection,
         events: EventLog,
         health: HealthReport,
     ) -> None:
@@ -43,10 +52,16 @@ class ArmPoints:
         self._sight = ArmSight(stage)
         self._capture = capture
         self._triggers = triggers
-        self._events = events
+        self._buttons = buttons_of(settings)
+        self._average = AverageWanted(
+            int(settings.average_s * 1e9),
+            AverageLimits(settings.average_speed_mm_s, settings.average_spread_mm),
+        )
+        self.events = PointEvents(events)
         self._health = health
         self._pending = PendingPoints(self._look, self._deal_with)
         self._averages: list[Average] = []
+        self.carry_out: dict[Action, Callable[[], object]] = {}
 
     @property
     def some_wait(self) -> asyncio.Event:
@@ -56,6 +71,8 @@ class ArmPoints:
     def settle(self, now_ns: int | None = None) -> None:
         """Take all points that can be taken; refuse what waits beyond some time."""
         if self._pending:
+            if now_ns is not None:
+                self._buttons.passed(now_ns)
             self._pending.settle(now_ns)
 
     def follow(self, poses: PoseBlock) -> None:
@@ -67,16 +84,22 @@ class ArmPoints:
 
     def take_edge(self, device: Device, latch: LatchedCounts) -> None:
         """Deal with an edge, and only then tell the device so."""
-        self._pending.add(
-            Request(
-                latch.sample_time_ns,
-                latch.received_ns,
-                self._now_ns() + self._stage.point_wait_ns,
-                self._triggers.trigger_of(device.section.id, latch.input),
-                device,
-                latch,
-            )
+        name, number = device.section.id, latch.input
+        request = Request(
+            latch.sample_time_ns,
+            latch.received_ns,
+            self._now_ns() + self._stage.point_wait_ns,
+            self._triggers.trigger_of(name, number),
+            device,
+            latch,
         )
+        if request.trigger == "button" and number is not None:
+            which, time_ns = (name, number), latch.sample_time_ns
+            if latch.active:
+                request.press = self._buttons.down(which, time_ns)
+            else:
+                request.ends = self._buttons.up(which, time_ns)
+        self._pending.add(request)
 
     def take_now(self) -> Answer:
         """Take a point at this very instant, out of the stream."""
@@ -103,18 +126,6 @@ class ArmPoints:
         self._averages.append(average)
         return self._asked(request)
 
-    def tell_label(self, label: Label) -> None:
-        """Tell what points are taken on from now on."""
-        words = [word for word in (label.artefact, label.feature) if word is not None]
-        text = f"points are taken on {', '.join(words)}" if words else "no label"
-        self._tell("capture.label", text)
-
-    def tell_session(self, session: Session) -> None:
-        """Tell that a new session has begun."""
-        text = f"session {session.id} begins{': ' if session.note else ''}"
-        text += session.note
-        self._tell("capture.session", text)
-
     def in_order(self, act: Callable[[], Any]) -> asyncio.Future[Any]:
         """Do this after all points that were asked for before."""
         request = self._request_now(None)
@@ -138,6 +149,8 @@ class ArmPoints:
             request.seen = self._sight.at(request)
 
     def _deal_with(self, request: Request, is_last_chance: bool) -> bool:
+        if request.is_undecided:
+            return False
         # Whoever was told "no answer" must not find a point later.
         if not request.is_given_up:
             try:
@@ -145,14 +158,14 @@ class ArmPoints:
             except CaptureRefusedError as error:
                 self._refuse(request, error)
             else:
-                if outcome is None and (request.captures or request.act is not None):
+                if outcome is None:
                     return False
                 if request.answer is not None:
                     request.answer.set_result(outcome)
         if request.average is not None:
             self._averages.remove(request.average)
         if request.device is not None and request.latch is not None:
-            self._tell_edge(request.device, request.latch, request.trigger)
+            self.events.edge(request, request.device, request.latch)
             # Only now may the device forget it.
             request.device.driver.acknowledge(request.latch.token)
         return True
@@ -166,7 +179,9 @@ class ArmPoints:
         if request.act is not None:
             return request.act()
         if not request.captures or request.trigger is None:
-            return None
+            return self._done(request)
+        if request.press is not None and request.press.action == "average":
+            self._begin_average(request)
         if request.average is not None:
             measured = self._mean(request.average, is_last_chance)
         elif (measured := request.seen) is None and (
@@ -179,6 +194,32 @@ class ArmPoints:
         taken_ns = self._now_ns() - request.received_ns
         self._health.latencies["capture_to_publish"].add(taken_ns)
         return point
+
+    def _done(self, request: Request) -> bool:
+        """Do what an edge means that takes no point."""
+        action = None if request.press is None else request.press.action
+        if request.ends is not None and request.ends.action == "scan":
+            action = "stop"
+        if action == "undo" and request.trigger is not None:
+            self.events.undone(self._capture.undo(request.trigger))
+        elif action == "session":
+            self.events.session(self._capture.begin_session())
+        if action in self.carry_out:
+            self.carry_out[action]()
+        return True
+
+    def _begin_average(self, request: Request) -> None:
+        """Let samples be averaged from a press on, if they are not yet."""
+        if request.average is not None:
+            return
+        begin_ns, path = request.instant_ns, self._stage.path
+        wanted = self._average
+        average = Average(begin_ns, None, wanted.dwell_ns, wanted.limits)
+        average.begin_speed_mm_s = path.speed_mm_s(begin_ns)
+        for block in path.after(begin_ns, self._now_ns()):
+            average.add(block)
+        request.average = average
+        self._averages.append(average)
 
     def _mean(self, average: Average, is_last_chance: bool) -> Measured | None:
         average.check_begin()
@@ -196,30 +237,9 @@ class ArmPoints:
 
     def _refuse(self, request: Request, error: CaptureRefusedError) -> None:
         self._capture.refused += request.captures
-        self._events.report(
-            "error",
-            "capture.refused",
-            str(error),
-            source="capture",
-            remedy=error.remedy,
-        )
+        self.events.refused(error)
         if request.answer is not None:
             request.answer.set_exception(error)
-
-    def _tell_edge(
-        self, device: Device, latch: LatchedCounts, trigger: Trigger | None
-    ) -> None:
-        if trigger is not None:
-            self._events.report(
-                "info",
-                f"{trigger}.{'pressed' if latch.active else 'released'}",
-                f"{trigger} {'on' if latch.active else 'off'}",
-                source=f"{device.section.id}/{latch.input}",
-                distinct=True,
-            )
-
-    def _tell(self, code: str, text: str) -> None:
-        self._events.report("info", code, text, source="capture", distinct=True)
 
     def _now_ns(self) -> int:
         return self._stage.clock.monotonic_ns()

@@ -41,6 +41,14 @@ class AverageLimits:
     spread_mm: float
 
 
+@dataclass(frozen=True, slots=True)
+class AverageWanted:
+    """The mean that a button asks for: for how long, and its limits."""
+
+    dwell_ns: int
+    limits: AverageLimits
+
+
 class Average:
     """Collects samples of a stream from one instant on.
 

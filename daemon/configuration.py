@@ -13,6 +13,7 @@ from daemon.device_section import AnyDevice
 from daemon.scan_section import ScanSection
 from kinematics.arm_file import Problem, StrictModel, read_strict
 
+Action = Literal["point", "average", "undo", "scan", "stop", "session", "none"]
 INPUT_PATTERN = r"^[A-Za-z0-9_-]+/[0-7]$"
 
 
@@ -38,6 +39,17 @@ class InputSection(StrictModel):
 
     source: str = Field(pattern=INPUT_PATTERN)
     trigger: Literal["button", "switch"]
+    click: Action = "point"
+    double: Action | None = None
+    hold: Action | None = None
+    long: Action | None = None
+
+    @property
+    def meanings(self) -> dict[str, Action]:
+        """What its gestures do, those that do anything."""
+        told = {"click": self.click, "double": self.double, "hold": self.hold}
+        told["long"] = self.long
+        return {name: action for name, action in told.items() if action is not None}
 
     @property
     def device_id(self) -> str:
@@ -57,6 +69,10 @@ class CaptureSection(StrictModel):
     live_rate_hz: float = Field(default=20.0, gt=0.0, le=100.0)
     scan_block_s: float = Field(default=0.05, ge=0.01, le=1.0)
     scan_max_rate_hz: float = Field(default=10_000.0, gt=0.0, le=10_000.0)
+    hold_s: float = Field(default=0.4, ge=0.1, le=5.0)
+    long_s: float = Field(default=1.0, ge=0.1, le=5.0)
+    double_s: float = Field(default=0.3, ge=0.05, le=2.0)
+    average_s: float = Field(default=0.5, ge=0.01, le=10.0)
     average_speed_mm_s: float = Field(default=5.0, gt=0.0, le=1000.0)
     average_spread_mm: float = Field(default=0.05, gt=0.0, le=100.0)
     max_waiting_points: int = Field(default=1000, ge=1, le=100_000)
@@ -135,6 +151,19 @@ def _cross_check(raw: Mapping[str, Any]) -> Iterator[Problem]:
         if source in seen:
             yield Problem(where, f"{source!r} is given twice")
         seen.add(source)
+        yield from _gesture_problems(index, table)
+
+
+def _gesture_problems(index: int, table: Mapping[str, Any]) -> Iterator[Problem]:
+    """Gestures of one input that cannot be told apart, or make no sense."""
+    where = f"capture.inputs[{index}]"
+    if "hold" in table and "long" in table:
+        text = "is given beside hold; both begin with a press that goes on, take one"
+        yield Problem(f"{where}.long", text)
+    if table.get("trigger") == "switch":
+        for name in {"double", "hold", "long"} & set(table):
+            text = "is a gesture of a hand; a switching probe has click alone"
+            yield Problem(f"{where}.{name}", text)
 
 
 def _tables(raw: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:

@@ -15,7 +15,7 @@ from daemon.arm_sight import Stage
 from daemon.assembly import Assembly
 from daemon.capture import Capture, Triggers
 from daemon.clock import HostClock
-from daemon.configuration import AssemblySection
+from daemon.configuration import AssemblySection, CaptureSection
 from daemon.device import Device
 from daemon.device_states import DeviceStates
 from daemon.events import EventLog
@@ -54,6 +54,7 @@ class Measuring:
         uncertainty: states the covariance of points.
         offer_live: hands a live pose to the outgoing queue.
         status_changed: called when a device's state has changed.
+        taking: how points are taken; by default at each press.
 
     Attributes:
         points: takes points at edges and on request.
@@ -78,6 +79,7 @@ class Measuring:
         health: HealthReport,
         offer_live: Callable[[Live], object],
         status_changed: Callable[[], None],
+        taking: CaptureSection | None = None,
     ) -> None:
         self._clock = clock
         self._devices = devices
@@ -113,7 +115,14 @@ class Measuring:
             uncertainty,
             int(settings.point_wait_s * 1e9),
         )
-        self.points = ArmPoints(stage, capture, triggers, events, health)
+        self.points = ArmPoints(
+            stage,
+            capture=capture,
+            triggers=triggers,
+            settings=taking or CaptureSection(),
+            events=events,
+            health=health,
+        )
         self.latches: dict[int, Answer] = {}
         self.stream_started = asyncio.Event()
         self.rate_hz = 0.0

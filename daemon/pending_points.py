@@ -12,11 +12,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from daemon.averaging import Average
+from daemon.buttons import Press
 from daemon.capture import Measured
+from daemon.configuration import Action
 from daemon.device import Device
 from drivers.values import LatchedCounts
 from protocol.messages.point import Trigger
 
+CAPTURING: frozenset[Action] = frozenset(("point", "average"))
 MAX_PENDING = 256
 MAX_BEHIND = 12  # behind a mean: a board keeps 16 edges that are not acknowledged
 
@@ -32,6 +35,8 @@ class Request:
         trigger: what it captures with; None for what captures nothing.
         device: whose edge it is; None for a command.
         latch: what a device latched at that instant.
+        press: which press of a button the edge is; None for releases and switches.
+        ends: the hold that ends with this release.
         answer: who waits for what comes of a command.
         act: what a command does that takes no point.
         average: the samples of a mean.
@@ -44,6 +49,8 @@ class Request:
     trigger: Trigger | None = None
     device: Device | None = None
     latch: LatchedCounts | None = None
+    press: Press | None = None
+    ends: Press | None = None
     answer: asyncio.Future[Any] | None = None
     act: Callable[[], object] | None = None
     average: Average | None = None
@@ -52,9 +59,21 @@ class Request:
     @property
     def captures(self) -> bool:
         """Whether it asks for a point."""
+        if self.press is not None and self.press.action is not None:
+            return self.press.action in CAPTURING
+        return self.may_capture
+
+    @property
+    def may_capture(self) -> bool:
+        """Whether it may turn out to ask for one."""
         if self.trigger is None or self.act is not None:
             return False
         return self.device is None or self.latch is None or self.latch.active
+
+    @property
+    def is_undecided(self) -> bool:
+        """It is a press of which nobody knows yet what it will have been."""
+        return self.press is not None and self.press.action is None
 
     @property
     def is_given_up(self) -> bool:
@@ -100,7 +119,7 @@ class PendingPoints:
     def settle(self, now_ns: int | None = None) -> None:
         """Deal with what can be dealt with, or has waited long enough by some time."""
         for request in self._requests:
-            if request.captures and request.seen is None:
+            if request.may_capture and request.seen is None:
                 self._look(request)
         while self._requests:
             request = self._requests[0]

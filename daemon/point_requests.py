@@ -87,7 +87,7 @@ class PointRequests:
 
         def set_label() -> Label:
             self._capture.label = label
-            self._measuring.points.tell_label(label)
+            self._measuring.points.events.label(label)
             return label
 
         await _told(self._measuring.points.in_order(set_label))
@@ -98,7 +98,7 @@ class PointRequests:
 
         def begin() -> str:
             session = self._capture.begin_session(args.note or "")
-            self._measuring.points.tell_session(session)
+            self._measuring.points.events.session(session)
             self._session_changed()
             return session.id
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from daemon.arm_devices import ArmDevices
+from daemon.button_actions import ButtonActions
 from daemon.capture import Capture, Triggers
 from daemon.clock import HostClock
 from daemon.commands import CommandDesk
@@ -129,6 +130,7 @@ class Service:
             health=self._health,
             offer_live=lambda live: self._outlet.publish("live", live),
             status_changed=self._publish_status,
+            taking=settings,
         )
         self._model = model
         self._requests = Requests(
@@ -147,6 +149,12 @@ class Service:
             measuring=self._measuring,
             session_changed=self._publish_status,
         )
+        actions = ButtonActions(self._requests.change_scan, self._events)
+        self._measuring.points.carry_out |= {
+            "scan": actions.start_scan,
+            "stop": actions.stop_scan,
+            "session": self._publish_status,
+        }
         self._commands = CommandDesk(
             arm=model.name,
             encoding=self._encoding,

@@ -84,6 +84,7 @@ class ArmBench:
             health=HealthReport(self.clock),
             offer_live=self.live.append,
             status_changed=lambda: None,
+            taking=CaptureSection(**(capture or {})),
         )
         self.sessions = []
         self.point_requests = PointRequests(

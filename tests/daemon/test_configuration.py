@@ -142,3 +142,21 @@ def test_a_driver_whose_library_is_missing_says_which_extra(tmp_path, monkeypatc
     section_class.cache_clear()
     assert "needs no_such_library, which is not installed" in told
     assert "pip install 'traverse-cmm[can]'" in told
+
+
+@pytest.mark.parametrize(
+    ("keys", "told"),
+    [
+        ('trigger = "button"\nhold = "scan"\nlong = "undo"', "take one"),
+        ('trigger = "switch"\ndouble = "undo"', "gesture of a hand"),
+        ('trigger = "button"\nclick = "fly"', "click"),
+    ],
+)
+def test_gestures_that_make_no_sense_are_refused(tmp_path, keys, told):
+    path = tmp_path / "daemon.toml"
+    path.write_text(
+        '[arm]\nfile = "arm.toml"\n[[device]]\nid = "base"\ndriver = "latch-board"\n'
+        f'port = "/dev/null"\n[[capture.inputs]]\nsource = "base/0"\n{keys}\n'
+    )
+    with pytest.raises(FileError, match=told):
+        read_configuration(path)

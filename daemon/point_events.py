@@ -1,0 +1,66 @@
+"""What is told of edges, refusals, labels and sessions."""
+
+from daemon.capture import CaptureRefusedError
+from daemon.device import Device
+from daemon.events import EventLog
+from daemon.pending_points import Request
+from daemon.sessions import Session
+from drivers.values import LatchedCounts
+from protocol.messages import Label, Point
+
+
+class PointEvents:
+    """Tells what becomes of requests.
+
+    Args:
+        events: where it is told.
+    """
+
+    def __init__(self, events: EventLog) -> None:
+        self._events = events
+
+    def refused(self, error: CaptureRefusedError) -> None:
+        """No point was taken, or none taken back."""
+        self._events.report(
+            "error",
+            "capture.refused",
+            str(error),
+            source="capture",
+            remedy=error.remedy,
+        )
+
+    def undone(self, retraction: Point) -> None:
+        """A button has taken a point back."""
+        self._tell("capture.undone", f"{retraction.retracts} is taken back")
+
+    def label(self, label: Label) -> None:
+        """Points are taken on something else from now on."""
+        words = [word for word in (label.artefact, label.feature) if word is not None]
+        text = f"points are taken on {', '.join(words)}" if words else "no label"
+        self._tell("capture.label", text)
+
+    def session(self, session: Session) -> None:
+        """A new session has begun."""
+        text = f"session {session.id} begins{': ' if session.note else ''}"
+        self._tell("capture.session", text + session.note)
+
+    def edge(self, request: Request, device: Device, latch: LatchedCounts) -> None:
+        """An edge was dealt with: first what it was, then the gesture it made."""
+        trigger, press = request.trigger, request.press
+        if trigger is None:
+            return
+        source = f"{device.section.id}/{latch.input}"
+        self._events.report(
+            "info",
+            f"{trigger}.{'pressed' if latch.active else 'released'}",
+            f"{trigger} {'on' if latch.active else 'off'}",
+            source=source,
+            distinct=True,
+        )
+        if press is not None and press.gesture not in ("click", "part", None):
+            text = f"{press.gesture}: {press.action}"
+            code = f"{trigger}.{press.gesture}"
+            self._events.report("info", code, text, source=source, distinct=True)
+
+    def _tell(self, code: str, text: str) -> None:
+        self._events.report("info", code, text, source="capture", distinct=True)
