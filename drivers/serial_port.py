@@ -11,6 +11,7 @@ import fcntl
 import os
 import select
 import termios
+import time
 
 import serial
 
@@ -18,6 +19,7 @@ from drivers.values import DeviceError, DeviceNotFoundError
 
 READ_BYTES = 65_536
 WRITE_TIMEOUT_S = 0.5
+BUSY_TRIES, BUSY_PAUSE_S = 5, 0.1
 
 
 class SerialPort:
@@ -43,18 +45,7 @@ class SerialPort:
         parity: str = "N",
         stop_bits: int = 1,
     ) -> None:
-        try:
-            self._port = serial.Serial(
-                path,
-                baud_rate,
-                timeout=0,
-                write_timeout=WRITE_TIMEOUT_S,
-                exclusive=True,
-                parity=parity,
-                stopbits=stop_bits,
-            )
-        except (OSError, ValueError, termios.error) as error:
-            raise _explain(path, error) from error
+        self._port = _opened(path, baud_rate, parity, stop_bits)
         self._fd = self._port.fileno()
         self._wake_fd = wake_fd
         self.path = path
@@ -118,6 +109,32 @@ class SerialPort:
         return DeviceError(
             f"port {self.path} has gone away ({reason})", "check cable and power"
         )
+
+
+def _opened(path: str, baud_rate: int, parity: str, stop_bits: int) -> serial.Serial:
+    """The open port; waits a moment for a program that is just letting go of it.
+
+    Raises:
+        DeviceNotFoundError: it is missing, in use, or not permitted.
+    """
+    left = BUSY_TRIES
+    while True:
+        left -= 1
+        try:
+            return serial.Serial(
+                path,
+                baud_rate,
+                timeout=0,
+                write_timeout=WRITE_TIMEOUT_S,
+                exclusive=True,
+                parity=parity,
+                stopbits=stop_bits,
+            )
+        except (OSError, ValueError, termios.error) as error:
+            busy = getattr(error, "errno", None) in (errno.EAGAIN, errno.EBUSY)
+            if not (busy and left):
+                raise _explain(path, error) from error
+        time.sleep(BUSY_PAUSE_S)
 
 
 def _explain(path: str, error: Exception) -> DeviceNotFoundError:

@@ -49,8 +49,7 @@ class LatchBoardRig:
         self._broken = False
 
     def emit(self, n):
-        self._last = self.board.samples(n)
-        self.board.send(*self._last)
+        self._last = self.board.emit(n)
 
     def lose(self, n):
         self.board.samples(n)

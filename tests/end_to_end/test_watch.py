@@ -32,7 +32,7 @@ def watch(bench: Workbench, *options: str) -> Program:
 
 def watched_by_head(bench: Workbench) -> tuple[str, str]:
     """Output and errors of a pipeline whose second program takes one line."""
-    where = ("--broker", bench.host, "--port", str(bench.port))
+    where = ("--broker", bench.host, "--port", str(bench.port), "--arm", bench.arm)
     command = shlex.join((sys.executable, "-m", "traverse", "watch", *where))
     ended = subprocess.run(
         ["sh", "-c", f"{command} | head -n 1"],

@@ -28,7 +28,7 @@ def told(encoders, *arguments, **more):
 
 
 def test_a_scan_lists_who_answers(encoders):
-    ran = told(encoders, "scan", "--json", "--timeout", "0.004")
+    ran = told(encoders, "scan", "--json", "--timeout", "0.02")
     assert ran.exit_code == 0, ran.output
     report = json.loads(ran.output)
     assert report["echo"] is encoders.line.echo
@@ -58,7 +58,7 @@ def test_what_is_no_address_is_refused(encoders):
 
 
 def test_an_address_where_nobody_is_cannot_be_reached(encoders):
-    ran = told(encoders, "reset", "--address", "0x40", "--yes", "--timeout", "0.004")
+    ran = told(encoders, "reset", "--address", "0x40", "--yes", "--timeout", "0.02")
     assert ran.exit_code == 3
     assert "nothing answers" in ran.output
     assert 0x42 not in encoders.line.heard
