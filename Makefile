@@ -70,7 +70,7 @@ bench-drivers: venv  ## the drivers: rates, losses, share of a core; takes minut
 bench-identification: venv  ## the adjustment beside scipy's least squares; takes many minutes
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.identification
 
-prove: venv  ## the statistics of the identification over hundreds of campaigns; takes many minutes
+prove: venv  ## the statistics of the identification over thousands of campaigns; takes an hour
 	$(BIN)/python -m benchmarks.proofs
 
 blind: venv  ## 200 hidden effects and what the diagnosis says of them; takes minutes
