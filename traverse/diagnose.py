@@ -150,7 +150,7 @@ def _written(
 
 def _with_stream(stream: "StreamDiagnosis", lines: list[str], out: Path) -> list[str]:
     """Write what is special of a dense scan, and tell of it first."""
-    from lab.diagnosis.streams import stream_json, stream_lines  # noqa: PLC0415
+    from lab.diagnosis.stream_figures import stream_json, stream_lines  # noqa: PLC0415
 
     text = json.dumps(stream_json(stream), indent=1, allow_nan=False)
     (out / "stream.json").write_text(text + "\n", encoding="utf-8")

@@ -30,13 +30,13 @@ from lab.diagnosis.stream_harmonics import (
 from lab.diagnosis.terms import estimates_of
 from lab.diagnosis.thinning import Thinning, thinned
 
-SCHEMA = "traverse/stream-diagnosis/1"
 # Of the probability of a false alarm: what the harmonics of all samples get.
 _SHARE = 0.1
+# So many times as many poses are worth another diagnosis.
+_WORTH_WHILE = 1.3
 # Rivals: no less likely than one in so many, as log.
 _SET = math.log(100.0)
 _LOG_10 = math.log(10.0)
-_N_TOLD = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,8 +77,14 @@ def diagnose_stream(
     if progress is not None:
         progress("thinning the stream", 0.02)
     campaign, thinning = thinned(campaign, arm)
-    poses = campaign.part(thinning.poses)
-    first = found = diagnose(poses, arm, options, progress)
+    first = diagnose(campaign.part(thinning.poses), arm, options, progress)
+    if first.terms:
+        # What is missing lasts longer than noise does: without it more can be kept.
+        _, again = thinned(campaign, first.adapted)
+        if len(again.poses) > _WORTH_WHILE * len(thinning.poses):
+            thinning = again
+            first = diagnose(campaign.part(again.poses), arm, options, progress)
+    poses, found = campaign.part(thinning.poses), first
     added: list[tuple[HarmonicFinding, ...]] = []
     level = _SHARE * options.level
     while True:
@@ -104,63 +110,6 @@ def diagnose_stream(
         found = first if together.vetoed else together
         added = [] if together.vetoed else added
     return StreamDiagnosis(found, thinning, harmonics, len(added))
-
-
-def stream_lines(result: StreamDiagnosis) -> list[str]:
-    """Tell of the stream in lines for people."""
-    thinning = result.thinning
-    kept = len(thinning.poses)
-    lasting = [one for one in thinning.lasting_s if math.isfinite(one)]
-    lines = [
-        f"{thinning.n_samples} samples at {thinning.rate_hz:.4g} Hz, noise lasts "
-        f"{1e3 * max(lasting):.3g} ms at most: {kept} of them are tested as poses"
-    ]
-    if thinning.is_capped:
-        lines.append(
-            "More samples than that are independent; the rest only counts "
-            "for the harmonics."
-        )
-    if result.harmonics:
-        one = result.harmonics[0]
-        lines.append(
-            f"Largest harmonic that is left in all samples: {one.candidate.name}, "
-            f"{1e6 * _size(one):.2g} ± {1e6 * one.std_rad:.2g} µrad."
-        )
-    return lines
-
-
-def stream_json(result: StreamDiagnosis) -> dict[str, Any]:
-    """Put what is special of a stream into plain values."""
-    thinning, artefacts = result.thinning, result.diagnosis.campaign.artefacts
-    return {
-        "schema": SCHEMA,
-        "samples": thinning.n_samples,
-        "rate_hz": round(thinning.rate_hz, 6),
-        "poses": len(thinning.poses),
-        "artefacts": {
-            artefact.id: {
-                "noise_lasts_s": round(lasting, 9),
-                "poses_apart_s": round(apart, 9),
-            }
-            for artefact, lasting, apart in zip(
-                artefacts, thinning.lasting_s, thinning.apart_s, strict=True
-            )
-            if math.isfinite(lasting)
-        },
-        "terms_from_all_samples": result.n_from_stream,
-        "harmonics": [
-            {
-                "kind": one.candidate.kind,
-                "joint": one.candidate.joint,
-                "order": one.candidate.order,
-                "cos_rad": one.amplitudes_rad[0],
-                "sin_rad": one.amplitudes_rad[1],
-                "std_rad": one.std_rad,
-                "log10_p": one.log_p / _LOG_10,
-            }
-            for one in result.harmonics[:_N_TOLD]
-        ],
-    }
 
 
 def _given(found: Diagnosis, arm: Arm, n_added: int) -> tuple[Any, ...]:
@@ -242,8 +191,3 @@ def _evidence(one: HarmonicFinding) -> float:
     """Log Bayes factor of two amplitudes, their scale chosen best."""
     half = 0.5 * one.statistic
     return half - 1.0 - math.log(half) if half > 1.0 else 0.0
-
-
-def _size(one: HarmonicFinding) -> float:
-    cos_rad, sin_rad = one.amplitudes_rad
-    return math.hypot(cos_rad, sin_rad)

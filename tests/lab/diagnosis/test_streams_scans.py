@@ -89,7 +89,9 @@ def test_latency_and_backlash_are_found(folders, tmp_path):
     assert result["gap"]["closed"] > 0.8
     stream = json.loads((tmp_path / "out" / "stream.json").read_text())
     assert stream["samples"] > 11_000
-    assert stream["poses"] <= 2000
+    # Effects look like noise that lasts: without them more poses are kept.
+    _, first = thinned(*read(folder)[::-1])
+    assert 1.3 * len(first.poses) < stream["poses"] <= 2000
     assert stream["rate_hz"] == pytest.approx(200.0)
     assert "samples at 200 Hz" in found.output
     adapted = read_arm(tmp_path / "out" / "arm.toml")
