@@ -4,16 +4,17 @@ import asyncio
 from collections.abc import Callable
 from typing import Any
 
-from daemon.arm_sight import ArmSight, Stage
-from daemon.averaging import Average, AverageLimits, AverageWanted
+from daemon.arm_sight import Stage
+from daemon.averaging import Average
 from daemon.buttons import buttons_of
-from daemon.capture import Capture, CaptureRefusedError, Measured, Triggers
+from daemon.capture import Capture, CaptureRefusedError, Triggers
 from daemon.configuration import Action, CaptureSection
 from daemon.device import Device
 from daemon.events import EventLog
 from daemon.health import HealthReport
 from daemon.pending_points import PendingPoints, Request
 from daemon.point_events import PointEvents
+from daemon.point_making import PointMaking
 from daemon.poses import PoseBlock
 from drivers.values import LatchedCounts
 from protocol.messages import Point
@@ -49,18 +50,13 @@ class ArmPoints:
         health: HealthReport,
     ) -> None:
         self._stage = stage
-        self._sight = ArmSight(stage)
         self._capture = capture
         self._triggers = triggers
         self._buttons = buttons_of(settings)
-        self._average = AverageWanted(
-            int(settings.average_s * 1e9),
-            AverageLimits(settings.average_speed_mm_s, settings.average_spread_mm),
-        )
         self.events = PointEvents(events)
+        self._making = PointMaking(stage, settings, self.events)
         self._health = health
-        self._pending = PendingPoints(self._look, self._deal_with)
-        self._averages: list[Average] = []
+        self._pending = PendingPoints(self._making.look, self._deal_with)
         self.carry_out: dict[Action, Callable[[], object]] = {}
 
     @property
@@ -77,8 +73,7 @@ class ArmPoints:
 
     def follow(self, poses: PoseBlock) -> None:
         """Go on by a block of the arm's stream."""
-        for average in self._averages:
-            average.add(poses)
+        self._making.follow(poses)
 
     # -- what asks for points -------------------------------------------------
 
@@ -121,9 +116,7 @@ class ArmPoints:
     def take_mean(self, average: Average) -> Answer:
         """Take a point that is the mean of the samples from now on."""
         request = self._request_now("command")
-        request.average = average
-        average.begin_speed_mm_s = self._stage.path.speed_mm_s(request.instant_ns)
-        self._averages.append(average)
+        self._making.begin_average(request, average)
         return self._asked(request)
 
     def in_order(self, act: Callable[[], Any]) -> asyncio.Future[Any]:
@@ -144,10 +137,6 @@ class ArmPoints:
 
     # -- what comes of it -----------------------------------------------------
 
-    def _look(self, request: Request) -> None:
-        if request.average is None:
-            request.seen = self._sight.at(request)
-
     def _deal_with(self, request: Request, is_last_chance: bool) -> bool:
         if request.is_undecided:
             return False
@@ -162,8 +151,7 @@ class ArmPoints:
                     return False
                 if request.answer is not None:
                     request.answer.set_result(outcome)
-        if request.average is not None:
-            self._averages.remove(request.average)
+        self._making.forget(request)
         if request.device is not None and request.latch is not None:
             self.events.edge(request, request.device, request.latch)
             # Only now may the device forget it.
@@ -180,16 +168,17 @@ class ArmPoints:
             return request.act()
         if not request.captures or request.trigger is None:
             return self._done(request)
-        if request.press is not None and request.press.action == "average":
-            self._begin_average(request)
-        if request.average is not None:
-            measured = self._mean(request.average, is_last_chance)
-        elif (measured := request.seen) is None and (
-            is_last_chance or self._stage.devices.unfit is not None
-        ):
-            raise CaptureRefusedError(*self._sight.lack(request))
+        press = request.press
+        if press is not None and press.action == "average" and request.average is None:
+            self._making.begin_average(request)
+        measured = self._making.measured(
+            request,
+            is_last_chance=is_last_chance,
+            is_crowded=self._pending.is_crowded,
+        )
         if measured is None:
             return None
+        self._stage.quality.check(measured.pose.quality)
         point = self._capture.take(measured, request.trigger)
         taken_ns = self._now_ns() - request.received_ns
         self._health.latencies["capture_to_publish"].add(taken_ns)
@@ -202,38 +191,13 @@ class ArmPoints:
             action = "stop"
         if action == "undo" and request.trigger is not None:
             self.events.undone(self._capture.undo(request.trigger))
+        elif action == "air":
+            self._making.note_air(request)
         elif action == "session":
             self.events.session(self._capture.begin_session())
         if action in self.carry_out:
             self.carry_out[action]()
         return True
-
-    def _begin_average(self, request: Request) -> None:
-        """Let samples be averaged from a press on, if they are not yet."""
-        if request.average is not None:
-            return
-        begin_ns, path = request.instant_ns, self._stage.path
-        wanted = self._average
-        average = Average(begin_ns, None, wanted.dwell_ns, wanted.limits)
-        average.begin_speed_mm_s = path.speed_mm_s(begin_ns)
-        for block in path.after(begin_ns, self._now_ns()):
-            average.add(block)
-        request.average = average
-        self._averages.append(average)
-
-    def _mean(self, average: Average, is_last_chance: bool) -> Measured | None:
-        average.check_begin()
-        if average.is_complete and average.n:
-            average.check()
-            return self._sight.mean(average)
-        if self._pending.is_crowded:
-            raise CaptureRefusedError(
-                "too many edges came while samples were averaged",
-                "average while no button is pressed, or for a shorter time",
-            )
-        if is_last_chance or average.is_complete:
-            average.refuse_if_over_time(self._now_ns(), self._stage.point_wait_ns)
-        return None
 
     def _refuse(self, request: Request, error: CaptureRefusedError) -> None:
         self._capture.refused += request.captures

@@ -12,6 +12,7 @@ from daemon.clock import HostClock
 from daemon.pending_points import Request
 from daemon.pipeline import Pipeline
 from daemon.poses import LatchedPose
+from daemon.quality_watch import QualityWatch
 from daemon.skew import SkewWatch
 from daemon.tip_path import TipPath
 from daemon.uncertainty import Reading, Uncertainty
@@ -33,6 +34,7 @@ class Stage:
     skew: SkewWatch
     path: TipPath
     uncertainty: Uncertainty
+    quality: QualityWatch
     point_wait_ns: int
 
 
@@ -56,6 +58,8 @@ class ArmSight:
         if device is not None and pose.doubts_counts is not None and device.identity:
             jitter_ns = device.identity.jitter_ns
         speeds_rad_s = stage.path.speeds_rad_s(pose.sample_time_ns, pose.angles_rad)
+        temperature_c = stage.devices.temperature_c
+        pose = stage.quality.marked(pose, speeds_rad_s, temperature_c)
         return self._measured(
             pose, Reading(pose.block, speeds_rad_s, pose.doubts_counts, jitter_ns)
         )
@@ -71,7 +75,12 @@ class ArmSight:
             mean_pose(average, block), Reading(block, at_rest, samples=average.n)
         )
         spread_mm = None if average.n == 1 else average.spread_mm
-        return replace(measured, samples=average.n, spread_mm=spread_mm)
+        return replace(
+            measured,
+            samples=average.n,
+            spread_mm=spread_mm,
+            before_mm=average.before_mm,
+        )
 
     def lack(self, request: Request) -> tuple[str, str]:
         """Why nothing is known of an instant, and what to do."""

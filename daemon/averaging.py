@@ -41,14 +41,6 @@ class AverageLimits:
     spread_mm: float
 
 
-@dataclass(frozen=True, slots=True)
-class AverageWanted:
-    """The mean that a button asks for: for how long, and its limits."""
-
-    dwell_ns: int
-    limits: AverageLimits
-
-
 class Average:
     """Collects samples of a stream from one instant on.
 
@@ -63,6 +55,7 @@ class Average:
         last_ns: the time of the last; ``begin_ns`` before the first.
         is_complete: no further one is wanted.
         begin_speed_mm_s: how fast the ball moved at the beginning; None: not known.
+        before_mm: where it came from, (3,).
     """
 
     def __init__(
@@ -76,6 +69,7 @@ class Average:
         self._samples, self._limits = samples, limits
         self._end_ns = None if dwell_ns is None else begin_ns + dwell_ns
         self.begin_speed_mm_s: float | None = None
+        self.before_mm: Floats | None = None
         self.n = 0
         self.is_complete = False
         self._quality = 0

@@ -37,6 +37,7 @@ class Measured:
         temperature_c: of the arm then; None where no sensor tells it.
         covariance_mm2: of the ball's centre.
         samples, spread_mm: how many were averaged, and how far they lay apart.
+        before_mm: where the probe came from, (3,); None where it does not matter.
         surface_mm: the touched point, (3,), by ``compensation``.
     """
 
@@ -46,6 +47,7 @@ class Measured:
     covariance_mm2: Covariance | None = None
     samples: int = 1
     spread_mm: float | None = None
+    before_mm: NDArray[np.float64] | None = None
     surface_mm: NDArray[np.float64] | None = None
     compensation: Compensation = "none"
 

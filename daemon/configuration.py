@@ -10,10 +10,12 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from daemon.device_section import AnyDevice
+from daemon.quality_section import QualitySection
 from daemon.scan_section import ScanSection
 from kinematics.arm_file import Problem, StrictModel, read_strict
+from protocol.messages.point import Compensation
 
-Action = Literal["point", "average", "undo", "scan", "stop", "session", "none"]
+Action = Literal["point", "average", "undo", "scan", "stop", "session", "air", "none"]
 INPUT_PATTERN = r"^[A-Za-z0-9_-]+/[0-7]$"
 
 
@@ -72,6 +74,11 @@ class CaptureSection(StrictModel):
     hold_s: float = Field(default=0.4, ge=0.1, le=5.0)
     long_s: float = Field(default=1.0, ge=0.1, le=5.0)
     double_s: float = Field(default=0.3, ge=0.05, le=2.0)
+    compensation: Compensation = "none"
+    middle_mm: tuple[float, float, float] | None = None
+    pretouch_mm: float = Field(default=2.0, ge=0.2, le=100.0)
+    pull_mm: float = Field(default=2.0, ge=0.2, le=100.0)
+    pull_s: float = Field(default=1.0, ge=0.1, le=10.0)
     average_s: float = Field(default=0.5, ge=0.01, le=10.0)
     average_speed_mm_s: float = Field(default=5.0, gt=0.0, le=1000.0)
     average_spread_mm: float = Field(default=0.05, gt=0.0, le=100.0)
@@ -111,6 +118,7 @@ class Configuration(StrictModel):
     device: Annotated[tuple[AnyDevice, ...], Field(min_length=1)]
     capture: CaptureSection = CaptureSection()
     scan: ScanSection = ScanSection()
+    quality: QualitySection = QualitySection()
     assembly: AssemblySection = AssemblySection()
     uncertainty: UncertaintySection = UncertaintySection()
     health: HealthSection = HealthSection()
@@ -138,6 +146,11 @@ def _cross_check(raw: Mapping[str, Any]) -> Iterator[Problem]:
             )
         ids.setdefault(name, index)
     capture = raw.get("capture")
+    if isinstance(capture, Mapping):
+        method = capture.get("compensation")
+        if method in ("inside", "outside") and "middle_mm" not in capture:
+            text = f"is missing; compensation {method!r} needs a point in the middle"
+            yield Problem(".".join(("capture", "middle_mm")), text)
     seen: set[str] = set()
     inputs = _tables(capture, "inputs") if isinstance(capture, Mapping) else []
     for index, table in enumerate(inputs):

@@ -23,6 +23,8 @@ from daemon.health import HealthReport
 from daemon.live import LiveView
 from daemon.pipeline import Pipeline
 from daemon.poses import PoseBlock
+from daemon.quality_section import QualitySection
+from daemon.quality_watch import QualityWatch
 from daemon.scanner import Scanner
 from daemon.skew import SkewWatch
 from daemon.tardiness import Tardiness
@@ -54,7 +56,9 @@ class Measuring:
         uncertainty: states the covariance of points.
         offer_live: hands a live pose to the outgoing queue.
         status_changed: called when a device's state has changed.
+        quality: limits beyond which measurements are marked.
         taking: how points are taken; by default at each press.
+        quality: limits beyond which measurements are marked.
 
     Attributes:
         points: takes points at edges and on request.
@@ -80,6 +84,7 @@ class Measuring:
         offer_live: Callable[[Live], object],
         status_changed: Callable[[], None],
         taking: CaptureSection | None = None,
+        quality: QualitySection | None = None,
     ) -> None:
         self._clock = clock
         self._devices = devices
@@ -105,6 +110,9 @@ class Measuring:
         self.skew = SkewWatch(settings.skew_limit_mm)
         self.path = TipPath()
         self._uncertainty = uncertainty
+        self.quality = QualityWatch(
+            quality or QualitySection(), pipeline.model, clock, events
+        )
         stage = Stage(
             clock,
             devices,
@@ -113,6 +121,7 @@ class Measuring:
             self.skew,
             self.path,
             uncertainty,
+            self.quality,
             int(settings.point_wait_s * 1e9),
         )
         self.points = ArmPoints(
@@ -175,6 +184,7 @@ class Measuring:
                 device.counters.update(delivery.values)
             case DeviceUp():
                 self._states.take_up(device, delivery)
+                self.quality.standing.came(device.section.id)
                 if delivery.restarted:
                     self.path.forget()
                 # What cannot latch gives its points out of the stream.
@@ -184,6 +194,9 @@ class Measuring:
                 self._states.take_lost(device, delivery)
             case DeviceAlarm():
                 self._states.take_alarm(device, delivery)
+                self.quality.standing.alarm(
+                    delivery.device, delivery.channel, delivery.code, delivery.raised
+                )
             case DeviceFault():
                 self._states.take_fault(device, delivery)
 
@@ -214,6 +227,7 @@ class Measuring:
         poses = self._pipeline.poses(samples, temperature_c)
         if doubts_counts is not None:
             self.skew.mark_block(model, poses, doubts_counts)
+        self.quality.mark_block(model, poses, temperature_c)
         taken_ns = self._clock.monotonic_ns() - samples.received_ns
         self._health.latencies["sample_to_pose"].add(taken_ns)
         self.path.add(poses)

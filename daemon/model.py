@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +45,7 @@ class ArmModel:
     channels: NDArray[np.intp]
     probe_radius_mm: float
     covariance: ArmCovariance | None = None
+    identified_s: float | None = None
 
     @property
     def devices(self) -> tuple[str, ...]:
@@ -130,7 +132,23 @@ def read_model(path: Path, device_ids: Mapping[str, object]) -> ArmModel:
         np.array([encoder.channel for encoder in encoders], dtype=np.intp),
         arm.probe.radius_mm,
         covariance,
+        _identified_s(arm),
     )
+
+
+def _identified_s(arm: Arm) -> float | None:
+    """When the arm was identified; a date counts from its beginning, in UTC."""
+    moment = arm.identification.date if arm.identification else None
+    if isinstance(moment, str):
+        try:
+            moment = datetime.fromisoformat(moment)
+        except ValueError:
+            return None
+    if moment is None:
+        return None
+    if not isinstance(moment, datetime):
+        moment = datetime(moment.year, moment.month, moment.day, tzinfo=UTC)
+    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
 
 
 def _unusable(arm: Arm, device_ids: Mapping[str, object]) -> list[Problem]:

@@ -16,6 +16,7 @@ from daemon.buttons import Press
 from daemon.capture import Measured
 from daemon.configuration import Action
 from daemon.device import Device
+from daemon.tip import Pull
 from drivers.values import LatchedCounts
 from protocol.messages.point import Trigger
 
@@ -40,6 +41,8 @@ class Request:
         answer: who waits for what comes of a command.
         act: what a command does that takes no point.
         average: the samples of a mean.
+        mean: of these samples, as soon as they are complete.
+        pull: watches where the probe is pulled to.
         seen: what is known of the arm at the instant, as soon as it is.
     """
 
@@ -54,6 +57,8 @@ class Request:
     answer: asyncio.Future[Any] | None = None
     act: Callable[[], object] | None = None
     average: Average | None = None
+    mean: Measured | None = None
+    pull: Pull | None = None
     seen: Measured | None = None
 
     @property

@@ -6,6 +6,7 @@ from daemon.events import EventLog
 from daemon.pending_points import Request
 from daemon.sessions import Session
 from drivers.values import LatchedCounts
+from kinematics.compensation import DirectionError
 from protocol.messages import Label, Point
 
 
@@ -27,6 +28,16 @@ class PointEvents:
             str(error),
             source="capture",
             remedy=error.remedy,
+        )
+
+    def without_direction(self, error: DirectionError) -> None:
+        """A point has no surface, since it is not known where the material is."""
+        self._events.report(
+            "warning",
+            "capture.no_direction",
+            str(error),
+            source="capture",
+            remedy="take the point again so that the direction is told",
         )
 
     def undone(self, retraction: Point) -> None:

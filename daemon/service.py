@@ -131,6 +131,7 @@ class Service:
             offer_live=lambda live: self._outlet.publish("live", live),
             status_changed=self._publish_status,
             taking=settings,
+            quality=configuration.quality,
         )
         self._model = model
         self._requests = Requests(
@@ -222,10 +223,14 @@ class Service:
         log.info("arm %s, model %s", self._arm, model.digest[:12])
         if names := model.effect_names:
             log.info("effects applied: %s", ", ".join(names))
-        if model.effects.contacts:
+        if (
+            model.effects.contacts
+            and self._configuration.capture.compensation == "none"
+        ):
             log.warning(
-                "effects of the contact are left out, since this version does not know "
-                "the direction of the surface; every point is flagged surface_unknown"
+                "effects of the contact are left out, since without `compensation` in "
+                "[capture] nobody knows the direction of the surface; every point is "
+                "flagged surface_unknown"
             )
 
     async def _unless_stopped(self, work: Coroutine[Any, Any, None]) -> None:

@@ -59,9 +59,27 @@ def read_inputs(path: Path, embedded: bool) -> tuple[Configuration, ArmModel]:
             model.devices
         )
         failures.append(str(FileError(str(path), [Problem("assembly.clock", text)])))
+    stops = _problems_of_stops(configuration, model)
+    if stops:
+        failures.append(str(FileError(str(path), stops)))
     if failures:
         raise StartupError(failures, REFUSED)
     return configuration, model
+
+
+def _problems_of_stops(configuration: Configuration, model: ArmModel) -> list[Problem]:
+    """End stops of joints that the arm does not have, or has once only."""
+    problems, seen = [], set()
+    for index, stop in enumerate(configuration.quality.end_stops):
+        where = f"quality.end_stops[{index}].joint"
+        names = model.effects.joint_names
+        if stop.joint not in names:
+            text = f"{stop.joint!r} is no joint of the arm; it has: {', '.join(names)}"
+            problems.append(Problem(where, text))
+        elif stop.joint in seen:
+            problems.append(Problem(where, f"{stop.joint!r} is given twice"))
+        seen.add(stop.joint)
+    return problems
 
 
 async def check_devices(devices: Iterable[Device]) -> list[tuple[int, str]]:

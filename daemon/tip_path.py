@@ -84,6 +84,11 @@ class TipPath:
         away_mm = float(np.linalg.norm(end_mm - block.xyz_mm[row]))
         return None if elapsed_ns > GAP_NS else away_mm / (elapsed_ns * 1e-9)
 
+    def place_mm(self, time_ns: int) -> Floats | None:
+        """Where the ball was at the last sample until some time, (3,)."""
+        found = self._sample(time_ns)
+        return None if found is None else found[0].xyz_mm[found[1]]
+
     def _sample(self, time_ns: int) -> tuple[PoseBlock, int] | None:
         """The last sample until some time: its block and row."""
         for block in reversed(self._blocks):
@@ -109,19 +114,6 @@ class TipPath:
                 return place
         return None
 
-    def first_away_mm(
-        self, time_ns: int, from_mm: Floats, distance_mm: float
-    ) -> tuple[int, Floats] | None:
-        """When and where the ball was first, after some time, so far from a place."""
-        for block in self._blocks:
-            rows = np.flatnonzero(
-                _away(block, from_mm, distance_mm) & (block.sample_time_ns > time_ns)
-            )
-            if len(rows):
-                row = rows[0]
-                return int(block.sample_time_ns[row]), block.xyz_mm[row]
-        return None
-
     def after(self, time_ns: int, until_ns: int) -> Iterator[PoseBlock]:
         """Samples from one time to another, both included; no block is empty."""
         for block in self._blocks:
@@ -143,3 +135,15 @@ def _away(block: PoseBlock, from_mm: Floats, distance_mm: float) -> NDArray[np.b
     """Which samples are good and so far away, (n,)."""
     away = np.linalg.norm(block.xyz_mm - from_mm, axis=1) >= distance_mm
     return np.asarray(away & ((block.quality & NOT_THERE) == 0))
+
+
+def first_away(
+    block: PoseBlock, time_ns: int, from_mm: Floats, distance_mm: float
+) -> tuple[int, Floats] | None:
+    """When and where the ball was first in a block, after some time, so far away."""
+    rows = np.flatnonzero(
+        _away(block, from_mm, distance_mm) & (block.sample_time_ns > time_ns)
+    )
+    if not len(rows):
+        return None
+    return int(block.sample_time_ns[rows[0]]), block.xyz_mm[rows[0]]

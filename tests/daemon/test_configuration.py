@@ -160,3 +160,10 @@ def test_gestures_that_make_no_sense_are_refused(tmp_path, keys, told):
     )
     with pytest.raises(FileError, match=told):
         read_configuration(path)
+
+
+def test_a_side_needs_a_middle(tmp_path):
+    path = tmp_path / "daemon.toml"
+    path.write_text(GOOD.replace("[capture]", '[capture]\ncompensation = "inside"'))
+    with pytest.raises(FileError, match="needs a point in the middle"):
+        read_configuration(path)

