@@ -33,9 +33,10 @@ HEARTBEAT_MS = 500
 EDGES_HEARTBEAT_MS = 20  # of a board that never streams: nothing else tells its time
 TEMPERATURE_MS = 2000
 MAX_LATCHES = 16
-# The board sends an edge again after 50 ms, so there is time to acknowledge several at
-# once, and none to be lost by waking the reader while the point is on its way.
-ACKNOWLEDGE_NS = 10_000_000
+# The board sends an edge again after 50 ms. So it is acknowledged in a quiet moment,
+# not while its point is on its way, and several are at once.
+QUIET_S = 0.003
+OVERDUE_NS = 20_000_000
 # On a fast stream a read takes what some milliseconds bring, since waking up costs
 # more than a sample; no more than a quarter of what a pty holds.
 FAST_STREAM_HZ = 400.0
@@ -169,7 +170,9 @@ class LatchBoard(Driver):
         line, broken = self._line, 0
         while line is not None and not self._stopping:
             self._carry_out_requests(line)
-            if line.wait(ACKNOWLEDGE_NS * 1e-9 if self._owes_acknowledgement else 0.1):
+            if not line.wait(QUIET_S if self._owes_acknowledgement else 0.1):
+                self._acknowledge(line)
+            else:
                 if self._rate_hz > FAST_STREAM_HZ:
                     time.sleep(self._gather_s())
                 line.read()
@@ -200,13 +203,8 @@ class LatchBoard(Driver):
             self._port = None
 
     def _carry_out_requests(self, line: BoardLine) -> None:
-        now_ns = self._now_ns()
-        if (
-            done := self._edges.last_acknowledged
-        ) != self._acknowledged and now_ns - self._acknowledged_ns >= ACKNOWLEDGE_NS:
-            self._acknowledged, self._acknowledged_ns = done, now_ns
-            if done is not None:
-                line.send(wire.edge_ack(done))
+        if self._now_ns() - self._acknowledged_ns > OVERDUE_NS:
+            self._acknowledge(line)
         while self._latches:
             # Its answer is taken here and not when it is dispatched, so that a late
             # answer to an earlier try is not a second latch.
@@ -224,6 +222,14 @@ class LatchBoard(Driver):
                 )
             else:
                 self._ask_or_fault(line, "STOP", wire.stop_request)
+
+    def _acknowledge(self, line: BoardLine) -> None:
+        """Tell the board of the edges that have been dealt with, if there are any."""
+        self._acknowledged_ns = self._now_ns()
+        if (done := self._edges.last_acknowledged) != self._acknowledged:
+            self._acknowledged = done
+            if done is not None:
+                line.send(wire.edge_ack(done))
 
     def _ask_or_fault(
         self, line: BoardLine, name: str, frame: Callable[[int], bytes]
