@@ -38,12 +38,12 @@ FLAG_MEANINGS = {
     QualityFlag.ENCODER_WARNING: "an encoder warns: valid count, weak signal",
     QualityFlag.LATE: "a count was not latched at the common instant",
     QualityFlag.STALE: "a count is repeated from an earlier latch",
-    QualityFlag.INCOMPLETE: "a joint's count is missing; one of another time was "
-    "used",
+    QualityFlag.INCOMPLETE: "a joint's count is missing; one of another time was used",
     QualityFlag.OVERSPEED: "the probe moved faster than the configured limit",
     QualityFlag.END_STOP: "a joint is near its end stop",
     QualityFlag.SINGULAR: "the posture is near to losing a degree of freedom",
-    QualityFlag.TEMPERATURE: "the temperature, or its rate, is out of its band",
+    QualityFlag.TEMPERATURE: "the temperature, or its rate, is out of its band, or "
+    "it is not known though a band is set",
     QualityFlag.STALE_IDENTIFICATION: "the identification is older than allowed",
     QualityFlag.STALE_EFFECT: "a correction bound to time is used beyond its time",
     QualityFlag.SURFACE_UNKNOWN: "a correction needs the surface's direction: left out",
@@ -54,8 +54,8 @@ FLAG_MEANINGS = {
     QualityFlag.BEYOND_KNOTS: "an empirical effect is held, beyond what was measured",
     QualityFlag.TEMPERATURE_UNKNOWN: "a correction lacks the temperature: taken as the "
     "arm file's reference",
-    QualityFlag.MOTION_UNKNOWN: "a correction lacks a joint's speed or last sense of "
-    "motion: left out",
+    QualityFlag.MOTION_UNKNOWN: "a correction, or a limit of speed, lacks the speed or "
+    "last sense of a motion: left out",
     QualityFlag.SKEW: "joints were read at different instants, and the arm moved so "
     "that the point may be off by more than the limit",
 }

@@ -48,7 +48,7 @@ class Bench:
 
     def __init__(self, model) -> None:
         self.clock = SetClock()
-        self.room = True
+        self.model, self.room = model, True
         self.points, self.events, self.live, self.scans = [], [], [], []
         self.changes = 0
         self.health = HealthReport(self.clock)

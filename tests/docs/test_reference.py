@@ -13,6 +13,7 @@ from pydantic_core import PydanticUndefined
 from daemon import configuration
 from daemon.device_section import DeviceSection
 from daemon.filters import section_class
+from daemon.quality_section import EndStopSection
 from drivers.registry import DRIVERS, driver_class
 from kinematics import arm_file
 from kinematics.arm_file import EFFECT_KINDS
@@ -31,6 +32,8 @@ SECTIONS: dict[str, list[tuple[str, type[BaseModel]]]] = {
         ("`[uncertainty]`", configuration.UncertaintySection),
         ("`[scan]`", configuration.ScanSection),
         *((f'`kind = "{kind}"`', section_class(kind)) for kind in FILTERS),
+        ("`[quality]`", configuration.QualitySection),
+        ("`[[quality.end_stops]]`", EndStopSection),
         ("`[health]`", configuration.HealthSection),
     ],
     "docs/reference/arm-file.md": [
