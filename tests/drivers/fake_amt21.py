@@ -7,14 +7,14 @@ import contextlib
 import os
 import select
 import threading
-import tty
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.virtual_time import Cable
+from tests.drivers.pty_peer import PtyPeer
 
-TURN_S = 0.02
+TURN_S, LOOK_S = 0.02, 0.001
 
 
 def word(value: int) -> bytes:
@@ -110,31 +110,12 @@ class VirtualEncoders:
         return min((at_s for at_s, _ in waiting), default=float("inf"))
 
 
-class PtyEncoders:
+class PtyEncoders(PtyPeer):
     """A line behind a symbolic link that keeps its name when plugged again."""
 
     def __init__(self, line: FakeLine, link: Path) -> None:
-        self.line, self.link = line, link
-        self._thread: threading.Thread | None = None
-        self._plugged = False
-
-    def plug(self) -> None:
-        self._master, slave = os.openpty()
-        tty.setraw(slave)
-        self.link.unlink(missing_ok=True)
-        self.link.symlink_to(os.ttyname(slave))
-        os.close(slave)
-        self._plugged = True
-        self._thread = threading.Thread(target=self._live, name="fake-amt21")
-        self._thread.start()
-
-    def unplug(self) -> None:
-        if self._thread is not None:
-            self._plugged = False
-            self._thread.join()
-            self._thread = None
-            self.link.unlink(missing_ok=True)
-            os.close(self._master)
+        super().__init__(link)
+        self.line = line
 
     def _live(self) -> None:
         while self._plugged:
@@ -142,8 +123,8 @@ class PtyEncoders:
                 continue
             try:
                 data = os.read(self._master, 4096)
-            except OSError:  # no host holds the other end
-                threading.Event().wait(TURN_S)
+            except OSError:  # no host holds the other end, or may take it any moment
+                threading.Event().wait(LOOK_S)
                 continue
             for _, answer in self.line.answers(data, 0.0):
                 with contextlib.suppress(OSError):

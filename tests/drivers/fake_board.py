@@ -10,11 +10,11 @@ import select
 import struct
 import threading
 import time
-import tty
 from collections.abc import Callable
 from pathlib import Path
 
 from tests.drivers import board_bodies as bodies
+from tests.drivers.pty_peer import PtyPeer
 from tests.protocol.latch_board_frames import framed
 
 HELLO, CONFIGURE, START, STOP, LATCH, EDGE_ACK = 1, 2, 3, 4, 5, 6
@@ -34,7 +34,7 @@ def unstuffed(segment: bytes) -> bytes:
     return bytes(out[:-1])
 
 
-class FakeBoard:
+class FakeBoard(PtyPeer):
     """Behind a symbolic link that keeps its name when the board is plugged again.
 
     Attributes:
@@ -44,7 +44,7 @@ class FakeBoard:
     """
 
     def __init__(self, link: Path, counts: tuple[int, ...] = (1000, 2000)) -> None:
-        self.link = link
+        super().__init__(link)
         self.counts = counts
         self.requests: list[bytes] = []
         self.edges: dict[int, bytes] = {}
@@ -66,30 +66,12 @@ class FakeBoard:
         self._last_ticks = 0
         self._lock = threading.RLock()
         self._pending = b""
-        self._thread: threading.Thread | None = None
-        self._plugged = False
 
     # -- the cable ------------------------------------------------------------
 
     def plug(self) -> None:
-        self._master, slave = os.openpty()
-        tty.setraw(slave)
-        self.link.unlink(missing_ok=True)
-        self.link.symlink_to(os.ttyname(slave))
-        os.close(slave)
-        os.set_blocking(self._master, False)
         self._pending = b""
-        self._plugged = True
-        self._thread = threading.Thread(target=self._live, name="fake-board")
-        self._thread.start()
-
-    def unplug(self) -> None:
-        if self._thread is not None:
-            self._plugged = False
-            self._thread.join()
-            self._thread = None
-            self.link.unlink(missing_ok=True)
-            os.close(self._master)
+        super().plug()
 
     def restart(self) -> None:
         """Lose power for a moment, the cable stays."""
@@ -98,13 +80,6 @@ class FakeBoard:
             self.stream_request = self.next_sample = self.next_edge = 0
             self.edges.clear()
             self._boot_ns, self._last_ticks = time.monotonic_ns(), 0
-
-    def __enter__(self) -> "FakeBoard":
-        self.plug()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.unplug()
 
     # -- what tests do --------------------------------------------------------
 

@@ -11,8 +11,9 @@ import struct
 import termios
 import threading
 import time
-import tty
 from pathlib import Path
+
+from tests.drivers.pty_peer import PtyPeer
 
 END, MAXES, MOTION = 0xC5, 0xC6, 0xCF
 TEXTS = {
@@ -33,7 +34,7 @@ TABLE = struct.pack(
 TURN_S = 0.01
 
 
-class FakeMicroscribe:
+class FakeMicroscribe(PtyPeer):
     """Behind a symbolic link that keeps its name when the arm is plugged again.
 
     Attributes:
@@ -46,7 +47,7 @@ class FakeMicroscribe:
     """
 
     def __init__(self, link: Path, hci: int = 2, n_joints: int = 6) -> None:
-        self.link = link
+        super().__init__(link)
         self.hci = hci
         self.n_encoders = 6 if hci == 2 else 8
         self.maxes = [7999] * n_joints + [0] * (self.n_encoders - n_joints)
@@ -69,29 +70,8 @@ class FakeMicroscribe:
         self._report: int | None = None
         self._changed = False
         self._lock = threading.Condition(threading.RLock())
-        self._plugged = False
-        self._thread: threading.Thread | None = None
 
     # -- the cable ------------------------------------------------------------
-
-    def plug(self) -> None:
-        self._master, slave = os.openpty()
-        tty.setraw(slave)
-        self.link.unlink(missing_ok=True)
-        self.link.symlink_to(os.ttyname(slave))
-        os.close(slave)
-        os.set_blocking(self._master, False)
-        self._plugged = True
-        self._thread = threading.Thread(target=self._live, name="fake-microscribe")
-        self._thread.start()
-
-    def unplug(self) -> None:
-        if self._thread is not None:
-            self._plugged = False
-            self._thread.join()
-            self._thread = None
-            self.link.unlink(missing_ok=True)
-            os.close(self._master)
 
     def power_cycle(self) -> None:
         with self._lock:
@@ -99,13 +79,6 @@ class FakeMicroscribe:
             self._called = self._begun = False
             self._report = None
             self._boot_s = time.monotonic()
-
-    def __enter__(self) -> "FakeMicroscribe":
-        self.plug()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.unplug()
 
     # -- what tests do --------------------------------------------------------
 

@@ -1,7 +1,6 @@
 """Modbus encoders read in virtual time; the simulator's devices are the peers."""
 
 import asyncio
-import threading
 
 import numpy as np
 import pytest
@@ -20,10 +19,9 @@ from drivers.values import (
     DeviceUp,
     StreamStarted,
 )
-from simulator.clock import MonotonicClock
 from simulator.devices.modbus import ModbusLine, ModbusTable
-from simulator.pacing import live_real
 from tests.drivers.driver_contract import DriverContract, StreamContract
+from tests.drivers.simulated_rig import SimulatedRig
 from tests.drivers.virtual_device import told_by
 from tests.simulator.one_hinge import mounted
 
@@ -226,7 +224,7 @@ class CountedUp(ModbusLine):
             super().say(line, data, at_s, channel)
 
 
-class ModbusRig:
+class ModbusRig(SimulatedRig):
     """The simulator's encoders on a real pty, in a thread."""
 
     def __init__(self, folder) -> None:
@@ -244,30 +242,10 @@ class ModbusRig:
             status_period_s=0.0,
             answer_timeout_s=0.25,
         )
-        self._thread = None
-        self.plug()
-
-    def emit(self, n):
-        """They answer when they are asked."""
+        super().__init__(lambda: CountedUp(self.table, self.mounting), self.mounting)
 
     def lose(self, n):
         self.device.to_lose = n
-
-    def unplug(self):
-        if self._thread is not None:
-            self._ended.set()
-            self._thread.join()
-            self._thread = None
-            self.device.close()
-
-    def plug(self):
-        self._ended = threading.Event()
-        self.device = CountedUp(self.table, self.mounting)
-        life = ([self.device], MonotonicClock(), self.mounting.clock, None)
-        self._thread = threading.Thread(
-            target=live_real, args=(*life, self._ended.is_set), name="simulated-modbus"
-        )
-        self._thread.start()
 
 
 class TestContract(DriverContract, StreamContract):

@@ -1,7 +1,6 @@
 """RLS encoders read in virtual time; the simulator's devices are the peers."""
 
 import asyncio
-import threading
 
 import numpy as np
 import pytest
@@ -19,11 +18,10 @@ from drivers.values import (
     DeviceTemperatures,
     DeviceUp,
 )
-from simulator.clock import MonotonicClock
 from simulator.devices.rls import Rls as SimulatedRls
 from simulator.devices.rls import RlsTable
-from simulator.pacing import live_real
 from tests.drivers.driver_contract import DriverContract, StreamContract
+from tests.drivers.simulated_rig import SimulatedRig
 from tests.drivers.virtual_device import told_by
 from tests.simulator.one_hinge import mounted
 
@@ -246,7 +244,7 @@ class CountedUp(SimulatedRls):
             super().say(line, data, at_s, channel)
 
 
-class RlsRig:
+class RlsRig(SimulatedRig):
     """The simulator's encoders on real ptys, in a thread."""
 
     def __init__(self, folder) -> None:
@@ -260,30 +258,10 @@ class RlsRig:
             ports=tuple(str(folder / port) for port in PORTS),
             answer_timeout_s=0.25,
         )
-        self._thread = None
-        self.plug()
-
-    def emit(self, n):
-        """They answer when they are asked."""
+        super().__init__(lambda: CountedUp(self.table, self.mounting), self.mounting)
 
     def lose(self, n):
         self.device.to_lose = [1, n - 1]
-
-    def unplug(self):
-        if self._thread is not None:
-            self._ended.set()
-            self._thread.join()
-            self._thread = None
-            self.device.close()
-
-    def plug(self):
-        self._ended = threading.Event()
-        self.device = CountedUp(self.table, self.mounting)
-        life = ([self.device], MonotonicClock(), self.mounting.clock, None)
-        self._thread = threading.Thread(
-            target=live_real, args=(*life, self._ended.is_set), name="simulated-rls"
-        )
-        self._thread.start()
 
 
 class TestContract(DriverContract, StreamContract):

@@ -41,11 +41,12 @@ def test_a_scan_lists_who_answers(encoders):
 
 @pytest.mark.parametrize(("name", "code"), [("zero", "5E"), ("reset", "75")])
 def test_maintenance_is_asked_for_before_it_is_done(encoders, name, code):
-    ran = told(encoders, name, "--address", "0x54", input="n\n")
+    patience = ("--timeout", "0.2")  # a busy machine answers late
+    ran = told(encoders, name, "--address", "0x54", *patience, input="n\n")
     assert ran.exit_code == 1
     assert "stands at 1234" in ran.output
     assert 0x56 not in encoders.line.heard
-    ran = told(encoders, name, "--address", "84", "--yes")
+    ran = told(encoders, name, "--address", "84", "--yes", *patience)
     assert ran.exit_code == 0, ran.output
     assert bytes.fromhex(f"56 {code}") in encoders.line.heard
 
@@ -58,7 +59,7 @@ def test_what_is_no_address_is_refused(encoders):
 
 
 def test_an_address_where_nobody_is_cannot_be_reached(encoders):
-    ran = told(encoders, "reset", "--address", "0x40", "--yes", "--timeout", "0.02")
+    ran = told(encoders, "reset", "--address", "0x40", "--yes", "--timeout", "0.1")
     assert ran.exit_code == 3
     assert "nothing answers" in ran.output
     assert 0x42 not in encoders.line.heard

@@ -1,0 +1,41 @@
+"""A rig whose device is the simulator's, alive in a thread."""
+
+import threading
+from collections.abc import Callable
+
+from simulator.clock import MonotonicClock
+from simulator.devices.device import Mounting, SimulatedDevice
+from simulator.pacing import live_real
+
+
+class SimulatedRig:
+    """Plugged in from the beginning.
+
+    Args:
+        make: makes the device anew each time it is plugged in.
+        mounting: of the device.
+    """
+
+    def __init__(self, make: Callable[[], SimulatedDevice], mounting: Mounting) -> None:
+        self._make, self._mounting = make, mounting
+        self._thread: threading.Thread | None = None
+        self.plug()
+
+    def emit(self, n: int) -> None:
+        """They answer when they are asked."""
+
+    def unplug(self) -> None:
+        if self._thread is not None:
+            self._ended.set()
+            self._thread.join()
+            self._thread = None
+            self.device.close()
+
+    def plug(self) -> None:
+        self._ended = threading.Event()
+        self.device = self._make()
+        life = ([self.device], MonotonicClock(), self._mounting.clock, None)
+        self._thread = threading.Thread(
+            target=live_real, args=(*life, self._ended.is_set), name="simulated"
+        )
+        self._thread.start()
