@@ -28,7 +28,7 @@ def told(encoders, *arguments, **more):
 
 
 def test_a_scan_lists_who_answers(encoders):
-    ran = told(encoders, "scan", "--json", "--timeout", "0.02")
+    ran = told(encoders, "scan", "--json")
     assert ran.exit_code == 0, ran.output
     report = json.loads(ran.output)
     assert report["echo"] is encoders.line.echo
@@ -41,7 +41,7 @@ def test_a_scan_lists_who_answers(encoders):
 
 @pytest.mark.parametrize(("name", "code"), [("zero", "5E"), ("reset", "75")])
 def test_maintenance_is_asked_for_before_it_is_done(encoders, name, code):
-    patience = ("--timeout", "0.2")  # a busy machine answers late
+    patience = ("--timeout", "0.1")  # a busy machine answers late
     ran = told(encoders, name, "--address", "0x54", *patience, input="n\n")
     assert ran.exit_code == 1
     assert "stands at 1234" in ran.output
