@@ -2,6 +2,9 @@
 
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from kinematics.arm_covariance import (
     ArmCovariance,
     parameter_names,
@@ -39,3 +42,36 @@ def read_knowledge(
     places = {name: row for row, name in enumerate(names)}
     kept = parameter_names(joints, in_line.parameter_names)
     return ArmCovariance(found.factor[[places[name] for name in kept]])
+
+
+def knowledge_with_probe(
+    known: ArmCovariance | None,
+    arm: Arm,
+    in_line: ArmEffects,
+    covariance_mm2: NDArray[np.float64] | None,
+) -> ArmCovariance | None:
+    """What is known with a probe that was not identified together with the arm.
+
+    Args:
+        known: with the probe before.
+        arm: the arm.
+        in_line: its effects.
+        covariance_mm2: of the probe's vector, (3, 3), by itself; None: not known.
+
+    Returns:
+        None where nothing is known.
+    """
+    if known is None and covariance_mm2 is None:
+        return None
+    names = parameter_names(
+        [joint.name for joint in arm.joints], in_line.parameter_names
+    )
+    factor = np.zeros((len(names), 0)) if known is None else known.factor.copy()
+    rows = [row for row, name in enumerate(names) if name.startswith("probe.vector.")]
+    factor[rows] = 0.0
+    if covariance_mm2 is not None:
+        values, vectors = np.linalg.eigh(covariance_mm2)
+        own = np.zeros((len(names), 3))
+        own[rows] = vectors * np.sqrt(np.maximum(values, 0.0))
+        factor = np.concatenate([factor, own], axis=1)
+    return ArmCovariance(factor)

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.alignment import PartSystem
 from daemon.clock import HostClock
+from daemon.configuration import CaptureSection
 from daemon.model import ArmModel
 from daemon.poses import LatchedPose
 from daemon.sessions import Session
@@ -58,13 +60,20 @@ class Capture:
     Args:
         clock: the host's.
         offer: hands a point to the outgoing queue; False if it has no room.
+        part: the alignment in use.
 
     Attributes:
         label: what the points to come are taken on.
     """
 
-    def __init__(self, clock: HostClock, offer: Callable[[Point], bool]) -> None:
+    def __init__(
+        self,
+        clock: HostClock,
+        offer: Callable[[Point], bool],
+        part: PartSystem | None = None,
+    ) -> None:
         self._clock = clock
+        self.part = part or PartSystem()
         self._offer = offer
         self.session = Session()
         self.label = Label()
@@ -93,7 +102,7 @@ class Capture:
             ijk=tuple(pose.ijk.tolist()),
             surface_mm=None if surface_mm is None else tuple(surface_mm.tolist()),
             compensation=measured.compensation,
-            part_xyz_mm=None,
+            part_xyz_mm=self.part.place_mm(pose.xyz_mm),
             covariance_mm2=measured.covariance_mm2,
             angles_rad=tuple(pose.angles_rad.tolist()),
             counts=tuple(pose.counts.tolist()),
@@ -165,3 +174,8 @@ class Triggers:
     def trigger_of(self, device: str, number: int | None) -> Trigger | None:
         """The trigger wired to an input; None if the input means nothing."""
         return None if number is None else self._inputs.get((device, number))
+
+
+def triggers_of(settings: CaptureSection) -> Triggers:
+    """The triggers of a configuration."""
+    return Triggers({(i.device_id, i.number): i.trigger for i in settings.inputs})

@@ -23,6 +23,7 @@ class ArmSection(StrictModel):
     """Which arm this is."""
 
     file: str = Field(min_length=1)
+    probes: str | None = None
 
 
 class BrokerSection(StrictModel):

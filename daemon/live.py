@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from daemon.alignment import PartSystem
 from daemon.clock import HostClock
 from daemon.model import ArmModel
 from daemon.poses import PoseBlock
@@ -15,15 +16,23 @@ class LiveView:
     Args:
         clock: the host's.
         rate_hz: so many a second at most.
+        part: the alignment in use.
     """
 
-    def __init__(self, clock: HostClock, rate_hz: float) -> None:
+    def __init__(
+        self, clock: HostClock, rate_hz: float, part: PartSystem | None = None
+    ) -> None:
         self._clock = clock
-        self._period_ns = int(1e9 / rate_hz)
+        self._part = part or PartSystem()
+        self.use_rate(rate_hz)
         self._due_ns = 0
         self._before: tuple[int, np.ndarray[tuple[int], np.dtype[np.float64]]] | None
         self._before = None
         self.thinned = 0
+
+    def use_rate(self, rate_hz: float) -> None:
+        """Show so many poses a second from now on."""
+        self._period_ns = int(1e9 / rate_hz)
 
     def message(
         self, model: ArmModel, poses: PoseBlock, session: str, device: str
@@ -49,7 +58,7 @@ class LiveView:
             time_ns=self._clock.to_utc_ns(now_ns),
             xyz_mm=tuple(xyz_mm.tolist()),
             ijk=tuple(poses.ijk[-1].tolist()),
-            part_xyz_mm=None,
+            part_xyz_mm=self._part.place_mm(xyz_mm),
             covariance_mm2=None,
             angles_rad=tuple(poses.angles_rad[-1].tolist()),
             skeleton_mm=tuple(tuple(row) for row in skeleton_mm.tolist()),

@@ -5,6 +5,7 @@ Runs on the event loop, in plain calls; nothing here waits.
 
 import asyncio
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,14 +14,15 @@ from daemon.arm_devices import ArmDevices
 from daemon.arm_points import Answer, ArmPoints
 from daemon.arm_sight import Stage
 from daemon.assembly import Assembly
-from daemon.capture import Capture, Triggers
+from daemon.capture import Capture, Triggers, triggers_of
 from daemon.clock import HostClock
-from daemon.configuration import AssemblySection, CaptureSection
+from daemon.configuration import AssemblySection, CaptureSection, Configuration
 from daemon.device import Device
 from daemon.device_states import DeviceStates
 from daemon.events import EventLog
 from daemon.health import HealthReport
 from daemon.live import LiveView
+from daemon.model import ArmModel
 from daemon.pipeline import Pipeline
 from daemon.poses import PoseBlock
 from daemon.quality_section import QualitySection
@@ -113,7 +115,7 @@ class Measuring:
         self.quality = QualityWatch(
             quality or QualitySection(), pipeline.model, clock, events
         )
-        stage = Stage(
+        self._stage = Stage(
             clock,
             devices,
             pipeline,
@@ -125,7 +127,7 @@ class Measuring:
             int(settings.point_wait_s * 1e9),
         )
         self.points = ArmPoints(
-            stage,
+            self._stage,
             capture=capture,
             triggers=triggers,
             settings=taking or CaptureSection(),
@@ -148,6 +150,35 @@ class Measuring:
     def may_wait(self) -> bool:
         """Whether samples or points may ever wait for readings."""
         return self._remembers or not self._devices.alone
+
+    @property
+    def is_idle(self) -> bool:
+        """No point is being taken."""
+        return self.points.is_idle and not self.latches
+
+    def use(self, configuration: Configuration, model: ArmModel) -> None:
+        """Go by another arm file and configuration; only while `is_idle`."""
+        capture = configuration.capture
+        self._triggers = triggers_of(capture)
+        self._remembers |= not self._triggers.devices <= set(model.devices)
+        self._uncertainty = Uncertainty(configuration.uncertainty)
+        self._quality_section = configuration.quality
+        self.use_probe(model)
+        self._stage = replace(self._stage, uncertainty=self._uncertainty)
+        self.points.use(self._stage, self._triggers, capture)
+        self._live.use_rate(capture.live_rate_hz)
+        self._scanner.use_settings(capture.scan_block_s, configuration.scan)
+
+    def use_probe(self, model: ArmModel) -> None:
+        """Measure with another probe on the same arm from the next sample on."""
+        self._pipeline.use_model(model)
+        self.quality.use_model(model)
+        self.path.forget()  # it was that of another ball
+
+    @property
+    def model(self) -> ArmModel:
+        """The arm that is measured with."""
+        return self._pipeline.model
 
     @property
     def now_ns(self) -> int:

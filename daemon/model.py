@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.arm_knowledge import read_knowledge
+from daemon.arm_knowledge import knowledge_with_probe, read_knowledge
+from daemon.probes import LibraryProbe, with_probe
 from drivers.values import Identity
 from kinematics.arm_covariance import ArmCovariance
 from kinematics.arm_file import Arm, FileError, Problem, arm_digest, read_arm
@@ -18,6 +19,7 @@ from kinematics.effects.covariate import Covariate
 from kinematics.geometry import Geometry, geometry_from_arm
 from kinematics.readings import Encoders, encoders_from_arm
 
+OF_GRAVITY = ("joint_compliance", "bearing_compliance", "mount_compliance")
 LARGEST_TIME_S = 9.2e9  # since 1970, in nanoseconds 63 bits
 
 
@@ -30,6 +32,7 @@ class ArmModel:
             among them.
         reference_temperature_c: where the geometry holds.
         digest: of the arm file's values; every point carries it.
+        arm: as its file says it, or with another probe.
         joint_devices: (n_joints,) id of the device that reads each joint.
         channels: (n_joints,) the channel of each joint on its device.
         covariance: of the arm's parameters; None where no file tells it.
@@ -44,6 +47,7 @@ class ArmModel:
     joint_devices: tuple[str, ...]
     channels: NDArray[np.intp]
     probe_radius_mm: float
+    arm: Arm
     covariance: ArmCovariance | None = None
     identified_s: float | None = None
 
@@ -57,6 +61,16 @@ class ArmModel:
         """By how much a count changes each reading, (n_joints,)."""
         encoders = self.encoders
         return encoders.signs * (2.0 * np.pi / encoders.counts_per_turn)
+
+    def reads_like(self, other: "ArmModel") -> bool:
+        """Whether its joints are read by the same encoders of the same devices."""
+        mine, theirs = self.encoders, other.encoders
+        return (
+            self.joint_devices == other.joint_devices
+            and np.array_equal(self.channels, other.channels)
+            and np.array_equal(mine.counts_per_turn, theirs.counts_per_turn)
+            and np.array_equal(mine.signs, theirs.signs)
+        )
 
     @property
     def uses_temperature(self) -> bool:
@@ -131,8 +145,34 @@ def read_model(path: Path, device_ids: Mapping[str, object]) -> ArmModel:
         tuple(encoder.device_id for encoder in encoders),
         np.array([encoder.channel for encoder in encoders], dtype=np.intp),
         arm.probe.radius_mm,
+        arm,
         covariance,
         _identified_s(arm),
+    )
+
+
+def model_with_probe(model: ArmModel, chosen: LibraryProbe) -> ArmModel:
+    """The same arm with another probe.
+
+    Raises:
+        ValueError: the arm cannot have it; says why.
+    """
+    weighed = [e.kind for e in model.effects.corrections if e.kind in OF_GRAVITY]
+    if weighed and chosen.mass_kg is None:
+        raise ValueError(
+            f"{weighed[0]} is an effect of gravity; give the probe its mass_kg"
+        )
+    arm = with_probe(model.arm, chosen)
+    return replace(
+        model,
+        digest=arm_digest(arm),
+        geometry=geometry_from_arm(arm),
+        effects=_in_line(effects_from_arm(arm)),
+        probe_radius_mm=chosen.radius_mm,
+        arm=arm,
+        covariance=knowledge_with_probe(
+            model.covariance, arm, model.effects, chosen.covariance_mm2
+        ),
     )
 
 

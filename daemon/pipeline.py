@@ -26,7 +26,7 @@ from drivers.values import (
 )
 from kinematics.effects.block import Block
 from kinematics.effects.pose import PoseFlags, corrected_pose
-from kinematics.readings import Unwrapper, counts_to_angles
+from kinematics.readings import Encoders, Unwrapper, counts_to_angles
 from protocol.messages import QualityFlag
 
 
@@ -64,12 +64,20 @@ class Pipeline:
 
     def __init__(self, model: ArmModel, clock: HostClock) -> None:
         self._clock = clock
-        self.use_model(model)
+        self._unwrapper = Unwrapper(model.encoders)
+        self._take_over(model)
 
     def use_model(self, model: ArmModel) -> None:
-        """Measure with ``model``, and all its effects, from the next sample on."""
+        """Measure with ``model``, and all its effects, from the next sample on.
+
+        Encoders that stay the same keep their turns.
+        """
+        if not _are_same(model.encoders, self.model.encoders):
+            self._unwrapper = Unwrapper(model.encoders)
+        self._take_over(model)
+
+    def _take_over(self, model: ArmModel) -> None:
         self.model = model
-        self._unwrapper = Unwrapper(model.encoders)
         self._covariates = Covariates(model, self._clock)
 
     def restart(self, device: str) -> None:
@@ -170,6 +178,14 @@ class Pipeline:
         if model.effects.corrections:
             quality = quality | _quality_of_pose(flags)
         return xyz_mm, ijk, quality
+
+
+def _are_same(one: Encoders, other: Encoders) -> bool:
+    """Whether counts of the one are counts of the other."""
+    return all(
+        np.array_equal(getattr(one, name), getattr(other, name))
+        for name in ("counts_per_turn", "signs", "zeros_rad")
+    )
 
 
 def _quality_of_pose(flags: PoseFlags) -> Bits:

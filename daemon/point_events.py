@@ -3,6 +3,7 @@
 from daemon.capture import CaptureRefusedError
 from daemon.device import Device
 from daemon.events import EventLog
+from daemon.model import ArmModel
 from daemon.pending_points import Request
 from daemon.sessions import Session
 from drivers.values import LatchedCounts
@@ -49,6 +50,11 @@ class PointEvents:
         words = [word for word in (label.artefact, label.feature) if word is not None]
         text = f"points are taken on {', '.join(words)}" if words else "no label"
         self._tell("capture.label", text)
+
+    def probe(self, name: str, model: ArmModel) -> None:
+        """Another probe measures from now on."""
+        text = f"probe {name}, radius {model.probe_radius_mm:g} mm, model "
+        self._tell("capture.probe", text + model.digest[:12])
 
     def session(self, session: Session) -> None:
         """A new session has begun."""

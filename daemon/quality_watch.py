@@ -70,12 +70,16 @@ class QualityWatch:
         self.standing.use(section, model)
         self._trail.forget()
 
+    def use_model(self, model: ArmModel) -> None:
+        """Look at another arm."""
+        self.use(self._section, model)
+
     def mark_block(
         self, model: ArmModel, poses: PoseBlock, temperature_c: float | None
     ) -> None:
         """Flag the poses of a block, in place."""
         if model is not self._model:
-            self.use(self._section, model)
+            self.use_model(model)
         standing = self.standing.bits(temperature_c)
         told = standing
         if self._looks:

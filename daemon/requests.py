@@ -7,7 +7,6 @@ from daemon.capture import Capture
 from daemon.commands import CommandError, Result
 from daemon.configuration import CaptureSection
 from daemon.measuring import Measuring
-from daemon.model import ArmModel
 from daemon.point_requests import check_ready
 from daemon.scan_plan import scan_asked_for
 from daemon.scan_section import ScanSection
@@ -25,7 +24,6 @@ class Requests:
         *,
         settings: CaptureSection,
         scan: ScanSection | None = None,
-        model: ArmModel,
         devices: ArmDevices,
         capture: Capture,
         scanner: Scanner,
@@ -33,11 +31,16 @@ class Requests:
     ) -> None:
         self._settings = settings
         self._scan = scan or ScanSection()
-        self._model = model
         self._devices = devices
         self._capture = capture
         self._scanner = scanner
         self._measuring = measuring
+
+    def use(self, settings: CaptureSection, scan: ScanSection) -> None:
+        """Go by other settings; a running scan keeps its rate."""
+        self._settings, self._scan = settings, scan
+        if self._scanner.plan is None:
+            self.track()
 
     def track(self) -> None:
         """Stream at the rate that follows the joints while no scan runs."""
@@ -63,7 +66,7 @@ class Requests:
         )
         self._scanner.stop()
         self._measuring.stream_started.clear()
-        self._scanner.start(plan, self._model, self._capture.session.id)
+        self._scanner.start(plan, self._measuring.model, self._capture.session.id)
         self._devices.request_stream(plan.device_rate_hz)
         try:
             async with asyncio.timeout(STREAM_S):

@@ -9,9 +9,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from daemon.align_requests import AlignRequests
+from daemon.alignment import PartSystem
 from daemon.arm_devices import ArmDevices
 from daemon.button_actions import ButtonActions
-from daemon.capture import Capture, Triggers
+from daemon.capture import Capture, triggers_of
 from daemon.clock import HostClock
 from daemon.commands import CommandDesk
 from daemon.configuration import BrokerSection, Configuration
@@ -27,7 +29,9 @@ from daemon.outgoing import OutgoingQueue
 from daemon.outlet import Outlet
 from daemon.pipeline import Pipeline
 from daemon.point_requests import PointRequests
+from daemon.probe_requests import ProbeRequests
 from daemon.publisher import BrokerAddress, Publisher
+from daemon.reload import Inputs, Reload
 from daemon.requests import Requests
 from daemon.scanner import Scanner
 from daemon.startup import (
@@ -69,7 +73,7 @@ async def run_service(path: Path, *, embedded: bool, embedded_port: int = 1883) 
                 port = await stack.enter_async_context(embedded_broker(embedded_port))
                 section = section.model_copy(update={"host": HOST, "port": port})
                 log.info("embedded broker on %s:%d", HOST, port)
-            service = Service(configuration, section, model, path.parent)
+            service = Service(configuration, section, model, path, embedded=embedded)
             await service.run()
     except BrokerStartError as error:
         log.error("%s", StartupError([str(error)], UNREACHABLE))
@@ -88,13 +92,17 @@ class Service:
         configuration: Configuration,
         broker: BrokerSection,
         model: ArmModel,
-        folder: Path,
+        path: Path,
+        *,
+        embedded: bool,
     ) -> None:
+        folder = path.parent
         self._configuration = configuration
         self._encoding: Encoding = broker.encoding
         self._arm = model.name
         self._clock = HostClock()
         self._stopping = asyncio.Event()
+        self._hang_up = asyncio.Event()
         settings = configuration.capture
         self._queue = OutgoingQueue(max_points=settings.max_waiting_points)
         self._outlet = Outlet(self._arm, self._encoding, self._queue, self._clock)
@@ -103,14 +111,16 @@ class Service:
             lambda what: self._outlet.publish_event(what, self._capture.session.id),
         )
         self._health = HealthReport(self._clock)
-        self._capture = Capture(self._clock, self._publish_point)
+        self._part = PartSystem()
+        self._capture = Capture(self._clock, self._publish_point, self._part)
         self._scanner = Scanner(
             self._clock,
             lambda scan: self._outlet.publish("scan", scan),
             settings.scan_block_s,
             configuration.scan,
+            self._part,
         )
-        self._live = LiveView(self._clock, settings.live_rate_hz)
+        self._live = LiveView(self._clock, settings.live_rate_hz, self._part)
         loop = asyncio.get_running_loop()
         self._devices = [open_device(d, loop) for d in configuration.device]
         self._arm_devices = ArmDevices(model, self._devices)
@@ -121,9 +131,7 @@ class Service:
             uncertainty=Uncertainty(configuration.uncertainty),
             pipeline=Pipeline(model, self._clock),
             capture=self._capture,
-            triggers=Triggers(
-                {(i.device_id, i.number): i.trigger for i in settings.inputs}
-            ),
+            triggers=triggers_of(settings),
             scanner=self._scanner,
             live=self._live,
             events=self._events,
@@ -133,11 +141,9 @@ class Service:
             taking=settings,
             quality=configuration.quality,
         )
-        self._model = model
         self._requests = Requests(
             settings=settings,
             scan=configuration.scan,
-            model=model,
             devices=self._arm_devices,
             capture=self._capture,
             scanner=self._scanner,
@@ -150,6 +156,22 @@ class Service:
             measuring=self._measuring,
             session_changed=self._publish_status,
         )
+        probes = configuration.arm.probes
+        self._probe_requests = ProbeRequests(
+            library=None if probes is None else folder / probes,
+            measuring=self._measuring,
+            changed=self._publish_status,
+        )
+        self._reload = Reload(
+            path=path,
+            embedded=embedded,
+            inputs=Inputs(configuration, model),
+            devices=self._devices,
+            measuring=self._measuring,
+            use=self._use,
+            events=self._events,
+        )
+        align = AlignRequests(self._part, self._measuring)
         actions = ButtonActions(self._requests.change_scan, self._events)
         self._measuring.points.carry_out |= {
             "scan": actions.start_scan,
@@ -165,7 +187,10 @@ class Service:
                 "undo": self._point_requests.undo,
                 "label": self._point_requests.label,
                 "session": self._point_requests.begin_session,
+                "probe": self._probe_requests.change,
                 "scan": self._requests.change_scan,
+                "align": align.change,
+                "reload": self._reload.carry_out,
             },
         )
         password_file = broker.password_file
@@ -195,6 +220,7 @@ class Service:
         loop = asyncio.get_running_loop()
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, self._stopping.set)
+        loop.add_signal_handler(signal.SIGHUP, self._hang_up.set)
         failure: StartupError | None = None
         async with self._running_drivers(), asyncio.TaskGroup() as tasks:
             running = [tasks.create_task(self._consume(d)) for d in self._devices]
@@ -204,6 +230,7 @@ class Service:
                     running.append(tasks.create_task(self._publisher.run()))
                     running.append(tasks.create_task(self._keep_house()))
                     running.append(tasks.create_task(self._keep_time()))
+                    running.append(tasks.create_task(self._reload_at_signals()))
                     self._publish_status()
                     self._requests.track()
                     self._tell_model()
@@ -218,8 +245,23 @@ class Service:
         if failure is not None:
             raise failure
 
+    def _use(self, inputs: Inputs) -> None:
+        """Go by a new configuration and arm file."""
+        configuration = self._configuration = inputs.configuration
+        self._measuring.use(configuration, inputs.model)
+        self._requests.use(configuration.capture, configuration.scan)
+        self._point_requests.use(configuration.capture)
+        self._publish_status()
+        self._tell_model()
+
+    async def _reload_at_signals(self) -> None:
+        while True:
+            await self._hang_up.wait()
+            self._hang_up.clear()
+            await self._reload.on_signal()
+
     def _tell_model(self) -> None:
-        model = self._model
+        model = self._measuring.model
         log.info("arm %s, model %s", self._arm, model.digest[:12])
         if names := model.effect_names:
             log.info("effects applied: %s", ", ".join(names))
@@ -289,10 +331,10 @@ class Service:
             self._measuring.keep_time()
 
     async def _keep_house(self) -> None:
-        period_s = self._configuration.health.period_s
         due_s = 0.0
         loop = asyncio.get_running_loop()
         while True:
+            period_s = self._configuration.health.period_s
             self._events.flush()
             if loop.time() >= due_s:
                 due_s = loop.time() + period_s
@@ -316,7 +358,7 @@ class Service:
             online=online,
             state="offline" if not online else "ready" if ready else "degraded",
             arm=self._arm,
-            model=self._model.digest,
+            model=self._measuring.model.digest,
             version=version("traverse-cmm"),
             kernel=KERNEL,
             encoding=self._encoding,

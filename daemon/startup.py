@@ -7,6 +7,7 @@ from pathlib import Path
 from daemon.configuration import Configuration, read_configuration
 from daemon.device import Device
 from daemon.model import ArmModel, read_model
+from daemon.probes import read_probes
 from kinematics.arm_file import FileError, Problem
 
 DEVICES_ANSWER_S = 8.0
@@ -53,6 +54,12 @@ def read_inputs(path: Path, embedded: bool) -> tuple[Configuration, ArmModel]:
         model = read_model(path.parent / configuration.arm.file, ids)
     except FileError as error:
         raise StartupError([*failures, str(error)], REFUSED) from error
+    probes = configuration.arm.probes
+    if probes is not None:
+        try:
+            read_probes(path.parent / probes)
+        except FileError as error:
+            failures.append(str(error))
     clock = configuration.assembly.clock
     if clock is not None and clock not in model.devices:
         text = f"{clock!r} reads no joint; one of these does: " + ", ".join(

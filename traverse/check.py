@@ -11,13 +11,13 @@ import typer
 
 def check(
     file: Annotated[
-        Path, typer.Argument(help="An arm file, a configuration, or a campaign.")
+        Path, typer.Argument(help="An arm or probe file, a configuration, or a campaign.")
     ],
     as_json: Annotated[
         bool, typer.Option("--json", help="Report as JSON on standard output.")
     ] = False,
 ) -> None:
-    """Check an arm file, a daemon's or a simulator's configuration, or a campaign.
+    """Check an arm file, a probe library, a configuration, or a campaign.
 
     A campaign is given by its folder or its campaign.toml; its poses are checked too.
     Says everything that is wrong with it, at once. Exit status 2 if anything is.
@@ -50,6 +50,7 @@ def _reader(file: Path) -> tuple[str, Callable[[Path], object]]:
     import tomllib  # noqa: PLC0415
 
     from daemon.configuration import read_configuration  # noqa: PLC0415
+    from daemon.probes import read_probes  # noqa: PLC0415
     from kinematics.arm_file import read_arm, read_strict  # noqa: PLC0415
     from simulator.config import SimulatorConfig, config_problems  # noqa: PLC0415
 
@@ -62,6 +63,8 @@ def _reader(file: Path) -> tuple[str, Callable[[Path], object]]:
         return "simulator's configuration", lambda path: read_strict(
             path, SimulatorConfig, config_problems
         )
+    if schema.startswith("traverse/probes/") or "probes" in tables:
+        return "probe library", read_probes
     if schema.startswith("traverse/campaign/") or "poses" in tables:
         return "campaign", _read_campaign
     if "arm" in tables or "broker" in tables or "device" in tables:

@@ -26,7 +26,6 @@ async def bench(tmp_path):
 def requests(bench):
     return Requests(
         settings=CaptureSection(),
-        model=bench.model,
         devices=bench.arm_devices,
         capture=bench.capture,
         scanner=bench.scanner,

@@ -63,7 +63,6 @@ class Bench:
         )
         self.requests = Requests(
             settings=CaptureSection(),
-            model=model,
             devices=devices,
             capture=capture,
             scanner=self.scanner,

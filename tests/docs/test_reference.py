@@ -10,7 +10,7 @@ import typer.main
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
-from daemon import configuration
+from daemon import configuration, probes
 from daemon.device_section import DeviceSection
 from daemon.filters import section_class
 from daemon.quality_section import EndStopSection
@@ -36,6 +36,7 @@ SECTIONS: dict[str, list[tuple[str, type[BaseModel]]]] = {
         ("`[[quality.end_stops]]`", EndStopSection),
         ("`[health]`", configuration.HealthSection),
     ],
+    "docs/reference/probe-library.md": [("Probe library", probes.LibraryProbe)],
     "docs/reference/arm-file.md": [
         ("Top level", arm_file.Arm),
         ("`[[joints]]`", arm_file.Joint),

@@ -13,6 +13,14 @@ from traverse.__main__ import app
 DATA = Path(traverse.__file__).parent / "demo_data"
 DAEMON = '[arm]\nfile = "arm.toml"\n[[device]]\nid = "base"\n{rest}'
 DEVICE = 'driver = "latch-board"\nport = "/dev/null"\n'
+PROBES = """\
+schema = "traverse/probes/1"
+[[probes]]
+name = "ball-6"
+radius_mm = 3.0
+vector_mm = [0.0, 0.0, 50.0]
+kind = "hard"
+"""
 
 
 def check(text: str | bytes, folder: Path, *options: str) -> Result:
@@ -28,6 +36,7 @@ def check(text: str | bytes, folder: Path, *options: str) -> Result:
         ((DATA / "arm.toml").read_text("utf-8"), "arm file"),
         ((DATA / "simulator.toml").read_text("utf-8"), "simulator's configuration"),
         (DAEMON.format(rest=DEVICE), "daemon's configuration"),
+        (PROBES, "probe library"),
     ],
 )
 def test_good_files_are_told_by_what_they_are(
