@@ -21,6 +21,7 @@ from traverse.demo import demo
 from traverse.diagnose import diagnose
 from traverse.identify import identify
 from traverse.microscribe import microscribe
+from traverse.probe import probe
 from traverse.run import run
 from traverse.simulate import simulate
 from traverse.watch import watch
@@ -38,6 +39,7 @@ app.add_typer(arm, name="arm")
 app.add_typer(amt21, name="amt21")
 app.add_typer(can, name="can")
 app.add_typer(microscribe, name="microscribe")
+app.add_typer(probe, name="probe")
 
 
 def _show_version(wanted: bool) -> None:

@@ -11,7 +11,7 @@ import typer
 
 def check(
     file: Annotated[
-        Path, typer.Argument(help="An arm or probe file, a configuration, or a campaign.")
+        Path, typer.Argument(help="An arm file, a configuration, a campaign, ...")
     ],
     as_json: Annotated[
         bool, typer.Option("--json", help="Report as JSON on standard output.")
