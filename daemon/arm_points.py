@@ -56,8 +56,20 @@ class ArmPoints:
         self.events = PointEvents(events)
         self._making = PointMaking(stage, settings, self.events)
         self._health = health
-        self._pending = PendingPoints(self._making.look, self._deal_with)
+        self._pending = PendingPoints(self._look, self._deal_with)
         self.carry_out: dict[Action, Callable[[], object]] = {}
+
+    @property
+    def is_idle(self) -> bool:
+        """No point is being taken, and no press waits to be told apart."""
+        return not self._pending and self._buttons.are_decided
+
+    def use(self, stage: Stage, triggers: Triggers, settings: CaptureSection) -> None:
+        """Go by other rules; only while `is_idle`."""
+        self._stage = stage
+        self._triggers = triggers
+        self._buttons = buttons_of(settings)
+        self._making = PointMaking(stage, settings, self.events)
 
     @property
     def some_wait(self) -> asyncio.Event:
@@ -136,6 +148,9 @@ class ArmPoints:
         return answer
 
     # -- what comes of it -----------------------------------------------------
+
+    def _look(self, request: Request) -> None:
+        self._making.look(request)
 
     def _deal_with(self, request: Request, is_last_chance: bool) -> bool:
         if request.is_undecided:

@@ -41,6 +41,11 @@ class Buttons:
         self._open: dict[tuple[Input, int], Press] = {}
         self._held: dict[Input, Press] = {}
 
+    @property
+    def are_decided(self) -> bool:
+        """No press waits to be told apart, and no hold for its end."""
+        return not self._open and not self._held
+
     def down(self, which: Input, time_ns: int) -> Press:
         """A button was pressed."""
         button = self._button(which)

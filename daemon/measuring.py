@@ -162,8 +162,8 @@ class Measuring:
         self._triggers = triggers_of(capture)
         self._remembers |= not self._triggers.devices <= set(model.devices)
         self._uncertainty = Uncertainty(configuration.uncertainty)
-        self._quality_section = configuration.quality
         self.use_probe(model)
+        self.quality.use(configuration.quality, model)
         self._stage = replace(self._stage, uncertainty=self._uncertainty)
         self.points.use(self._stage, self._triggers, capture)
         self._live.use_rate(capture.live_rate_hz)

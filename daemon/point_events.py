@@ -56,6 +56,10 @@ class PointEvents:
         text = f"probe {name}, radius {model.probe_radius_mm:g} mm, model "
         self._tell("capture.probe", text + model.digest[:12])
 
+    def alignment(self, text: str) -> None:
+        """The alignment has been set or cleared."""
+        self._tell("capture.alignment", text)
+
     def session(self, session: Session) -> None:
         """A new session has begun."""
         text = f"session {session.id} begins{': ' if session.note else ''}"

@@ -53,6 +53,10 @@ class PointRequests:
         self._measuring = measuring
         self._session_changed = session_changed
 
+    def use(self, settings: CaptureSection) -> None:
+        """Go by other settings."""
+        self._settings = settings
+
     async def take_point(self, args: PointArgs) -> Result:
         """Capture now, one sample or a mean; gives session, seq and id of the point."""
         check_ready(self._devices)

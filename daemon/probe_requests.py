@@ -8,7 +8,7 @@ from daemon.capture import CaptureRefusedError
 from daemon.commands import CommandError, Result
 from daemon.measuring import Measuring
 from daemon.model import ArmModel, model_with_probe
-from daemon.probes import read_probes
+from daemon.probes import LibraryProbe, read_probes
 from kinematics.arm_file import FileError
 from protocol.messages import ProbeArgs
 
@@ -34,6 +34,15 @@ class ProbeRequests:
         self._library = library
         self._measuring = measuring
         self._changed = changed
+        self._chosen: LibraryProbe | None = None
+
+    def model_of(self, model: ArmModel) -> ArmModel:
+        """An arm, as its file says it, with the probe that is in use.
+
+        Raises:
+            ValueError: it cannot have that probe.
+        """
+        return model if self._chosen is None else model_with_probe(model, self._chosen)
 
     async def change(self, args: ProbeArgs) -> Result:
         """Measure with a probe of the library; gives its name and the new model."""
@@ -69,6 +78,7 @@ class ProbeRequests:
                     "correct the probe library",
                 ) from error
             self._measuring.use_probe(model)
+            self._chosen = chosen
             points.events.probe(chosen.name, model)
             self._changed()
             return model

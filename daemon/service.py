@@ -168,6 +168,7 @@ class Service:
             inputs=Inputs(configuration, model),
             devices=self._devices,
             measuring=self._measuring,
+            with_probe=self._probe_requests.model_of,
             use=self._use,
             events=self._events,
         )

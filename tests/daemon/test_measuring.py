@@ -3,6 +3,7 @@ import asyncio
 import numpy as np
 import pytest
 
+from daemon.alignment import PartSystem
 from daemon.arm_devices import ArmDevices
 from daemon.capture import Capture, Triggers
 from daemon.configuration import AssemblySection, UncertaintySection
@@ -52,8 +53,12 @@ class Bench:
         self.points, self.events, self.live, self.scans = [], [], [], []
         self.changes = 0
         self.health = HealthReport(self.clock)
+        self.part = PartSystem()
         self.scanner = Scanner(
-            self.clock, lambda scan: not self.scans.append(scan), 0.05
+            self.clock,
+            lambda scan: not self.scans.append(scan),
+            0.05,
+            part=self.part,
         )
         self.device = self.open("base")
         self.measuring = Measuring(
@@ -62,10 +67,10 @@ class Bench:
             settings=AssemblySection(),
             uncertainty=Uncertainty(UncertaintySection()),
             pipeline=Pipeline(model, self.clock),
-            capture=Capture(self.clock, self.offer),
+            capture=Capture(self.clock, self.offer, self.part),
             triggers=Triggers({("base", 0): "button", ("base", 1): "switch"}),
             scanner=self.scanner,
-            live=LiveView(self.clock, 20.0),
+            live=LiveView(self.clock, 20.0, self.part),
             events=EventLog(self.clock, self.events.append),
             health=self.health,
             offer_live=self.live.append,
