@@ -16,7 +16,7 @@ from typing import Any
 import can
 from can.interfaces.socketcan import SocketcanBus
 
-from drivers.can_socket import SocketFrames
+from drivers.can_socket import EXTENDED, REMOTE, SocketFrames
 from drivers.values import DeviceError, DeviceNotFoundError
 from protocol.canopen_errors import ERROR_FLAG
 
@@ -25,6 +25,8 @@ Frame = tuple[int, bytes | bytearray, int]
 
 MOST_AT_ONCE = 64  # frames read before the caller may send again
 BLIND_WAIT_S = 0.02  # of an interface that nothing else can wake
+EXACTLY = 0x7FF | EXTENDED | REMOTE  # so the kernel looks it up in a table
+FULL = {errno.ENOBUFS, None}  # of the queue; of the socket python-can gives no number
 FULL_TRIES, FULL_WAIT_S = 50, 0.001  # SocketCAN queues ten frames as it is delivered
 SLCAN_WAIT_S = 0.1  # python-can waits 2 s, for boards that restart when opened
 
@@ -74,7 +76,7 @@ class CanBus:
         if isinstance(self._bus, SocketcanBus):
             if identifiers:
                 self._bus.set_filters(
-                    [{"can_id": i, "can_mask": 0x7FF} for i in identifiers]
+                    [{"can_id": i, "can_mask": EXACTLY} for i in identifiers]
                 )
             self._socket = SocketFrames(self._bus.socket, monotonic_ns)
         self._fd = _descriptor(self._bus)
@@ -116,7 +118,7 @@ class CanBus:
             try:
                 self._bus.send(message)
             except can.CanOperationError as error:
-                if error.error_code != errno.ENOBUFS or attempt == FULL_TRIES - 1:
+                if error.error_code not in FULL or attempt == FULL_TRIES - 1:
                     raise self._gone(error) from error
                 time.sleep(FULL_WAIT_S)  # the time of some frames on the bus
             except (can.CanError, OSError) as error:

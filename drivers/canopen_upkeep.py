@@ -179,7 +179,8 @@ class Upkeep:
         self.tell_fault(
             "frames_overflowed",
             f"frames were lost on {self.bus.name} because nobody read them in time",
-            "lower the rate; give the daemon more of the computer",
+            "lower the rate; give the daemon more of the computer; on SocketCAN let it "
+            "keep more: sysctl net.core.rmem_max=4194304",
             n,
         )
 

@@ -1,0 +1,210 @@
+"""A whole arm on vcan0: simulator, broker, daemon, as programs of their own."""
+
+import asyncio
+import json
+import signal
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from protocol.canopen import HEARTBEAT, identifiers
+from protocol.messages import Event, ScanArgs
+from tests.end_to_end.arm_matrices import MatrixArm
+from tests.end_to_end.listener import Listener, listening, numbers
+from tests.end_to_end.programs import Program, until
+from tests.end_to_end.workbench import Workbench
+from tests.mosquitto import Mosquitto, find_mosquitto
+from tests.vm import can_interface
+from tests.vm.bus_checks import NODES
+from tests.vm.can_arm import N_POINTS, TRACKING_HZ, write_files
+from tests.vm.can_interface import NAME, open_raw, send
+from tests.vm.table import Table
+
+START_S = 120.0
+SOON_S = 40.0
+ERROR_FRAME, BUS_OFF, RESTARTED = 0x2000_0000, 0x40, 0x100
+FLOOD = 20_000
+STEADY_S = 20.0
+RATES_HZ = (200.0, 100.0, 50.0, 20.0)
+LOSSES = ("device.samples_lost", "device.readings_missing", "device.frames_overflowed")
+
+
+class ArmOnBus:
+    """What is looked at while the programs run."""
+
+    def __init__(self, bench: Workbench, listener: Listener, daemon: Program) -> None:
+        self._bench, self._listener, self._daemon = bench, listener, daemon
+        self._port = open_raw()
+
+    async def arrive(self) -> str:
+        """Samples come, all nodes in each."""
+        await until(self._is_ready, "a status that is ready", START_S)
+        await self._counted("samples_complete", 20)
+        name = self._listener.statuses[-1].drivers[0].identity["name"]
+        return f"{self.counters()['samples_complete']} complete; {name}"
+
+    async def synchronise(self) -> str:
+        """It is the kernel that sends the SYNCs."""
+        before = can_interface.periodic_frames()
+        await asyncio.sleep(2.0)
+        n = can_interface.periodic_frames() - before
+        assert n > TRACKING_HZ, f"the broadcast manager sent {n} in 2 s"
+        assert not self._listener.told("device.sync_by_host")
+        return f"the broadcast manager sent {n} in 2 s at {TRACKING_HZ:g} Hz"
+
+    async def ignore(self) -> str:
+        """Strangers' frames do not reach the daemon."""
+        missing = set(identifiers(NODES)) - can_interface.exact_receivers()
+        assert not missing, f"not asked for: {sorted(missing)}"
+        await self._counted("samples_received", 1)
+        before = self.counters()["frames_ignored"]
+        for _ in range(500):
+            send(self._port, 0x7A0, b"stranger")
+        await self._counted("samples_received", 40)
+        n = self.counters()["frames_ignored"] - before
+        assert n < 100, f"{n} of 500 reached it"  # noqa: PLR2004 - its own echoes may
+        return f"{n} of 500 frames of a stranger reached it"
+
+    async def measure(self) -> str:
+        """Points are where the ball was."""
+        await self._listener.n_points(N_POINTS, START_S)
+        rounding_mm = MatrixArm(self._bench.arm_file).resolution_mm()
+        pairs = zip(self._listener.points, self._bench.presses(), strict=False)
+        off_mm = [
+            np.abs(np.array(p.xyz_mm) - edge["centre_mm"]).max() for p, edge in pairs
+        ]
+        assert len(off_mm) >= N_POINTS, f"{len(off_mm)} in the truth log"
+        assert max(off_mm) < 2 * rounding_mm, f"{max(off_mm):.6f} mm, {rounding_mm}"
+        return f"{N_POINTS} points, at most {max(off_mm) * 1e6:.0f} nm beside the truth"
+
+    async def go_bus_off(self) -> str:
+        """What the controller says of its bus, in the kernel's error frames."""
+        send(self._port, ERROR_FRAME | BUS_OFF, bytes(8))
+        await self._listener.event("alarm.bus_off", True, SOON_S)
+        send(self._port, ERROR_FRAME | RESTARTED, bytes(8))
+        await self._listener.event("alarm.bus_off", False, SOON_S)
+        return "alarm.bus_off began and ended"
+
+    async def stand_still(self) -> str:
+        """A daemon that was stopped says what it lost, and measures on."""
+        self._daemon.process.send_signal(signal.SIGSTOP)
+        for _ in range(FLOOD):
+            send(self._port, HEARTBEAT + NODES[0], b"\x05")
+        self._daemon.process.send_signal(signal.SIGCONT)
+        event = await self._listener.event("device.frames_overflowed", None, SOON_S)
+        await self._counted("samples_complete", 20)
+        return f"{event.count} event: {event.text}"
+
+    async def lose(self) -> str:
+        """The interface is taken down and comes back."""
+        n_before = len(self._listener.events)
+        can_interface.ip("set", NAME, "down")
+        await self._listener.event("device.lost", True, SOON_S)
+        can_interface.ip("set", NAME, "up")
+        await self._listener.event("device.lost", False, SOON_S)
+        await until(self._is_ready, "ready again", SOON_S)
+        await self._counted("samples_complete", 20)
+        told = [_told(e) for e in self._listener.events[n_before:]]
+        return ", ".join(told)
+
+    async def stream(self) -> str:
+        """The fastest rate that the emulated encoders can do, without loss."""
+        failed = []
+        for rate_hz in RATES_HZ:
+            name = f"steady-{rate_hz:g}"
+            before, n_events = self.counters(), len(self._listener.events)
+            args = ScanArgs(action="start", rate_hz=rate_hz, name=name)
+            reply = await self._listener.command(args)
+            assert reply.ok, reply
+            await asyncio.sleep(STEADY_S)
+            await self._listener.command(ScanArgs(action="stop"))
+            blocks = [s for s in self._listener.scans if s.scan == reply.result["scan"]]
+            await asyncio.sleep(2.0)  # until the next counters
+            seen, now = numbers(blocks), self.counters()
+            losses = [
+                e.text for e in self._listener.events[n_events:] if e.code in LOSSES
+            ]
+            n = now["samples_complete"] - before["samples_complete"]
+            if not losses and (np.diff(seen) == 1).all():
+                also = f"; not at {', '.join(failed)}" if failed else ""
+                return f"{len(seen)} points at {rate_hz:g} Hz, {n} samples{also}"
+            failed.append(f"{rate_hz:g} Hz ({losses[-1] if losses else 'gaps'})")
+        raise AssertionError("; ".join(failed))
+
+    def counters(self) -> Counter[str]:
+        """Of the CAN device, as they were told last."""
+        devices = self._listener.healths[-1].devices
+        return Counter(next(d.counters for d in devices if d.id == "base"))
+
+    def _is_ready(self) -> bool:
+        statuses = self._listener.statuses
+        return bool(statuses) and statuses[-1].state == "ready"
+
+    async def _counted(self, name: str, more: int) -> None:
+        """Wait until a counter has gone up."""
+        await until(lambda: self._listener.healths, "a health message", SOON_S)
+        wanted = self.counters()[name] + more
+        await until(
+            lambda: self.counters()[name] >= wanted, f"{more} more {name}", SOON_S
+        )
+
+
+def _told(event: Event) -> str:
+    state = {True: " begins", False: " ends", None: ""}[event.active]
+    return event.code + state
+
+
+def scan() -> str:
+    """`traverse can scan` finds all nodes."""
+    words = ["can", "scan", "--interface", "socketcan", "--channel", NAME]
+    done = subprocess.run(
+        [sys.executable, "-m", "traverse", *words, "--timeout", "3", "--json"],
+        stdout=subprocess.PIPE,
+        check=True,
+    )
+    nodes = json.loads(done.stdout)["nodes"]
+    found = [one["node"] for one in nodes]
+    assert found == list(NODES), found
+    assert not any(one["problem"] for one in nodes), nodes
+    return f"nodes {found}, {nodes[0]['counts_per_turn']} counts per turn"
+
+
+async def check_arm(table: Table, folder: Path) -> None:
+    """All of them, on one run of the programs, which end in order."""
+    program = find_mosquitto()
+    assert program is not None, "there is no mosquitto"
+    broker = Mosquitto(program, folder)
+    broker.start()
+    bench = Workbench(folder, broker.host, broker.port)
+    write_files(bench)
+    try:
+        async with listening(bench.host, bench.port, bench.arm) as listener:
+            with bench.simulator() as simulator:
+                await simulator.says("ready handle", START_S)
+                await table.check("traverse can scan", scan)
+                with bench.daemon() as daemon:
+                    await _check_running(table, ArmOnBus(bench, listener, daemon))
+                    await table.check("the daemon ends in order", lambda: _end(daemon))
+    finally:
+        broker.stop()
+
+
+async def _check_running(table: Table, arm: ArmOnBus) -> None:
+    await table.check("samples arrive", arm.arrive)
+    await table.check("SYNC by the kernel", arm.synchronise)
+    await table.check("filters of the daemon's socket", arm.ignore)
+    await table.check("points within quantisation", arm.measure)
+    await table.check("bus-off, told by error frames", arm.go_bus_off)
+    await table.check("a daemon that stood still", arm.stand_still)
+    await table.check(f"ip link set {NAME} down, up", arm.lose)
+    await table.check(f"{STEADY_S:g} s without loss", arm.stream)
+
+
+async def _end(program: Program) -> str:
+    program.process.terminate()
+    status = await program.ended(SOON_S)
+    assert status == 0, f"status {status}"
+    return "status 0"

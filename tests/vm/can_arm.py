@@ -1,0 +1,61 @@
+"""Seven simulated encoders on vcan0, a board with the button, and their daemon."""
+
+from pathlib import Path
+
+from tests.end_to_end.workbench import SPHERE, Workbench
+from tests.vm.bus_checks import NODES
+from tests.vm.can_interface import NAME
+
+N_POINTS = 4
+TRACKING_HZ = 20.0
+REST = '[[motion]]\nkind = "rest"\nduration_s = {}'
+ENCODERS = f"""\
+kind = "canopen"
+interface = "socketcan"
+channel = "{NAME}"
+nodes = {list(NODES)}
+encoder_turns = 64
+[[device]]
+id = "handle"
+port = "handle.pty"
+inputs = ["button"]
+"""
+DRIVER = f"""\
+driver = "canopen"
+interface = "socketcan"
+channel = "{NAME}"
+nodes = {list(NODES)}
+sync = "kernel"
+heartbeat_ms = 1000
+answer_s = 2.0
+"""
+HANDLE = """
+[[device]]
+id = "handle"
+driver = "latch-board"
+port = "{folder}/handle.pty"
+"""
+
+
+def write_files(bench: Workbench) -> None:
+    """Arm file, and the configurations of simulator and daemon."""
+    motions = [REST.format(5.0), SPHERE.format(points=N_POINTS), REST.format(10_000.0)]
+
+    bench.write_simulator(*motions, board=ENCODERS)
+    replace(bench.folder / "simulator.toml", 'port = "board.pty"\n', "")
+    replace(bench.folder / "simulator.toml", "dwell_s = 0.06", "dwell_s = 1.5")
+    replace(bench.folder / "simulator.toml", "press_s = 0.03", "press_s = 0.5")
+    bench.write_daemon(capture=f"tracking_rate_hz = {TRACKING_HZ}")
+    daemon = bench.folder / "daemon.toml"
+    replace(daemon, '"base/0"', '"handle/0"')
+    replace(daemon, f'driver = "latch-board"\nport = "{bench.pty}"', DRIVER)
+    replace(daemon, "period_s = 0.2", "period_s = 1.0")
+    text = daemon.read_text("utf-8") + HANDLE.format(folder=bench.folder)
+    daemon.write_text(text, "utf-8")
+
+
+def replace(path: Path, old: str, new: str) -> None:
+    """Put other words into a file."""
+    text = path.read_text("utf-8")
+    assert old in text, f"{path.name} has no {old!r}"
+    path.write_text(text.replace(old, new), "utf-8")

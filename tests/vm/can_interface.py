@@ -1,0 +1,49 @@
+"""A virtual CAN interface of the kernel, and raw frames put on it by hand."""
+
+import re
+import socket
+import struct
+import subprocess
+from pathlib import Path
+
+NAME = "vcan0"
+FRAME = struct.Struct("=IB3x8s")
+PROC = Path("/proc/net")
+
+
+def ip(*words: str) -> None:
+    """`ip link ...`."""
+    subprocess.run(["ip", "link", *words], check=True)
+
+
+def add() -> None:
+    """Make the interface and bring it up."""
+    ip("add", NAME, "type", "vcan")
+    ip("set", NAME, "up")
+
+
+def open_raw() -> socket.socket:
+    """A socket that sends and hears nothing."""
+    port = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+    port.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, b"")
+    port.bind((NAME,))
+    return port
+
+
+def send(port: socket.socket, can_id: int, data: bytes) -> None:
+    """Put one frame on the bus."""
+    port.send(FRAME.pack(can_id, len(data), data))
+
+
+def exact_receivers() -> set[int]:
+    """Identifiers that sockets have asked the kernel for, one by one."""
+    lines = (PROC / "can/rcvlist_sff").read_text().splitlines()
+    words = [line.split() for line in lines]
+    return {int(w[1], 16) for w in words if w and w[0] == NAME}
+
+
+def periodic_frames() -> int:
+    """How many frames the kernel's broadcast manager has sent, as it says itself."""
+    folder = PROC / "can-bcm"
+    told = "\n".join(path.read_text() for path in folder.iterdir())
+    return sum(int(n) for n in re.findall(r"^tx_op: .* sent (\d+)", told, re.MULTILINE))
