@@ -182,7 +182,7 @@ class ArmPoints:
         if request.act is not None:
             return request.act()
         if not request.captures or request.trigger is None:
-            return self._done(request)
+            return self._done(request, is_last_chance=is_last_chance)
         press = request.press
         if press is not None and press.action == "average" and request.average is None:
             self._making.begin_average(request)
@@ -199,15 +199,16 @@ class ArmPoints:
         self._health.latencies["capture_to_publish"].add(taken_ns)
         return point
 
-    def _done(self, request: Request) -> bool:
-        """Do what an edge means that takes no point."""
+    def _done(self, request: Request, *, is_last_chance: bool) -> bool | None:
+        """Do what an edge means that takes no point; None while that has to wait."""
         action = None if request.press is None else request.press.action
         if request.ends is not None and request.ends.action == "scan":
             action = "stop"
         if action == "undo" and request.trigger is not None:
             self.events.undone(self._capture.undo(request.trigger))
         elif action == "air":
-            self._making.note_air(request)
+            if not self._making.note_air(request, is_last_chance=is_last_chance):
+                return None
         elif action == "session":
             self.events.session(self._capture.begin_session())
         if action in self.carry_out:

@@ -43,6 +43,7 @@ class Request:
         average: the samples of a mean.
         mean: of these samples, as soon as they are complete.
         pull: watches where the probe is pulled to.
+        is_looked_at: nothing more is to be seen of its instant.
         seen: what is known of the arm at the instant, as soon as it is.
     """
 
@@ -60,6 +61,7 @@ class Request:
     mean: Measured | None = None
     pull: Pull | None = None
     seen: Measured | None = None
+    is_looked_at: bool = False
 
     @property
     def captures(self) -> bool:
@@ -124,7 +126,7 @@ class PendingPoints:
     def settle(self, now_ns: int | None = None) -> None:
         """Deal with what can be dealt with, or has waited long enough by some time."""
         for request in self._requests:
-            if request.may_capture and request.seen is None:
+            if request.may_capture and not request.is_looked_at:
                 self._look(request)
         while self._requests:
             request = self._requests[0]

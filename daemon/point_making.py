@@ -45,13 +45,20 @@ class PointMaking:
 
     def look(self, request: Request) -> None:
         """Find out what can be seen of the arm at the instant of a request."""
-        if request.average is None and request.seen is None:
-            seen = self._sight.at(request)
-            if seen is not None:
-                time_ns, place_mm = seen.pose.sample_time_ns, seen.pose.xyz_mm
-                before_mm = self._tip.before(time_ns, place_mm)
-                request.seen = replace(seen, before_mm=before_mm)
-                self._watch(request, time_ns, seen)
+        if request.average is not None:
+            return
+        seen = request.seen
+        if seen is None:
+            request.seen = seen = self._sight.at(request)
+            if seen is None:
+                return
+            self._watch(request, seen.pose.sample_time_ns, seen)
+        # An edge may overtake samples from before it.
+        time_ns = seen.pose.sample_time_ns
+        if not self._tip.wants_path or self._stage.path.reaches(time_ns):
+            before_mm = self._tip.before(time_ns, seen.pose.xyz_mm)
+            request.seen = replace(seen, before_mm=before_mm)
+            request.is_looked_at = True
 
     def begin_average(self, request: Request, average: Average | None = None) -> None:
         """Let samples be averaged from the instant of a request on.
@@ -73,10 +80,18 @@ class PointMaking:
         if here_mm is not None:
             average.before_mm = self._tip.before(begin_ns, here_mm)
 
-    def note_air(self, request: Request) -> None:
-        """Remember where the ball was at a press in the air."""
-        if request.seen is not None:
-            self._tip.note_air(request.seen.pose.xyz_mm)
+    def note_air(self, request: Request, *, is_last_chance: bool) -> bool:
+        """Remember where the ball was at a press in the air; False while it waits.
+
+        Raises:
+            CaptureRefusedError: nobody knows where it was.
+        """
+        if request.seen is None:
+            if is_last_chance:
+                raise CaptureRefusedError(*self._sight.lack(request))
+            return False
+        self._tip.note_air(request.seen.pose.xyz_mm)
+        return True
 
     def measured(
         self, request: Request, *, is_last_chance: bool, is_crowded: bool

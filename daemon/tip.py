@@ -70,6 +70,11 @@ class Tip:
         self._middle_mm = None if middle_mm is None else np.array(middle_mm)
         self._air_mm: Floats | None = None
 
+    @property
+    def wants_path(self) -> bool:
+        """Whether it matters where the probe came from."""
+        return self._method == "pretouch" and self._air_mm is None
+
     def note_air(self, place_mm: Floats) -> None:
         """A place in the air, from which the next point will be touched."""
         self._air_mm = place_mm

@@ -45,6 +45,10 @@ class TipPath:
         """The time of the last sample; None where there is none."""
         return int(self._blocks[-1].sample_time_ns[-1]) if self._blocks else None
 
+    def reaches(self, time_ns: int) -> bool:
+        """Whether all samples until some time have come."""
+        return bool(self._blocks) and self._blocks[-1].sample_time_ns[-1] >= time_ns
+
     def speeds_rad_s(self, time_ns: int, angles_rad: Floats) -> Floats | None:
         """How fast the joints turn where they have some readings at some time.
 

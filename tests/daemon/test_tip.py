@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from daemon.capture import Measured
-from daemon.configuration import CaptureSection
+from daemon.configuration import CaptureSection, InputSection
 from daemon.poses import LatchedPose
 from daemon.tip import Tip, without_direction
 from daemon.tip_path import TipPath
@@ -202,3 +202,24 @@ async def test_points_of_a_stream_come_from_where_the_ball_was(make_bench):
     # It goes on in the direction in which it came.
     later_mm = bench.measuring.path.place_mm(BEGIN_NS + 375_000_000) - point.xyz_mm
     assert towards @ later_mm / np.linalg.norm(later_mm) > 0.9
+
+
+async def test_a_press_in_the_air_waits_for_its_readings_and_takes_no_point(
+    make_bench,
+):
+    air = InputSection(source="handle/0", trigger="button", double="air")
+    bench = make_bench("pretouch", inputs=(air,), double_s=0.05)
+    stream(bench, 0, 20)
+    for token, ms in enumerate((200, 205, 215, 220)):
+        at_ns = BEGIN_NS + ms * 1_000_000
+        bench.take(edge("handle", at_ns, token, active=token % 2 == 0))
+    assert bench.acknowledged("handle") == []
+    stream(bench, 20, 60)
+    assert bench.acknowledged("handle") == [0, 1, 2, 3]
+    assert bench.points == []
+    bench.take(edge("base", BEGIN_NS + 555_000_000, 0, counts=(1, 2, 3)))
+    (point,) = bench.points
+    there_mm = bench.measuring.path.place_mm(BEGIN_NS + 200_000_000)
+    away_mm = np.array(point.xyz_mm) - there_mm
+    towards = (np.array(point.surface_mm) - point.xyz_mm) / 3.0
+    assert towards == pytest.approx(away_mm / np.linalg.norm(away_mm), abs=1e-3)
