@@ -1,6 +1,7 @@
 """Points: from an edge or a command to the capture, in order and never twice."""
 
 import asyncio
+import logging
 from collections.abc import Callable
 from typing import Any
 
@@ -19,6 +20,8 @@ from daemon.poses import PoseBlock
 from drivers.values import LatchedCounts
 from protocol.messages import Point
 from protocol.messages.point import Trigger
+
+log = logging.getLogger(__name__)
 
 Answer = asyncio.Future[Point]
 
@@ -161,6 +164,11 @@ class ArmPoints:
                 outcome = self._outcome(request, is_last_chance)
             except CaptureRefusedError as error:
                 self._refuse(request, error)
+            except Exception as error:
+                # What comes after it must not wait for ever.
+                log.exception("fault while a point was taken")
+                text, remedy = repr(error), "report it with the daemon's log"
+                self._refuse(request, CaptureRefusedError(text, remedy))
             else:
                 if outcome is None:
                     return False

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 
+from daemon.capture import CaptureRefusedError
 from daemon.commands import CommandError
 from drivers.values import DeviceLost
 from protocol.messages import LabelArgs, PointArgs, SessionArgs, UndoArgs
@@ -227,3 +228,15 @@ async def test_points_carry_the_pose_of_their_instant_not_of_their_turn(bench):
     stream(bench, 45, 70)
     await asking
     assert [p.model for p in bench.points] == [other.digest, model.digest]
+
+
+async def test_a_fault_in_one_request_does_not_hold_up_the_others(bench):
+    def fail():
+        raise ZeroDivisionError
+
+    failing = bench.measuring.points.in_order(fail)
+    with pytest.raises(CaptureRefusedError, match="ZeroDivisionError"):
+        await failing
+    press(bench, 30.5, token=3)
+    assert len(bench.points) == 1
+    assert bench.acknowledged("handle") == [3]
