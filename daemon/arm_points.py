@@ -62,6 +62,11 @@ class ArmPoints:
         self._pending = PendingPoints(self._look, self._deal_with)
         self.carry_out: dict[Action, Callable[[], object]] = {}
 
+    def arm_changed(self) -> None:
+        """Another arm measures from now on, also what has been asked for and waits."""
+        self._making.arm_changed()
+        self._pending.look_again()
+
     @property
     def is_idle(self) -> bool:
         """No point is being taken, and no press waits to be told apart."""

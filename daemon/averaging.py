@@ -54,6 +54,7 @@ class Average:
         n: how many there are so far.
         last_ns: the time of the last; ``begin_ns`` before the first.
         is_complete: no further one is wanted.
+        is_mixed: some samples are of the arm before a change of probe.
         begin_speed_mm_s: how fast the ball moved at the beginning; None: not known.
         before_mm: where it came from, (3,).
     """
@@ -69,6 +70,7 @@ class Average:
         self._samples, self._limits = samples, limits
         self._end_ns = None if dwell_ns is None else begin_ns + dwell_ns
         self.begin_speed_mm_s: float | None = None
+        self.is_mixed = False
         self.before_mm: Floats | None = None
         self.n = 0
         self.is_complete = False
@@ -132,11 +134,16 @@ class Average:
         return float(np.linalg.norm(slopes))
 
     def check_begin(self) -> None:
-        """Refuse at once where the arm does not rest.
+        """Refuse at once where the arm does not rest, or is not the same any more.
 
         Raises:
-            CaptureRefusedError: with its speed.
+            CaptureRefusedError: with its speed, or saying so.
         """
+        if self.is_mixed:
+            raise CaptureRefusedError(
+                "the probe was changed while samples were averaged",
+                "take the point again",
+            )
         self._check_speed(self.begin_speed_mm_s, "when samples were to be averaged")
 
     def check(self) -> None:

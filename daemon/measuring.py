@@ -174,6 +174,7 @@ class Measuring:
         self._pipeline.use_model(model)
         self.quality.use_model(model)
         self.path.forget()  # it was that of another ball
+        self.points.arm_changed()
 
     @property
     def model(self) -> ArmModel:

@@ -123,6 +123,13 @@ class PendingPoints:
         self._requests.append(request)
         self.settle()
 
+    def look_again(self) -> None:
+        """Another arm measures: what waits was asked for after the change."""
+        for request in self._requests:
+            if request.may_capture:
+                request.seen = None
+                self._look(request)
+
     def settle(self, now_ns: int | None = None) -> None:
         """Deal with what can be dealt with, or has waited long enough by some time."""
         for request in self._requests:

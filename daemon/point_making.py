@@ -123,6 +123,11 @@ class PointMaking:
             self._events.without_direction(error)
             return without_direction(seen)
 
+    def arm_changed(self) -> None:
+        """The samples from now on are of another arm: they mix with none before."""
+        for average in self._averages:
+            average.is_mixed = average.is_mixed or average.n > 0
+
     def forget(self, request: Request) -> None:
         """A request has been dealt with."""
         if request.average is not None:
