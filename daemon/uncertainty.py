@@ -1,8 +1,9 @@
 """The covariance of every point: what the arm, its encoders and the instant leave open.
 
 `kinematics.point_covariance` has the law. To the readings' own noise this adds what
-interpolation may have left of each, at most m by the motion and t by the instants:
-spread evenly within, m^2/3 and t^2/3.
+interpolation may have left of each: m by the motion, which a steady acceleration makes
+nearly whole each time, hence m^2; and an instant that may be off by some time t either
+way, spread evenly within, hence t^2/3.
 """
 
 from dataclasses import dataclass
@@ -58,7 +59,7 @@ class Uncertainty:
         variances = np.full(len(per_count_rad), settings.encoder_rad**2)
         if reading.doubts_counts is not None:
             doubts_rad = reading.doubts_counts * per_count_rad[:, np.newaxis]
-            variances += np.sum(doubts_rad**2, axis=1) / 3.0
+            variances += doubts_rad[:, 0] ** 2 + doubts_rad[:, 1] ** 2 / 3.0
         noise = PointNoise(
             np.sqrt(variances),
             per_count_rad,

@@ -12,7 +12,7 @@ from kinematics.arm_file import FileError
 from kinematics.effects.block import Block
 from kinematics.forward import probe_centre
 from tests.daemon.arm_bench import IDENTITIES, ArmBench, edge
-from tests.daemon.two_devices import BEGIN_NS, base, wrist
+from tests.daemon.two_devices import BEGIN_NS, base, true_counts, wrist
 from tests.daemon.values import ARM, arm_file, arm_model
 
 ANGLES_RAD = np.array([1.5, -0.2, 0.9])
@@ -71,8 +71,9 @@ def test_interpolation_adds_what_it_may_have_left(tmp_path):
     by_angles = jacobian(model)
     nothing = UncertaintySection(encoder_rad=0, contact_mm=0, trigger_s=0)
     doubts = np.array([[3.0, 4.0], [0.0, 100.0], [500.0, 0.0]])
-    may_be = (doubts * np.abs(model.per_count_rad)[:, np.newaxis]) ** 2 / 3.0
-    expected = by_angles @ np.diag(may_be.sum(axis=1)) @ by_angles.T
+    may_be = (doubts * np.abs(model.per_count_rad)[:, np.newaxis]) ** 2
+    may_be = may_be @ np.array([1.0, 1.0 / 3.0])
+    expected = by_angles @ np.diag(may_be) @ by_angles.T
     more = stated(model, nothing, doubts_counts=doubts) - stated(model, nothing)
     assert more == pytest.approx(expected, rel=1e-5, abs=1e-12)
 
@@ -131,3 +132,39 @@ def test_a_bad_file_of_covariances_is_refused_at_the_start(tmp_path):
     with pytest.raises(StartupError, match="no covariance of an arm") as error:
         read_inputs(daemon, embedded=False)
     assert error.value.status == 2
+
+
+@pytest.fixture
+async def exact(tmp_path):
+    nothing = UncertaintySection(encoder_rad=0, contact_mm=0, trigger_s=0)
+    bench = ArmBench(tmp_path, uncertainty=nothing)
+    bench.up()
+    yield bench
+    bench.close()
+
+
+async def test_interpolated_points_lie_where_they_say(exact):
+    """A fast motion: what the straight lines leave out is much more than the noise."""
+    bench, rng = exact, np.random.default_rng(8)
+    distances, off_mm = [], []
+    bench.take(wrist().samples(range(32)), base().samples(range(40)))
+    for number in range(400):
+        end = 43 + 3 * number
+        bench.take(
+            wrist().samples(range(8 * (end - 3) // 10, 8 * end // 10)),
+            base().samples(range(end - 3, end)),
+        )
+        at_ns = BEGIN_NS + int((end - 8 + 3 * rng.uniform()) * 10_000_000)
+        bench.clock.now_ns = BEGIN_NS + end * 10_000_000
+        before = len(bench.points)
+        bench.take(edge("handle", at_ns, number))
+        if len(bench.points) == before:
+            continue
+        true_rad = true_counts(np.array([at_ns])) * bench.model.per_count_rad
+        off = bench.points[-1].xyz_mm - probe_centre(bench.model.geometry, true_rad)[0]
+        covariance = full(bench.points[-1].covariance_mm2)
+        distances.append(off @ np.linalg.solve(covariance, off))
+        off_mm.append(np.linalg.norm(off))
+    assert len(distances) > 350
+    assert np.median(off_mm) > 0.01
+    assert np.mean(np.array(distances) < 7.8147) > 0.95
