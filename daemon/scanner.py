@@ -58,7 +58,6 @@ class Scanner:
         self._part = part or PartSystem()
         self._offer = offer
         self._gate = HeldGate()
-        self._decided_ns = 0  # until here it is settled what was held
         self.plan: ScanPlan | None = None
         self.session = ""
         self.dropped_points = 0
@@ -84,6 +83,7 @@ class Scanner:
         self._stream: int | None = None
         self._offset = 0
         self._last: tuple[int, int] | None = None
+        self._decided_ns = 0  # until here it is settled what was held
         self._undecided: deque[_Piece] = deque()
         self._waiting: list[PointBlock] = []
         self._period_ns = int(np.ceil(1e9 / plan.rate_hz))
@@ -108,10 +108,10 @@ class Scanner:
         Returns:
             How much too late that was told for the running scan [s]; 0 if it was not.
         """
-        late_ns = self._decided_ns - time_ns
         self._gate.edge(button, time_ns, held)
-        matters = self.plan is not None and self.plan.held
-        return max(0.0, late_ns * 1e-9) if matters else 0.0
+        if self.plan is None or not self.plan.held:
+            return 0.0
+        return max(0.0, (self._decided_ns - time_ns) * 1e-9)
 
     def take(self, model: ArmModel, poses: PoseBlock) -> None:
         """Add the points of a block of poses."""
