@@ -78,10 +78,12 @@ class Button:
 
     def edge(self, active: bool, time_ns: int) -> list[Decision]:
         """The button went down or up."""
-        decided = self.passed(time_ns)
+        decided = self.passed(time_ns - 1)
         if not active:
             self.held = None
             if self._down_ns is not None and self._up_ns is None:
+                if self._still is not None and self.due_ns == time_ns:
+                    return [*decided, self._decided(self._still[0], time_ns)]
                 self._up_ns = time_ns
                 if self._double_ns is None:
                     decided.append(self._decided("click", time_ns))
@@ -89,20 +91,21 @@ class Button:
         press, self.presses = self.presses, self.presses + 1
         self.held = None
         if self._down_ns is not None:
-            # Down twice without a release between: the release was lost.
-            wanted = self._double_ns is not None
-            decided.append(self._decided("double" if wanted else "click", time_ns))
-            if wanted:
+            if self._up_ns is not None:
+                decided.append(self._decided("double", time_ns))
                 return [*decided, Decision(press, "part", time_ns)]
+            # The release between was lost: nobody knows whether it was a double, and
+            # a point too many is better than one too few.
+            decided.append(self._decided("click", time_ns))
         self._open, self._down_ns, self._up_ns = press, time_ns, None
         if self._still is None and self._double_ns is None:
             decided.append(self._decided("click", time_ns))
         return decided
 
     def passed(self, time_ns: int) -> list[Decision]:
-        """All edges until some time have been told."""
+        """All edges until some time, itself included, have been told."""
         due_ns = self.due_ns
-        if due_ns is None or time_ns <= due_ns:
+        if due_ns is None or time_ns < due_ns:
             return []
         if self._up_ns is not None or self._still is None:
             return [self._decided("click", due_ns)]

@@ -120,7 +120,7 @@ async def test_a_hold_scans_from_when_it_is_certain_to_its_release(make_hand):
     hand = make_hand(**ALL)
     hand.until(510)
     hand.press(500)
-    hand.until(900 + GRACE_NS // 1_000_000)
+    hand.until(899 + GRACE_NS // 1_000_000)
     assert hand.done == []
     hand.until(1000)
     assert (hand.done, hand.acknowledged) == (["scan"], [0])

@@ -43,7 +43,8 @@ ALL = frozenset(("click", "double", "hold"))
         (ALL, (0, 100), [(0, "click", 400)]),
         (ALL, (0, 100, 400, 450), [(0, "double", 400), (1, "part", 400)]),
         (ALL, (0, 100, 401, 450), [(0, "click", 400), (1, "click", 750)]),
-        (ALL, (0, 400), [(0, "click", 700)]),
+        (ALL, (0, 399), [(0, "click", 699)]),
+        (ALL, (0, 400), [(0, "hold", 400)]),
         (ALL, (0, 401), [(0, "hold", 400)]),
         (ALL, (0, 2000), [(0, "hold", 400)]),
         (
@@ -53,7 +54,7 @@ ALL = frozenset(("click", "double", "hold"))
         ),
         (ALL, (0, 100, 200, 5000), [(0, "double", 200), (1, "part", 200)]),
         (frozenset(["long"]), (0, 999), [(0, "click", 999)]),
-        (frozenset(["long"]), (0, 1001), [(0, "long", 1000)]),
+        (frozenset(["long"]), (0, 1000), [(0, "long", 1000)]),
         (frozenset(["double"]), (0, 5000), [(0, "click", 1000)]),
     ],
 )
@@ -65,7 +66,8 @@ def test_a_hold_goes_on_until_its_release():
     button = Button(ALL, TIMES)
     button.edge(True, 0)
     assert button.held is None
-    assert button.passed(401 * MS) == [Decision(0, "hold", 400 * MS)]
+    assert button.passed(400 * MS - 1) == []
+    assert button.passed(400 * MS) == [Decision(0, "hold", 400 * MS)]
     assert button.held == 0
     assert button.passed(5000 * MS) == []
     assert button.edge(False, 5001 * MS) == []
@@ -93,9 +95,9 @@ def by_definition(meant, edges_ms):
     found, number = [], 0
     while number < len(presses):
         down, up = presses[number]
-        if still is not None and (up is None or up - down > still):
+        if still is not None and (up is None or up - down >= still):
             found.append("hold" if "hold" in meant else "long")
-        elif "double" in meant and (up is None or up - down > 1000):
+        elif "double" in meant and (up is None or up - down >= 1000):
             found.append("click")
         elif (
             "double" in meant
@@ -113,7 +115,9 @@ def by_definition(meant, edges_ms):
 @given(
     meant=st.sampled_from(KINDS),
     gaps=st.lists(
-        st.integers(1, 1500) | st.sampled_from([299, 300, 301, 400, 401]), max_size=14
+        st.integers(1, 1500)
+        | st.sampled_from([299, 300, 301, 399, 400, 401, 999, 1000]),
+        max_size=14,
     ),
     looks=st.lists(st.integers(0, 14 * 1500), max_size=10),
 )
