@@ -9,7 +9,7 @@ FIGURES := build/figures
 # What the kernel in C is built from.
 KERNEL := setup.py $(foreach kind,pyx pxd pxi c h inc,$(wildcard kinematics/kernel/*.$(kind)))
 
-.PHONY: help venv system demo test lint format schemas lock bench bench-drivers bench-identification prove blind blind-full fuzz soak clean bench-kernel
+.PHONY: help venv system demo test lint format schemas lock bench bench-drivers bench-identification prove blind blind-full fuzz soak test-vm clean bench-kernel
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -84,6 +84,10 @@ fuzz: venv  ## every decoder under atheris; takes about a minute
 
 soak: venv system  ## a stream through outages of broker and board; takes about a minute
 	$(BIN)/python -m benchmarks.soak
+
+test-vm: venv system  ## CANopen on SocketCAN in a virtual machine with Debian's kernel; takes minutes
+	@sh deploy/debian-packages.sh vm
+	sh deploy/vm/run.sh 590 $(BIN)/python -m tests.vm
 
 lock: venv  ## requirements.lock anew from pyproject.toml
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --all-extras --no-emit-index-url --no-header \

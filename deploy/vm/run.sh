@@ -18,6 +18,10 @@ quoted() { for word in "$@"; do printf "'%s' " "$(printf %s "$word" | sed "s/'/'
 
 # The kernel: fetched as a package and unpacked, never installed.
 image="$(apt-cache depends linux-image-amd64 | sed -n 's/.*Depends: \(linux-image-[0-9][^ ]*\)$/\1/p' | head -n 1)"
+if [ -z "$image" ]; then
+    echo "run.sh: apt knows no package linux-image-amd64; this needs Debian on amd64, after apt-get update" >&2
+    exit 2
+fi
 kernel="$build/$image"
 if [ ! -d "$kernel" ]; then
     (cd "$build" && apt-get download -qq "$image")

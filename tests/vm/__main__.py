@@ -10,6 +10,7 @@ from pathlib import Path
 from tests.vm import can_interface
 from tests.vm.arm_checks import check_arm
 from tests.vm.bus_checks import check_bus
+from tests.vm.stream_checks import check_stream
 from tests.vm.table import Table
 
 
@@ -19,6 +20,7 @@ async def run(folder: Path) -> int:
     begun_s = time.monotonic()
     can_interface.add()
     await check_bus(table)
+    await check_stream(table)
     await check_arm(table, folder)
     took = f"{time.monotonic() - begun_s:.0f} s in the guest"
     (folder / "table.txt").write_text(f"{table}\n{took}\n", "utf-8")

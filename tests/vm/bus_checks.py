@@ -5,7 +5,7 @@ import time
 import can
 import numpy as np
 
-from drivers.can_bus import CanBus
+from drivers.can_bus import CanBus, Frame
 from drivers.values import DeviceError
 from protocol.canopen import SYNC, identifiers
 from tests.vm import can_interface
@@ -23,9 +23,9 @@ def opened() -> CanBus:
     return CanBus("socketcan", NAME, 1_000_000, identifiers=identifiers(NODES))
 
 
-def drained(bus: CanBus) -> list[tuple[int, bytes | bytearray, int]]:
+def drained(bus: CanBus) -> list[Frame]:
     """All that has come."""
-    frames: list[tuple[int, bytes | bytearray, int]] = []
+    frames: list[Frame] = []
     while some := bus.receive(0.05):
         frames += some
     return frames
@@ -90,7 +90,8 @@ def periodic() -> str:
     """The kernel sends by itself, in the rate that it is told."""
     bus = opened()
     task = bus.send_periodically(SYNC, 1.0 / SYNC_HZ)
-    frames, end_s = [], time.monotonic() + SYNC_S
+    frames: list[Frame] = []
+    end_s = time.monotonic() + SYNC_S
     while time.monotonic() < end_s:
         frames += bus.receive(0.1)
     told = can_interface.periodic_frames()
@@ -102,7 +103,7 @@ def periodic() -> str:
     assert told >= len(frames) > 0, f"{told} sent, {len(frames)} came"
     assert not after, f"{len(after)} after the end"
     usual_ms = float(np.median(steps_ms))  # a busy host stops the guest now and then
-    assert abs(usual_ms - 1e3 / SYNC_HZ) < 0.1, f"{usual_ms:.3f} ms"
+    assert abs(usual_ms - 1e3 / SYNC_HZ) < 0.5, f"{usual_ms:.3f} ms"
     return (
         f"{len(frames)} in {SYNC_S:g} s, {told} by its own count; the usual step "
         f"{usual_ms:.3f} ms, the longest {steps_ms.max():.1f} ms"
@@ -147,7 +148,7 @@ def down() -> str:
             said.append(str(error))
     bus.close()
     can_interface.ip("set", NAME, "up")
-    assert len(said) == 2, said  # noqa: PLR2004 - reading and sending
+    assert len(said) == 2, said
     bus = opened()
     port = open_raw()
     send(port, SYNC, b"")

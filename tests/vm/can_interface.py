@@ -30,6 +30,16 @@ def open_raw() -> socket.socket:
     return port
 
 
+def listen(*can_ids: int) -> socket.socket:
+    """A socket that hears these frames."""
+    exact = 0xC000_07FF
+    port = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+    wanted = b"".join(struct.pack("=II", i, exact) for i in can_ids)
+    port.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, wanted)
+    port.bind((NAME,))
+    return port
+
+
 def send(port: socket.socket, can_id: int, data: bytes) -> None:
     """Put one frame on the bus."""
     port.send(FRAME.pack(can_id, len(data), data))
