@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arm_knowledge import knowledge_with_probe, read_knowledge
+from daemon.model_problems import never_coming, never_known, unusable_encoders
 from daemon.probes import LibraryProbe, with_probe
 from drivers.values import Identity
 from kinematics.arm_covariance import ArmCovariance
@@ -20,7 +21,6 @@ from kinematics.geometry import Geometry, geometry_from_arm
 from kinematics.readings import Encoders, encoders_from_arm
 
 OF_GRAVITY = ("joint_compliance", "bearing_compliance", "mount_compliance")
-LARGEST_TIME_S = 9.2e9  # since 1970, in nanoseconds 63 bits
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,14 +118,14 @@ def read_model(path: Path, device_ids: Mapping[str, object]) -> ArmModel:
         FileError: the file is wrong, or asks for what this daemon cannot do.
     """
     arm = read_arm(path)
-    problems = list(_unusable(arm, device_ids))
+    problems = list(unusable_encoders(arm, device_ids))
     try:
         effects = effects_from_arm(arm)
     except ValueError as error:
         raise FileError(
             str(path), [*problems, Problem("effects", str(error))]
         ) from None
-    problems += [*_never_known(effects), *_never_coming(arm)]
+    problems += [*never_known(effects), *never_coming(arm)]
     in_line = _in_line(effects)
     covariance = None
     try:
@@ -189,68 +189,6 @@ def _identified_s(arm: Arm) -> float | None:
     if not isinstance(moment, datetime):
         moment = datetime(moment.year, moment.month, moment.day, tzinfo=UTC)
     return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
-
-
-def _unusable(arm: Arm, device_ids: Mapping[str, object]) -> list[Problem]:
-    problems = []
-    for index, joint in enumerate(arm.joints):
-        where = f"joints[{index}].encoder"
-        if joint.encoder is None:
-            problems.append(
-                Problem(where, "is missing; without it counts are not angles")
-            )
-            continue
-        if joint.encoder.device_id not in device_ids:
-            known = ", ".join(sorted(device_ids)) or "none"
-            problems.append(
-                Problem(
-                    f"{where}.source",
-                    f"names device {joint.encoder.device_id!r}, which the "
-                    f"configuration does not have; it has: {known}",
-                )
-            )
-    return problems
-
-
-_NEVER_KNOWN = {
-    Covariate.CAMPAIGN_TIME: "the time since the start of a campaign that is over",
-    Covariate.FORCE: "the force of a contact",
-}
-
-
-def _never_known(effects: ArmEffects) -> list[Problem]:
-    """Effects of something that a running daemon is never told."""
-    return [
-        Problem(
-            f"effects[{index}]",
-            f"{effects.name(effect)} depends on {_NEVER_KNOWN[need.covariate]}, which "
-            "a running daemon does not have; measuring without it would give wrong "
-            "points. Take it out of the arm file, or diagnose again for an effect "
-            "that depends on something else",
-        )
-        for index, effect in enumerate(effects.corrections)
-        for need in effect.needs
-        if need.covariate in _NEVER_KNOWN
-    ]
-
-
-def _never_coming(arm: Arm) -> list[Problem]:
-    """Effects bound to moments that the nanoseconds of a sample cannot tell."""
-    problems = []
-    for index, effect in enumerate(arm.effects):
-        if effect.epoch_utc is None:
-            continue
-        moment_s = effect.epoch_utc.timestamp() + effect.values.get("at_s", 0.0)
-        if abs(moment_s) > LARGEST_TIME_S:
-            problems.append(
-                Problem(
-                    f"effects[{index}].epoch_utc",
-                    f"{effect.epoch_utc} and at_s, if there is one, are a moment that "
-                    "times of samples do not reach, expected 1678 to 2261; correct the "
-                    "date",
-                )
-            )
-    return problems
 
 
 def _in_line(effects: ArmEffects) -> ArmEffects:
