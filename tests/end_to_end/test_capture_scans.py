@@ -1,14 +1,29 @@
-"""Every mode of scanning, with the simulator's hardware and a subscriber."""
+"""Scans, limits, alignment and reload, with the simulator's hardware."""
+
+import signal
 
 import numpy as np
 import pytest
 
 from kinematics.arm_file import read_arm
-from protocol.messages import QualityFlag, Scan, ScanArgs
+from protocol.messages import (
+    AlignArgs,
+    PointArgs,
+    QualityFlag,
+    ReloadArgs,
+    Scan,
+    ScanArgs,
+)
 from tests.end_to_end.arm_matrices import MatrixArm
 from tests.end_to_end.listener import Listener, numbers, times_ns
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.workbench import DEMO_ARM, SPHERE, SWEEP, Workbench
+from tests.end_to_end.workbench import (
+    DEMO_ARM,
+    REST,
+    SPHERE,
+    SWEEP,
+    Workbench,
+)
 
 BALL_MM = read_arm(DEMO_ARM).probe.radius_mm
 pytestmark = pytest.mark.broker
@@ -109,7 +124,7 @@ async def test_a_held_scan_has_all_from_each_press_to_its_release(
         for press, release in zip(edges[::2], edges[1::2], strict=True)
     ]
     whole = 0
-    for stretch in stretches:
+    for stretch in stretches[:-1]:  # the last may have been cut by the stop
         touch = int(np.searchsorted(presses_ns, stretch[0], side="right")) - 1
         if stretch[0] - presses_ns[touch] > 2e9 / rate_hz:
             continue  # it was held when the scan began
@@ -117,7 +132,7 @@ async def test_a_held_scan_has_all_from_each_press_to_its_release(
         # Not a sample too few or too many at either end, by the device's own time.
         assert stretch[0] - presses_ns[touch] <= 1.05e9 / rate_hz
         assert len(stretch) == pytest.approx(held_s[touch] * rate_hz, abs=1.0)
-    assert whole >= 4
+    assert whole >= 3
 
 
 async def test_filters_of_the_configuration_hold_points_back(
@@ -137,3 +152,61 @@ async def test_filters_of_the_configuration_hold_points_back(
     assert (apart_mm[~np.eye(len(found_mm), dtype=bool)] >= 3.0).all()
     assert held_back["scan_filter_1_box"] > 0
     assert held_back["scan_filter_2_spacing"] > 0
+
+
+async def test_an_alignment_gives_part_coordinates_and_outlives_a_reload(
+    bench: Workbench,
+) -> None:
+    bench.write_simulator(REST)
+    bench.write_daemon()
+    align = AlignArgs(
+        action="set",
+        name="jig",
+        rotation=((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+        translation_mm=(10.0, 20.0, 30.0),
+    )
+    text = bench.arm_file.read_text("utf-8")
+    async with measuring(bench) as (listener, _, daemon):
+        assert (await listener.command(align)).ok
+        await listener.command(PointArgs())
+        bench.arm_file.write_text("name = 1", "utf-8")
+        refused = await listener.command(ReloadArgs())
+        await listener.command(PointArgs())
+        bench.arm_file.write_text(
+            text.replace("radius_mm = 3.0", "radius_mm = 2.5"), "utf-8"
+        )
+        daemon.process.send_signal(signal.SIGHUP)
+        await listener.event("reload.done")
+        await listener.command(PointArgs())
+        await listener.n_points(3)
+    assert refused.error is not None
+    assert refused.error.code == "reload.refused"
+    assert "arm.toml" in refused.error.text
+    first, second, third = listener.points
+    assert first.model == second.model != third.model
+    assert [p.probe_radius_mm for p in listener.points] == [3.0, 3.0, 2.5]
+    assert [p.seq for p in listener.points] == [0, 1, 2]
+    for point in listener.points:
+        x, y, z = point.xyz_mm
+        assert point.part_xyz_mm == pytest.approx((10.0 - y, 20.0 + x, 30.0 + z))
+    assert listener.statuses[-2].model == third.model
+
+
+async def test_points_beyond_a_limit_are_marked_or_refused(bench: Workbench) -> None:
+    bench.write_simulator(REST)
+    joint = read_arm(DEMO_ARM).joints[0].name
+    stop = f'{{ joint = "{joint}", low_rad = 100.0, high_rad = 101.0 }}'
+    bench.write_daemon(quality=f"end_stops = [{stop}]")
+    async with measuring(bench) as (listener, _, daemon):
+        assert (await listener.command(PointArgs())).ok
+        bench.write_daemon(quality=f'end_stops = [{stop}]\nrefuse = ["end_stop"]')
+        daemon.process.send_signal(signal.SIGHUP)
+        await listener.event("reload.done")
+        refused = await listener.command(PointArgs())
+        await listener.event("capture.refused")
+    (marked,) = listener.points
+    assert (marked.quality.ok, marked.quality.flags) == (False, ("end_stop",))
+    assert refused.error is not None
+    assert refused.error.code == "capture.refused"
+    assert "end_stop" in refused.error.text
+    assert listener.told("limit.end_stop")
