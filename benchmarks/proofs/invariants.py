@@ -22,6 +22,7 @@ Floats = NDArray[np.float64]
 # More than there are parameters, so that every combination of them is looked at.
 N_PAIRS = 60
 _DIFFERENCE = 1e-3  # of a parameter's plausible deviation
+_NEAREST_MM = 100.0
 _LEAST_SIZE = 1e-7  # of the largest: smaller ones are rounding
 
 
@@ -61,7 +62,11 @@ def distance_errors(
     """
     rng = np.random.default_rng([seed, 0x696E76])
     least, largest = poses.limits_rad.T
-    turns_rad = rng.uniform(least, largest, (2 * N_PAIRS, len(least)))
+    turns_rad = rng.uniform(least, largest, (4 * N_PAIRS, len(least)))
+    # The direction of a short distance, and so its error, is not linear in the steps.
+    apart_mm = _distances(probe_pose(poses.truth.mechanism, turns_rad)[0])
+    far = np.flatnonzero(apart_mm >= _NEAREST_MM)[:N_PAIRS]
+    turns_rad = turns_rad.reshape(-1, 2, len(least))[far].reshape(-1, len(least))
     angles_rad = turns_rad + poses.truth.zeros_rad
     true_mm = _distances(probe_pose(poses.truth.mechanism, turns_rad)[0])
     adjustment = result.adjustment
