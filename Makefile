@@ -9,7 +9,7 @@ FIGURES := build/figures
 # What the kernel in C is built from.
 KERNEL := setup.py $(foreach kind,pyx pxd pxi c h inc,$(wildcard kinematics/kernel/*.$(kind)))
 
-.PHONY: help venv system demo test lint format schemas lock bench bench-drivers bench-identification prove blind blind-full fuzz soak test-vm clean bench-kernel
+.PHONY: help venv system demo test lint format schemas lock bench bench-capture bench-drivers bench-identification prove blind blind-full fuzz soak test-vm clean bench-kernel
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -66,6 +66,10 @@ bench-drivers: venv  ## the drivers: rates, losses, share of a core; takes minut
 	$(BIN)/python -m benchmarks.drivers_can
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.deskew
 	$(BIN)/python -m benchmarks.clock
+
+bench-capture: venv system  ## filters, and a switching probe's contact; takes two minutes
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.filters
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.touch
 
 bench-identification: venv  ## the adjustment beside scipy's least squares; takes many minutes
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.identification
