@@ -16,7 +16,6 @@ from protocol import canopen as wire
 FAST_HZ = 400.0
 CLOSEST = 0.8  # of a period, between SYNCs that make up for a delay
 MOST_BEHIND = 50  # SYNCs that are made up for
-FOLLOWED = 0.05  # how much of a deviation the kept schedule follows at each SYNC
 
 
 class HostSync:
@@ -52,7 +51,11 @@ class HostSync:
 
 
 class SeenSync:
-    """Numbers the SYNCs that are seen, by their instants where the period is known.
+    """Numbers the SYNCs that are seen, by the time between them if the period is known.
+
+    The kernel's broadcast manager sends one a period after it sent the last, and never
+    catches up: what it is late adds up. So a schedule of its own, at the rate that was
+    wanted, would drift away from it and find SYNCs missing that were never due.
 
     Args:
         rate_hz: the kernel's; None where another master's is not known.
@@ -60,19 +63,16 @@ class SeenSync:
 
     def __init__(self, rate_hz: float | None) -> None:
         self._period_ns = None if rate_hz is None else 1e9 / rate_hz
-        self._last_ns: float | None = None
+        self._last_ns: int | None = None
 
     def take(self, time_ns: int) -> int:
         """Steps of the schedule from the last SYNC to this one."""
         if self._period_ns is None:
             return 1
-        if self._last_ns is None:
-            self._last_ns = time_ns
+        last_ns, self._last_ns = self._last_ns, time_ns
+        if last_ns is None:
             return 1
-        steps = max(1, round((time_ns - self._last_ns) / self._period_ns))
-        expected_ns = self._last_ns + steps * self._period_ns
-        self._last_ns = expected_ns + FOLLOWED * (time_ns - expected_ns)
-        return steps
+        return max(1, round((time_ns - last_ns) / self._period_ns))
 
 
 class SyncTrain:

@@ -205,6 +205,12 @@ def test_seen_syncs_are_numbered_by_time(steps: list[int], random: object) -> No
         assert seen.take(round(at * 1_000_100 + jitter)) == step
 
 
+def test_seen_syncs_that_come_later_and_later_are_not_taken_for_missing_ones() -> None:
+    # The broadcast manager of Linux: each a period, and a delay, after the last.
+    seen = SeenSync(1000.0)
+    assert {seen.take(k * 1_100_000) for k in range(1000)} == {1}
+
+
 def test_seen_syncs_of_another_master_are_counted_one_by_one() -> None:
     seen = SeenSync(None)
     assert [seen.take(t) for t in (0, 10**9, 10**9 + 5)] == [1, 1, 1]
