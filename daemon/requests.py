@@ -55,6 +55,12 @@ class Requests:
                 self.track()
             return {"scan": None if plan is None else plan.id, "total": total}
         check_ready(self._devices)
+        if args.held and not any(i.trigger == "button" for i in self._settings.inputs):
+            raise CommandError(
+                "scan.no_button",
+                "no input of the configuration is a button that could hold a scan",
+                'name one in [capture] inputs, with trigger = "button"',
+            )
         device = self._measuring.clock_device
         largest_hz = self._settings.scan_max_rate_hz
         tracking_hz = self._settings.tracking_rate_hz

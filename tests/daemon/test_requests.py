@@ -19,6 +19,7 @@ from daemon.measuring import Measuring
 from daemon.pipeline import Pipeline
 from daemon.point_requests import PointRequests
 from daemon.requests import Requests
+from daemon.scan_section import ScanSection
 from daemon.scanner import Scanner
 from daemon.startup import REFUSED, UNREACHABLE, check_devices
 from daemon.uncertainty import Uncertainty
@@ -192,6 +193,13 @@ async def test_scans_by_distance_read_densely(bench):
     begun = await bench.requests.change_scan(args)
     assert (begun["rate_hz"], begun["device_rate_hz"]) == (1000.0, 1000.0)
     assert bench.scanner.plan.mode == "distance"
+
+
+async def test_a_held_scan_needs_a_button(bench):
+    bench.requests.use(CaptureSection(), ScanSection())
+    with pytest.raises(CommandError, match="no input") as caught:
+        await bench.requests.change_scan(ScanArgs(action="start", held=True))
+    assert caught.value.code == "scan.no_button"
 
 
 async def test_a_lost_device_refuses_commands_and_a_scan_outlives_it(bench):
