@@ -72,19 +72,18 @@ class SerialPort:
         return self._fd in ready
 
     def read(self) -> bytes:
-        """What there is, at most 64 KiB.
+        """What there is, at most 64 KiB; nothing where nothing has come.
 
         Raises:
             DeviceError: the port has gone away.
         """
-        try:
-            data = os.read(self._fd, READ_BYTES)
-        except BlockingIOError:
-            return b""
-        except OSError as error:
-            raise self._gone(error.strerror or str(error)) from error
-        if not data:
-            raise self._gone("end of file")
+        # An empty read is silence as well as the end: only of a port that has
+        # something to say, and says nothing, it is the end.
+        data = self._taken()
+        if not data and select.select([self._fd], [], [], 0.0)[0]:
+            data = self._taken()
+            if not data:
+                raise self._gone("end of file")
         return data
 
     def write(self, data: bytes) -> None:
@@ -104,6 +103,14 @@ class SerialPort:
             fcntl.ioctl(self._fd, termios.TIOCNXCL)
         with contextlib.suppress(OSError, serial.SerialException):
             self._port.close()
+
+    def _taken(self) -> bytes:
+        try:
+            return os.read(self._fd, READ_BYTES)
+        except BlockingIOError:
+            return b""
+        except OSError as error:
+            raise self._gone(error.strerror or str(error)) from error
 
     def _gone(self, reason: str) -> DeviceError:
         return DeviceError(
