@@ -17,10 +17,9 @@ from daemon.capture import Capture, triggers_of
 from daemon.clock import HostClock
 from daemon.commands import CommandDesk
 from daemon.configuration import BrokerSection, Configuration
+from daemon.counts import broker_health, counters_of
 from daemon.device import Device, open_device
-from daemon.embedded_broker import HOST, BrokerStartError, embedded_broker
 from daemon.events import EventLog
-from daemon.filters import removed_counters
 from daemon.health import HealthReport
 from daemon.live import LiveView
 from daemon.measuring import Measuring
@@ -34,17 +33,12 @@ from daemon.publisher import BrokerAddress, Publisher
 from daemon.reload import Inputs, Reload
 from daemon.requests import Requests
 from daemon.scanner import Scanner
-from daemon.startup import (
-    UNREACHABLE,
-    StartupError,
-    check_devices,
-    read_inputs,
-)
+from daemon.startup import UNREACHABLE, StartupError, check_devices
 from daemon.uncertainty import Uncertainty
 from kinematics.kernel.choice import KERNEL
 from protocol import topics
 from protocol.encoding import Encoding
-from protocol.messages import BrokerHealth, Point, Status
+from protocol.messages import Point, Status
 
 log = logging.getLogger(__name__)
 
@@ -52,36 +46,6 @@ DRAIN_S = 2.0
 FLUSH_S = 0.25
 TIME_S = 0.02
 TURNS = 4  # of the loop, in which deliveries that wait already are taken
-
-
-async def run_service(path: Path, *, embedded: bool, embedded_port: int = 1883) -> int:
-    """Run the daemon until SIGTERM or SIGINT.
-
-    Args:
-        path: configuration file.
-        embedded: bring an own broker on loopback.
-        embedded_port: its port; 0 takes a free one.
-
-    Returns:
-        The exit status.
-    """
-    try:
-        configuration, model = read_inputs(path, embedded)
-        async with contextlib.AsyncExitStack() as stack:
-            section = configuration.broker or BrokerSection()
-            if embedded:
-                port = await stack.enter_async_context(embedded_broker(embedded_port))
-                section = section.model_copy(update={"host": HOST, "port": port})
-                log.info("embedded broker on %s:%d", HOST, port)
-            service = Service(configuration, section, model, path, embedded=embedded)
-            await service.run()
-    except BrokerStartError as error:
-        log.error("%s", StartupError([str(error)], UNREACHABLE))
-        return UNREACHABLE
-    except StartupError as error:
-        log.error("%s", error)
-        return error.status
-    return 0
 
 
 class Service:
@@ -372,40 +336,19 @@ class Service:
         self._outlet.publish("status", self._status())
 
     def _publish_health(self) -> None:
-        waiting = sum(self._queue.waiting(kind) for kind in ("point", "event", "scan"))
-        dropped = self._queue.dropped
-        broker = BrokerHealth(
-            state=self._publisher.state,
-            host=self._publisher.address.host,
-            port=self._publisher.address.port,
-            reconnects=self._publisher.reconnects,
-            queued=waiting,
-            queue_limit=self._queue.limit,
-            unacknowledged=self._queue.waiting("point"),
-            dropped=dropped["event"] + dropped["scan"] + dropped["reply"],
-        )
-        counters = {
-            "points_captured": self._capture.captured,
-            "points_retracted": self._capture.retracted,
-            "points_refused": self._capture.refused,
-            "points_published": self._queue.sent["point"],
-            "scan_points_published": self._scanner.published_points,
-            "scan_points_dropped": self._scanner.dropped_points,
-            "live_published": self._queue.sent["live"],
-            "live_thinned": self._live.thinned + dropped["live"],
-            "events_published": self._queue.sent["event"],
-            "events_dropped": dropped["event"],
-            "commands_received": self._commands.received,
-            "commands_refused": self._commands.refused,
-            "reconnects": self._publisher.reconnects,
-            **removed_counters(self._scanner.chain),
-        }
         message = self._health.message(
             arm=self._arm,
             session=self._capture.session.id,
             devices=self._devices,
-            broker=broker,
-            counters=counters,
+            broker=broker_health(self._publisher, self._queue),
+            counters=counters_of(
+                capture=self._capture,
+                scanner=self._scanner,
+                live=self._live,
+                commands=self._commands,
+                publisher=self._publisher,
+                queue=self._queue,
+            ),
             temperature_c=self._arm_devices.temperature_c,
             lacks=self._measuring.assembly.lacks(),
             skew_mm=self._measuring.skew.taken_mm(),

@@ -33,7 +33,7 @@ def run(
     Ends in order on SIGTERM or Ctrl-C. Exit status 2: the configuration or arm file was
     refused; 3: a device or the broker could not be reached.
     """
-    from daemon.service import run_service  # noqa: PLC0415 - keeps --help quick
+    from daemon.program import run_service  # noqa: PLC0415 - keeps --help quick
 
     log_to_stderr(verbose=verbose)
     status = asyncio.run(

@@ -8,7 +8,7 @@ HEAVY = ("scipy", "matplotlib", "amqtt", "nicegui", "can", "lab", "simulator")
 
 def test_daemon_imports_nothing_heavy():
     program = (
-        "import sys, traverse.__main__, daemon.service\n"
+        "import sys, traverse.__main__, daemon.program\n"
         f"print(*(name for name in {HEAVY!r} if name in sys.modules))"
     )
     run = subprocess.run(

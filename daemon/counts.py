@@ -1,0 +1,53 @@
+"""What the daemon has done so far, in numbers for the health message."""
+
+from daemon.capture import Capture
+from daemon.commands import CommandDesk
+from daemon.filters import removed_counters
+from daemon.live import LiveView
+from daemon.outgoing import OutgoingQueue
+from daemon.publisher import Publisher
+from daemon.scanner import Scanner
+from protocol.messages import BrokerHealth
+
+
+def broker_health(publisher: Publisher, queue: OutgoingQueue) -> BrokerHealth:
+    """How the connection is, and what waits for it."""
+    dropped = queue.dropped
+    return BrokerHealth(
+        state=publisher.state,
+        host=publisher.address.host,
+        port=publisher.address.port,
+        reconnects=publisher.reconnects,
+        queued=sum(queue.waiting(kind) for kind in ("point", "event", "scan")),
+        queue_limit=queue.limit,
+        unacknowledged=queue.waiting("point"),
+        dropped=dropped["event"] + dropped["scan"] + dropped["reply"],
+    )
+
+
+def counters_of(
+    *,
+    capture: Capture,
+    scanner: Scanner,
+    live: LiveView,
+    commands: CommandDesk,
+    publisher: Publisher,
+    queue: OutgoingQueue,
+) -> dict[str, int]:
+    """All counters, by the name that they have in the health message."""
+    return {
+        "points_captured": capture.captured,
+        "points_retracted": capture.retracted,
+        "points_refused": capture.refused,
+        "points_published": queue.sent["point"],
+        "scan_points_published": scanner.published_points,
+        "scan_points_dropped": scanner.dropped_points,
+        "live_published": queue.sent["live"],
+        "live_thinned": live.thinned + queue.dropped["live"],
+        "events_published": queue.sent["event"],
+        "events_dropped": queue.dropped["event"],
+        "commands_received": commands.received,
+        "commands_refused": commands.refused,
+        "reconnects": publisher.reconnects,
+        **removed_counters(scanner.chain),
+    }

@@ -1,0 +1,42 @@
+"""The daemon as a program: reads its files, runs the service, gives the exit status."""
+
+import contextlib
+import logging
+from pathlib import Path
+
+from daemon.configuration import BrokerSection
+from daemon.embedded_broker import HOST, BrokerStartError, embedded_broker
+from daemon.service import Service
+from daemon.startup import UNREACHABLE, StartupError, read_inputs
+
+log = logging.getLogger(__name__)
+
+
+async def run_service(path: Path, *, embedded: bool, embedded_port: int = 1883) -> int:
+    """Run the daemon until SIGTERM or SIGINT.
+
+    Args:
+        path: configuration file.
+        embedded: bring an own broker on loopback.
+        embedded_port: its port; 0 takes a free one.
+
+    Returns:
+        The exit status.
+    """
+    try:
+        configuration, model = read_inputs(path, embedded)
+        async with contextlib.AsyncExitStack() as stack:
+            section = configuration.broker or BrokerSection()
+            if embedded:
+                port = await stack.enter_async_context(embedded_broker(embedded_port))
+                section = section.model_copy(update={"host": HOST, "port": port})
+                log.info("embedded broker on %s:%d", HOST, port)
+            service = Service(configuration, section, model, path, embedded=embedded)
+            await service.run()
+    except BrokerStartError as error:
+        log.error("%s", StartupError([str(error)], UNREACHABLE))
+        return UNREACHABLE
+    except StartupError as error:
+        log.error("%s", error)
+        return error.status
+    return 0
