@@ -161,11 +161,14 @@ async def test_a_slow_stream_is_counted_by_its_own_schedule(rig):
     with rig.driver:
         taken = await up(rig, 40.0)
         await taken.until(lambda: len(taken.seqs()) >= 8, "8 samples")
-    seqs = taken.seqs()
-    assert seqs == list(range(len(seqs)))
+    seqs = np.array(taken.seqs())
+    assert seqs[0] == 0
     times_ns = np.concatenate([b.sample_time_ns for b in taken.of(CountSamples)])
-    assert np.diff(times_ns).mean() == pytest.approx(25e6, rel=0.2)
-    assert taken.of(DeviceFault) == []
+    per_number_ns = (times_ns[-1] - times_ns[0]) / (seqs[-1] - seqs[0])
+    assert per_number_ns == pytest.approx(25e6, rel=0.2)
+    # A busy machine may miss an instant: that is a gap, and told.
+    told = sum(f.count for f in taken.of(DeviceFault) if f.code == "samples_lost")
+    assert told >= seqs[-1] + 1 - len(seqs)
 
 
 async def test_a_count_that_cannot_be_is_missing_and_told(rig):

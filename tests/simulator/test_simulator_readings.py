@@ -50,7 +50,8 @@ def test_the_truth_log_tells_what_was_latched_when(folder):
     ):
         channel = number % 7
         assert (reading["event"], reading["channel"]) == ("reading", channel)
-        assert sent_ns < reading["monotonic_ns"] < got_ns
+        # Two clocks read at different moments tell the same instant this well only.
+        assert sent_ns - 1e6 < reading["monotonic_ns"] < got_ns + 1e6
         assert reply[0] == ord("1")
         assert int.from_bytes(reply[1:], "big") >> 6 == reading["count"]
         counts = reading["angles_rad"][channel] * 262144 / math.tau * (-1) ** channel
