@@ -83,10 +83,15 @@ class PtyPort:
         if changed:
             self._waiting.clear()
             self._n_waiting_bytes = 0
+            if not held:
+                self._received()  # of a host that has gone
         return changed
 
     def read(self) -> bytes:
-        """Take what the host has sent."""
+        """Take what the host has sent; of one not yet seen it is kept until it is."""
+        return self._received() if self._held else b""
+
+    def _received(self) -> bytes:
         try:
             return os.read(self.descriptor, 65536)
         except OSError:
