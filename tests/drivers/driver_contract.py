@@ -21,6 +21,7 @@ from drivers.driver import Driver
 from drivers.values import (
     STATUS_MISSING,
     CountSamples,
+    DeviceAlarm,
     DeviceFault,
     DeviceLost,
     DeviceUp,
@@ -227,7 +228,10 @@ class StreamContract:
 def told_lost(taken: Taken) -> int:
     """How many samples or readings the driver says were lost."""
     codes = ("samples_lost", "readings_missing")
-    return sum(fault.count for fault in taken.of(DeviceFault) if fault.code in codes)
+    faults = [fault for fault in taken.of(DeviceFault) if fault.code in codes]
+    # Several in a row become an alarm instead, which says how many they are.
+    alarms = [a for a in taken.of(DeviceAlarm) if a.code == "encoder_missing"]
+    return sum(f.count for f in faults) + sum(a.value for a in alarms if a.raised)
 
 
 class EdgeContract:

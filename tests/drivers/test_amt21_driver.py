@@ -415,9 +415,7 @@ class Amt21Rig:
         """They answer when they are asked."""
 
     def lose(self, n):
-        self.encoders.line.encoders[0x58].garbled = 1
-        self.encoders.line.encoders[0x54].garbled = 1
-        self.encoders.line.encoders[0x5C].garbled = 1
+        self.encoders.line.encoders[0x58].garbled = n
 
     def unplug(self):
         self.encoders.unplug()
