@@ -75,7 +75,7 @@ class CaptureSection(StrictModel):
     hold_s: float = Field(default=0.4, ge=0.1, le=5.0)
     long_s: float = Field(default=1.0, ge=0.1, le=5.0)
     double_s: float = Field(default=0.3, ge=0.05, le=2.0)
-    compensation: Compensation = "none"
+    compensation: Compensation = "shank"
     middle_mm: tuple[float, float, float] | None = None
     pretouch_mm: float = Field(default=2.0, ge=0.2, le=100.0)
     pull_mm: float = Field(default=2.0, ge=0.2, le=100.0)

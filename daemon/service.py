@@ -232,12 +232,12 @@ class Service:
             log.info("effects applied: %s", ", ".join(names))
         if (
             model.effects.contacts
-            and self._configuration.capture.compensation == "none"
+            and self._configuration.capture.compensation in ("none", "shank")
         ):
             log.warning(
-                "effects of the contact are left out, since without `compensation` in "
-                "[capture] nobody knows the direction of the surface; every point is "
-                "flagged surface_unknown"
+                "effects of the contact are left out: `compensation` in [capture] is "
+                "not one that finds the direction of the surface (pretouch, pulled, "
+                "inside, outside); every point is flagged surface_unknown"
             )
 
     async def _unless_stopped(self, work: Coroutine[Any, Any, None]) -> None:

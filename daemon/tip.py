@@ -116,9 +116,11 @@ class Tip:
         model = measured.model
         block = replace(pose.block, directions=towards[np.newaxis])
         xyz_mm = pose.xyz_mm
-        quality = pose.quality & ~UNKNOWN
-        if model.effects.contacts:
+        quality = pose.quality
+        # Along the shank is a habit, not a measured direction: no effect rests on it.
+        if model.effects.contacts and method != "shank":
             xyz_mm = xyz_mm + contact_shifts(model.geometry, model.effects, block)[0]
+            quality &= ~UNKNOWN
             is_unknown = pose_flags(model.effects, block).surface_unknown[0]
             quality |= UNKNOWN * int(is_unknown)
         return replace(

@@ -227,7 +227,8 @@ def touch_of(
 ) -> Touch:
     """A captured point as one touch of a target."""
     direction = None
-    if point.surface_mm is not None:
+    # Along the shank is assumed, the other methods have seen the direction.
+    if point.surface_mm is not None and point.compensation != "shank":
         way_mm = np.subtract(point.surface_mm, point.xyz_mm)
         length_mm = float(np.linalg.norm(way_mm))
         if length_mm > 0.0:

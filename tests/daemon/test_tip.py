@@ -124,10 +124,16 @@ def test_effects_of_the_contact_are_applied_and_the_flag_goes(tmp_path):
     radius = effect("probe_radius", radius_error_mm=0.02)
     model = arm_model(tmp_path, ARM + radius)
     unknown = QualityFlag.SURFACE_UNKNOWN | QualityFlag.TEMPERATURE
-    found = touched(model, "shank", quality=unknown.value)
+    came_from = AT_MM - 4.0 * SHANK
+    found = touched(model, "pretouch", other=came_from, quality=unknown.value)
     assert found.pose.xyz_mm == pytest.approx(AT_MM + 0.02 * SHANK)
     assert found.surface_mm == pytest.approx(AT_MM + 3.02 * SHANK)
     assert found.pose.quality == QualityFlag.TEMPERATURE
+    # Along the shank is assumed, not seen: effects are left out, and the point says so.
+    found = touched(model, "shank", quality=unknown.value)
+    assert found.pose.xyz_mm == pytest.approx(AT_MM)
+    assert found.surface_mm == pytest.approx(AT_MM + 3.0 * SHANK)
+    assert found.pose.quality == unknown
     # A bent stylus gives way to the side only, which the shank's direction is not.
     bending = effect("stylus_bending", compliance_mm_n=0.1)
     model = arm_model(tmp_path, ARM + bending)
