@@ -149,12 +149,19 @@ class SessionArgs(Args):
 
 
 class ResendArgs(Args):
-    """Send points again, from the outbox, in order, with the same ids."""
+    """Send points again, from the outbox, in order, with the same ids and bytes.
+
+    They come on `point` as new ones do. The result is `{session, from_seq, to_seq,
+    points, first_seq, last_seq}`: how many will be sent, and which numbers of the
+    session are held at all, null where there are none. Without a session nothing is
+    sent, and the result is `{sessions: [{session, begun_ns, first_seq, last_seq}]}`,
+    oldest first, the latest 1000; the time as a string of digits.
+    """
 
     command = "resend"
-    session: Name
-    """Session of the points."""
-    from_seq: Count
+    session: Name | None = None
+    """Session of the points; null: only tell which there are."""
+    from_seq: Count = 0
     """First number."""
     to_seq: Count | None = None
     """Last number, itself included; null: the newest."""

@@ -199,7 +199,9 @@ def test_short_arguments_are_enough():
     assert parse_args("point", {}).samples is None
     assert parse_args("scan", {"action": "stop"}) == ScanArgs(action="stop")
     assert parse_args("align", {"action": "clear"}) == AlignArgs(action="clear")
-    assert parse_args("resend", {"session": "s", "from_seq": 0}).to_seq is None
+    resend = parse_args("resend", {"session": "s"})
+    assert (resend.from_seq, resend.to_seq) == (0, None)
+    assert parse_args("resend", {}).session is None
 
 
 def test_envelope_carries_only_what_was_said():
