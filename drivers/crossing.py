@@ -58,6 +58,17 @@ class Crossing:
         self._filled = asyncio.Event()
         self._dropped_samples = 0
         self._dropped_others = 0
+        self._taken = 0
+
+    @property
+    def is_waiting(self) -> bool:
+        """Whether anything waits to be taken."""
+        return bool(self._waiting)
+
+    @property
+    def taken(self) -> int:
+        """How often the consumer has taken what waited."""
+        return self._taken
 
     @property
     def waiting_samples(self) -> int:
@@ -109,6 +120,7 @@ class Crossing:
         Samples of one stream that follow one another come as one block.
         """
         await self._filled.wait()
+        self._taken += 1
         with self._lock:
             self._filled.clear()
             taken = list(self._waiting)

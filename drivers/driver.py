@@ -19,6 +19,7 @@ from typing import ClassVar, Self
 
 from drivers.crossing import Crossing
 from drivers.options import DriverOptions
+from drivers.pulse import Pulse
 from drivers.values import (
     DeviceCounters,
     DeviceError,
@@ -33,6 +34,8 @@ log = logging.getLogger(__name__)
 FIRST_RETRY_S = 0.1
 LAST_RETRY_S = 2.0
 COUNTERS_S = 0.5
+CONNECT_S = 60.0  # the longest that any device may need to be found and set up
+CLOSE_S = 10.0
 
 
 class Driver(ABC):
@@ -47,6 +50,8 @@ class Driver(ABC):
 
     Attributes:
         options: what its table in the configuration may say.
+        pulse: the reader thread's signs of life.
+        thread: the reader thread.
     """
 
     options: ClassVar[type[DriverOptions]]
@@ -66,11 +71,15 @@ class Driver(ABC):
         self._wake_lock = threading.Lock()
         self._closed = False
         self._wake_read, self._wake_write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
-        self._thread = threading.Thread(target=self._run, name=f"driver-{device}")
+        self.pulse = Pulse(f"reader of {device}", monotonic_ns)
+        # One that is stuck must not keep the program from ending.
+        self.thread = threading.Thread(
+            target=self._run, name=f"driver-{device}", daemon=True
+        )
 
     def start(self) -> None:
         """Begin to connect; the outcome is delivered, as is everything later."""
-        self._thread.start()
+        self.thread.start()
 
     def close(self) -> None:
         """End the thread and close the port; may be called again."""
@@ -78,8 +87,16 @@ class Driver(ABC):
             return
         self._stopping = True
         self._wake()
-        if self._thread.ident is not None:
-            self._thread.join()
+        if self.thread.ident is not None:
+            self.thread.join(CLOSE_S)
+            if self.thread.is_alive():
+                log.error(
+                    "the reader of %s is stuck: it has not ended within %g s and is "
+                    "left behind; its port stays open until the program ends",
+                    self.device,
+                    CLOSE_S,
+                )
+                return
         with self._wake_lock:
             self._closed = True
             os.close(self._wake_read)
@@ -137,6 +154,8 @@ class Driver(ABC):
                     os.write(self._wake_write, b"\0")
 
     def _report_counters(self) -> None:
+        """Tell the counters now and then; called at every turn of `_serve`."""
+        self.pulse.beat()
         now_ns = self._now_ns()
         if now_ns < self._counters_due_ns:
             return
@@ -166,7 +185,9 @@ class Driver(ABC):
         while not self._stopping:
             lost = None
             try:
+                self.pulse.beat(CONNECT_S)
                 self._connect()
+                self.pulse.beat()
                 retry_s, told = FIRST_RETRY_S, None
                 self._serve()
             except (DeviceError, OSError) as error:
@@ -188,8 +209,10 @@ class Driver(ABC):
                 told = lost
             self._pause(retry_s)
             retry_s = min(2 * retry_s, LAST_RETRY_S)
+        self.pulse.rest()
 
     def _pause(self, seconds: float) -> None:
         until_ns = self._now_ns() + int(seconds * 1e9)
         while not self._stopping and (left_ns := until_ns - self._now_ns()) > 0:
+            self.pulse.beat()
             time.sleep(min(left_ns * 1e-9, 0.05))
