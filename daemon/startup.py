@@ -22,12 +22,14 @@ class StartupError(Exception):
     Attributes:
         status: exit status, 2 where an input was refused, 3 where a device or the
             broker could not be reached.
+        files: those of the failures that are mistakes in files.
     """
 
-    def __init__(self, failures: Sequence[str], status: int) -> None:
+    def __init__(self, failures: Sequence[str | FileError], status: int) -> None:
+        self.files = [f for f in failures if isinstance(f, FileError)]
         lines = ["traverse cannot start:"]
         for failure in failures:
-            first, *rest = failure.splitlines()
+            first, *rest = str(failure).splitlines()
             lines += [f"  - {first}", *(f"    {line}" for line in rest)]
         super().__init__("\n".join(lines))
         self.status = status
@@ -42,33 +44,33 @@ def read_inputs(path: Path, embedded: bool) -> tuple[Configuration, ArmModel]:
     try:
         configuration = read_configuration(path)
     except FileError as error:
-        raise StartupError([str(error)], REFUSED) from error
-    failures = []
+        raise StartupError([error], REFUSED) from error
+    failures: list[FileError] = []
     if configuration.broker is None and not embedded:
         missing = Problem(
             "broker", "is missing; add a table [broker], or use --embedded-broker"
         )
-        failures.append(str(FileError(str(path), [missing])))
+        failures.append(FileError(str(path), [missing]))
     ids = {device.id: device for device in configuration.device}
     try:
         model = read_model(path.parent / configuration.arm.file, ids)
     except FileError as error:
-        raise StartupError([*failures, str(error)], REFUSED) from error
+        raise StartupError([*failures, error], REFUSED) from error
     probes = configuration.arm.probes
     if probes is not None:
         try:
             read_probes(path.parent / probes)
         except FileError as error:
-            failures.append(str(error))
+            failures.append(error)
     clock = configuration.assembly.clock
     if clock is not None and clock not in model.devices:
         text = f"{clock!r} reads no joint; one of these does: " + ", ".join(
             model.devices
         )
-        failures.append(str(FileError(str(path), [Problem("assembly.clock", text)])))
+        failures.append(FileError(str(path), [Problem("assembly.clock", text)]))
     stops = _problems_of_stops(configuration, model)
     if stops:
-        failures.append(str(FileError(str(path), stops)))
+        failures.append(FileError(str(path), stops))
     if failures:
         raise StartupError(failures, REFUSED)
     return configuration, model

@@ -19,25 +19,30 @@ def check(
 ) -> None:
     """Check an arm file, a probe library, a configuration, or a campaign.
 
-    A campaign is given by its folder or its campaign.toml; its poses are checked too.
+    A campaign is given by its folder or its campaign.toml; its poses are checked too,
+    and with a configuration the arm file and the probe library that it names.
     Says everything that is wrong with it, at once. Exit status 2 if anything is.
     """
-    from kinematics.arm_file import FileError  # noqa: PLC0415 - keeps --help quick
+    from daemon.startup import StartupError  # noqa: PLC0415 - keeps --help quick
+    from kinematics.arm_file import FileError  # noqa: PLC0415
 
     if (file / "campaign.toml").is_file():
         file /= "campaign.toml"
     kind, read = _reader(file)
     try:
         read(file)
-    except FileError as error:
+    except (FileError, StartupError) as error:
+        wrong = error.files if isinstance(error, StartupError) else [error]
         if as_json:
             problems = [
-                {"where": p.where, "message": p.message} for p in error.problems
+                {"file": one.source, "where": p.where, "message": p.message}
+                for one in wrong
+                for p in one.problems
             ]
             report = {"file": str(file), "kind": kind, "problems": problems}
             typer.echo(json.dumps(report, indent=1))
         else:
-            typer.echo(str(error), err=True)
+            typer.echo("\n".join(str(one) for one in wrong), err=True)
         raise typer.Exit(2) from error
     if as_json:
         typer.echo(json.dumps({"file": str(file), "kind": kind, "problems": []}))
@@ -49,8 +54,8 @@ def _reader(file: Path) -> tuple[str, Callable[[Path], object]]:
     """What the file is, by its schema or its tables, and what reads it."""
     import tomllib  # noqa: PLC0415
 
-    from daemon.configuration import read_configuration  # noqa: PLC0415
     from daemon.probes import read_probes  # noqa: PLC0415
+    from daemon.startup import read_inputs  # noqa: PLC0415
     from kinematics.arm_file import read_arm, read_strict  # noqa: PLC0415
     from simulator.config import SimulatorConfig, config_problems  # noqa: PLC0415
 
@@ -68,7 +73,8 @@ def _reader(file: Path) -> tuple[str, Callable[[Path], object]]:
     if schema.startswith("traverse/campaign/") or "poses" in tables:
         return "campaign", _read_campaign
     if "arm" in tables or "broker" in tables or "device" in tables:
-        return "daemon's configuration", read_configuration
+        # Who has no broker yet may run with one that is embedded.
+        return "daemon's configuration", lambda path: read_inputs(path, True)
     return "arm file", read_arm
 
 

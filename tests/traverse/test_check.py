@@ -27,6 +27,7 @@ def check(text: str | bytes, folder: Path, *options: str) -> Result:
     """Check a file with some content."""
     path = folder / "checked.toml"
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    (folder / "arm.toml").write_text((DATA / "arm.toml").read_text("utf-8"), "utf-8")
     return CliRunner().invoke(app, ["check", *options, str(path)])
 
 
@@ -92,6 +93,23 @@ def test_a_bad_file_is_refused_as_what_it_was_meant_to_be(
     assert said in result.stderr
     report = json.loads(check(text, tmp_path, "--json").stdout)
     assert report["problems"]
+
+
+def test_a_configuration_is_checked_with_the_files_that_it_names(
+    tmp_path: Path,
+) -> None:
+    text = DAEMON.format(rest=DEVICE).replace(
+        "[[device]]", 'probes = "probes.toml"\n[[device]]'
+    )
+    stop = '[[quality.end_stops]]\njoint = "J9"\nlow_rad = -1.0\nhigh_rad = 1.0\n'
+    (tmp_path / "probes.toml").write_text(PROBES.replace("3.0", "-3.0"))
+    said = check(text + stop, tmp_path)
+    assert said.exit_code == 2
+    assert "probes.toml: 1 problem\n  probes[0].radius_mm: -3.0" in said.stderr
+    assert "quality.end_stops[0].joint: 'J9' is no joint of the arm" in said.stderr
+    report = json.loads(check(text + stop, tmp_path, "--json").stdout)
+    files = {Path(problem["file"]).name for problem in report["problems"]}
+    assert files == {"probes.toml", "checked.toml"}
 
 
 @pytest.mark.parametrize("name", ["missing.toml", "."])
