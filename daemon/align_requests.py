@@ -30,6 +30,7 @@ class AlignRequests:
             self._measuring.points.events.alignment(_told(alignment))
             return True
 
+        self._measuring.asked("align", **args.model_dump())
         await self._measuring.points.in_order(use)
         return {"aligned": alignment is not None, "name": args.name}
 

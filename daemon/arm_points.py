@@ -208,7 +208,7 @@ class ArmPoints:
             return None
         self._stage.quality.check(measured.pose.quality)
         point = self._capture.take(measured, request.trigger)
-        taken_ns = self._now_ns() - request.received_ns
+        taken_ns = self._stage.clock.running.monotonic_ns() - request.received_ns
         self._health.latencies["capture_to_publish"].add(taken_ns)
         return point
 

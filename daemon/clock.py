@@ -17,3 +17,12 @@ class HostClock:
     def to_utc_ns(self, monotonic_ns: int) -> int:
         """UTC of a monotonic time, by the present relation of the two."""
         return monotonic_ns + self.utc_offset_ns()
+
+    def step(self) -> int:
+        """Go on to the present, where time goes step by step; gives it [ns]."""
+        return self.monotonic_ns()
+
+    @property
+    def running(self) -> "HostClock":
+        """The clock that goes by itself, for what takes how long."""
+        return self

@@ -5,7 +5,7 @@ Runs on the event loop, in plain calls; nothing here waits.
 
 import asyncio
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +27,10 @@ from daemon.pipeline import Pipeline
 from daemon.poses import PoseBlock
 from daemon.quality_section import QualitySection
 from daemon.quality_watch import QualityWatch
+from daemon.scan_plan import ScanPlan
 from daemon.scanner import Scanner
 from daemon.skew import SkewWatch
+from daemon.tape import Tape
 from daemon.tardiness import Tardiness
 from daemon.temperature_watch import TemperatureWatch
 from daemon.tip_path import TipPath
@@ -61,6 +63,7 @@ class Measuring:
         quality: limits beyond which measurements are marked.
         taking: how points are taken; by default at each press.
         quality: limits beyond which measurements are marked.
+        tape: told of each step, before it is taken.
 
     Attributes:
         points: takes points at edges and on request.
@@ -87,8 +90,10 @@ class Measuring:
         status_changed: Callable[[], None],
         taking: CaptureSection | None = None,
         quality: QualitySection | None = None,
+        tape: Tape | None = None,
     ) -> None:
         self._clock = clock
+        self._tape = tape or Tape()
         self._devices = devices
         self._pipeline = pipeline
         self._capture = capture
@@ -181,10 +186,36 @@ class Measuring:
         """The arm that is measured with."""
         return self._pipeline.model
 
-    @property
-    def now_ns(self) -> int:
-        """Host monotonic time."""
-        return self._clock.monotonic_ns()
+    def asked(self, what: str, **values: object) -> int:
+        """A command is about to be carried out; gives its instant [ns]."""
+        now_ns = self._clock.step()
+        self._tape.asked(now_ns, what, values)
+        return now_ns
+
+    def await_latch(self, token: int, answer: Answer) -> None:
+        """The latch with this token is somebody's point."""
+        self.asked("await_latch", token=token)
+        self.latches[token] = answer
+
+    def give_up_latch(self, token: int, answer: Answer) -> None:
+        """Nobody waits for that point any more."""
+        if not answer.done():
+            self.asked("give_up_latch", token=token)
+        self.latches.pop(token, None)
+        answer.cancel()
+
+    def start_scan(self, plan: ScanPlan) -> None:
+        """Begin a scan; it ends a running one."""
+        self.stop_scan()
+        self.asked("start_scan", **asdict(plan))
+        self.stream_started.clear()
+        self._scanner.start(plan, self.model, self._capture.session.id)
+
+    def stop_scan(self) -> int:
+        """End the running scan; gives how many points it has."""
+        if self._scanner.plan is not None:
+            self.asked("stop_scan")
+        return self._scanner.stop()
 
     def keep_time(self) -> None:
         """Go on with what has waited long enough; call it every few milliseconds.
@@ -192,14 +223,16 @@ class Measuring:
         Nothing else looks at the time, so that deliveries which already wait when the
         loop has been busy are taken first.
         """
-        now_ns = self._clock.monotonic_ns()
+        now_ns = self._clock.step()
+        self._tape.passed(now_ns)
         self._take_assembled(now_ns)
         self.points.settle(now_ns)
         self._tardiness.look()
 
     def take(self, device: Device, delivery: Delivery) -> None:
         """Deal with one delivery of a device."""
-        device.last_ns = self._clock.monotonic_ns()
+        device.last_ns = self._clock.step()
+        self._tape.delivered(device.last_ns, delivery)
         match delivery:
             case CountSamples():
                 self._take_samples(device, delivery)
@@ -236,7 +269,7 @@ class Measuring:
         device.samples += len(samples.seq)
         if device not in self._devices or self._devices.unfit is not None:
             return
-        waited_ns = self._clock.monotonic_ns() - samples.received_ns
+        waited_ns = self._clock.running.monotonic_ns() - samples.received_ns
         self._health.latencies["queue_wait"].add(waited_ns)
         if self._devices.alone and samples.skew_ns is None:
             self._measure(samples, None)
@@ -260,7 +293,7 @@ class Measuring:
         if doubts_counts is not None:
             self.skew.mark_block(model, poses, doubts_counts)
         self.quality.mark_block(model, poses, temperature_c)
-        taken_ns = self._clock.monotonic_ns() - samples.received_ns
+        taken_ns = self._clock.running.monotonic_ns() - samples.received_ns
         self._health.latencies["sample_to_pose"].add(taken_ns)
         self.path.add(poses)
         self.points.follow(poses)

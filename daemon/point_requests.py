@@ -61,10 +61,12 @@ class PointRequests:
         """Capture now, one sample or a mean; gives session, seq and id of the point."""
         check_ready(self._devices)
         if (args.samples or 1) > 1 or args.dwell_s is not None:
-            point = await _told(self._measuring.points.take_mean(self._average(args)))
+            average = self._average(args)
+            point = await _told(self._measuring.points.take_mean(average))
         elif self._devices.latch_together:
             point = await self._latched_point(self._devices.all[0])
         else:
+            self._measuring.asked("take_now")
             point = await _told(self._measuring.points.take_now())
         result = {"session": point.session, "seq": point.seq, "id": point.id}
         if point.samples > 1:
@@ -73,6 +75,7 @@ class PointRequests:
 
     async def undo(self, args: UndoArgs) -> Result:
         """Take the last point back; gives the retraction and what it retracts."""
+        self._measuring.asked("undo", id=args.id)
         retraction: Point = await _told(
             self._measuring.points.in_order(
                 lambda: self._capture.undo("command", args.id)
@@ -94,6 +97,7 @@ class PointRequests:
             self._measuring.points.events.label(label)
             return label
 
+        self._measuring.asked("label", **label.model_dump())
         await _told(self._measuring.points.in_order(set_label))
         return {"label": label.model_dump()}
 
@@ -106,6 +110,7 @@ class PointRequests:
             self._session_changed()
             return session.id
 
+        self._measuring.asked("session", note=args.note or "")
         return {"session": await _told(self._measuring.points.in_order(begin))}
 
     def _average(self, args: PointArgs) -> Average:
@@ -119,15 +124,17 @@ class PointRequests:
                 f"the {rate_hz:g} Hz of now",
                 "average fewer samples, or while a faster scan runs",
             )
-        return Average(
-            self._measuring.now_ns,
-            args.samples,
-            dwell_ns,
-            AverageLimits(
-                settings.average_speed_mm_s,
-                settings.average_spread_mm,
-            ),
+        speed_mm_s = settings.average_speed_mm_s
+        spread_mm = settings.average_spread_mm
+        begin_ns = self._measuring.asked(
+            "take_mean",
+            samples=args.samples,
+            dwell_ns=dwell_ns,
+            speed_mm_s=speed_mm_s,
+            spread_mm=spread_mm,
         )
+        limits = AverageLimits(speed_mm_s, spread_mm)
+        return Average(begin_ns, args.samples, dwell_ns, limits)
 
     async def _latched_point(self, device: Device) -> Point:
         """A point of what a device latches now."""
@@ -137,7 +144,7 @@ class PointRequests:
             token = device.driver.request_latch()
         except DeviceError as error:
             raise CommandError("device.busy", str(error), error.remedy) from error
-        latches[token] = waiting
+        self._measuring.await_latch(token, waiting)
         try:
             await asyncio.wait({waiting}, timeout=LATCH_S)
             if token in latches:
@@ -148,8 +155,7 @@ class PointRequests:
                 )
             return await _told(waiting)  # it may have to wait for its turn
         finally:
-            latches.pop(token, None)
-            waiting.cancel()
+            self._measuring.give_up_latch(token, waiting)
 
 
 async def _told(answer: asyncio.Future[T]) -> T:

@@ -83,6 +83,7 @@ class ProbeRequests:
             self._changed()
             return model
 
+        self._measuring.asked("probe", probe=chosen.model_dump_json())
         try:
             model: ArmModel = await points.in_order(use)
         except CaptureRefusedError as error:
