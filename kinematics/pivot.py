@@ -13,9 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.derivatives import probe_derivatives
-from kinematics.geometry import Geometry
-
 Floats = NDArray[np.float64]
 
 _LEAST_POSES = 4
@@ -42,26 +39,25 @@ class Pivot:
     redundancy: int
 
 
-def fit_pivot(geometry: Geometry, angles_rad: Floats) -> Pivot:
+def fit_pivot(vector_mm: Floats, centres_mm: Floats, by_vector: Floats) -> Pivot:
     """Find the probe vector from poses with the ball in one seat.
 
     Args:
-        geometry: The arm; its probe vector is where the fit begins.
-        angles_rad: Corrected readings, (n_poses, n_joints).
+        vector_mm: Where the fit begins, base posture, (3,).
+        centres_mm: Of the ball with that vector, (n_poses, 3).
+        by_vector: How they change with it, P_i, (n_poses, 3, 3).
 
     Raises:
         ValueError: Too few poses, or their rotations hardly differ.
     """
-    n = len(angles_rad)
+    n = len(centres_mm)
     if n < _LEAST_POSES:
         raise ValueError(f"{n} poses in the cone, expected at least {_LEAST_POSES}")
-    known = probe_derivatives(geometry, angles_rad)
-    rotations = known.by_probe_vector
     # Unknowns: the change of p, and the seat relative to the mean of the balls.
-    mean_mm = known.centres_mm.mean(axis=0)
+    mean_mm = centres_mm.mean(axis=0)
     seats = np.broadcast_to(-np.eye(3), (n, 3, 3))
-    design = np.concatenate([rotations, seats], axis=2).reshape(3 * n, 6)
-    misses_mm = (mean_mm - known.centres_mm).reshape(3 * n)
+    design = np.concatenate([by_vector, seats], axis=2).reshape(3 * n, 6)
+    misses_mm = (mean_mm - centres_mm).reshape(3 * n)
     singular = np.linalg.svd(design, compute_uv=False)
     if singular[-1] < _FLAT * singular[0]:
         raise ValueError(
@@ -74,7 +70,7 @@ def fit_pivot(geometry: Geometry, angles_rad: Floats) -> Pivot:
     variance = float(left_mm @ left_mm) / redundancy
     cofactors = np.linalg.inv(design.T @ design)
     return Pivot(
-        geometry.probe_vector_mm + found[:3],
+        vector_mm + found[:3],
         variance * cofactors[:3, :3],
         mean_mm + found[3:],
         float(np.sqrt(left_mm @ left_mm / n)),

@@ -1,7 +1,7 @@
 """A probe checked by pivoting in a cone: what was found beside what was known."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from daemon.probes import LibraryProbe, ProbeLibrary, with_probe
 from kinematics.arm_file import Arm, FileError, Problem
 from kinematics.arm_text import arm_text, write_whole
-from kinematics.effects.arm_effects import effects_from_arm
-from kinematics.effects.pose import angle_corrections
+from kinematics.effects.arm_effects import ArmEffects, effects_from_arm
+from kinematics.effects.block import Block
+from kinematics.effects.pose import corrected_pose
 from kinematics.effects.setting import utc_ns
-from kinematics.geometry import geometry_from_arm
+from kinematics.geometry import Geometry, geometry_from_arm
 from kinematics.pivot import Pivot, fit_pivot
 from lab.campaign import Campaign, read_campaign
 from lab.identification.effect_model import block_of
@@ -91,7 +92,7 @@ def pivoted(
 
     Args:
         folder: of the campaign.
-        arm: with its effects, of which those of the readings are corrected.
+        arm: with its effects, which are corrected; none of the touch, in a cone.
         probe: what is known; None: the arm's own.
         cone: id of the artefact; None where there is only one cone.
 
@@ -105,23 +106,41 @@ def pivoted(
     index = _cone(folder, campaign, cone)
     rows = campaign.poses.artefacts == index
     geometry = geometry_from_arm(arm)
-    angles_rad = campaign.poses.angles_rad[rows]
-    effects = effects_from_arm(arm)
-    if effects.readings:
-        start_ns = utc_ns(campaign_start(campaign))
-        block = block_of(campaign.part(rows).poses, start_ns, None)
-        angles_rad = angles_rad - angle_corrections(geometry, effects, block)
-    found = fit_pivot(geometry, angles_rad)
+    start_ns = utc_ns(campaign_start(campaign))
+    gravity = campaign.gravity_m_s2
+    gravity_m_s2 = None if gravity is None else np.array(gravity)
+    block = block_of(campaign.part(rows).poses, start_ns, gravity_m_s2)
+    found = fit_pivot(
+        geometry.probe_vector_mm,
+        *_balls(geometry, effects_from_arm(arm), replace(block, directions=None)),
+    )
     off_mm = found.vector_mm - geometry.probe_vector_mm
     weighed = np.linalg.lstsq(found.covariance_mm2, off_mm, rcond=None)[0]
     return Check(
         campaign.artefacts[index].id,
-        len(angles_rad),
+        len(block),
         found,
         geometry.probe_vector_mm,
         float(np.linalg.norm(off_mm)),
         float(np.sqrt(max(float(off_mm @ weighed), 0.0))),
     )
+
+
+def _balls(
+    geometry: Geometry, effects: ArmEffects, block: Block
+) -> tuple[Floats, Floats]:
+    """Balls of poses, (n, 3), and how they change with the probe's vector, (n, 3, 3).
+
+    By differences, exact but for rounding: a ball moves with the vector linearly, of
+    a bending arm nearly so.
+    """
+    centres_mm, _, _ = corrected_pose(geometry, effects, block)
+    by_vector = np.empty((*centres_mm.shape, 3))
+    for axis, step_mm in enumerate(np.eye(3)):
+        longer_mm = geometry.probe_vector_mm + step_mm
+        longer = replace(geometry, probe_vector_mm=longer_mm)
+        by_vector[..., axis] = corrected_pose(longer, effects, block)[0] - centres_mm
+    return centres_mm, by_vector
 
 
 def write_vector(

@@ -146,3 +146,28 @@ def test_effects_of_the_readings_are_taken_out(bench, tmp_path):
     assert with_effect.exit_code == 0, with_effect.output
     vectors = [json.loads(done.stdout)["vector_mm"] for done in (with_effect, plain)]
     assert vectors[0] == pytest.approx(vectors[1], abs=1e-6)
+
+
+def test_effects_of_the_links_are_taken_out(bench, tmp_path):
+    """Shorter links that are warm are the links of the plain arm."""
+    arm = read_arm(bench / "arm.toml")
+    warm_c = arm.reference.temperature_c + 10.0
+    off = effect_from_table({"kind": "thermal_expansion", "expansion_per_c": 2e-4})
+    joints = tuple(
+        joint.model_copy(
+            update={"link_mm": tuple(r / (1 + 2e-3) for r in joint.link_mm)}
+        )
+        for joint in arm.joints
+    )
+    changes = {"effects": (off,), "joints": joints}
+    write_arm(tmp_path / "arm.toml", arm.model_copy(update=changes))
+    header, *rows = (bench / "poses.csv").read_text().splitlines()
+    assert "temperature_c" not in header
+    warm = [f"{header},temperature_c", *(f"{row},{warm_c}" for row in rows)]
+    (tmp_path / "poses.csv").write_text("\n".join(warm) + "\n")
+    shutil.copy(bench / "campaign.toml", tmp_path)
+    with_effect = run(tmp_path, "--cone", "cone-0", "--json")
+    plain = run(bench, "--cone", "cone-0", "--json")
+    assert with_effect.exit_code == 0, with_effect.output
+    vectors = [json.loads(done.stdout)["vector_mm"] for done in (with_effect, plain)]
+    assert vectors[0] == pytest.approx(vectors[1], abs=1e-6)
