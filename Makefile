@@ -9,7 +9,7 @@ FIGURES := build/figures
 # What the kernel in C is built from.
 KERNEL := setup.py $(foreach kind,pyx pxd pxi c h inc,$(wildcard kinematics/kernel/*.$(kind)))
 
-.PHONY: help venv system demo test lint format schemas lock bench bench-capture bench-drivers bench-identification prove blind blind-full fuzz soak test-vm clean bench-kernel
+.PHONY: help venv system demo test lint format schemas lock bench bench-capture bench-drivers bench-identification prove blind blind-full fuzz soak test-vm install deb clean bench-kernel
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -88,6 +88,12 @@ fuzz: venv  ## every decoder under atheris; takes about a minute
 
 soak: venv system  ## a stream through outages of broker and board; takes about a minute
 	$(BIN)/python -m benchmarks.soak
+
+install: venv  ## into DESTDIR: /usr/lib/traverse, unit, rules; nothing is started
+	sh deploy/package/install.sh '$(DESTDIR)'
+
+deb: venv  ## a Debian package with all that the daemon needs, in build/
+	sh deploy/package/build-deb.sh
 
 test-vm: venv system  ## CANopen on SocketCAN in a virtual machine with Debian's kernel; takes minutes
 	@sh deploy/debian-packages.sh vm

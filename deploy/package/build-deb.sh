@@ -1,0 +1,48 @@
+#!/bin/sh
+# Makes the Debian package of what install.sh puts into place: build/traverse_*.deb.
+# Needs no root and no debhelper; the network only where wheels are not yet on disk.
+set -eu
+umask 022
+here="$(cd "$(dirname "$0")" && pwd)"
+checkout="$(cd "$here/../.." && pwd)"
+root="$checkout/build/package/root"
+python="${SYSTEM_PYTHON:-/usr/bin/python3}"
+version="$(sed -n 's/^version = "\(.*\)"$/\1/p' "$checkout/pyproject.toml")"
+architecture="$(dpkg --print-architecture)"
+# Wheels with compiled parts serve one Python: that of the system it is made on.
+this="$("$python" -c 'import sys; print("3.%d" % sys.version_info[1])')"
+next="$("$python" -c 'import sys; print("3.%d" % (sys.version_info[1] + 1))')"
+
+rm -rf "$root"
+sh "$here/install.sh" "$root"
+mkdir -m 755 "$root/DEBIAN"
+for script in postinst prerm postrm; do
+    install -m 755 "$here/debian/$script" "$root/DEBIAN/$script"
+done
+(cd "$root" && find etc -type f | sed 's|^|/|') >"$root/DEBIAN/conffiles"
+(cd "$root" && find usr -type f -exec md5sum {} +) >"$root/DEBIAN/md5sums"
+cat >"$root/DEBIAN/control" <<CONTROL
+Package: traverse
+Version: $version
+Architecture: $architecture
+Maintainer: Traverse <traverse@localhost>
+Section: science
+Priority: optional
+Installed-Size: $(du -sk --exclude=DEBIAN "$root" | cut -f 1)
+Depends: python3 (>= $this), python3 (<< $next), libc6 (>= 2.28), procps
+Recommends: systemd, udev
+Suggests: mosquitto (>= 2.0), iproute2, bash-completion
+Description: measurement daemon of an articulated-arm coordinate measuring machine
+ Reads the encoders of a measuring arm, computes where the centre of the probe's ball
+ is, and publishes points over MQTT. One service an arm: traverse@ARM.service.
+ .
+ The package brings a Python environment of its own in /usr/lib/traverse, with drivers
+ for serial lines, CAN, Modbus and GPIO lines.
+CONTROL
+# Times of files are those of the last change of the sources, or of now.
+if stamp="$(git -C "$checkout" log -1 --format=%ct 2>/dev/null)"; then
+    export SOURCE_DATE_EPOCH="$stamp"
+fi
+package="$checkout/build/traverse_${version}_$architecture.deb"
+dpkg-deb --root-owner-group -Zzstd --build "$root" "$package" >/dev/null
+echo "$package"

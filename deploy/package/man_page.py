@@ -1,0 +1,86 @@
+"""Writes the manual page traverse(1) of what the command line says of itself."""
+
+import re
+import sys
+from collections.abc import Iterator
+from importlib.metadata import version
+
+import typer
+import typer.main
+from typer.core import TyperCommand, TyperGroup
+
+from traverse.__main__ import app
+
+AnyCommand = TyperCommand | TyperGroup
+HEAD = """\
+.TH TRAVERSE 1 "" "traverse {version}" "User commands"
+.SH NAME
+traverse \\- measurement daemon of an articulated-arm coordinate measuring machine
+.SH SYNOPSIS
+.B traverse
+.RI [ OPTION "]... " COMMAND " [" ARGUMENT ]...
+.SH DESCRIPTION
+"""
+TAIL = """\
+.SH EXIT STATUS
+0: done. 1: the answer is no. 2: the input was refused. 3: a device or broker could not
+be reached.
+.SH FILES
+.TP
+.I /etc/traverse/ARM/traverse.toml
+Configuration of the daemon traverse@ARM.service.
+.TP
+.I /etc/traverse/environment, /etc/traverse/ARM/environment
+More options and variables of the daemon.
+.TP
+.I /var/lib/traverse/ARM/
+What the daemon keeps: points, recordings.
+.TP
+.I /usr/share/doc/traverse/examples/
+Configurations of daemon, simulator, broker, CAN interface, journal.
+"""
+
+
+def escaped(text: str) -> str:
+    """Text that roff prints as it is, each sentence's line breaks taken out."""
+    plain = re.sub(r"\s+", " ", text.replace("\\", "\\e").replace("`", "")).strip()
+    plain = plain.replace("-", "\\-")
+    return f"\\&{plain}" if plain.startswith((".", "'")) else plain
+
+
+def paragraphs(help_text: str) -> str:
+    """Paragraphs of a help text."""
+    parts = re.split(r"\n\s*\n", help_text.replace("\b", "").replace("\f", ""))
+    return "\n.PP\n".join(escaped(part) for part in parts)
+
+
+def parameters(command: AnyCommand) -> Iterator[str]:
+    """Options and arguments with what they do."""
+    context = typer.Context(command, info_name=command.name)
+    for parameter in command.get_params(context):
+        record = parameter.get_help_record(context)
+        if record is not None:
+            words, meaning = record
+            yield f".TP\n.B {escaped(words)}\n{escaped(meaning)}"
+
+
+def sections(command: AnyCommand, name: str) -> Iterator[str]:
+    """A command and all below it."""
+    yield f".SS {escaped(name)}\n{paragraphs(command.help or '')}"
+    yield from parameters(command)
+    for word, one in getattr(command, "commands", {}).items():
+        yield from sections(one, f"{name} {word}")
+
+
+def page() -> str:
+    """The whole page."""
+    top = typer.main.get_command(app)
+    parts = [HEAD.format(version=version("traverse-cmm")) + paragraphs(top.help or "")]
+    parts += [".SH OPTIONS", *parameters(top), ".SH COMMANDS"]
+    for word, command in getattr(top, "commands", {}).items():
+        parts += sections(command, f"traverse {word}")
+    return "\n".join([*parts, TAIL])
+
+
+if __name__ == "__main__":
+    sys.stdout.write(page())
