@@ -2,7 +2,8 @@
 
 The first of its kind goes out at once; what repeats within a second is counted and
 told once. Of those that are distinct, such as presses of a button, it is the first
-twenty in a second. A lasting condition is raised once and cleared once.
+twenty in a second. A lasting condition is raised once and cleared once; one that comes
+and goes all the time is told once a second, as it then is, with how often it changed.
 """
 
 import logging
@@ -16,6 +17,8 @@ log = logging.getLogger("daemon.events")
 
 QUIET_NS = 1_000_000_000
 MAX_DISTINCT = 20  # in a second: more than hands can do, less than a broken button
+MAX_CHANGES = 6  # of a lasting condition, in `CALM_NS`, before they are told together
+CALM_NS = 10_000_000_000
 MAX_KINDS = 256
 LEVELS = {"info": logging.INFO, "warning": logging.WARNING, "error": logging.ERROR}
 
@@ -44,15 +47,21 @@ class EventLog:
     Args:
         clock: the host's.
         publish: called with what is to be published, times monotonic.
+        arm: whose events these are, for a log with fields.
     """
 
-    def __init__(self, clock: HostClock, publish: Callable[[Occurrence], None]) -> None:
+    def __init__(
+        self, clock: HostClock, publish: Callable[[Occurrence], None], arm: str = ""
+    ) -> None:
         self._clock = clock
         self._publish = publish
+        self._arm = arm
         self._held: dict[tuple[str, str], Occurrence] = {}
         self._told_ns: dict[tuple[str, str], int] = {}
         self._distinct: dict[tuple[str, str], tuple[int, int]] = {}
         self._active: set[tuple[str, str]] = set()
+        self._changed: dict[tuple[str, str], tuple[int, int]] = {}
+        self._flapping: dict[tuple[str, str], Occurrence] = {}
 
     def report(
         self,
@@ -86,7 +95,11 @@ class EventLog:
         )
         key = (code, source)
         if distinct:
-            is_told = self._is_one_of_few(key, now_ns)
+            is_told = self._is_one_of_few(
+                self._distinct, key, now_ns, MAX_DISTINCT, QUIET_NS
+            )
+            if is_told and (held := self._held.pop(key, None)) is not None:
+                self._tell(key, held)
         else:
             is_told = now_ns - self._told_ns.get(key, now_ns - QUIET_NS) >= QUIET_NS
         if is_told:
@@ -122,32 +135,47 @@ class EventLog:
         (self._active.add if active else self._active.discard)(key)
         now_ns = self._clock.monotonic_ns()
         level: Severity = severity if active else "info"
-        self._tell(
-            key,
-            Occurrence(
-                level, code, text, remedy, source, active, now_ns, now_ns, 1, data or {}
-            ),
+        change = Occurrence(
+            level, code, text, remedy, source, active, now_ns, now_ns, 1, data or {}
         )
+        if (held := self._flapping.get(key)) is not None:
+            self._flapping[key] = replace(
+                change, first_ns=held.first_ns, count=held.count + 1
+            )
+        elif self._is_one_of_few(self._changed, key, now_ns, MAX_CHANGES, CALM_NS):
+            self._tell(key, change)
+        else:
+            self._flapping[key] = change
 
-    def flush(self) -> None:
-        """Tell what was held back for a second; call it a few times a second."""
+    def flush(self, *, at_once: bool = False) -> None:
+        """Tell what was held back for a second; call it a few times a second.
+
+        Args:
+            at_once: whatever was held back for however short, as the daemon ends.
+        """
         now_ns = self._clock.monotonic_ns()
-        for key, held in list(self._held.items()):
-            if now_ns - self._told_ns.get(key, 0) >= QUIET_NS:
-                del self._held[key]
-                self._tell(key, held)
+        for waiting in (self._held, self._flapping):
+            for key, held in list(waiting.items()):
+                if at_once or now_ns - self._told_ns.get(key, 0) >= QUIET_NS:
+                    del waiting[key]
+                    self._tell(key, held)
 
-    def _is_one_of_few(self, key: tuple[str, str], now_ns: int) -> bool:
-        """Whether a distinct one is told; what was held back before is told first."""
-        since_ns, n = self._distinct.get(key, (now_ns, 0))
-        if now_ns - since_ns >= QUIET_NS:
+    def _is_one_of_few(
+        self,
+        seen: dict[tuple[str, str], tuple[int, int]],
+        key: tuple[str, str],
+        now_ns: int,
+        most: int,
+        period_ns: int,
+    ) -> bool:
+        """Whether it is among the first ``most`` of a period; notes it in ``seen``."""
+        since_ns, n = seen.get(key, (now_ns, 0))
+        if now_ns - since_ns >= period_ns:
             since_ns, n = now_ns, 0
-            if (held := self._held.pop(key, None)) is not None:
-                self._tell(key, held)
-        if len(self._distinct) >= MAX_KINDS:
-            self._distinct.clear()
-        self._distinct[key] = since_ns, n + 1
-        return n < MAX_DISTINCT
+        if len(seen) >= MAX_KINDS:
+            seen.clear()
+        seen[key] = since_ns, n + 1
+        return n < most
 
     def _tell(self, key: tuple[str, str], occurrence: Occurrence) -> None:
         if len(self._told_ns) >= MAX_KINDS:
@@ -162,5 +190,17 @@ class EventLog:
             occurrence.text,
             times,
             remedy,
+            extra={"fields": self._fields(occurrence)},
         )
         self._publish(occurrence)
+
+    def _fields(self, occurrence: Occurrence) -> dict[str, str | int]:
+        """What a log with fields keeps beside the text."""
+        return {
+            "arm": self._arm,
+            "device": occurrence.source.partition("/")[0],
+            "source": occurrence.source,
+            "code": occurrence.code,
+            "count": occurrence.count,
+            "remedy": occurrence.remedy,
+        }

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from traverse.logs import log_to_stderr
+from traverse.logs import LogFormat, LogLevel, start_log
 
 
 def run(
@@ -26,7 +26,17 @@ def run(
             min=0, max=65535, help="Port of the embedded broker; 0 takes a free one."
         ),
     ] = 1883,
-    verbose: Annotated[bool, typer.Option("--verbose", help="Log more.")] = False,
+    log_format: Annotated[
+        LogFormat,
+        typer.Option(
+            "--log-format",
+            help="How the log is written; auto: to the journal under systemd, "
+            "else plain lines.",
+        ),
+    ] = LogFormat.AUTO,
+    log_level: Annotated[
+        LogLevel, typer.Option("--log-level", help="The least that is logged.")
+    ] = LogLevel.INFO,
 ) -> None:
     """Measure: read the arm's encoders and publish points over MQTT.
 
@@ -35,7 +45,7 @@ def run(
     """
     from daemon.program import run_service  # noqa: PLC0415 - keeps --help quick
 
-    log_to_stderr(verbose=verbose)
+    start_log(log_format, log_level)
     status = asyncio.run(
         run_service(config, embedded=embedded_broker, embedded_port=embedded_port)
     )

@@ -1,6 +1,13 @@
 import pytest
 
-from daemon.events import MAX_DISTINCT, MAX_KINDS, QUIET_NS, EventLog
+from daemon.events import (
+    CALM_NS,
+    MAX_CHANGES,
+    MAX_DISTINCT,
+    MAX_KINDS,
+    QUIET_NS,
+    EventLog,
+)
 from daemon.latencies import KEPT, Latencies
 from tests.daemon.values import SetClock
 
@@ -89,6 +96,51 @@ def test_a_lasting_condition_is_raised_once_and_cleared_once(bench):
         (True, "error", "gone"),
         (False, "info", "there"),
     ]
+
+
+def flap(bench, times):
+    """A condition that is raised and cleared; ends as it began."""
+    for k in range(2 * times):
+        bench.clock.now_ns += 1_000_000
+        active = k % 2 == 0
+        bench.log.change(active, "error", "alarm.7", f"change {k}", source="base/1")
+        bench.log.flush()
+
+
+def test_a_condition_that_comes_and_goes_does_not_flood(bench):
+    flap(bench, 2500)  # for five seconds
+    told = len(bench.told)
+    assert MAX_CHANGES <= told <= MAX_CHANGES + 5
+    bench.clock.now_ns += QUIET_NS
+    bench.log.flush()
+    last = bench.told[-1]
+    assert (last.active, last.severity, last.text) == (False, "info", "change 4999")
+    assert sum(one.count for one in bench.told) == 5000
+    bench.log.flush()
+    assert len(bench.told) == told + 1
+
+
+def test_a_condition_that_has_calmed_down_is_told_at_once_again(bench):
+    flap(bench, 100)
+    bench.clock.now_ns += CALM_NS
+    bench.log.flush()
+    bench.told.clear()
+    flap(bench, 1)
+    assert [(one.active, one.count) for one in bench.told] == [(True, 1), (False, 1)]
+
+
+def test_what_is_held_back_when_the_daemon_ends_is_told(bench):
+    flap(bench, 10)
+    bench.lost()
+    bench.lost(count=4)
+    bench.log.flush()
+    before = len(bench.told)
+    bench.log.flush(at_once=True)
+    flapping, lost = sorted(bench.told[before:], key=lambda one: one.code)
+    assert (flapping.count, flapping.active) == (20 - MAX_CHANGES, False)
+    assert (lost.count, lost.code) == (4, "device.lost")
+    bench.log.flush(at_once=True)
+    assert len(bench.told) == before + 2
 
 
 def test_endlessly_many_kinds_take_no_endless_memory(bench):
