@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from daemon.broker_section import BrokerSection, broker_table_problems
 from daemon.device_section import AnyDevice
 from daemon.quality_section import QualitySection
 from daemon.scan_section import ScanSection
@@ -24,17 +25,6 @@ class ArmSection(StrictModel):
 
     file: str = Field(min_length=1)
     probes: str | None = None
-
-
-class BrokerSection(StrictModel):
-    """Where results go."""
-
-    host: str = Field(default="localhost", min_length=1)
-    port: int = Field(default=1883, ge=1, le=65535)
-    username: str | None = None
-    password_file: str | None = None
-    keepalive_s: int = Field(default=15, ge=1, le=600)
-    encoding: Literal["msgpack", "json"] = "msgpack"
 
 
 class InputSection(StrictModel):
@@ -146,6 +136,7 @@ def _cross_check(raw: Mapping[str, Any]) -> Iterator[Problem]:
                 f"{name!r} is also the id of device[{ids[name]}]; ids are unique",
             )
         ids.setdefault(name, index)
+    yield from broker_table_problems(raw.get("broker"))
     capture = raw.get("capture")
     if isinstance(capture, Mapping):
         method = capture.get("compensation")

@@ -4,7 +4,7 @@ import contextlib
 import logging
 from pathlib import Path
 
-from daemon.configuration import BrokerSection
+from daemon.broker_section import BrokerSection
 from daemon.embedded_broker import HOST, BrokerStartError, embedded_broker
 from daemon.service import Service
 from daemon.startup import UNREACHABLE, StartupError, read_inputs
@@ -29,7 +29,9 @@ async def run_service(path: Path, *, embedded: bool, embedded_port: int = 1883) 
             section = configuration.broker or BrokerSection()
             if embedded:
                 port = await stack.enter_async_context(embedded_broker(embedded_port))
-                section = section.model_copy(update={"host": HOST, "port": port})
+                section = BrokerSection(
+                    host=HOST, port=port, encoding=section.encoding
+                )
                 log.info("embedded broker on %s:%d", HOST, port)
             service = Service(configuration, section, model, path, embedded=embedded)
             await service.run()

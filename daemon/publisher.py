@@ -7,12 +7,12 @@ hundred waits 24 ms. A message leaves its queue only after the broker has taken 
 
 import asyncio
 import contextlib
+import logging
 import os
 import random
 import socket
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Literal
 
 import aiomqtt
@@ -20,29 +20,24 @@ from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
+from daemon.broker_access import Access, AccessError, BrokerAddress, read_access
 from daemon.broker_client import BrokerClient
+from daemon.broker_reasons import reason_of
 from daemon.outgoing import Outgoing, OutgoingQueue
 from daemon.sending import Sending
 from protocol.encoding import Encoding, content_type
 
+log = logging.getLogger(__name__)
+
 FIRST_RETRY_S = 0.2
 LAST_RETRY_S = 5.0
 MAX_INCOMING = 100
+MAX_PACKET_BYTES = 65_536  # told to a broker of MQTT 5: more it must not send
+MAX_UNANSWERED = 32  # commands of QoS 1 on their way to us
 UNSUPPORTED_VERSION = (132, 1)  # reason code of MQTT 5, return code of MQTT 3.1.1
 
 
-@dataclass(frozen=True, slots=True)
-class BrokerAddress:
-    """Where the broker is and how to get in."""
-
-    host: str
-    port: int
-    username: str | None = None
-    password_file: Path | None = None
-    keepalive_s: int = 15
-
-    def __str__(self) -> str:
-        return f"{self.host}:{self.port}"
+FAILURES = (aiomqtt.MqttError, OSError, AccessError)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +87,9 @@ class Publisher:
         self._receive = receive
         self._changed = changed
         self._version = aiomqtt.ProtocolVersion.V5
+        self._access: Access | None = None
+        self._renewal = asyncio.Event()
+        self._warned: set[str] = set()
         self.state: Literal["connecting", "connected", "lost"] = "connecting"
         self.reconnects = 0
 
@@ -105,8 +103,12 @@ class Publisher:
         try:
             async with self._connection(will=False):
                 return None
-        except (aiomqtt.MqttError, OSError) as error:
-            return _reason(error)
+        except FAILURES as error:
+            return reason_of(error, self.address)
+
+    def renew(self) -> None:
+        """Connect anew if password or certificates have changed since the last time."""
+        self._renewal.set()
 
     async def run(self) -> None:
         """Connect, send and receive; come back after every loss; until cancelled."""
@@ -122,8 +124,9 @@ class Publisher:
                     self.state = "connected"
                     self._changed(True, f"broker {self.address} connected")
                     await self._serve(client)
-            except (aiomqtt.MqttError, OSError) as error:
-                reason = _reason(error)
+                    continue  # at once: with new certificates
+            except FAILURES as error:
+                reason = reason_of(error, self.address)
                 if self.state == "connected" or reason != told:
                     self.state, told = "lost", reason
                     self._changed(False, f"broker {self.address}: {reason}")
@@ -142,6 +145,7 @@ class Publisher:
         tasks: tuple[asyncio.Task[None], ...] = (
             asyncio.create_task(sending.run()),
             asyncio.create_task(self._take(client)),
+            asyncio.create_task(self._see_changed_files()),
         )
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -167,6 +171,20 @@ class Publisher:
                 )
             )
 
+    async def _see_changed_files(self) -> None:
+        """Wait until the files that open the broker are others than at connecting."""
+        while True:
+            await self._renewal.wait()
+            self._renewal.clear()
+            try:
+                now = await asyncio.to_thread(read_access, self.address)
+            except AccessError as error:
+                log.warning("%s; the connection goes on as it is", error)
+                continue
+            if self._access is None or now.digest != self._access.digest:
+                log.info("password or certificates have changed; connecting anew")
+                return
+
     def _properties(self, message: Outgoing) -> Properties | None:
         if self._version is not aiomqtt.ProtocolVersion.V5:
             return None
@@ -181,24 +199,32 @@ class Publisher:
         """A connection in the newest version that the broker speaks."""
         async with contextlib.AsyncExitStack() as stack:
             try:
-                client = await stack.enter_async_context(self._client(will=will))
+                client = await stack.enter_async_context(await self._client(will=will))
             except aiomqtt.MqttCodeError as error:
                 if not _is_version_refusal(error):
                     raise
                 self._version = aiomqtt.ProtocolVersion.V311
-                client = await stack.enter_async_context(self._client(will=will))
+                client = await stack.enter_async_context(await self._client(will=will))
             yield client
 
-    def _client(self, *, will: bool) -> BrokerClient:
+    async def _client(self, *, will: bool) -> BrokerClient:
         """The daemon's connection, or one without a will only to try the broker."""
-        password = None
-        if self.address.password_file is not None:
-            password = self.address.password_file.read_text("utf-8").strip()
+        access = await asyncio.to_thread(read_access, self.address)
+        self._access = access
+        for text in access.warnings:
+            if text not in self._warned:
+                log.warning("%s", text)
+        self._warned.update(access.warnings)
+        is_5 = self._version is aiomqtt.ProtocolVersion.V5
         client = BrokerClient(
             self.address.host,
             self.address.port,
             username=self.address.username,
-            password=password,
+            password=access.password,
+            tls_context=access.tls,
+            # Not where the broker is only tried: one of MQTT 3.1.1 that does not look
+            # at the version first would stumble over them.
+            properties=_limits() if is_5 and will else None,
             # A probe must not throw a running daemon of this arm out.
             identifier=self._client_id if will else f"{self._client_id}-{os.getpid()}",
             protocol=self._version,
@@ -221,15 +247,14 @@ def _properties_of(encoding: Encoding) -> Properties:
     return properties
 
 
+def _limits() -> Properties:
+    """What we are ready to take in."""
+    properties = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]  # paho's is not typed
+    properties.MaximumPacketSize = MAX_PACKET_BYTES
+    properties.ReceiveMaximum = MAX_UNANSWERED
+    return properties
+
+
 def _is_version_refusal(error: aiomqtt.MqttCodeError) -> bool:
     code = error.rc.value if isinstance(error.rc, ReasonCode) else error.rc
     return code in UNSUPPORTED_VERSION
-
-
-def _reason(error: Exception) -> str:
-    cause = error.__context__ or error  # aiomqtt hides what the system said
-    if isinstance(cause, ConnectionRefusedError):
-        return "nothing listens there"
-    if isinstance(cause, socket.gaierror):
-        return "no such host"
-    return str(error) or type(error).__name__

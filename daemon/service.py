@@ -12,11 +12,13 @@ from typing import Any
 from daemon.align_requests import AlignRequests
 from daemon.alignment import PartSystem
 from daemon.arm_devices import ArmDevices
+from daemon.broker_access import address_of
+from daemon.broker_section import BrokerSection
 from daemon.button_actions import ButtonActions
 from daemon.capture import Capture, triggers_of
 from daemon.clock import HostClock
 from daemon.commands import CommandDesk
-from daemon.configuration import BrokerSection, Configuration
+from daemon.configuration import Configuration
 from daemon.counts import broker_health, counters_of
 from daemon.device import Device, open_device
 from daemon.events import EventLog
@@ -29,7 +31,7 @@ from daemon.outlet import Outlet
 from daemon.pipeline import Pipeline
 from daemon.point_requests import PointRequests
 from daemon.probe_requests import ProbeRequests
-from daemon.publisher import BrokerAddress, Publisher
+from daemon.publisher import Publisher
 from daemon.reload import Inputs, Reload
 from daemon.requests import Requests
 from daemon.scanner import Scanner
@@ -158,15 +160,8 @@ class Service:
                 "reload": self._reload.carry_out,
             },
         )
-        password_file = broker.password_file
         self._publisher = Publisher(
-            address=BrokerAddress(
-                broker.host,
-                broker.port,
-                broker.username,
-                None if password_file is None else folder / password_file,
-                broker.keepalive_s,
-            ),
+            address=address_of(broker, folder),
             client_id=f"traverse-{model.name}",
             will=self._outlet.outgoing("status", self._status(online=False)),
             encoding=self._encoding,
@@ -216,6 +211,7 @@ class Service:
         self._measuring.use(configuration, inputs.model)
         self._requests.use(configuration.capture, configuration.scan)
         self._point_requests.use(configuration.capture)
+        self._publisher.renew()
         self._publish_status()
         self._tell_model()
 

@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from daemon.broker_access import access_problems
 from daemon.configuration import Configuration, read_configuration
 from daemon.device import Device
 from daemon.model import ArmModel, read_model
@@ -51,6 +52,10 @@ def read_inputs(path: Path, embedded: bool) -> tuple[Configuration, ArmModel]:
             "broker", "is missing; add a table [broker], or use --embedded-broker"
         )
         failures.append(FileError(str(path), [missing]))
+    if configuration.broker is not None and not embedded:
+        problems = list(access_problems(configuration.broker, path.parent))
+        if problems:
+            failures.append(FileError(str(path), problems))
     ids = {device.id: device for device in configuration.device}
     try:
         model = read_model(path.parent / configuration.arm.file, ids)
