@@ -1,5 +1,7 @@
 """Names of MQTT topics: `traverse/<arm>/<kind>`, and how each kind is sent."""
 
+import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
@@ -7,6 +9,12 @@ from protocol.message_error import MessageError
 
 ROOT: Final = "traverse"
 MAX_LEVEL_LENGTH: Final = 64
+MAX_RESPONSE_LENGTH: Final = 256
+MAX_RESPONSE_LEVELS: Final = 4
+"""Below `reply`: the command, and what tells one sender from another."""
+
+
+_NOT_IN_LEVEL = re.compile(r"[/+#\x00-\x1f\x7f-\x9f]")
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +113,51 @@ def kind_filter(kind: str) -> str:
     return f"{ROOT}/+/{kind}" + ("/+" if kind in NAMED else "")
 
 
+def is_response_topic(topic: str, arm: str, filters: Iterable[str] = ()) -> bool:
+    """Whether an answer of an arm may go to a topic that a sender has named.
+
+    Below `traverse/<arm>/reply/`, or where one of ``filters`` allows it. Anything else
+    would let a sender publish, by the daemon's hand, where he himself may not: as a
+    command to another arm, say.
+    """
+    levels = topic.split("/")
+    if len(topic) > MAX_RESPONSE_LENGTH or any(map(_NOT_IN_LEVEL.search, levels)):
+        return False
+    if levels[0] == ROOT:
+        below = levels[3:]
+        mine = levels[1:3] == [arm, "reply"]
+        return mine and 1 <= len(below) <= MAX_RESPONSE_LEVELS and all(below)
+    return any(_matches(levels, one.split("/")) for one in filters)
+
+
+def check_response_filter(topic_filter: str) -> None:
+    """See that a filter of response topics is one, and lets nobody at arms' topics.
+
+    Raises:
+        MessageError: it is none, or it does.
+    """
+    levels = topic_filter.split("/")
+    first, *rest = levels
+    is_filter = (
+        1 <= len(topic_filter) <= MAX_RESPONSE_LENGTH
+        and not any(
+            level not in "+#" and _NOT_IN_LEVEL.search(level) for level in levels
+        )
+        and "#" not in levels[:-1]
+    )
+    if not is_filter or not first or first in ("+", "#", ROOT) or first[0] == "$":
+        raise MessageError.of(
+            "filter",
+            repr(topic_filter[:80]),
+            f"an MQTT topic filter whose first level is a name, and neither {ROOT} nor "
+            "one that begins with $",
+        )
+    if not rest:
+        raise MessageError.of(
+            "filter", repr(topic_filter[:80]), "at least two levels, as in answers/#"
+        )
+
+
 def parse_topic(topic: str) -> Topic:
     """Take a topic apart.
 
@@ -128,16 +181,27 @@ def parse_topic(topic: str) -> Topic:
     return Topic(_checked("arm", arm), kind, command)
 
 
+def _matches(levels: list[str], pattern: list[str]) -> bool:
+    """Whether a topic matches a filter, both taken apart at the slashes."""
+    if pattern[-1] == "#":
+        pattern = pattern[:-1]
+        levels = levels[: len(pattern)]
+    return len(levels) == len(pattern) and all(
+        wanted in ("+", level) for wanted, level in zip(pattern, levels, strict=True)
+    )
+
+
 def _topic(arm: str, kind: str) -> str:
     return f"{ROOT}/{_checked('arm', arm)}/{kind}"
 
 
 def _checked(what: str, level: str) -> str:
     """The text, if it can be one level of a topic."""
-    if not 1 <= len(level) <= MAX_LEVEL_LENGTH or set(level) & set("/+#\0"):
+    fits = 1 <= len(level) <= MAX_LEVEL_LENGTH
+    if not fits or _NOT_IN_LEVEL.search(level):
         raise MessageError.of(
             f"{what} name",
             repr(level[:80]),
-            f"1 to {MAX_LEVEL_LENGTH} characters without / + # and NUL",
+            f"1 to {MAX_LEVEL_LENGTH} characters without / + # and control characters",
         )
     return level

@@ -8,9 +8,10 @@ import pytest
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 
+from daemon.broker_access import BrokerAddress
 from daemon.embedded_broker import BrokerStartError, embedded_broker
 from daemon.outgoing import Outgoing, OutgoingQueue
-from daemon.publisher import BrokerAddress, Publisher
+from daemon.publisher import Publisher
 from tests.drivers.taken import until
 
 pytestmark = pytest.mark.broker
@@ -301,7 +302,7 @@ async def test_a_wrong_password_is_told(make_mosquitto, tmp_path):
     broker = make_mosquitto({"arm": "secret"})
     password = tmp_path / "password"
     password.write_text("guess\n")
-    given = address(broker, username="arm", password_file=password)
+    given = address(broker, username="arm", password_file=str(password))
     assert "not authori" in (await Bench(given).publisher.probe()).lower()
     password.write_text("secret\n")
     assert await Bench(given).publisher.probe() is None
@@ -309,7 +310,7 @@ async def test_a_wrong_password_is_told(make_mosquitto, tmp_path):
 
 async def test_a_missing_password_file_is_told(mosquitto, tmp_path):
     missing = tmp_path / "nowhere"
-    given = address(mosquitto, username="arm", password_file=missing)
+    given = address(mosquitto, username="arm", password_file=str(missing))
     assert str(missing) in await Bench(given).publisher.probe()
 
 

@@ -11,6 +11,7 @@ from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
 from daemon import configuration, probes
+from daemon.broker_section import BrokerSection
 from daemon.device_section import DeviceSection
 from daemon.filters import section_class
 from daemon.quality_section import EndStopSection
@@ -24,7 +25,7 @@ from traverse.__main__ import app
 SECTIONS: dict[str, list[tuple[str, type[BaseModel]]]] = {
     "docs/reference/configuration.md": [
         ("`[arm]`", configuration.ArmSection),
-        ("`[broker]`", configuration.BrokerSection),
+        ("`[broker]`", BrokerSection),
         ("`[[device]]`", DeviceSection),
         *((f'`driver = "{name}"`', driver_class(name).options) for name in DRIVERS),
         ("`[capture]`", configuration.CaptureSection),

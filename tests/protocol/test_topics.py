@@ -7,7 +7,12 @@ from hypothesis import strategies as st
 from protocol import topics
 from protocol.encoding import MessageError
 from protocol.topics import CHANNELS, Topic, parse_topic
-from tests.protocol.message_strategies import arms
+
+levels = st.text(
+    st.characters(exclude_categories=["Cs", "Cc"], exclude_characters="/+#"),
+    min_size=1,
+    max_size=64,
+)
 
 PLAIN = {
     "status": topics.status_topic,
@@ -55,14 +60,14 @@ def test_quality_of_service_and_retention_are_those_of_the_contract():
     }
 
 
-@given(arms, st.sampled_from(sorted(CHANNELS)), arms)
+@given(levels, st.sampled_from(sorted(CHANNELS)), levels)
 def test_every_name_of_one_level_comes_back(arm, kind, name):
     named = kind in topics.NAMED
     topic = f"traverse/{arm}/{kind}" + (f"/{name}" if named else "")
     assert parse_topic(topic) == Topic(arm, kind, name if named else None)
 
 
-@pytest.mark.parametrize("name", ["", "a/b", "+", "a#", "a\0", "a" * 65])
+@pytest.mark.parametrize("name", ["", "a/b", "+", "a#", "a\0", "a\nb", "a" * 65])
 def test_names_that_are_no_single_level_are_refused(name):
     with pytest.raises(MessageError, match="arm name"):
         topics.point_topic(name)
@@ -99,3 +104,69 @@ def test_arbitrary_text_is_a_topic_or_a_message_error(text):
     except MessageError:
         return
     assert text.startswith(f"traverse/{parsed.arm}/{parsed.kind}")
+
+
+@pytest.mark.parametrize(
+    "topic",
+    [
+        "traverse/a/reply/point",
+        "traverse/a/reply/point/client-7/1",
+        "answers/x",
+        "answers/x/y",
+        "lab/7/in",
+    ],
+)
+def test_answers_may_go_below_reply_and_where_a_filter_says(topic):
+    assert topics.is_response_topic(topic, "a", ("answers/#", "lab/+/in"))
+
+
+@pytest.mark.parametrize(
+    "topic",
+    [
+        "",
+        "traverse",
+        "traverse/a/reply",
+        "traverse/a/reply/",
+        "traverse/a/reply//x",
+        "traverse/a/reply/1/2/3/4/5",
+        "traverse/a/cmd/point",
+        "traverse/a/point",
+        "traverse/a/status",
+        "traverse/b/reply/point",
+        "traverse/b/cmd/point",
+        "traverse/+/reply/point",
+        "traverse/a/reply/#",
+        "traverse/a/reply/x\ny",
+        "$SYS/broker",
+        "lab/7",
+        "lab/7/in/deeper",
+        "elsewhere/x",
+        "answers/" + "x" * 256,
+    ],
+)
+def test_answers_may_go_nowhere_else(topic):
+    assert not topics.is_response_topic(topic, "a", ("answers/#", "lab/+/in"))
+
+
+@pytest.mark.parametrize(
+    "one",
+    [
+        "#",
+        "+/x",
+        "traverse/#",
+        "traverse/+/cmd/x",
+        "$SYS/#",
+        "a",
+        "a/#/b",
+        "a/b+",
+        "/x",
+    ],
+)
+def test_filters_that_reach_topics_of_arms_are_refused(one):
+    with pytest.raises(MessageError, match="filter"):
+        topics.check_response_filter(one)
+
+
+def test_other_filters_of_answers_are_good():
+    for one in ("answers/#", "lab/+/in", "lab/answers"):
+        topics.check_response_filter(one)

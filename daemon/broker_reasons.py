@@ -1,0 +1,101 @@
+"""Why there is no connection to the broker, in words that say what to do."""
+
+import socket
+import ssl
+
+import aiomqtt
+from paho.mqtt.reasoncodes import ReasonCode
+
+from daemon.broker_access import BrokerAddress
+from daemon.broker_client import SilentEndError
+
+_NOT_AUTHORISED = (4, 5, 134, 135)
+_BANNED = (138,)
+# Of X.509, as OpenSSL numbers them.
+_NOT_YET_VALID, _EXPIRED, _REVOKED = 9, 10, 23
+_UNKNOWN_ISSUER = (2, 18, 19, 20, 21)
+_WRONG_NAME = (62, 64)
+
+
+def reason_of(error: BaseException, address: BrokerAddress) -> str:
+    """What went wrong with a connection, for people."""
+    cause = error.__cause__ or error.__context__  # aiomqtt hides it
+    for one in (error, cause):
+        match one:
+            case ssl.SSLCertVerificationError():
+                return _of_certificate(one, address)
+            case ssl.SSLError():
+                return _of_tls(one, address)
+            case ConnectionRefusedError() | socket.gaierror():
+                refused = isinstance(one, ConnectionRefusedError)
+                return "nothing listens there" if refused else "no such host"
+            case aiomqtt.MqttCodeError():
+                return _of_code(one, address)
+            case SilentEndError() if not address.tls:
+                return f"{one}; does it want TLS? Then set tls = true in [broker]"
+    return str(error) or type(error).__name__
+
+
+def _of_code(error: aiomqtt.MqttCodeError, address: BrokerAddress) -> str:
+    code = error.rc.value if isinstance(error.rc, ReasonCode) else error.rc
+    if code in _NOT_AUTHORISED:
+        return f"not authorised: {_of_login(address)}"
+    if code in _BANNED:
+        return "the broker has banned this client; see its log"
+    return str(error)
+
+
+def _of_login(address: BrokerAddress) -> str:
+    if address.username is not None:
+        return (
+            f"it refuses user {address.username!r} or the password; compare username "
+            "and password_file of [broker] with the broker's accounts"
+        )
+    if address.certificate_file is not None:
+        return "it knows no account for this arm's certificate; see its accounts"
+    return "it lets nobody in without an account; give username and password_file"
+
+
+def _of_certificate(error: ssl.SSLCertVerificationError, address: BrokerAddress) -> str:
+    code, text = error.verify_code, error.verify_message
+    if code in _WRONG_NAME:
+        return (
+            f"its certificate is not for {address.host!r} ({text}); give as host of "
+            "[broker] a name that stands in the certificate, or have it made anew"
+        )
+    if code == _EXPIRED:
+        return "its certificate has expired (or this computer's clock is wrong)"
+    if code == _NOT_YET_VALID:
+        return "its certificate is not valid yet, or this computer's clock is wrong"
+    if code == _REVOKED:
+        return "its certificate has been revoked"
+    if code in _UNKNOWN_ISSUER:
+        where = "ca_file of [broker]" if address.ca_file else "the system's authorities"
+        return (
+            f"its certificate is signed by nobody in {where} ({text}); put the "
+            "certificate of its authority into ca_file"
+        )
+    return f"its certificate cannot be trusted: {text}"
+
+
+def _of_tls(error: ssl.SSLError, address: BrokerAddress) -> str:
+    reason = error.reason or str(error)
+    if reason in ("WRONG_VERSION_NUMBER", "RECORD_LAYER_FAILURE"):
+        return "it does not speak TLS on this port; correct port, or tls, of [broker]"
+    if "UNSUPPORTED_PROTOCOL" in reason or "PROTOCOL_VERSION" in reason:
+        return "it offers no TLS of version 1.2 or newer"
+    if "CERTIFICATE_REQUIRED" in reason or (
+        "HANDSHAKE_FAILURE" in reason and address.certificate_file is None
+    ):
+        return (
+            "it wants a certificate of this arm; give certificate_file and key_file "
+            "in [broker]"
+        )
+    if "CERTIFICATE_EXPIRED" in reason:
+        return "it says that this arm's certificate has expired; renew certificate_file"
+    if "UNKNOWN_CA" in reason or "BAD_CERTIFICATE" in reason:
+        return (
+            "it does not trust this arm's certificate; have certificate_file signed by "
+            f"an authority that the broker knows ({reason})"
+        )
+    return f"TLS failed: {reason}"
