@@ -39,7 +39,11 @@ def agreement(collection: Collection, artefact: str, kind: str) -> str:
                 first, second = (fit_sphere(_places(by_feature[f])) for f in "12")
                 apart_mm = np.linalg.norm(first.centre_mm - second.centre_mm)
                 worse_mm = max(first.rms_mm, second.rms_mm)
-                return f"distance {apart_mm:.4f} mm, rms {worse_mm:.4f} mm"
+                known_mm = _known_mm(collection, artefact)
+                return (
+                    f"distance {apart_mm:.4f} mm (known {known_mm:g}), "
+                    f"rms {worse_mm:.4f} mm"
+                )
             case "plane" | "parallel_planes":
                 rms_mm = max(_flatness(_places(own)) for own in by_feature.values())
                 return f"flat within rms {rms_mm:.4f} mm"
@@ -68,6 +72,12 @@ def picture(counts: NDArray[np.int64]) -> str:
     largest = max(1, int(counts.max()))
     heights = -(-counts * (len(_HEIGHTS) - 1) // largest)
     return "".join(_HEIGHTS[height] for height in heights.tolist())
+
+
+def _known_mm(collection: Collection, artefact: str) -> float:
+    """The distance that a bar is said to have."""
+    (bar,) = (a for a in collection.file.artefacts if a.id == artefact)
+    return float(bar.distance_mm) if bar.kind == "ball_bar" else np.nan
 
 
 def _places(touches: Sequence[Touch]) -> Floats:

@@ -134,7 +134,9 @@ def test_figures_tell_a_bad_touch(tmp_path):
         centre = [100.0 * (number % 2), 0, 0]
         feature = "12"[number % 2]
         collection.take(touch(10 + number, "bar", feature, tuple(centre + normal)))
-    assert agreement(collection, "bar", "ball_bar").startswith("distance 100.0000 mm")
+    assert agreement(collection, "bar", "ball_bar").startswith(
+        "distance 100.0000 mm (known 100)"
+    )
 
 
 def test_coverage_counts_sectors_of_the_reading():
