@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.fits import fit_sphere, spread_about_mean
+from lab.identification.artefacts.ball_bar import BallBar
 from traverse.collection import Collection, Touch
 
 Floats = NDArray[np.float64]
@@ -77,7 +78,7 @@ def picture(counts: NDArray[np.int64]) -> str:
 def _known_mm(collection: Collection, artefact: str) -> float:
     """The distance that a bar is said to have."""
     (bar,) = (a for a in collection.file.artefacts if a.id == artefact)
-    return float(bar.distance_mm) if bar.kind == "ball_bar" else np.nan
+    return bar.distance_mm if isinstance(bar, BallBar) else np.nan
 
 
 def _places(touches: Sequence[Touch]) -> Floats:
