@@ -52,6 +52,11 @@ class Covariates:
         """The device has been away: of its motion nothing is known."""
         self._trail.forget()
 
+    @property
+    def trail(self) -> MotionTrail:
+        """How the joints have moved."""
+        return self._trail
+
     def block(
         self,
         times_ns: NDArray[np.int64],

@@ -15,8 +15,10 @@ unknown, 0, until there is new motion.
 """
 
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,6 +74,27 @@ class MotionTrail:
         # The samples that the next speeds may count from.
         self._times_ns: Times = np.empty(0, np.int64)
         self._angles_rad: Floats = np.empty((0, n_joints))
+
+    @property
+    def state(self) -> dict[str, NDArray[Any]]:
+        """What `resume` needs to go on from the last sample; empty before the first."""
+        if not self._past:
+            return {}
+        last = self._past[-1]
+        return {
+            "times_ns": last.times_ns[-1:],
+            "angles_rad": last.angles_rad[-1:],
+            "pointers_rad": last.pointers_rad[-1:],
+            "approaches": last.approaches[-1:],
+        }
+
+    def resume(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Go on from the `state` of another time; speeds begin anew."""
+        self.forget()
+        if state:
+            last = _Stretch(**state)
+            self._past.append(last)
+            self._times_ns, self._angles_rad = last.times_ns, last.angles_rad
 
     def follow(
         self, times_ns: Times, angles_rad: Floats, are_valid: NDArray[np.bool_]

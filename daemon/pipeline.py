@@ -6,6 +6,9 @@ Blocks of timed samples go to the scan and to the live view; a latch at an edge 
 on request goes to the capture. Plain calls, no queue, no waiting.
 """
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -79,6 +82,18 @@ class Pipeline:
     def _take_over(self, model: ArmModel) -> None:
         self.model = model
         self._covariates = Covariates(model, self._clock)
+
+    @property
+    def state(self) -> dict[str, object]:
+        """What `resume` needs to go on from the last sample."""
+        last, fresh = self._unwrapper.turns
+        motion = self._covariates.trail.state
+        return {"turns": last, "fresh": fresh, "motion": motion}
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from the `state` of another time, of the same arm."""
+        self._unwrapper.resume(state["turns"], state["fresh"])
+        self._covariates.trail.resume(state["motion"])
 
     def restart(self, device: str) -> None:
         """Forget the turns counted: the device has been without power."""

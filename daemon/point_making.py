@@ -20,6 +20,9 @@ class PointMaking:
         stage: what points are made with.
         settings: of the configuration.
         events: where it is told that a direction is not known.
+
+    Attributes:
+        tip: compensates for the ball.
     """
 
     def __init__(
@@ -27,7 +30,7 @@ class PointMaking:
     ) -> None:
         self._stage = stage
         self._sight = ArmSight(stage)
-        self._tip = Tip(settings, stage.path)
+        self.tip = Tip(settings, stage.path)
         self._events = events
         self._dwell_ns = int(settings.average_s * 1e9)
         self._limits = AverageLimits(
@@ -55,8 +58,8 @@ class PointMaking:
             self._watch(request, seen.pose.sample_time_ns, seen)
         # An edge may overtake samples from before it.
         time_ns = seen.pose.sample_time_ns
-        if not self._tip.wants_path or self._stage.path.reaches(time_ns):
-            before_mm = self._tip.before(time_ns, seen.pose.xyz_mm)
+        if not self.tip.wants_path or self._stage.path.reaches(time_ns):
+            before_mm = self.tip.before(time_ns, seen.pose.xyz_mm)
             request.seen = replace(seen, before_mm=before_mm)
             request.is_looked_at = True
 
@@ -78,7 +81,7 @@ class PointMaking:
         # Its place is hardly known yet: good enough for a direction.
         here_mm = path.place_mm(begin_ns)
         if here_mm is not None:
-            average.before_mm = self._tip.before(begin_ns, here_mm)
+            average.before_mm = self.tip.before(begin_ns, here_mm)
 
     def note_air(self, request: Request, *, is_last_chance: bool) -> bool:
         """Remember where the ball was at a press in the air; False while it waits.
@@ -90,7 +93,7 @@ class PointMaking:
             if is_last_chance:
                 raise CaptureRefusedError(*self._sight.lack(request))
             return False
-        self._tip.note_air(request.seen.pose.xyz_mm)
+        self.tip.note_air(request.seen.pose.xyz_mm)
         return True
 
     def measured(
@@ -118,7 +121,7 @@ class PointMaking:
             if not pull.is_over(stage.path, now_ns, stage.point_wait_ns):
                 return None
         try:
-            return self._tip.compensated(seen, pull)
+            return self.tip.compensated(seen, pull)
         except DirectionError as error:
             self._events.without_direction(error)
             return without_direction(seen)
@@ -138,7 +141,7 @@ class PointMaking:
     def _watch(self, request: Request, time_ns: int, measured: Measured) -> None:
         if request.pull is not None:
             self._pulls.remove(request.pull)
-        request.pull = self._tip.pull(time_ns, measured.pose.xyz_mm)
+        request.pull = self.tip.pull(time_ns, measured.pose.xyz_mm)
         if request.pull is not None:
             self._pulls.append(request.pull)
 

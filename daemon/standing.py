@@ -1,6 +1,7 @@
 """What holds for all points at once: temperature, age of the identification, alarms."""
 
 from collections import deque
+from collections.abc import Iterable
 
 from daemon.clock import HostClock
 from daemon.model import ArmModel
@@ -43,6 +44,15 @@ class Standing:
         if channel is not None and (device, channel) in self._channels:
             alarm = (device, channel, code)
             (self._alarms.add if raised else self._alarms.discard)(alarm)
+
+    @property
+    def temperatures(self) -> tuple[tuple[int, float], ...]:
+        """Since when (host monotonic, ns) the arm had which temperature."""
+        return tuple(self._temperatures)
+
+    def resume(self, temperatures: Iterable[tuple[int, float]]) -> None:
+        """Go on from the `temperatures` of another time."""
+        self._temperatures = deque(temperatures)
 
     def came(self, device: str) -> None:
         """A device has come: it tells its alarms anew."""

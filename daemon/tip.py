@@ -60,6 +60,9 @@ class Tip:
     Args:
         settings: of the configuration.
         path: where the ball has been.
+
+    Attributes:
+        air_mm: a place in the air, from which the next point is touched; or None.
     """
 
     def __init__(self, settings: CaptureSection, path: TipPath) -> None:
@@ -68,16 +71,16 @@ class Tip:
         self._path = path
         middle_mm = settings.middle_mm
         self._middle_mm = None if middle_mm is None else np.array(middle_mm)
-        self._air_mm: Floats | None = None
+        self.air_mm: Floats | None = None
 
     @property
     def wants_path(self) -> bool:
         """Whether it matters where the probe came from."""
-        return self._method == "pretouch" and self._air_mm is None
+        return self._method == "pretouch" and self.air_mm is None
 
     def note_air(self, place_mm: Floats) -> None:
         """A place in the air, from which the next point will be touched."""
-        self._air_mm = place_mm
+        self.air_mm = place_mm
 
     def before(self, time_ns: int, place_mm: Floats) -> Floats | None:
         """Where the probe came from to a place, (3,); None where it does not matter."""
@@ -108,10 +111,10 @@ class Tip:
             return measured
         other_mm = self._middle_mm
         if method == "pretouch":
-            other_mm = measured.before_mm if self._air_mm is None else self._air_mm
+            other_mm = measured.before_mm if self.air_mm is None else self.air_mm
         elif method == "pulled":
             other_mm = None if pull is None else pull.place_mm
-        self._air_mm = None
+        self.air_mm = None
         towards = towards_material(method, pose.xyz_mm, pose.ijk, other_mm)
         model = measured.model
         block = replace(pose.block, directions=towards[np.newaxis])

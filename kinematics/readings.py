@@ -140,6 +140,23 @@ class Unwrapper:
         """
         return self._nearest(self._checked(counts, dimensions=1))
 
+    @property
+    def turns(self) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """The last sample over all turns, and which joints have had none, (n_joints,).
+
+        `resume` takes them; a stream goes on as if it had never been left.
+        """
+        return self._last.copy(), self._fresh.copy()
+
+    def resume(self, last: NDArray[np.int64], fresh: NDArray[np.bool_]) -> None:
+        """Go on from the `turns` of another time."""
+        shape = self._last.shape
+        if last.shape != shape or fresh.shape != shape:
+            raise ValueError(
+                f"turns of {last.shape} and {fresh.shape} joints, expected {shape}"
+            )
+        self._last, self._fresh = last.astype(np.int64), fresh.astype(np.bool_)
+
     def reset(self, joints: NDArray[np.bool_] | None = None) -> None:
         """Forget turns: the next sample is a first one.
 

@@ -1,17 +1,12 @@
 """Reading recordings, torn ones up to the tear."""
 
 import json
-import struct
-from collections.abc import Iterator
 from os import fstat
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
-import zstandard
-from mcap.exceptions import InvalidMagic, McapError
 from mcap.records import Attachment, Channel, Header, McapRecord, Message, Metadata
-from mcap.stream_reader import StreamReader
 
 from kinematics.file_problems import FileError, Problem
 from recording.messages import (
@@ -22,42 +17,8 @@ from recording.messages import (
     bytes_to_samples,
     bytes_to_touching,
 )
+from recording.torn import TornRecords
 from recording.values import TIMES, Conditions, Recording, Samples, Touching
-
-# Longer records are garbage: memory is asked for only what can be there.
-_LONGEST_RECORD = 1 << 28
-# Whatever garbage does to the decoder of records; what is between records is ours.
-_TORN = (
-    EOFError,
-    McapError,
-    struct.error,
-    ValueError,
-    OverflowError,
-    MemoryError,
-    zstandard.ZstdError,
-    RuntimeError,
-)
-
-
-class _Torn(Exception):  # noqa: N818 - a part of the way of a file, no error of ours
-    """The records end here."""
-
-
-class _Whole:
-    """Gives as many bytes as are asked for, or none."""
-
-    def __init__(self, file: IO[bytes], size: int) -> None:
-        self._file = file
-        self._size = size
-        self.n_read = 0
-
-    def read(self, length: int) -> bytes:
-        missing = length - (self._size - self.n_read)
-        if missing > 0:
-            raise EOFError(f"the file ends {missing} bytes too early")
-        content = self._file.read(length)
-        self.n_read += length
-        return content
 
 
 class _Parts:
@@ -133,44 +94,19 @@ def read_recording(path: str | Path) -> Recording:
     Raises:
         FileError: It is no recording, or breaks a rule of its own.
     """
-    parts, tear = _Parts(), None
+    parts = _Parts()
     try:
         with Path(path).open("rb") as file:
-            whole = _Whole(file, fstat(file.fileno()).st_size)
-            try:
-                for record in _records(whole):
-                    parts.add(record)
-            except _Torn as torn:
-                tear = f"torn after {whole.n_read} bytes: {torn}"
-        return parts.recording(tear)
+            records = TornRecords(file, fstat(file.fileno()).st_size)
+            for record in records:
+                parts.add(record)
+        return parts.recording(records.tear)
     except OSError as error:
         reason = error.strerror or str(error)
         message = f"cannot be read: {reason}; check the path"
         raise FileError(str(path), [Problem("", message)]) from error
     except ValueError as error:
         raise FileError(str(path), [Problem("", str(error))]) from error
-
-
-def _records(whole: _Whole) -> Iterator[McapRecord]:
-    """Go through the records up to the end or the tear."""
-    reader = StreamReader(
-        whole,  # type: ignore[arg-type] # it only reads
-        validate_crcs=True,
-        record_size_limit=_LONGEST_RECORD,
-    )
-    records = iter(reader.records)
-    n_records = 0
-    while True:
-        try:
-            record = next(records)
-        except StopIteration:
-            return
-        except _TORN as error:
-            if n_records == 0 and isinstance(error, InvalidMagic | EOFError):
-                raise ValueError("is no MCAP file; expected a recording") from error
-            raise _Torn(str(error) or type(error).__name__) from error
-        n_records += 1
-        yield record
 
 
 def _joints(table: dict[str, str]) -> tuple[str, ...]:

@@ -1,0 +1,105 @@
+"""Reading what a daemon did, one message after the other, up to the tear."""
+
+import hashlib
+from collections.abc import Iterator
+from os import fstat
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from mcap.records import Attachment, Channel, McapRecord, Message, Metadata
+
+from recording.run_writer import SCHEMA, Entry
+from recording.torn import TornRecords
+
+
+class RunReader:
+    """Goes through a recording once; a context manager.
+
+    Args:
+        path: An MCAP file that `recording.run_writer` has written.
+
+    Attributes:
+        about: What its head says.
+        files: By name: those of the head, and those attached so far.
+
+    Raises:
+        ValueError: It is no such recording, or a file in it is damaged.
+        OSError: It cannot be read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.about: dict[str, str] = {}
+        self.files: dict[str, bytes] = {}
+        self._topics: dict[int, str] = {}
+        self._file = path.open("rb")
+        try:
+            self._records = TornRecords(self._file, fstat(self._file.fileno()).st_size)
+            self._rest = iter(self._records)
+            self._first = self._next()
+            if self.about.get("schema") != SCHEMA:
+                found = self.about.get("schema")
+                raise ValueError(
+                    f"{path}: schema is {found!r}, expected {SCHEMA!r}; was it "
+                    "recorded by the daemon?"
+                )
+        except BaseException as error:
+            self._file.close()
+            if isinstance(error, ValueError) and str(path) not in str(error):
+                raise ValueError(f"{path}: {error}") from error
+            raise
+
+    @property
+    def tear(self) -> str | None:
+        """Why the messages ended before the file did, or None."""
+        return self._records.tear
+
+    def __iter__(self) -> Iterator[Entry]:
+        """Give one message after the other.
+
+        Raises:
+            ValueError: A file in it is damaged.
+        """
+        entry = self._first
+        while entry is not None:
+            yield entry
+            entry = self._next()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _next(self) -> Entry | None:
+        for record in self._rest:
+            if isinstance(record, Message):
+                topic = self._topics.get(record.channel_id)
+                if topic is not None:
+                    return Entry(topic, record.log_time, record.data)
+            else:
+                self._note(record)
+        return None
+
+    def _note(self, record: McapRecord) -> None:
+        if isinstance(record, Channel):
+            self._topics[record.id] = record.topic
+        elif isinstance(record, Attachment):
+            self.files[record.name] = record.data
+        elif isinstance(record, Metadata) and record.name == "traverse":
+            self.about = dict(record.metadata)
+        elif isinstance(record, Metadata) and record.name == "file":
+            name = record.metadata.get("name", "")
+            digest = hashlib.sha256(self.files.get(name, b"")).hexdigest()
+            if digest != record.metadata.get("sha256"):
+                raise ValueError(f"{self.path}: its file {name!r} is damaged")

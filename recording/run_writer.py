@@ -1,0 +1,154 @@
+"""Writing what a daemon did: MCAP in small chunks, so that a crash costs little.
+
+Steps are MessagePack maps, one channel for each topic; points, poses, clouds and log
+lines are JSON with schemas (`recording.views`).
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from mcap.writer import Writer
+
+from recording.messages import PROFILE
+from recording.views import VIEW_NAMES, VIEW_SCHEMAS
+
+SCHEMA = "traverse/run/1"
+CHUNK_BYTES = 1 << 20
+OWNER_ONLY = 0o600
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One message of a recording.
+
+    Attributes:
+        topic: Of what kind it is.
+        log_ns: When, in ns since 1970 UTC.
+        content: MessagePack or JSON, by the topic.
+    """
+
+    topic: str
+    log_ns: int
+    content: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class RunHead:
+    """What stands at the beginning of a recording.
+
+    Attributes:
+        about: Names and values, all texts: arm, version, kernel, name, note, cause.
+        files: Arm file, configuration and so on, by the names they had.
+    """
+
+    about: Mapping[str, str]
+    files: Mapping[str, bytes] = field(default_factory=dict)
+
+
+class RunWriter:
+    """Appends to a recording; a context manager.
+
+    What has been flushed is in the operating system's hands, and on the disk where it
+    was flushed with ``sync``.
+
+    Args:
+        path: Written anew, for its owner alone.
+        head: What stands at its beginning.
+        chunk_bytes: Of a chunk before compression.
+
+    Raises:
+        OSError: It cannot be written, from here and from all methods.
+    """
+
+    def __init__(
+        self, path: Path, head: RunHead, chunk_bytes: int = CHUNK_BYTES
+    ) -> None:
+        self.path = path
+        flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC
+        self._file = os.fdopen(os.open(path, flags, OWNER_ONLY), "wb")
+        self._channels: dict[str, int] = {}
+        self._writer = Writer(self._file, chunk_size=chunk_bytes)
+        try:
+            self._writer.start(profile=PROFILE, library="traverse")
+            about = {"schema": SCHEMA, **head.about}
+            self._writer.add_metadata("traverse", about)
+            for name, content in head.files.items():
+                self._attach(name, content)
+            self._file.flush()
+        except BaseException:
+            self._file.close()
+            raise
+
+    @property
+    def n_bytes(self) -> int:
+        """How long the file is so far."""
+        return self._file.tell() if not self._file.closed else 0
+
+    def add(self, entry: Entry) -> None:
+        """Append a message."""
+        channel = self._channels.get(entry.topic)
+        if channel is None:
+            channel = self._channels[entry.topic] = self._channel(entry.topic)
+        log_ns = max(entry.log_ns, 0)
+        self._writer.add_message(channel, log_ns, entry.content, log_ns)
+
+    def attach(self, name: str, content: bytes) -> None:
+        """Append a file, after all messages so far."""
+        self._writer.flush()  # type: ignore[no-untyped-call] # mcap's own
+        self._attach(name, content)
+        self._file.flush()
+
+    def flush(self, *, sync: bool = False) -> None:
+        """End the chunk, and hand all to the operating system, or to the disk."""
+        self._writer.flush()  # type: ignore[no-untyped-call] # mcap's own
+        if sync:
+            os.fdatasync(self._file.fileno())
+
+    def close(self, *, sync: bool = False) -> None:
+        """Write the index and close the file."""
+        if self._file.closed:
+            return
+        try:
+            self._writer.finish()  # type: ignore[no-untyped-call] # mcap's own
+            self._file.flush()
+            if sync:
+                os.fdatasync(self._file.fileno())
+        finally:
+            self._file.close()
+
+    def abandon(self) -> None:
+        """Close the file as it is, after a failure."""
+        try:
+            self._file.close()
+        except OSError:  # what could not be written before cannot be now
+            return
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _attach(self, name: str, content: bytes) -> None:
+        self._writer.add_attachment(0, 0, name, "application/octet-stream", content)
+        digest = hashlib.sha256(content).hexdigest()
+        self._writer.add_metadata("file", {"name": name, "sha256": digest})
+
+    def _channel(self, topic: str) -> int:
+        schema = VIEW_SCHEMAS.get(topic)
+        if schema is None:
+            return self._writer.register_channel(topic, "msgpack", 0)
+        text = json.dumps(schema).encode()
+        number = self._writer.register_schema(VIEW_NAMES[topic], "jsonschema", text)
+        return self._writer.register_channel(topic, "json", number)

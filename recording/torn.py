@@ -1,0 +1,84 @@
+"""The records of an MCAP file, up to its end or to where it is torn."""
+
+import struct
+from collections.abc import Iterator
+from typing import IO
+
+import zstandard
+from mcap.exceptions import InvalidMagic, McapError
+from mcap.records import McapRecord
+from mcap.stream_reader import StreamReader
+
+# Longer records are garbage: memory is asked for only what can be there.
+_LONGEST_RECORD = 1 << 28
+# Whatever garbage does to the decoder of records; what is between records is ours.
+_TORN = (
+    EOFError,
+    McapError,
+    struct.error,
+    ValueError,
+    OverflowError,
+    MemoryError,
+    zstandard.ZstdError,
+    RuntimeError,
+)
+
+
+class _Whole:
+    """Gives as many bytes as are asked for, or none."""
+
+    def __init__(self, file: IO[bytes], size: int) -> None:
+        self._file = file
+        self._size = size
+        self.n_read = 0
+
+    def read(self, length: int) -> bytes:
+        missing = length - (self._size - self.n_read)
+        if missing > 0:
+            raise EOFError(f"the file ends {missing} bytes too early")
+        content = self._file.read(length)
+        self.n_read += length
+        return content
+
+
+class TornRecords:
+    """Goes through the records of a file; chunks are checked by their CRC.
+
+    Args:
+        file: At its beginning.
+        size: Of it, in bytes.
+
+    Attributes:
+        tear: Why the records end before the file does, or None.
+    """
+
+    def __init__(self, file: IO[bytes], size: int) -> None:
+        self._whole = _Whole(file, size)
+        self.tear: str | None = None
+
+    def __iter__(self) -> Iterator[McapRecord]:
+        """Give one record after the other.
+
+        Raises:
+            ValueError: It is no MCAP file at all.
+        """
+        reader = StreamReader(
+            self._whole,  # type: ignore[arg-type] # it only reads
+            validate_crcs=True,
+            record_size_limit=_LONGEST_RECORD,
+        )
+        records = iter(reader.records)
+        n_records = 0
+        while True:
+            try:
+                record = next(records)
+            except StopIteration:
+                return
+            except _TORN as error:
+                if n_records == 0 and isinstance(error, InvalidMagic | EOFError):
+                    raise ValueError("is no MCAP file; expected a recording") from error
+                why = str(error) or type(error).__name__
+                self.tear = f"torn after {self._whole.n_read} bytes: {why}"
+                return
+            n_records += 1
+            yield record

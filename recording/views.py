@@ -1,0 +1,138 @@
+"""What viewers draw: points, scans and events, in Foxglove's public schemas.
+
+Viewers take lengths as metres. A scan's cloud has the coordinates once more, in
+millimetres and to the last bit, since a recording is compared by them.
+"""
+
+import base64
+import json
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from protocol.messages import Event, Point, Scan
+from recording.foxglove_schemas import LOG, LOG_LEVELS, NUMERIC_TYPES
+from recording.foxglove_schemas import POINT_CLOUD as POINT_CLOUD_SCHEMA
+from recording.foxglove_schemas import POSE_IN_FRAME as POSE_SCHEMA
+
+FRAME = "arm"
+FLOAT32, FLOAT64, UINT32 = (
+    NUMERIC_TYPES.index(name) for name in ("FLOAT32", "FLOAT64", "UINT32")
+)
+_TYPES = {FLOAT32: "<f4", FLOAT64: "<f8", UINT32: "<u4"}
+CLOUD_FIELDS = (
+    *((name, FLOAT32) for name in "xyz"),
+    *((name, FLOAT64) for name in ("x_mm", "y_mm", "z_mm", "i", "j", "k")),
+    ("number", UINT32),
+    ("quality", UINT32),
+)
+"""Of a point of a cloud: name and type, packed without gaps."""
+CLOUD_TYPE = np.dtype([(name, _TYPES[kind]) for name, kind in CLOUD_FIELDS])
+_NO_TURN = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
+_LEVELS = {"info": "INFO", "warning": "WARNING", "error": "ERROR"}
+
+VIEW_SCHEMAS: dict[str, dict[str, Any]] = {
+    "pose": POSE_SCHEMA,
+    "cloud": POINT_CLOUD_SCHEMA,
+    "log": LOG,
+    "point": Point.model_json_schema(),
+}
+"""Schemas of the channels for viewers, by topic."""
+VIEW_NAMES = {
+    topic: "traverse/point/1" if topic == "point" else str(schema["title"])
+    for topic, schema in VIEW_SCHEMAS.items()
+}
+
+
+def point_to_bytes(point: Point) -> bytes:
+    """Write a point whole, as JSON: numbers keep their last bit."""
+    return point.model_dump_json().encode()
+
+
+def pose_to_bytes(point: Point) -> bytes:
+    """Write the pose of a point; its x axis is the shank, from wrist to ball."""
+    x, y, z = (value * 1e-3 for value in point.xyz_mm)
+    table = {
+        "timestamp": _time(point.time_ns),
+        "frame_id": FRAME,
+        "pose": {
+            "position": {"x": x, "y": y, "z": z},
+            "orientation": _turn_of_x_onto(point.ijk),
+        },
+        "message_id": point.id,
+    }
+    return json.dumps(table).encode()
+
+
+def cloud_to_bytes(scan: Scan) -> bytes:
+    """Write a block of a scan's points."""
+    n = len(scan.xyz_mm)
+    packed = np.zeros(n, CLOUD_TYPE)
+    for column, axis in enumerate("xyz"):
+        packed[axis] = scan.xyz_mm[:, column] * 1e-3
+        packed[f"{axis}_mm"] = scan.xyz_mm[:, column]
+    for column, axis in enumerate("ijk"):
+        packed[axis] = scan.ijk[:, column]
+    packed["number"] = np.arange(scan.seq, scan.seq + n)
+    packed["quality"] = scan.quality
+    fields = [
+        {"name": name, "offset": CLOUD_TYPE.fields[name][1], "type": kind}  # type: ignore[index] # it has names
+        for name, kind in CLOUD_FIELDS
+    ]
+    table = {
+        "timestamp": _time(scan.time_ns),
+        "frame_id": FRAME,
+        "pose": {
+            "position": {"x": 0.0, "y": 0.0, "z": 0.0},
+            "orientation": _NO_TURN,
+        },
+        "point_stride": CLOUD_TYPE.itemsize,
+        "fields": fields,
+        "data": base64.b64encode(packed.tobytes()).decode(),
+        "scan": scan.scan,
+        "session": scan.session,
+    }
+    return json.dumps(table).encode()
+
+
+def bytes_to_cloud(content: bytes) -> tuple[str, NDArray[np.void]]:
+    """Read a cloud that was written here: the scan's id and its points, `CLOUD_TYPE`.
+
+    Raises:
+        ValueError: It is none.
+    """
+    try:
+        table = json.loads(content)
+        data = base64.b64decode(table["data"], validate=True)
+        return str(table["scan"]), np.frombuffer(data, CLOUD_TYPE)
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
+        raise ValueError(f"no cloud of a scan: {error!r}") from error
+
+
+def log_to_bytes(event: Event) -> bytes:
+    """Write an event; its code stands where a file's name would."""
+    remedy = f"; {event.remedy}" if event.remedy else ""
+    times = f" ({event.count} times)" if event.count > 1 else ""
+    table = {
+        "timestamp": _time(event.last_ns),
+        "level": LOG_LEVELS.index(_LEVELS.get(event.severity, "ERROR")),
+        "message": f"{event.code}: {event.text}{times}{remedy}",
+        "name": event.source,
+        "file": event.code,
+        "line": 0,
+    }
+    return json.dumps(table).encode()
+
+
+def _time(utc_ns: int) -> dict[str, int]:
+    return {"sec": utc_ns // 10**9, "nsec": utc_ns % 10**9}
+
+
+def _turn_of_x_onto(direction: tuple[float, float, float]) -> dict[str, float]:
+    """The shortest turn of the x axis onto a unit vector, as a quaternion."""
+    i, j, k = direction
+    if i < -1.0 + 1e-12:  # half a turn, about any axis across
+        return {"x": 0.0, "y": 0.0, "z": 1.0, "w": 0.0}
+    w = float(np.sqrt(0.5 * (1.0 + i)))
+    return {"x": 0.0, "y": -0.5 * k / w, "z": 0.5 * j / w, "w": w}
