@@ -1,0 +1,31 @@
+"""Fits of measured points: shapes by least squares, and the smallest sphere around.
+
+Distances are orthogonal: those of the points from the shape. Every shape says how well
+it is known, see `kinematics.fits.adjustment`.
+"""
+
+from kinematics.fits.circle import Circle, fit_circle
+from kinematics.fits.cylinder import Cylinder, fit_cylinder
+from kinematics.fits.enclosing import EnclosingSphere, enclosing_sphere
+from kinematics.fits.line import Line, fit_line
+from kinematics.fits.plane import Plane, fit_plane
+from kinematics.fits.sphere import Sphere, fit_sphere, fit_sphere_of_radius
+from kinematics.fits.spread import Spread, spread_about_mean
+
+__all__ = [
+    "Circle",
+    "Cylinder",
+    "EnclosingSphere",
+    "Line",
+    "Plane",
+    "Sphere",
+    "Spread",
+    "enclosing_sphere",
+    "fit_circle",
+    "fit_cylinder",
+    "fit_line",
+    "fit_plane",
+    "fit_sphere",
+    "fit_sphere_of_radius",
+    "spread_about_mean",
+]

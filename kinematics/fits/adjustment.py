@@ -1,0 +1,132 @@
+"""Gauss-Newton steps to the least squares of orthogonal distances, and what is known.
+
+All is without unit: lengths are divided by the extent of the points. Of points that
+scatter alike in all directions with the standard deviation s, the parameters have the
+covariance s^2 Q; the cofactors Q = (A' A)^-1 are those of the last step. To first
+order in s.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+_MOST_STEPS = 200
+# Steps, in extents of the points: below the first, sums of squares are equal but for
+# rounding and no longer compared; the second is of rounding itself; above the third it
+# was no convergence.
+_NEAR = 1e-5
+_SMALL_STEP = 1e-14
+_SMALL_ENOUGH = 1e-8
+_LEAST_FRACTION = 1e-6
+_SINGULAR = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Precision:
+    """How well a fitted shape is known.
+
+    Attributes:
+        cofactors: Q in the order of parameters that the shape tells, singular where
+            they hang together (a direction has two freedoms, not three).
+        redundancy: Number of distances less number of freedoms.
+        sum_of_squares_mm2: Of all distances.
+    """
+
+    cofactors: Floats
+    redundancy: int
+    sum_of_squares_mm2: float
+
+    @property
+    def std_mm(self) -> float | None:
+        """Standard deviation of a distance as estimated; None without redundancy."""
+        if self.redundancy <= 0:
+            return None
+        return float(np.sqrt(self.sum_of_squares_mm2 / self.redundancy))
+
+    def covariance(self, std_mm: float | None = None) -> Floats:
+        """Compute the covariance of the parameters.
+
+        Args:
+            std_mm: Of a point in each direction; None: as estimated from the fit.
+
+        Raises:
+            ValueError: Nothing is left over to estimate it from.
+        """
+        std_mm = self.std_mm if std_mm is None else std_mm
+        if std_mm is None:
+            raise ValueError(
+                "the fit has no redundancy to estimate the scatter of points from; "
+                "give std_mm, or measure more points"
+            )
+        scaled: Floats = std_mm**2 * self.cofactors
+        return scaled
+
+
+State = TypeVar("State")
+Linearised = Callable[[State], tuple[Floats, Floats]]
+Moved = Callable[[State, Floats], State]
+
+
+def adjusted(
+    state: State, linearised: Linearised[State], moved: Moved[State], shape: str
+) -> State:
+    """Go to the least sum of squares.
+
+    Args:
+        state: Near it.
+        linearised: Gives the distances, (n,), and their derivatives, (n, n_steps).
+        moved: Applies a step, (n_steps,).
+        shape: What to call it in errors.
+
+    Raises:
+        ValueError: Points do not determine the shape, or there is no convergence.
+    """
+    distances, design = linearised(state)
+    size = np.inf
+    for _ in range(_MOST_STEPS):
+        step = (-np.linalg.lstsq(design, distances, rcond=None)[0]).astype(np.float64)
+        before, size = size, float(np.max(np.abs(step)))
+        squares, fraction = float(distances @ distances), 1.0
+        while True:
+            part: Floats = np.multiply(fraction, step)
+            trial = moved(state, part)
+            found, its_design = linearised(trial)
+            if size < _NEAR or float(found @ found) <= squares:
+                break
+            if fraction < _LEAST_FRACTION:
+                raise ValueError(_astray(shape, size))
+            fraction *= 0.5
+        state, distances, design = trial, found, its_design
+        if size < _SMALL_STEP or (size < _SMALL_ENOUGH and size > 0.5 * before):
+            break
+    if not size < _SMALL_ENOUGH:
+        raise ValueError(_astray(shape, size))
+    return state
+
+
+def _astray(shape: str, size: float) -> str:
+    return (
+        f"the fit of a {shape} does not converge (last step {size:.1g} of the extent "
+        f"of the points); they do not look like a {shape}, or cover too little of it"
+    )
+
+
+def inverse_normal(design: Floats, shape: str) -> Floats:
+    """Compute (A' A)^-1, (n_steps, n_steps).
+
+    Raises:
+        ValueError: Some parameter is not determined.
+    """
+    _, sizes, rows = np.linalg.svd(design, full_matrices=False)
+    if not sizes[-1] > _SINGULAR * sizes[0]:
+        raise ValueError(
+            f"the points do not determine a {shape}; measure points elsewhere on it too"
+        )
+    scaled = rows.T / sizes
+    inverse: Floats = (scaled @ scaled.T).astype(np.float64)
+    return inverse

@@ -1,0 +1,119 @@
+"""Spheres: |p - c| - r, with the radius unknown or known.
+
+|p - c|^2 = r^2 is linear in c and r^2 - |c|^2; that algebraic solution starts the
+Gauss-Newton steps on the distances.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.fits.adjustment import Precision, adjusted, inverse_normal
+from kinematics.fits.cloud import Cloud, cloud_of
+
+Floats = NDArray[np.float64]
+_State = tuple[Floats, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sphere:
+    """A fitted sphere; rms is of the geometric distances to it.
+
+    Attributes:
+        centre_mm: (3,).
+        radius_mm: As fitted or as given.
+        rms_mm: Root mean square of |p - c| - r over all points.
+        precision: Of centre and radius, or of the centre alone.
+    """
+
+    centre_mm: Floats
+    radius_mm: float
+    rms_mm: float
+    precision: Precision
+
+
+def fit_sphere(points_mm: Floats) -> Sphere:
+    """Fit centre and radius to points of a surface.
+
+    Args:
+        points_mm: At least four, not in one plane, (n_points, 3).
+
+    Raises:
+        ValueError: Too few points, or all in one plane.
+    """
+    cloud = cloud_of(points_mm, at_least=4)
+    cloud.refuse_flat("sphere")
+    points = cloud.points
+
+    def linearised(state: _State) -> tuple[Floats, Floats]:
+        centre, radius = state
+        lengths, directions = _distances(points, centre)
+        design = np.column_stack([-directions, -np.ones(len(points))])
+        return lengths - radius, design
+
+    def moved(state: _State, step: Floats) -> _State:
+        return state[0] + step[:3], state[1] + float(step[3])
+
+    state = adjusted(_algebraic(points), linearised, moved, "sphere")
+    return _sphere(cloud, state, *linearised(state))
+
+
+def fit_sphere_of_radius(points_mm: Floats, radius_mm: float) -> Sphere:
+    """Fit the centre of a sphere whose radius is known.
+
+    Args:
+        points_mm: At least four, not in one plane, (n_points, 3).
+        radius_mm: Of the surface that the points lie on, above zero.
+
+    Raises:
+        ValueError: Too few points, all in one plane, or no radius.
+    """
+    if not (np.isfinite(radius_mm) and radius_mm > 0.0):
+        raise ValueError(f"radius_mm is {radius_mm}, expected a length above zero")
+    cloud = cloud_of(points_mm, at_least=4)
+    cloud.refuse_flat("sphere")
+    points, radius = cloud.points, radius_mm / cloud.extent_mm
+
+    def linearised(state: _State) -> tuple[Floats, Floats]:
+        lengths, directions = _distances(points, state[0])
+        return lengths - radius, -directions
+
+    def moved(state: _State, step: Floats) -> _State:
+        return state[0] + step, radius
+
+    start, _ = _algebraic(points)
+    state = adjusted((start, radius), linearised, moved, "sphere")
+    found = _sphere(cloud, state, *linearised(state))
+    return Sphere(found.centre_mm, radius_mm, found.rms_mm, found.precision)
+
+
+def _algebraic(local: Floats) -> _State:
+    design = np.column_stack([2.0 * local, np.ones(len(local))])
+    squares = np.einsum("ij,ij->i", local, local)
+    solution = np.linalg.lstsq(design, squares, rcond=None)[0]
+    centre: Floats = solution[:3]
+    return centre, float(np.sqrt(solution[3] + centre @ centre))
+
+
+def _distances(local: Floats, centre: Floats) -> tuple[Floats, Floats]:
+    """Compute the distances from a centre, (n,), and unit vectors, (n, 3)."""
+    from_centre = local - centre
+    lengths: Floats = np.linalg.norm(from_centre, axis=1)
+    if not np.all(lengths > 0.0):
+        raise ValueError("a point lies in the centre of the sphere; leave it out")
+    return lengths, from_centre / lengths[:, np.newaxis]
+
+
+def _sphere(cloud: Cloud, state: _State, distances: Floats, design: Floats) -> Sphere:
+    squares_mm2 = cloud.extent_mm**2 * float(distances @ distances)
+    return Sphere(
+        centre_mm=cloud.mean_mm + cloud.extent_mm * state[0],
+        radius_mm=cloud.extent_mm * state[1],
+        rms_mm=float(np.sqrt(squares_mm2 / len(distances))),
+        precision=Precision(
+            inverse_normal(design, "sphere"),
+            len(distances) - design.shape[1],
+            squares_mm2,
+        ),
+    )

@@ -1,0 +1,34 @@
+"""Points that should coincide: how they lie about their mean."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kinematics.fits.cloud import checked_points
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spread:
+    """How points that should coincide lie about their mean.
+
+    Attributes:
+        mean_mm: (3,).
+        max_deviation_mm: Largest distance from the mean.
+        rms_mm: Root mean square of the distances from the mean.
+    """
+
+    mean_mm: Floats
+    max_deviation_mm: float
+    rms_mm: float
+
+
+def spread_about_mean(points_mm: Floats) -> Spread:
+    """Say how points that should coincide do: (n_points, 3), at least one."""
+    points_mm = checked_points(points_mm, at_least=1)
+    mean_mm = points_mm.mean(axis=0)
+    distances_mm = np.linalg.norm(points_mm - mean_mm, axis=1)
+    rms_mm = float(np.sqrt(np.mean(np.square(distances_mm))))
+    return Spread(mean_mm, float(distances_mm.max()), rms_mm)
