@@ -11,8 +11,8 @@ from daemon.device import Device
 from daemon.latencies import Latencies
 from kinematics.kernel.choice import KERNEL
 from protocol.messages import BrokerHealth, Health, Latency
+from protocol.messages.health import LATENCIES
 
-LATENCY_NAMES = ("capture_to_publish", "publish_to_ack", "sample_to_pose", "queue_wait")
 SUMMED = (
     "samples_received",
     "samples_lost",
@@ -39,7 +39,7 @@ class HealthReport:
         self._last_cpu_s = time.process_time()
         self._last: Counter[str] = Counter()
         self._last_samples: Counter[str] = Counter()
-        self.latencies = {name: Latencies() for name in LATENCY_NAMES}
+        self.latencies = {name: Latencies() for name in LATENCIES}
 
     def message(
         self,
@@ -112,10 +112,9 @@ class HealthReport:
     def _taken_latencies(self) -> dict[str, Latency]:
         taken = {}
         for name, latencies in self.latencies.items():
-            figures = latencies.figures_us()
+            figures = latencies.figures()
             if figures is not None:
-                p50_us, p99_us, max_us, n = figures
-                taken[name] = Latency(p50_us=p50_us, p99_us=p99_us, max_us=max_us, n=n)
+                taken[name] = figures
             latencies.clear()
         return taken
 

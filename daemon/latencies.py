@@ -1,31 +1,60 @@
-"""Latencies of the last few thousand occurrences, as percentiles."""
+"""Latencies: percentiles of the last few thousand, and a histogram of them all."""
+
+from bisect import bisect_left
 
 import numpy as np
 
+from protocol.messages.health import LATENCY_BOUNDS_US, Latency
+
 KEPT = 4096
+BOUNDS_NS = [bound_us * 1000 for bound_us in LATENCY_BOUNDS_US]
 
 
 class Latencies:
-    """A bounded ring of durations."""
+    """A bounded ring of durations, and how many lie between fixed bounds.
+
+    Attributes:
+        total_counts: how many lie in each bin since the start; `LATENCY_BOUNDS_US` are
+            the upper bounds, the last bin has none.
+        total_ns: sum of all durations since the start.
+    """
 
     def __init__(self) -> None:
         self._values_ns = np.zeros(KEPT, dtype=np.int64)
         self._n = 0
+        self._largest_ns = 0
+        self.total_counts = [0] * (len(BOUNDS_NS) + 1)
+        self.total_ns = 0
+        self._told_counts = list(self.total_counts)
 
     def add(self, duration_ns: int) -> None:
-        """Note one duration; the oldest is forgotten."""
+        """Note one duration; of the ring, the oldest is forgotten."""
         self._values_ns[self._n % KEPT] = duration_ns
         self._n += 1
+        self._largest_ns = max(self._largest_ns, duration_ns)
+        self.total_counts[bisect_left(BOUNDS_NS, duration_ns)] += 1
+        self.total_ns += max(0, duration_ns)
 
-    def figures_us(self) -> tuple[float, float, float, int] | None:
-        """Median, 99th percentile and maximum [us] of those kept, and how many."""
-        kept = min(self._n, KEPT)
-        if not kept:
+    def figures(self) -> Latency | None:
+        """The distribution since it was cleared; None where there is nothing.
+
+        Median and 99th percentile are of the latest 4096, by linear interpolation
+        between the two nearest in order; all other figures are of all.
+        """
+        if not self._n:
             return None
-        values = self._values_ns[:kept] / 1000.0
-        p50, p99 = np.percentile(values, [50, 99])
-        return float(p50), float(p99), float(values.max()), kept
+        values_us = self._values_ns[: min(self._n, KEPT)] / 1000.0
+        p50_us, p99_us = np.percentile(values_us, [50, 99])
+        counts = zip(self.total_counts, self._told_counts, strict=True)
+        return Latency(
+            p50_us=float(p50_us),
+            p99_us=float(p99_us),
+            max_us=self._largest_ns / 1000.0,
+            n=self._n,
+            histogram=tuple(now - before for now, before in counts),
+        )
 
     def clear(self) -> None:
-        """Begin again."""
-        self._n = 0
+        """Begin again; the totals go on."""
+        self._n = self._largest_ns = 0
+        self._told_counts = list(self.total_counts)

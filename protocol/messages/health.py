@@ -49,8 +49,15 @@ LATENCIES = {
     "publish_to_ack": "from handing a point over to the broker's acknowledgement",
     "sample_to_pose": "from a sample's receipt to its coordinates",
     "queue_wait": "time of a block of samples between reader thread and pipeline",
+    "handling": "time that the event loop needs for one delivery of a device",
+    "collection": "pause of the interpreter's garbage collection",
 }
 """Names of latencies, over the time since the previous health message."""
+
+LATENCY_BOUNDS_US = tuple(
+    digit * 10**power for power in range(1, 7) for digit in (1, 2, 5)
+)
+"""Upper bounds of the bins of a latency's histogram; the last bin has none."""
 
 
 class Latency(Value):
@@ -64,11 +71,22 @@ class Latency(Value):
     """Largest in microseconds."""
     n: Annotated[Count, Field(ge=1)]
     """How many were measured; a delay never measured is left out."""
+    histogram: Annotated[
+        tuple[Count, ...],
+        Field(
+            min_length=len(LATENCY_BOUNDS_US) + 1, max_length=len(LATENCY_BOUNDS_US) + 1
+        ),
+    ]
+    """How many lie in each bin, up to and with its bound: 10, 20, 50, 100 ... 5 000 000
+    microseconds (1, 2, 5 in each decade); the last bin has no bound."""
 
     @model_validator(mode="after")
     def _is_in_order(self) -> Self:
         if not self.p50_us <= self.p99_us <= self.max_us:
             message = "p50_us <= p99_us <= max_us"
+            raise ValueError(message)
+        if sum(self.histogram) != self.n:
+            message = "a histogram of n values"
             raise ValueError(message)
         return self
 

@@ -8,7 +8,6 @@ from daemon.events import (
     QUIET_NS,
     EventLog,
 )
-from daemon.latencies import KEPT, Latencies
 from tests.daemon.values import SetClock
 
 
@@ -155,21 +154,3 @@ def test_endlessly_many_kinds_take_no_endless_memory(bench):
 def test_events_are_logged_with_their_remedy(bench, caplog):
     bench.log.report("error", "some.thing", "text", source="x", remedy="do this")
     assert "some.thing: text; do this" in caplog.text
-
-
-def test_percentiles_of_latencies_are_those_of_the_definition():
-    latencies = Latencies()
-    assert latencies.figures_us() is None
-    for k in range(1, 102):
-        latencies.add(k * 1000)
-    assert latencies.figures_us() == (51.0, 100.0, 101.0, 101)
-    latencies.clear()
-    assert latencies.figures_us() is None
-
-
-def test_of_very_many_latencies_the_last_are_kept():
-    latencies = Latencies()
-    latencies.add(10**9)
-    for _ in range(KEPT):
-        latencies.add(1000)
-    assert latencies.figures_us() == (1.0, 1.0, 1.0, KEPT)

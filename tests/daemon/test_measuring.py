@@ -10,7 +10,7 @@ from daemon.configuration import AssemblySection, UncertaintySection
 from daemon.device import open_device
 from daemon.device_section import section_of
 from daemon.events import EventLog
-from daemon.health import LATENCY_NAMES, HealthReport
+from daemon.health import HealthReport
 from daemon.live import LiveView
 from daemon.measuring import Measuring
 from daemon.pipeline import Pipeline
@@ -31,6 +31,7 @@ from drivers.values import (
 )
 from protocol.encoding import decode, encode
 from protocol.messages import BrokerHealth, Health
+from protocol.messages.health import LATENCIES
 from tests.daemon.values import (
     ARM,
     MODULI,
@@ -308,7 +309,7 @@ async def test_health_tells_figures_and_takes_them_anew_each_time(bench):
     assert first.temperatures_c == {"arm": 21.5}
     assert first.latencies["queue_wait"].max_us == 250.0
     assert first.latencies["capture_to_publish"].p50_us == 40.0
-    assert set(first.latencies) <= set(LATENCY_NAMES)
+    assert set(first.latencies) <= set(LATENCIES)
     (device,) = first.devices
     assert device.rate_hz == pytest.approx(2.0)
     assert device.temperatures_c == {"1": 21.5}

@@ -173,7 +173,13 @@ HEALTH = Health(
     counters={"samples_received": 3_600_000, "samples_lost": 1, "points_captured": 18},
     rates_hz={"samples_received": 1000.0},
     latencies={
-        "capture_to_publish": Latency(p50_us=180.0, p99_us=450.0, max_us=900.0, n=18)
+        "capture_to_publish": Latency(
+            p50_us=180.0,
+            p99_us=450.0,
+            max_us=900.0,
+            n=18,
+            histogram=(0, 0, 0, 2, 8, 7, 1, *(0,) * 12),
+        )
     },
     temperatures_c={"arm": 20.5},
     skew_mm=0.004,

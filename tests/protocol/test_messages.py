@@ -38,6 +38,7 @@ def changed(message: Message, **changes: object) -> Message:
     return type(message).model_validate(values | changes)
 
 
+LATENCY = {"p50_us": 1, "p99_us": 1, "max_us": 2, "n": 1, "histogram": (1, *(0,) * 18)}
 REFUSED = [
     (STATUS, {"online": False}, "online false"),
     (LAST_WILL, {"online": True}, "online false"),
@@ -76,9 +77,11 @@ REFUSED = [
     (HEALTH, {"counters": {"Lost": 1}}, "pattern"),
     (
         HEALTH,
-        {"latencies": {"x": {"p50_us": 1, "p99_us": 0, "max_us": 2, "n": 1}}},
-        "p5",
+        {"latencies": {"x": {**LATENCY, "p99_us": 0}}},
+        "p50_us <= p99_us",
     ),
+    (HEALTH, {"latencies": {"x": {**LATENCY, "n": 2}}}, "a histogram of n"),
+    (HEALTH, {"latencies": {"x": {**LATENCY, "histogram": (1,)}}}, "at least 19 items"),
     (REPLY, {"ok": False}, "a result where ok is true"),
     (REFUSAL, {"ok": True}, "a result where ok is true"),
     (REFUSAL, {"result": {}}, "a result where ok is true"),
