@@ -11,6 +11,7 @@ import numpy as np
 from kinematics.effects.correction import BodyCorrection, Floats
 from kinematics.effects.posture import Posture
 from kinematics.geometry import Geometry
+from kinematics.kernel.terms import Form, Term
 
 _COMPONENTS = ("x", "y", "z")
 
@@ -28,6 +29,7 @@ class AxisMotion(BodyCorrection):
     is_along: bool
 
     vectors: ClassVar[tuple[str, str]]
+    form: ClassVar[Form]
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -59,6 +61,14 @@ class AxisMotion(BodyCorrection):
         vectors = np.array(self.values).reshape(2, 3, 1, 1)
         total: Floats = vectors[0] * cosine + vectors[1] * sine
         return total
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """One wave."""
+        joint = self.joints.start
+        return (
+            Term(form=self.form, joint=joint, order=self.order, values=self.values),
+        )
 
     def _waves(self, posture: Posture) -> tuple[Floats, Floats]:
         phases_rad = self.order * posture.turns_rad[self.joints.start]

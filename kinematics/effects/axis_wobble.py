@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, ClassVar, Self
 from kinematics.effects.axis_motion import AxisMotion
 from kinematics.effects.correction import Target
 from kinematics.effects.setting import Setting
+from kinematics.kernel.terms import Form
 
 if TYPE_CHECKING:
     from kinematics.arm_file import Effect
@@ -23,6 +24,7 @@ class AxisWobble(AxisMotion):
     kind: ClassVar[str] = "axis_wobble"
     target: ClassVar[Target] = Target.TILT
     vectors: ClassVar[tuple[str, str]] = ("cos_rad", "sin_rad")
+    form: ClassVar[Form] = Form.TILT_WAVE
 
     @classmethod
     def from_file(cls, effect: "Effect", setting: Setting) -> Self:

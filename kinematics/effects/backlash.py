@@ -15,6 +15,7 @@ from kinematics.effects.correction import Floats
 from kinematics.effects.covariate import Covariate, Need
 from kinematics.effects.single_rate import SingleRate
 from kinematics.geometry import Geometry
+from kinematics.kernel.terms import Quantity, Source
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,3 +34,7 @@ class Backlash(SingleRate):
         """-1, 0 or +1, (1, n_samples)."""
         del geometry
         return np.sign(block.rows("approaches", self.joints))
+
+    def quantity(self, joint: int) -> Quantity:
+        """-1, 0 or +1."""
+        return Quantity(Source.SENSE, joint)

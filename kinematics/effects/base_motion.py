@@ -9,12 +9,16 @@ import numpy as np
 from kinematics.effects.block import Block
 from kinematics.effects.correction import BodyCorrection, Floats, Target
 from kinematics.effects.covariate import Covariate, Need
+from kinematics.effects.moments import DriftTime, StepTime
 from kinematics.effects.posture import Posture
+from kinematics.kernel.terms import Form, Term
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BaseMotion(BodyCorrection):
     """x_0 moves by a vector times something of time."""
+
+    time: DriftTime | StepTime
 
     target: ClassVar[Target] = Target.BASE
     key: ClassVar[str]
@@ -40,3 +44,9 @@ class BaseMotion(BodyCorrection):
     def amount(self, posture: Posture) -> Floats:
         """The same without the zeros between, (3, n_samples)."""
         return np.array(self.values)[:, np.newaxis] * self.course(posture.block)
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """One vector."""
+        of = self.time.quantity
+        return (Term(form=Form.BASE_RATE, values=self.values, of=of),)

@@ -12,6 +12,7 @@ from kinematics.effects.bodies import dot
 from kinematics.effects.compliance import Compliance
 from kinematics.effects.correction import Floats, Target
 from kinematics.effects.posture import Posture
+from kinematics.kernel.terms import Form
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,6 +21,7 @@ class BearingCompliance(Compliance):
 
     kind: ClassVar[str] = "bearing_compliance"
     target: ClassVar[Target] = Target.TILT
+    form: ClassVar[Form] = Form.TILT_MOMENT
 
     def unit_amounts(self, posture: Posture) -> Floats:
         """The moment across the axis in N m, (1, 3, 1, n_samples)."""

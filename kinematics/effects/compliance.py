@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, ClassVar, Self
 
 from kinematics.effects.correction import BodyCorrection
 from kinematics.effects.setting import Setting
+from kinematics.kernel.terms import Form, Term
 
 if TYPE_CHECKING:
     from kinematics.arm_file import Effect
@@ -15,6 +16,7 @@ class Compliance(BodyCorrection):
     """Something that yields to the moments of gravity at undeflected positions."""
 
     uses_gravity: ClassVar[bool] = True
+    form: ClassVar[Form]
 
     @classmethod
     def from_file(cls, effect: "Effect", setting: Setting) -> Self:
@@ -26,3 +28,8 @@ class Compliance(BodyCorrection):
     def parameters(self) -> tuple[str, ...]:
         """The one key of the arm file."""
         return ("compliance_rad_nm",)
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """One; that of the mount names no joint."""
+        return (Term(form=self.form, joint=self.joints.start, values=self.values),)

@@ -22,6 +22,7 @@ from kinematics.effects.block import Block
 from kinematics.effects.covariate import Need
 from kinematics.effects.setting import Setting
 from kinematics.geometry import Geometry
+from kinematics.kernel.terms import Term
 
 if TYPE_CHECKING:
     from kinematics.arm_file import Effect
@@ -71,6 +72,11 @@ class Correction(ABC):
     @abstractmethod
     def parameters(self) -> tuple[str, ...]:
         """Keys of the arm file, `.x .y .z` or `.1 .2 ...` for parts of arrays."""
+
+    @property
+    def affected(self) -> range:
+        """The affected joints one by one."""
+        return range(self.joints.start, self.joints.stop)
 
     @property
     def variety(self) -> tuple[str, ...]:
@@ -130,6 +136,11 @@ class ReadingCorrection(Correction):
         """d_alpha in rad, (n_chosen, n_samples)."""
         return weighted_sum(self.values, self.unit_amounts(geometry, block))
 
+    @property
+    @abstractmethod
+    def terms(self) -> tuple[Term, ...]:
+        """The same for the kernel in C."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BodyCorrection(Correction):
@@ -144,6 +155,11 @@ class BodyCorrection(Correction):
     def amount(self, posture: "Posture") -> Floats:
         """What happens, in the shape of the target."""
         return weighted_sum(self.values, self.unit_amounts(posture))
+
+    @property
+    @abstractmethod
+    def terms(self) -> tuple[Term, ...]:
+        """The same for the kernel in C."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

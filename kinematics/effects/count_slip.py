@@ -15,6 +15,7 @@ from kinematics.effects.moments import StepTime
 from kinematics.effects.setting import Setting
 from kinematics.effects.single_rate import SingleRate
 from kinematics.geometry import Geometry
+from kinematics.kernel.terms import Quantity
 
 if TYPE_CHECKING:
     from kinematics.arm_file import Effect
@@ -52,3 +53,8 @@ class CountSlip(SingleRate):
         """0 or 1, (1, n_samples)."""
         del geometry
         return self.time.has_come(block)[None]
+
+    def quantity(self, joint: int) -> Quantity:
+        """0 or 1."""
+        del joint
+        return self.time.quantity

@@ -16,8 +16,9 @@ from kinematics.effects.block import Block
 from kinematics.effects.correction import Booleans, FlagName, Floats, ReadingCorrection
 from kinematics.effects.covariate import Covariate, Need
 from kinematics.effects.setting import Setting
-from kinematics.effects.spline import spline_amounts
+from kinematics.effects.spline import spline_amounts, spline_numbers
 from kinematics.geometry import Geometry
+from kinematics.kernel.terms import Form, Quantity, Source, Term
 
 if TYPE_CHECKING:
     from kinematics.arm_file import Effect
@@ -39,6 +40,14 @@ _COLUMNS = {
     Covariate.FORCE: "force_n",
     Covariate.SPEED: "speeds_rad_s",
     Covariate.APPROACH: "approaches",
+}
+
+_SOURCES = {
+    Covariate.CAMPAIGN_TIME: Source.CAMPAIGN,
+    Covariate.TEMPERATURE: Source.TEMPERATURE,
+    Covariate.FORCE: Source.FORCE,
+    Covariate.SPEED: Source.SPEED,
+    Covariate.APPROACH: Source.APPROACH,
 }
 
 
@@ -100,6 +109,19 @@ class Empirical(ReadingCorrection):
         """The unit splines, (n_knots, 1, n_samples)."""
         del geometry
         return spline_amounts(self.knots, self._at(block))[:, np.newaxis]
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """One spline."""
+        if self.source is None:
+            of = Quantity(Source.READING, self.source_joint)
+        else:
+            of = Quantity(_SOURCES[self.source.covariate], self.source.joint)
+        spline = spline_numbers(self.knots, self.values)
+        return tuple(
+            Term(form=Form.READING_SPLINE, joint=joint, of=of, spline=spline)
+            for joint in self.affected
+        )
 
     def _at(self, block: Block) -> Floats:
         if self.source is None:

@@ -17,6 +17,7 @@ from kinematics.effects.moments import DriftTime
 from kinematics.effects.setting import Setting
 from kinematics.effects.single_rate import SingleRate
 from kinematics.geometry import Geometry
+from kinematics.kernel.terms import Quantity
 
 if TYPE_CHECKING:
     from kinematics.arm_file import Effect
@@ -53,3 +54,8 @@ class EncoderDrift(SingleRate):
         """Seconds since the epoch, (1, n_samples)."""
         del geometry
         return self.time.since_epoch_s(block)[None]
+
+    def quantity(self, joint: int) -> Quantity:
+        """Seconds since the epoch."""
+        del joint
+        return self.time.quantity

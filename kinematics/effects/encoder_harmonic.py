@@ -12,6 +12,7 @@ from kinematics.effects.block import Block
 from kinematics.effects.correction import Floats, ReadingCorrection
 from kinematics.effects.setting import Setting
 from kinematics.geometry import Geometry
+from kinematics.kernel.terms import Form, Term
 
 if TYPE_CHECKING:
     from kinematics.arm_file import Effect
@@ -50,3 +51,16 @@ class EncoderHarmonic(ReadingCorrection):
         del geometry
         phases_rad = self.order * block.rows("angles_rad", self.joints)
         return np.stack([np.cos(phases_rad), np.sin(phases_rad)])
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """One wave for every joint."""
+        return tuple(
+            Term(
+                form=Form.READING_WAVE,
+                joint=joint,
+                order=self.order,
+                values=self.values,
+            )
+            for joint in self.affected
+        )

@@ -13,6 +13,7 @@ from kinematics.effects.correction import Floats
 from kinematics.effects.covariate import Covariate, Need, needs_of
 from kinematics.effects.single_rate import SingleRate
 from kinematics.geometry import Geometry
+from kinematics.kernel.terms import Quantity, Source
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -21,6 +22,7 @@ class EncoderLatency(SingleRate):
 
     kind: ClassVar[str] = "encoder_latency"
     key: ClassVar[str] = "latency_s"
+    per_value: ClassVar[float] = -1.0
 
     @property
     def needs(self) -> tuple[Need, ...]:
@@ -31,3 +33,7 @@ class EncoderLatency(SingleRate):
         """-d(alpha)/dt, (n_chosen, n_samples) rad/s."""
         del geometry
         return -block.rows("speeds_rad_s", self.joints)
+
+    def quantity(self, joint: int) -> Quantity:
+        """d(alpha)/dt."""
+        return Quantity(Source.SPEED, joint)

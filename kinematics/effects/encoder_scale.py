@@ -12,6 +12,7 @@ from kinematics.effects.block import Block
 from kinematics.effects.correction import Floats
 from kinematics.effects.single_rate import SingleRate
 from kinematics.geometry import Geometry
+from kinematics.kernel.terms import Quantity, Source
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,8 +21,13 @@ class EncoderScale(SingleRate):
 
     kind: ClassVar[str] = "encoder_scale"
     key: ClassVar[str] = "scale_ppm"
+    per_value: ClassVar[float] = 1e-6
 
     def regressor(self, geometry: Geometry, block: Block) -> Floats:
         """A millionth of the turn, (1, n_samples) rad/ppm."""
         zeros_rad = geometry.zeros_rad[self.joints, np.newaxis]
         return 1e-6 * (block.rows("angles_rad", self.joints) - zeros_rad)
+
+    def quantity(self, joint: int) -> Quantity:
+        """The turn since the base posture."""
+        return Quantity(Source.TURN, joint)

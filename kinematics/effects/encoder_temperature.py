@@ -14,6 +14,7 @@ from kinematics.effects.covariate import Covariate, Need
 from kinematics.effects.setting import Setting
 from kinematics.effects.single_rate import SingleRate
 from kinematics.geometry import Geometry
+from kinematics.kernel.terms import Quantity, Source
 
 if TYPE_CHECKING:
     from kinematics.arm_file import Effect
@@ -46,3 +47,7 @@ class EncoderTemperature(SingleRate):
         """T - T_ref, (1, n_samples)."""
         del geometry
         return block.temperatures_c(self.joints) - self.reference_c
+
+    def quantity(self, joint: int) -> Quantity:
+        """T - T_ref."""
+        return Quantity(Source.TEMPERATURE, joint, self.reference_c)

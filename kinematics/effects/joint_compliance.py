@@ -12,6 +12,7 @@ from kinematics.effects.bodies import dot
 from kinematics.effects.compliance import Compliance
 from kinematics.effects.correction import Floats, Target
 from kinematics.effects.posture import Posture
+from kinematics.kernel.terms import Form
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,6 +21,7 @@ class JointCompliance(Compliance):
 
     kind: ClassVar[str] = "joint_compliance"
     target: ClassVar[Target] = Target.TURN
+    form: ClassVar[Form] = Form.TURN_MOMENT
 
     def unit_amounts(self, posture: Posture) -> Floats:
         """The torque about the axis in N m, (1, 1, n_samples)."""

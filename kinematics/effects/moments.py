@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from kinematics.effects.block import Block
 from kinematics.effects.correction import Booleans, Floats
 from kinematics.effects.setting import Setting
+from kinematics.kernel.terms import Quantity, Source
 
 if TYPE_CHECKING:
     from kinematics.arm_file import Effect
@@ -40,6 +41,12 @@ class DriftTime:
         since_s: Floats = (held_ns - self.epoch_ns) * np.float64(1e-9)
         return since_s
 
+    @property
+    def quantity(self) -> Quantity:
+        """Those seconds, for the kernel in C."""
+        span_ns = (self.epoch_ns, self.start_ns, self.end_ns)
+        return Quantity(Source.DRIFT, span_ns=span_ns)
+
     def is_stale(self, block: Block) -> Booleans:
         """Which samples are outside the campaign, (n_samples,)."""
         times_ns = _utc_ns(block)
@@ -67,6 +74,12 @@ class StepTime:
         """1 from the moment on, 0 before, (n_samples,)."""
         since_s = (_utc_ns(block) - self.epoch_ns) * 1e-9
         return np.where(since_s >= self.at_s, 1.0, 0.0)
+
+    @property
+    def quantity(self) -> Quantity:
+        """That 0 or 1, for the kernel in C."""
+        span_ns = (self.epoch_ns, 0, 0)
+        return Quantity(Source.STEP, reference=self.at_s, span_ns=span_ns)
 
 
 def _utc_ns(block: Block) -> NDArray[np.int64]:

@@ -13,6 +13,7 @@ from kinematics.effects.compliance import Compliance
 from kinematics.effects.correction import Floats, Target
 from kinematics.effects.posture import Posture
 from kinematics.effects.setting import Setting
+from kinematics.kernel.terms import Form
 
 if TYPE_CHECKING:
     from kinematics.arm_file import Effect
@@ -24,6 +25,7 @@ class MountCompliance(Compliance):
 
     kind: ClassVar[str] = "mount_compliance"
     target: ClassVar[Target] = Target.MOUNT
+    form: ClassVar[Form] = Form.MOUNT_MOMENT
 
     @classmethod
     def from_file(cls, effect: "Effect", setting: Setting) -> Self:

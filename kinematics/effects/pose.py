@@ -6,6 +6,9 @@
     pose       the deflected arm
     contact    shift of the ball's centre, where the surface is known
 
+The kernel in C computes it where it was built, but for the contact; what stands here in
+NumPy is the readable definition, and computes where it was not.
+
 Effects of one stage do not depend on one another, so the order of the arm file is that
 of the adding up and no more than a last bit depends on it. A sample's result does not
 depend on the block it comes in, bit for bit.
@@ -18,12 +21,13 @@ from numpy.typing import NDArray
 
 from kinematics.effects.arm_effects import ArmEffects
 from kinematics.effects.block import Block
+from kinematics.effects.compiled import compiled_pose
 from kinematics.effects.contact import contact_seen
 from kinematics.effects.correction import FlagName
 from kinematics.effects.deflection import Deflection, deflection, totals
 from kinematics.effects.posture import Posture
 from kinematics.effects.turning import rotated
-from kinematics.forward import probe_pose
+from kinematics.forward import numpy_pose, probe_pose
 from kinematics.geometry import Geometry
 
 Floats = NDArray[np.float64]
@@ -71,10 +75,23 @@ def corrected_pose(
     flags = pose_flags(effects, block)
     if not effects.corrections:
         return *probe_pose(geometry, block.angles_rad), flags
+    found = compiled_pose(geometry, effects, block)
+    if found is None:
+        return *numpy_corrected_pose(geometry, effects, block), flags
+    centres_mm, directions = found
+    if effects.contacts and block.directions is not None:
+        centres_mm += _contact_shifts(geometry, effects, block)
+    return centres_mm, directions, flags
+
+
+def numpy_corrected_pose(
+    geometry: Geometry, effects: ArmEffects, block: Block
+) -> tuple[Floats, Floats]:
+    """Compute what `corrected_pose` does, by NumPy and of a block that was checked."""
     if not effects.mechanical and not effects.contacts:
-        # The plain arm at other readings, which the kernel knows how to do.
+        # The plain arm at other readings.
         readings_rad = block.angles_rad - _d_alpha_rad(geometry, effects, block).T
-        return *probe_pose(geometry, readings_rad), flags
+        return numpy_pose(geometry, readings_rad)
     centres_mm = np.empty((len(block), 3))
     directions = np.empty((len(block), 3))
     shank = geometry.probe_direction[:, np.newaxis]
@@ -86,7 +103,7 @@ def corrected_pose(
             shifted_mm = shifted_mm + _shift_mm(effects, part, arm)
         centres_mm[chunk] = shifted_mm.T
         directions[chunk] = rotated(arm.rotations[:, -1], shank).T
-    return centres_mm, directions, flags
+    return centres_mm, directions
 
 
 def angle_corrections(geometry: Geometry, effects: ArmEffects, block: Block) -> Floats:
@@ -110,13 +127,7 @@ def contact_shifts(geometry: Geometry, effects: ArmEffects, block: Block) -> Flo
         mm, (n_samples, 3).
     """
     checked(geometry, effects, block)
-    shifts_mm = np.zeros((len(block), 3))
-    if effects.contacts:
-        for chunk in chunks(len(block), _CHUNK_SAMPLES):
-            part = block.part(chunk)
-            arm = deflected_arm(geometry, effects, part)
-            shifts_mm[chunk] = _shift_mm(effects, part, arm).T
-    return shifts_mm
+    return _contact_shifts(geometry, effects, block)
 
 
 def pose_flags(effects: ArmEffects, block: Block) -> PoseFlags:
@@ -199,3 +210,13 @@ def _shift_mm(effects: ArmEffects, block: Block, arm: Deflection) -> Floats:
     for correction in effects.contacts:
         total_mm += correction.amount(contact)
     return total_mm
+
+
+def _contact_shifts(geometry: Geometry, effects: ArmEffects, block: Block) -> Floats:
+    shifts_mm = np.zeros((len(block), 3))
+    if effects.contacts:
+        for chunk in chunks(len(block), _CHUNK_SAMPLES):
+            part = block.part(chunk)
+            arm = deflected_arm(geometry, effects, part)
+            shifts_mm[chunk] = _shift_mm(effects, part, arm).T
+    return shifts_mm

@@ -10,6 +10,7 @@ from kinematics.effects.block import Block
 from kinematics.effects.correction import Floats, ReadingCorrection
 from kinematics.effects.setting import Setting
 from kinematics.geometry import Geometry
+from kinematics.kernel.terms import Form, Quantity, Term
 
 if TYPE_CHECKING:
     from kinematics.arm_file import Effect
@@ -20,6 +21,7 @@ class SingleRate(ReadingCorrection):
     """One value, the same for every joint that it belongs to."""
 
     key: ClassVar[str]
+    per_value: ClassVar[float] = 1.0  # regressor over quantity
 
     @classmethod
     def from_file(cls, effect: "Effect", setting: Setting) -> Self:
@@ -38,3 +40,17 @@ class SingleRate(ReadingCorrection):
     def unit_amounts(self, geometry: Geometry, block: Block) -> Floats:
         """The regressor alone, (1, n_chosen, n_samples)."""
         return self.regressor(geometry, block)[np.newaxis]
+
+    @abstractmethod
+    def quantity(self, joint: int) -> Quantity:
+        """What the value of a joint is multiplied by, besides `per_value`."""
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """One for every joint."""
+        values = (self.per_value * self.values[0],)
+        form = Form.READING_RATE
+        return tuple(
+            Term(form=form, joint=joint, values=values, of=self.quantity(joint))
+            for joint in self.affected
+        )

@@ -41,6 +41,16 @@ def spline_amounts(knots: tuple[float, ...], at: Floats) -> Floats:
     return amounts
 
 
+def spline_numbers(
+    knots: tuple[float, ...], values: tuple[float, ...]
+) -> tuple[float, ...]:
+    """Knots, steps (and a 0), values and m, as the kernel in C takes a spline."""
+    places, steps, curvatures = _tables(knots)
+    bows = np.array(values) @ curvatures
+    rows = (places, np.append(steps, 0.0), values, bows)
+    return tuple(np.concatenate(rows).tolist())
+
+
 # The knots of an effect never change, and every block asks for them.
 @lru_cache(maxsize=64)
 def _tables(knots: tuple[float, ...]) -> tuple[Floats, Floats, Floats]:

@@ -13,6 +13,7 @@ from kinematics.effects.correction import BodyCorrection, Floats, Target
 from kinematics.effects.covariate import Covariate, Need, needs_of
 from kinematics.effects.posture import Posture
 from kinematics.effects.setting import Setting
+from kinematics.kernel.terms import Form, Quantity, Source, Term
 
 if TYPE_CHECKING:
     from kinematics.arm_file import Effect
@@ -50,3 +51,16 @@ class ThermalExpansion(BodyCorrection):
         """T - T_ref, (1, n_chosen, n_samples)."""
         temperatures_c = posture.block.temperatures_c(self.joints)
         return (temperatures_c - self.reference_c)[None]
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """One for every element."""
+        return tuple(
+            Term(
+                form=Form.GROWTH_RATE,
+                joint=joint,
+                values=self.values,
+                of=Quantity(Source.TEMPERATURE, joint, self.reference_c),
+            )
+            for joint in self.affected
+        )

@@ -40,6 +40,10 @@ typedef struct {
     double *by_links;   /* (n, 3, n_joints, 3) */
 } derivatives_t;
 
+/* The effects of an arm and what accompanies its readings: effects.h. */
+typedef struct effects effects_t;
+typedef struct samples samples_t;
+
 typedef struct {
     const char *name;
     /* Centres (n, 3) and, where wanted, directions (n, 3). */
@@ -54,6 +58,10 @@ typedef struct {
     /* One sample: reading k at angles_rad[k]. */
     void (*pose)(const arm_t *arm, const double *angles_rad, double *centre_mm,
                  double *direction);
+    /* Centres (n, 3) and directions (n, 3) with the effects of readings and bodies. */
+    void (*deflected)(const arm_t *arm, const effects_t *effects,
+                      const samples_t *samples, ptrdiff_t n_samples,
+                      table_t centres_mm, table_t directions);
 } variant_t;
 
 /* The variants in rising order of speed, and whether this processor runs them. */

@@ -13,7 +13,12 @@ from numpy.typing import NDArray
 from kinematics.geometry import Geometry
 
 try:
-    from kinematics.kernel.compiled import LARGEST_N_JOINTS, Chain, runnable_variants
+    from kinematics.kernel.compiled import (
+        LARGEST_N_JOINTS,
+        Chain,
+        DeflectedChain,  # noqa: F401 (a kernel built before it was there is not one)
+        runnable_variants,
+    )
 except ImportError:  # not built: no compiler, or no Cython
     _RUNNABLE: tuple[str, ...] = ()
 else:

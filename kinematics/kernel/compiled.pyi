@@ -5,7 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from kinematics.effects.block import Block
 from kinematics.geometry import Geometry
+from kinematics.kernel.terms import Term
 
 Floats = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -39,3 +41,21 @@ class Chain:
     ) -> tuple[Floats, Floats, Floats, Floats]: ...
     def pose(self, angles_rad: Sequence[float] | Floats) -> tuple[Vector, Vector]: ...
     def centre(self, angles_rad: Sequence[float] | Floats) -> Vector: ...
+
+class DeflectedChain:
+    def __init__(
+        self,
+        geometry: Geometry,
+        variant: str,
+        terms: Sequence[Term],
+        levers_kg_m: Floats,
+    ) -> None: ...
+    @property
+    def variant(self) -> str: ...
+    def poses(
+        self,
+        block: Block,
+        gravity_m_s2: Sequence[float],
+        centres_mm: Floats | None = None,
+        directions: Floats | None = None,
+    ) -> tuple[Floats, Floats]: ...

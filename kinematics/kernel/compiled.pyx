@@ -247,3 +247,6 @@ cdef class Chain:
 
     cdef Floats _readings(self, angles_rad, Py_ssize_t n_samples):
         return held("angles_rad", angles_rad, (n_samples, self.arm.n_joints), 0)
+
+
+include "effects.pxi"

@@ -1,7 +1,7 @@
 """Arrays whose memory the kernel works on; part of `compiled.pyx`."""
 
 cdef class Floats:
-    """An array of float64 while the kernel has hold of its memory."""
+    """An array of 64 bits an item while the kernel has hold of its memory."""
 
     cdef Py_buffer buffer
     cdef bint held
@@ -20,12 +20,17 @@ cdef class Floats:
         cdef table_t found
         found.data = <char *>self.buffer.buf
         found.row = self.buffer.strides[0]
-        found.column = self.buffer.strides[1]
+        found.column = self.buffer.strides[1] if self.buffer.ndim > 1 else 0
         return found
 
 
-cdef Floats held(str name, object array, tuple shape, int flags):
-    """Take hold of an array, checked: everything behind this trusts its shape."""
+cdef Floats held(
+    str name, object array, tuple shape, int flags, bytes letter=b"d"
+):
+    """Take hold of an array, checked: everything behind this trusts its shape.
+
+    `letter` is what its items are: float64, or for b"l" int64.
+    """
     cdef Floats floats = Floats()
     cdef Py_buffer *buffer = &floats.buffer
     cdef int axis
@@ -43,10 +48,11 @@ cdef Floats held(str name, object array, tuple shape, int flags):
         # Nothing is that far apart where there is only one.
         if buffer.shape[axis] > 1 and buffer.strides[axis] % sizeof(double) != 0:
             aligned = False
-    if buffer.format[0] != b"d" or buffer.format[1] != 0 or not aligned:
+    if buffer.itemsize != 8 or bytes(buffer.format) != letter or not aligned:
         raise ValueError(
-            f"{name} has dtype {array.dtype}, expected aligned float64 in the byte "
-            "order of this machine"
+            f"{name} has dtype {array.dtype}, expected aligned "
+            f"{'float64' if letter == b'd' else 'int64'} in the byte order of this "
+            "machine"
         )
     return floats
 

@@ -1,5 +1,6 @@
 /* The same source for several sets of instructions, and which of them run here. */
 #include "arm.h"
+#include "effects.h"
 
 #include <float.h>
 #include <math.h>

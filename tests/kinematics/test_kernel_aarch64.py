@@ -5,11 +5,14 @@ Needs Debian's gcc-aarch64-linux-gnu, libc6-dev-arm64-cross and qemu-user.
 
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from kinematics.effects.block import Block
+from kinematics.kernel.terms import Form, Term
 from tests.kinematics.arms import random_geometry
 
 compiled = pytest.importorskip("kinematics.kernel.compiled")
@@ -19,6 +22,16 @@ COMPILER, EMULATOR = "aarch64-linux-gnu-gcc", "qemu-aarch64"
 pytestmark = pytest.mark.skipif(
     shutil.which(COMPILER) is None or shutil.which(EMULATOR) is None,
     reason=f"needs {COMPILER} and {EMULATOR}",
+)
+
+# Those of kernel_poses.c.
+TERMS = (
+    Term(form=Form.READING_WAVE, joint=1, order=3, values=(1e-4, -2e-4)),
+    Term(form=Form.TURN_MOMENT, joint=0, values=(1e-7,)),
+    Term(form=Form.TILT_MOMENT, joint=1, values=(1e-7,)),
+    Term(form=Form.MOUNT_MOMENT, values=(1e-7,)),
+    Term(form=Form.SHIFT_WAVE, joint=1, order=1, values=(0.1, 0.0, 0.0, 0.0, 0.2, 0.0)),
+    Term(form=Form.TILT_WAVE, order=2, values=(1e-4, 0.0, 0.0, 0.0, 2e-4, 0.0)),
 )
 
 
@@ -55,6 +68,8 @@ def computed(program: Path, geometry, angles_rad) -> list[np.ndarray]:
         (n_samples, 3, n_joints, 3),
         (n_samples, 3, n_joints, 3),
         (2, 3),
+        (n_samples, 3),
+        (n_samples, 3),
     ]
     ends = np.cumsum([np.prod(shape) for shape in shapes])
     parts = np.split(np.frombuffer(run.stdout, "<f8"), ends)
@@ -73,7 +88,7 @@ def test_aarch64_gives_the_bits_of_this_machine(program, n_joints):
             np.full((1, n_joints), np.nan),
         ]
     )
-    centres, directions, by_angles, by_axes, by_links, one = computed(
+    centres, directions, by_angles, by_axes, by_links, one, *deflected = computed(
         program, geometry, angles_rad
     )
 
@@ -84,3 +99,11 @@ def test_aarch64_gives_the_bits_of_this_machine(program, n_joints):
     for found, wanted in zip((by_angles, by_axes, by_links), expected[1:], strict=True):
         np.testing.assert_array_equal(found, wanted)
     np.testing.assert_array_equal(one, chain.pose(angles_rad[0].tolist()))
+    # The links of this arm go without the probe vector, as the program takes them.
+    links_mm = geometry.links_mm.copy()
+    links_mm[-1] += geometry.probe_vector_mm
+    bare = replace(geometry, links_mm=links_mm, probe_vector_mm=np.zeros(3))
+    chain = compiled.DeflectedChain(bare, "portable", TERMS, links_mm)
+    expected = chain.poses(Block(angles_rad), [0.5, 1.0, -9.5])
+    for found, wanted in zip(deflected, expected, strict=True):
+        np.testing.assert_array_equal(found, wanted)

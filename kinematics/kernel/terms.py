@@ -1,0 +1,77 @@
+"""Effects as the kernel in C takes them: sums of terms, each an amount of something.
+
+The laws are those of `kinematics.effects`, which remain the readable definition and
+compute where no kernel does; `effects.h` has the formulas and the same numbers.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+
+class Form(IntEnum):
+    """What a term moves, and how it is computed."""
+
+    READING_WAVE = 0
+    READING_RATE = 1
+    READING_SPLINE = 2
+    TURN_MOMENT = 3
+    TILT_MOMENT = 4
+    MOUNT_MOMENT = 5
+    TILT_WAVE = 6
+    SHIFT_WAVE = 7
+    GROWTH_RATE = 8
+    BASE_RATE = 9
+
+
+class Source(IntEnum):
+    """Kinds of quantities that a sample has."""
+
+    READING = 0
+    TURN = 1
+    SPEED = 2
+    APPROACH = 3
+    SENSE = 4
+    TEMPERATURE = 5
+    DRIFT = 6
+    STEP = 7
+    CAMPAIGN = 8
+    FORCE = 9
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """What the rate of a term is multiplied by, or its spline taken of.
+
+    Attributes:
+        source: The kind.
+        joint: Whose, counted from 0; None: of the arm as a whole.
+        reference: What is taken from a temperature; of a step its seconds.
+        span_ns: Epoch, start and end of the campaign in UTC since 1970.
+    """
+
+    source: Source
+    joint: int | None = None
+    reference: float = 0.0
+    span_ns: tuple[int, int, int] = (0, 0, 0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Term:
+    """One summand.
+
+    Attributes:
+        form: What it moves, and how.
+        values: As many as the form has, 1 to 6.
+        joint: That moves, counted from 0; any where the arm as a whole does.
+        order: Periods a turn, of a wave.
+        of: Of a rate or a spline.
+        spline: Knots, steps (with one more number), values and second derivatives at
+            the knots, one after the other.
+    """
+
+    form: Form
+    values: tuple[float, ...] = ()
+    joint: int = 0
+    order: int = 0
+    of: Quantity | None = None
+    spline: tuple[float, ...] = ()
