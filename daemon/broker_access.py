@@ -76,6 +76,17 @@ class Access:
     warnings: tuple[str, ...]
 
 
+class _Line(ssl.SSLSocket):
+    """Closed when its handshake fails; paho would leave it open."""
+
+    def do_handshake(self, block: bool = False) -> None:
+        try:
+            super().do_handshake(block)
+        except BaseException:
+            self.close()
+            raise
+
+
 def address_of(section: BrokerSection, folder: Path) -> BrokerAddress:
     """The address that a table [broker] gives."""
     return BrokerAddress(
@@ -178,6 +189,7 @@ def _password(address: BrokerAddress) -> str | None:
 def _context(address: BrokerAddress) -> ssl.SSLContext:
     """TLS as this project speaks it: the broker's certificate and name are checked."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.sslsocket_class = _Line
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     if address.ca_file is None:
         context.load_default_certs(ssl.Purpose.SERVER_AUTH)

@@ -72,9 +72,7 @@ class BrokerClient(aiomqtt.Client):
         try:
             return await super().__aenter__()
         except aiomqtt.MqttError as error:
-            if self._faults.last is None:
-                raise
-            raise aiomqtt.MqttError(str(error)) from self._faults.last
+            raise error from self._faults.last
 
     @property
     def is_congested(self) -> bool:

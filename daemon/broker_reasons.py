@@ -9,6 +9,7 @@ from paho.mqtt.reasoncodes import ReasonCode
 from daemon.broker_access import BrokerAddress
 from daemon.broker_client import SilentEndError
 
+_NO_TLS = "does it speak TLS on this port? Else correct port, or tls, of [broker]"
 _NOT_AUTHORISED = (4, 5, 134, 135)
 _BANNED = (138,)
 # Of X.509, as OpenSSL numbers them.
@@ -31,6 +32,8 @@ def reason_of(error: BaseException, address: BrokerAddress) -> str:
                 return "nothing listens there" if refused else "no such host"
             case aiomqtt.MqttCodeError():
                 return _of_code(one, address)
+            case ConnectionResetError() if address.tls:
+                return f"it cuts the connection; {_NO_TLS}"
             case SilentEndError() if not address.tls:
                 return f"{one}; does it want TLS? Then set tls = true in [broker]"
     return str(error) or type(error).__name__
@@ -81,7 +84,7 @@ def _of_certificate(error: ssl.SSLCertVerificationError, address: BrokerAddress)
 def _of_tls(error: ssl.SSLError, address: BrokerAddress) -> str:
     reason = error.reason or str(error)
     if reason in ("WRONG_VERSION_NUMBER", "RECORD_LAYER_FAILURE"):
-        return "it does not speak TLS on this port; correct port, or tls, of [broker]"
+        return f"it answers without TLS; {_NO_TLS}"
     if "UNSUPPORTED_PROTOCOL" in reason or "PROTOCOL_VERSION" in reason:
         return "it offers no TLS of version 1.2 or newer"
     if "CERTIFICATE_REQUIRED" in reason or (

@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -94,8 +95,8 @@ def make_mosquitto(
     """Makes brokers that a test may stop, kill and start again as it likes."""
     made: list[Mosquitto] = []
 
-    def make(passwords: dict[str, str] | None = None) -> Mosquitto:
-        broker = Mosquitto(mosquitto_program, tmp_path, passwords)
+    def make(passwords: dict[str, str] | None = None, **options: Any) -> Mosquitto:
+        broker = Mosquitto(mosquitto_program, tmp_path, passwords, **options)
         made.append(broker)
         broker.start()
         return broker

@@ -6,6 +6,7 @@ import shutil
 import socket
 import subprocess
 import time
+from collections.abc import Iterable
 from pathlib import Path
 
 HOST = "127.0.0.1"
@@ -30,22 +31,30 @@ class Mosquitto:
         program: path of mosquitto.
         folder: for its configuration and log.
         passwords: user names and passwords; empty: everybody may come in.
+        lines: more of its configuration, about the listener or the broker.
+        acl: its access list; None: everybody may read and write all.
     """
 
     host = HOST
 
     def __init__(
-        self, program: str, folder: Path, passwords: dict[str, str] | None = None
+        self,
+        program: str,
+        folder: Path,
+        passwords: dict[str, str] | None = None,
+        lines: Iterable[str] = (),
+        acl: Path | None = None,
     ) -> None:
         self._program = program
         self.port = free_port()
         self._log = folder / f"mosquitto-{self.port}.log"
         self._config = folder / f"mosquitto-{self.port}.conf"
-        lines = [
+        config = [
             f"listener {self.port} {HOST}",
             "persistence false",
             f"user {pwd.getpwuid(os.getuid()).pw_name}",
             f"allow_anonymous {'false' if passwords else 'true'}",
+            *lines,
         ]
         if passwords:
             file = folder / f"passwords-{self.port}"
@@ -53,11 +62,11 @@ class Mosquitto:
             file.write_text(text)
             hashing = [shutil.which("mosquitto_passwd") or "mosquitto_passwd"]
             subprocess.run([*hashing, "-U", str(file)], check=True)
-            lines.append(f"password_file {file}")
+            config.append(f"password_file {file}")
         self._acl = folder / f"acl-{self.port}"
         self.allow_writing("#")
-        lines.append(f"acl_file {self._acl}")
-        self._config.write_text("\n".join(lines) + "\n")
+        config.append(f"acl_file {acl or self._acl}")
+        self._config.write_text("\n".join(config) + "\n")
         self._process: subprocess.Popen[bytes] | None = None
 
     def allow_writing(self, *topics: str) -> None:
