@@ -23,8 +23,6 @@ def reason_of(error: BaseException, address: BrokerAddress) -> str:
     cause = error.__cause__ or error.__context__  # aiomqtt hides it
     for one in (error, cause):
         match one:
-            case ssl.SSLCertVerificationError():
-                return _of_certificate(one, address)
             case ssl.SSLError():
                 return _of_tls(one, address)
             case ConnectionRefusedError() | socket.gaierror():
@@ -82,6 +80,8 @@ def _of_certificate(error: ssl.SSLCertVerificationError, address: BrokerAddress)
 
 
 def _of_tls(error: ssl.SSLError, address: BrokerAddress) -> str:
+    if isinstance(error, ssl.SSLCertVerificationError):
+        return _of_certificate(error, address)
     reason = error.reason or str(error)
     if reason in ("WRONG_VERSION_NUMBER", "RECORD_LAYER_FAILURE"):
         return f"it answers without TLS; {_NO_TLS}"
