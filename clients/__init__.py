@@ -1,1 +1,26 @@
-"""What connects from outside over MQTT."""
+"""What connects from outside over MQTT: the Python client of an arm."""
+
+from clients.address import BrokerAddress
+from clients.arm import Arm, Counters
+from clients.errors import (
+    BrokerUnreachableError,
+    ClientError,
+    CommandRefused,
+    NoAnswerError,
+)
+from clients.following import Lost
+from clients.results import HeldSession, Resent, StartedScan
+
+__all__ = [
+    "Arm",
+    "BrokerAddress",
+    "BrokerUnreachableError",
+    "ClientError",
+    "CommandRefused",
+    "Counters",
+    "HeldSession",
+    "Lost",
+    "NoAnswerError",
+    "Resent",
+    "StartedScan",
+]

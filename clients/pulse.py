@@ -1,0 +1,33 @@
+"""Something has changed: wakes all who wait for it."""
+
+import asyncio
+
+
+class Pulse:
+    """Many may wait; each is woken by the next beat."""
+
+    def __init__(self) -> None:
+        self._waiting: set[asyncio.Future[None]] = set()
+
+    def beat(self) -> None:
+        """Wake all who wait."""
+        if not self._waiting:
+            return
+        waiting, self._waiting = self._waiting, set()
+        for future in waiting:
+            if not future.done():
+                future.set_result(None)
+
+    async def wait(self, seconds: float | None = None) -> bool:
+        """Wait for the next beat, or so long; whether there was one."""
+        future = asyncio.get_running_loop().create_future()
+        self._waiting.add(future)
+        try:
+            if seconds is None:
+                await future
+            else:
+                await asyncio.wait({future}, timeout=seconds)
+            return future.done()
+        finally:
+            self._waiting.discard(future)
+            future.cancel()
