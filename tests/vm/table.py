@@ -1,7 +1,9 @@
 """What was checked, what was seen, and whether it was good."""
 
+import json
 import traceback
 from collections.abc import Awaitable, Callable
+from pathlib import Path
 
 Check = Callable[[], str] | Callable[[], Awaitable[str]]
 
@@ -9,13 +11,21 @@ Check = Callable[[], str] | Callable[[], Awaitable[str]]
 class Table:
     """Lines of checks, printed as they are made.
 
+    Args:
+        kept: a file that keeps them from program to program; None: none does.
+
     Attributes:
         n_failed: how many were not good.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, kept: Path | None = None) -> None:
         self._lines: list[str] = []
+        self._kept = kept
         self.n_failed = 0
+        if kept is not None and kept.exists():
+            for line in kept.read_text("utf-8").splitlines():
+                self._lines.append(json.loads(line)["line"])
+                self.n_failed += not json.loads(line)["good"]
 
     async def check(self, what: str, check: Check) -> None:
         """Make a check: it says what it saw, or raises where that is not good."""
@@ -26,8 +36,12 @@ class Table:
             traceback.print_exc()
             told, good = f"{type(error).__name__}: {error}".splitlines()[0], False
         self.n_failed += not good
-        self._lines.append(f"{'ok' if good else 'FAILED':6s}  {what:44s}  {told}")
-        print(self._lines[-1], flush=True)  # noqa: T201 - this is the report
+        line = f"{'ok' if good else 'FAILED':6s}  {what:44s}  {told}"
+        self._lines.append(line)
+        print(line, flush=True)  # noqa: T201 - this is the report
+        if self._kept is not None:
+            with self._kept.open("a", encoding="utf-8") as kept:
+                kept.write(json.dumps({"line": line, "good": good}) + "\n")
 
     def __str__(self) -> str:
         n = len(self._lines)

@@ -1,0 +1,30 @@
+"""The manual page tells what the command line tells."""
+
+import re
+import sys
+from pathlib import Path
+
+from tests.deploy.places import DEPLOY, program, said
+from traverse.__main__ import app
+
+
+def written() -> str:
+    """The page in roff."""
+    return said(sys.executable, DEPLOY / "package/man_page.py")
+
+
+def test_every_command_and_group_has_its_part() -> None:
+    parts = set(re.findall(r"^\.SS traverse (\S+)$", written(), re.MULTILINE))
+    names = {
+        (one.name or getattr(one.callback, "__name__", "")).replace("_", "\\-")
+        for one in app.registered_commands
+    }
+    assert names | {one.name for one in app.registered_groups} <= parts
+
+
+def test_man_prints_it_without_a_warning(tmp_path: Path) -> None:
+    page = tmp_path / "traverse.1"
+    page.write_text(written(), "utf-8")
+    groff = program("groff")
+    told = said(groff, "-man", "-Tutf8", "-ww", "-b", "-z", page)
+    assert told == ""

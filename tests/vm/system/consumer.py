@@ -1,0 +1,46 @@
+"""Somebody who follows the arm with a password, and comes back as the broker does."""
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator
+
+import aiomqtt
+
+from clients.subscription import received, subscribe
+from tests.end_to_end.listener import Listener
+from tests.end_to_end.programs import until
+from tests.vm.system.preparation import ARM, PASSWORDS
+
+START_S = 60.0
+
+
+@contextlib.asynccontextmanager
+async def following() -> AsyncIterator[Listener]:
+    """All that the arm says, while the block lasts."""
+    listener = Listener(None, ARM)
+
+    async def follow() -> None:
+        while True:
+            try:
+                async with aiomqtt.Client(
+                    "127.0.0.1",
+                    username="consumer",
+                    password=PASSWORDS["consumer"],
+                    timeout=20,
+                ) as client:
+                    await subscribe(client, ARM)
+                    listener.client = client
+                    listener.connected = True
+                    async for item in received(client):
+                        listener.take(item.message)
+            except (aiomqtt.MqttError, OSError):
+                listener.connected = False
+                await asyncio.sleep(0.2)  # until the broker is back
+
+    task = asyncio.create_task(follow())
+    try:
+        await until(lambda: listener.connected, "the broker of the guest", START_S)
+        yield listener
+    finally:
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)

@@ -1,0 +1,68 @@
+"""What the daemon is, and what it cannot do."""
+
+import re
+import subprocess
+from pathlib import Path
+
+from tests.vm.system import unit
+from tests.vm.system.preparation import FOLDER, PASSWORDS
+
+MOST_EXPOSURE = 2.0
+
+
+def be_nobody() -> str:
+    """No process of the unit is root's or has a capability."""
+    found = [unit.status_of(process) for process in unit.processes()]
+    assert found, "no process"
+    for status in found:
+        assert set(status["Uid"].split()) != {"0"}, status["Name"]
+        assert "0" not in status["Uid"].split(), status["Name"]
+        sets = {status[name] for name in ("CapPrm", "CapEff", "CapBnd", "CapAmb")}
+        assert sets == {"0" * 16}, sets
+        assert status["NoNewPrivs"] == "1"
+        assert status["Seccomp"] == "2"
+    user = unit.run("ps", "-o", "user=", "-p", str(unit.main_pid()))
+    return f"{len(found)} process of {user}, no capability, seccomp"
+
+
+def be_shut() -> str:
+    """The figure of `systemd-analyze security`."""
+    said = unit.run("systemd-analyze", "security", "--no-pager", unit.NAME)
+    figure = re.search(r"exposure level for .*?: ([\d.]+)", said)
+    assert figure is not None, said
+    assert float(figure[1]) <= MOST_EXPOSURE, figure[0]
+    return f"{figure[1]} (at most {MOST_EXPOSURE})"
+
+
+def stay_inside() -> str:
+    """In the daemon's own view of the files: where it can write, and devices."""
+    places = ["/etc/traverse", "/usr", "/var/lib", "/srv", "/home", "/root"]
+    root = Path(f"/proc/{unit.main_pid()}/root")
+    words = ["nsenter", "--mount", "--target", str(unit.main_pid())]
+    script = "for p; do touch $p/probe 2>/dev/null && echo $p; done; true"
+    can = unit.run(*words, "sh", "-c", script, "sh", *places, f"{STATE}")
+    assert can.split() == [STATE], f"root in the daemon's place writes to {can}"
+    (root / STATE.lstrip("/") / "probe").unlink()
+    mode = (FOLDER / "broker.password").stat().st_mode & 0o777
+    assert mode == 0o600, oct(mode)
+    return f"writes to {STATE} alone, of {len(places) + 1} places"
+
+
+def keep_secret() -> str:
+    """The password: not in the journal, the command line or the environment."""
+    password = PASSWORDS["bench-7"]
+    process = Path("/proc") / str(unit.main_pid())
+    for name in ("cmdline", "environ"):
+        assert password.encode() not in (process / name).read_bytes(), name
+    assert password not in unit.journal(), "journal"
+    found = subprocess.run(
+        ["grep", "-rl", password, "/var/lib/traverse", "/run/systemd/journal"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert not found.stdout, found.stdout
+    return "not in journal, command line, environment, state; handed over by systemd"
+
+
+STATE = "/var/lib/traverse/bench-7"

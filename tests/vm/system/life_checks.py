@@ -1,0 +1,132 @@
+"""How the unit lives: starts, reloads, is killed, hangs, is upgraded, ends."""
+
+import asyncio
+import os
+import re
+import signal
+import time
+from pathlib import Path
+
+from protocol.messages import Status
+from tests.end_to_end.listener import Listener
+from tests.end_to_end.programs import until
+from tests.vm.system import unit
+from tests.vm.system.preparation import FOLDER
+
+SOON_S = 60.0
+OUT = Path(os.environ.get("TRAVERSE_VM_OUT", "/mnt/out"))
+
+
+class Life:
+    """Checks in the order in which they are made."""
+
+    def __init__(self, listener: Listener) -> None:
+        self._listener = listener
+
+    async def start(self) -> str:
+        """`systemctl start` returns when the daemon has said READY."""
+        begun_s = time.monotonic()
+        await asyncio.to_thread(unit.systemctl, "start", unit.NAME)
+        took_s = time.monotonic() - begun_s
+        assert unit.shown("ActiveState") == "active"
+        assert unit.shown("Type") == "notify"
+        told = unit.shown("StatusText")
+        assert told, "no STATUS line"
+        return f"READY after {took_s:.1f} s: {told}"
+
+    async def be_ready(self) -> str:
+        """Encoders and board are there."""
+        await self._ready_since(0)
+        status = self._listener.statuses[-1]
+        return ", ".join(f"{d.id} on {d.port}" for d in status.drivers)
+
+    async def reload(self) -> str:
+        """A new arm file is taken over by the process that runs."""
+        pid, before = unit.main_pid(), self._listener.statuses[-1].model
+        arm = FOLDER / "arm.toml"
+        text = arm.read_text("utf-8")
+        changed = re.sub(r"(?m)^radius_mm = .*$", "radius_mm = 2.5", text)
+        assert changed != text
+        arm.write_text(changed, "utf-8")
+        await asyncio.to_thread(unit.systemctl, "reload", unit.NAME)
+        await until(
+            lambda: self._listener.statuses[-1].model != before, "a model", SOON_S
+        )
+        assert unit.main_pid() == pid, "another process"
+        assert unit.shown("ActiveState") == "active"
+        return f"model {before} became {self._listener.statuses[-1].model}"
+
+    async def refuse(self) -> str:
+        """A file with a mistake changes nothing."""
+        pid, before = unit.main_pid(), self._listener.statuses[-1].model
+        arm = FOLDER / "arm.toml"
+        good = arm.read_text("utf-8")
+        arm.write_text(good.replace("radius_mm", "radius_inch"), "utf-8")
+        await asyncio.to_thread(unit.systemctl, "reload", unit.NAME)
+        event = await self._listener.event("reload.refused", None, SOON_S)
+        arm.write_text(good, "utf-8")
+        assert unit.main_pid() == pid, "another process"
+        assert self._listener.statuses[-1].model == before
+        return event.text.splitlines()[0]
+
+    async def lose_bus(self) -> str:
+        """The interface goes down and comes back; the unit stays."""
+        pid = unit.main_pid()
+        unit.run("ip", "link", "set", "vcan0", "down")
+        await self._listener.event("device.lost", True, SOON_S)
+        told = unit.shown("StatusText")
+        n = len(self._listener.statuses)
+        unit.run("ip", "link", "set", "vcan0", "up")
+        await self._listener.event("device.lost", False, SOON_S)
+        await self._ready_since(n - 1)
+        assert unit.main_pid() == pid, "another process"
+        return f"lost and back; meanwhile: {told}"
+
+    async def be_killed(self) -> str:
+        """A daemon that is killed comes back by itself."""
+        return await self._restarted(signal.SIGKILL)
+
+    async def be_stopped(self) -> str:
+        """A daemon that stands still is found out by the watchdog."""
+        told = await self._restarted(signal.SIGSTOP)
+        assert "watchdog timeout" in unit.journal().lower()
+        return f"{told}, WatchdogSec {unit.shown('WatchdogUSec')}"
+
+    async def be_upgraded(self) -> str:
+        """The package is installed over itself: what ran runs again."""
+        pid, n = unit.main_pid(), len(self._listener.statuses)
+        await asyncio.to_thread(unit.run, "dpkg", "-i", str(OUT / "traverse.deb"))
+        await self._ready_since(n)
+        assert unit.main_pid() not in {0, pid}, "the old process"
+        return f"restarted, {unit.shown('NRestarts')} restarts by failures"
+
+    async def end(self) -> str:
+        """It ends in order."""
+        begun_s = time.monotonic()
+        await asyncio.to_thread(unit.systemctl, "stop", unit.NAME)
+        took_s = time.monotonic() - begun_s
+        assert unit.shown("Result") == "success", unit.shown("Result")
+        await until(
+            lambda: self._listener.statuses[-1].state == "offline", "offline", SOON_S
+        )
+        return f"result success after {took_s:.1f} s"
+
+    async def _restarted(self, number: signal.Signals) -> str:
+        pid, n = unit.main_pid(), len(self._listener.statuses)
+        restarts = int(unit.shown("NRestarts"))
+        begun_s = time.monotonic()
+        os.kill(pid, number)
+        await until(lambda: unit.main_pid() not in {0, pid}, "a new process", SOON_S)
+        new_s = time.monotonic() - begun_s
+        await self._ready_since(n)
+        assert int(unit.shown("NRestarts")) == restarts + 1
+        ready_s = time.monotonic() - begun_s
+        return f"a new process after {new_s:.1f} s, measuring after {ready_s:.1f} s"
+
+    async def _ready_since(self, n: int) -> None:
+        """Wait for a status after the first ``n`` that is ready."""
+
+        def told() -> list[Status]:
+            return [s for s in self._listener.statuses[n:] if s.state == "ready"]
+
+        await until(told, "a status that is ready", SOON_S)

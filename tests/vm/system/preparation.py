@@ -1,0 +1,121 @@
+"""Files of an arm on vcan0: as an administrator writes them, from the examples.
+
+Seven simulated encoders, and a simulated board whose button takes points.
+"""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+ARM = "bench-7"
+EXAMPLES = Path("/usr/share/doc/traverse/examples")
+FOLDER = Path("/etc/traverse") / ARM
+SIMULATED = Path("/srv/arm")
+MOSQUITTO = Path("/etc/mosquitto")
+PASSWORDS = {ARM: "correct-horse-7", "consumer": "battery-staple"}
+TRACKING_HZ = 10.0  # what an emulated processor can do
+
+_DAEMON = f"""\
+answer_s = 3.0
+
+[[device]]
+id = "handle"
+driver = "latch-board"
+port = "/run/arm-simulator/handle.pty"
+
+[capture]
+tracking_rate_hz = {TRACKING_HZ}
+inputs = [{{ source = "handle/0", trigger = "button" }}]
+
+[assembly]
+wait_s = 1.0
+point_wait_s = 3.0
+"""
+_HANDLE = """\
+[[device]]
+id = "handle"
+port = "/run/arm-simulator/handle.pty"
+inputs = ["button"]
+
+[[motion]]
+kind = "sphere"
+artefact = "ball"
+centre_mm = [700.0, 100.0, 120.0]
+radius_mm = 50.8
+points = 1000
+"""
+_OPERATOR = """\
+[operator]
+move_s = 0.6
+approach_s = 0.4
+dwell_s = 1.0
+press_s = 0.3
+"""
+_SIMULATOR_UNIT = f"""\
+[Unit]
+After=sys-subsystem-net-devices-vcan0.device
+Wants=sys-subsystem-net-devices-vcan0.device
+
+[Service]
+# As the daemon's user: a pty belongs to who makes it.
+User=traverse
+RuntimeDirectory=arm-simulator
+WorkingDirectory={SIMULATED}
+ExecStart=/usr/bin/traverse simulate --config simulator.toml
+
+[Install]
+WantedBy=multi-user.target
+"""
+
+
+def write_daemon() -> None:
+    """Configuration, arm file and password of the daemon."""
+    FOLDER.mkdir()
+    text = (EXAMPLES / "traverse.toml").read_text("utf-8")
+    text = text.replace("can0", "vcan0").replace("#username", "username")
+    text = text.replace("#password_file", "password_file") + _DAEMON
+    (FOLDER / "traverse.toml").write_text(text, "utf-8")
+    write_arm(FOLDER)
+    secret = FOLDER / "broker.password"
+    secret.touch(mode=0o600)
+    secret.write_text(PASSWORDS[ARM] + "\n", "utf-8")
+
+
+def write_arm(folder: Path) -> None:
+    """The arm file of the examples, named as this arm is."""
+    text = (EXAMPLES / "arm.toml").read_text("utf-8")
+    (folder / "arm.toml").write_text(text.replace("demo-7", ARM), "utf-8")
+
+
+def write_simulator() -> None:
+    """Configuration of the simulated hardware, and its unit."""
+    SIMULATED.mkdir(parents=True)
+    text = (EXAMPLES / "simulator.toml").read_text("utf-8")
+    text = text[: text.index("[[motion]]")].replace("[operator]", _OPERATOR)
+    text = text.replace("seed", "repeat = true\nseed") + _HANDLE
+    (SIMULATED / "simulator.toml").write_text(text, "utf-8")
+    write_arm(SIMULATED)
+    Path("/etc/systemd/system/arm-simulator.service").write_text(_SIMULATOR_UNIT)
+
+
+def write_broker() -> None:
+    """Users and rights of the broker beside its configuration."""
+    shutil.copy(EXAMPLES / "mosquitto/traverse.conf", MOSQUITTO / "conf.d")
+    passwords = MOSQUITTO / "traverse.passwords"
+    passwords.write_text("".join(f"{n}:{word}\n" for n, word in PASSWORDS.items()))
+    subprocess.run(["mosquitto_passwd", "-U", str(passwords)], check=True)
+    acl = MOSQUITTO / "traverse.acl"
+    rights = [f"user {name}\ntopic readwrite traverse/#\n" for name in PASSWORDS]
+    acl.write_text("".join(rights))
+    for path in (passwords, acl):
+        shutil.chown(path, "root", "mosquitto")
+        path.chmod(0o640)
+
+
+if __name__ == "__main__":
+    os.umask(0o022)
+    write_daemon()
+    write_simulator()
+    write_broker()
+    subprocess.run(["systemctl", "daemon-reload"], check=True)

@@ -1,0 +1,50 @@
+"""The unit of the arm, as systemd and the kernel see it."""
+
+import subprocess
+from pathlib import Path
+
+from tests.vm.system.preparation import ARM
+
+NAME = f"traverse@{ARM}.service"
+
+
+def systemctl(*words: str) -> str:
+    """What `systemctl` says; it must succeed."""
+    return run("systemctl", *words)
+
+
+def run(*words: str) -> str:
+    """What a program says; it must succeed."""
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    said = f"{done.stdout}{done.stderr}".strip()
+    assert done.returncode == 0, f"{' '.join(words)}: {done.returncode}, {said}"
+    return done.stdout.strip()
+
+
+def shown(name: str) -> str:
+    """A property of the unit."""
+    return systemctl("show", NAME, "--property", name, "--value")
+
+
+def main_pid() -> int:
+    """The daemon's process; 0: there is none."""
+    return int(shown("MainPID"))
+
+
+def processes() -> list[Path]:
+    """All processes of the unit, as folders of /proc."""
+    group = Path("/sys/fs/cgroup") / shown("ControlGroup").lstrip("/")
+    pids = (group / "cgroup.procs").read_text("ascii").split()
+    return [Path("/proc") / pid for pid in pids]
+
+
+def status_of(process: Path) -> dict[str, str]:
+    """Lines of /proc/PID/status."""
+    lines = (process / "status").read_text("utf-8").splitlines()
+    pairs = (line.split(":", 1) for line in lines)
+    return {name: value.strip() for name, value in pairs}
+
+
+def journal() -> str:
+    """What the daemon has logged, and systemd of it."""
+    return run("journalctl", "--no-pager", "--output=cat", "--unit", NAME)
