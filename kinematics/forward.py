@@ -14,18 +14,16 @@ needs no P_k; the skeleton goes outwards with P_k as quaternions.
 import numpy as np
 from numpy.typing import NDArray
 
+from kinematics.folding import Folded, HalfTurns
 from kinematics.geometry import Geometry
 from kinematics.kernel.choice import aligned_floats, compiled_chain
 from kinematics.quaternion import multiply, rotate, turn
 
 Floats = NDArray[np.float64]
-_Axis = tuple[float, float, float]
-# Three components, each of one vector or of as many as there are samples.
-_Components = tuple[Floats, Floats, Floats]
-_Joint = tuple[_Axis, _Axis, Floats, Floats]
 
-# Samples computed at a time, so that the intermediate arrays stay in the cache.
-_CHUNK_SAMPLES = 1024
+# Samples computed at a time: so many that calling NumPy costs less than its arithmetic,
+# so few that 0.25 kB each stay in the cache.
+_CHUNK_SAMPLES = 4096
 
 
 def probe_pose(geometry: Geometry, angles_rad: Floats) -> tuple[Floats, Floats]:
@@ -84,12 +82,12 @@ def numpy_pose(geometry: Geometry, angles_rad: Floats) -> tuple[Floats, Floats]:
     centres_mm = np.empty((len(angles_rad), 3))
     directions = np.empty((len(angles_rad), 3))
     for chunk in _chunks(len(angles_rad)):
-        joints = _joints_inwards(geometry, angles_rad[chunk])
-        centres_mm[chunk] = _centre_mm(geometry, joints)
-        shank = tuple(geometry.probe_direction)
-        for axis, _, sine, cosine in joints:
-            shank = _turned(shank, axis, sine, cosine)
-        directions[chunk] = np.stack(shank, axis=1)
+        turns = HalfTurns(angles_rad[chunk], geometry.zeros_rad)
+        centres_mm[chunk] = _centre_mm(geometry, turns)
+        shank = Folded(geometry.probe_direction, turns)
+        for joint in reversed(range(geometry.n_joints)):
+            shank.turn(geometry.axes[joint], joint)
+        directions[chunk] = shank.vectors.T
     return centres_mm, directions
 
 
@@ -97,8 +95,8 @@ def numpy_centre(geometry: Geometry, angles_rad: Floats) -> Floats:
     """Compute what `probe_centre` does, by NumPy."""
     centres_mm = np.empty((len(angles_rad), 3))
     for chunk in _chunks(len(angles_rad)):
-        joints = _joints_inwards(geometry, angles_rad[chunk])
-        centres_mm[chunk] = _centre_mm(geometry, joints)
+        turns = HalfTurns(angles_rad[chunk], geometry.zeros_rad)
+        centres_mm[chunk] = _centre_mm(geometry, turns)
     return centres_mm
 
 
@@ -118,41 +116,12 @@ def _chunks(n_samples: int) -> list[slice]:
     ]
 
 
-def _joints_inwards(geometry: Geometry, angles_rad: Floats) -> list[_Joint]:
-    """Take the joints from the tip inwards, each with its turn."""
-    # Contiguous rows: strided ones may take another path through sin and cos.
-    turns_rad = np.ascontiguousarray((angles_rad - geometry.zeros_rad).T)
-    links_mm = geometry.links_mm.copy()
-    links_mm[-1] += geometry.probe_vector_mm
-    joints = zip(
-        geometry.axes.tolist(),
-        links_mm.tolist(),
-        np.sin(turns_rad),
-        np.cos(turns_rad),
-        strict=True,
-    )
-    return list(joints)[::-1]
-
-
-def _centre_mm(geometry: Geometry, joints: list[_Joint]) -> Floats:
-    x = y = z = np.zeros(1)
-    for axis, (rx, ry, rz), sine, cosine in joints:
-        x, y, z = _turned((x + rx, y + ry, z + rz), axis, sine, cosine)
-    return np.stack([x, y, z], axis=1) + geometry.origin_mm
-
-
-def _turned(
-    vector: _Components, axis: _Axis, sine: Floats, cosine: Floats
-) -> _Components:
-    """Turn vectors about one axis: w cos + (u x w) sin + u (u . w) (1 - cos)."""
-    x, y, z = vector
-    ux, uy, uz = axis
-    along = (1.0 - cosine) * (ux * x + uy * y + uz * z)
-    return (
-        cosine * x + sine * (uy * z - uz * y) + along * ux,
-        cosine * y + sine * (uz * x - ux * z) + along * uy,
-        cosine * z + sine * (ux * y - uy * x) + along * uz,
-    )
+def _centre_mm(geometry: Geometry, turns: HalfTurns) -> Floats:
+    ball = Folded(geometry.probe_vector_mm, turns)
+    for joint in reversed(range(geometry.n_joints)):
+        ball.vectors += geometry.links_mm[joint, :, np.newaxis]
+        ball.turn(geometry.axes[joint], joint)
+    return ball.vectors.T + geometry.origin_mm
 
 
 def _rotations(geometry: Geometry, angles_rad: Floats) -> Floats:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kinematics.effects.turning import chained, composed, conjugate, rotated
@@ -17,8 +17,10 @@ def turns_of(seed, n_joints, n_samples):
 
 
 sizes = given(st.integers(0, 10**6), st.integers(1, 9), st.integers(1, 70))
+unhurried = settings(deadline=None)
 
 
+@unhurried
 @sizes
 def test_chains_and_products_are_those_of_one_after_the_other(seed, n_joints, n):
     turns = turns_of(seed, n_joints, n)
@@ -30,6 +32,7 @@ def test_chains_and_products_are_those_of_one_after_the_other(seed, n_joints, n)
     assert composed(turns, others).tobytes() == multiply(others, turns).tobytes()
 
 
+@unhurried
 @sizes
 def test_vectors_are_turned_alike_one_for_all_or_one_each(seed, n_joints, n):
     turns = turns_of(seed, n_joints, n)
