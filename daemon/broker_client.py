@@ -13,6 +13,7 @@ from typing import Any, Self
 
 import aiomqtt
 from paho.mqtt.client import Client as PahoClient
+from paho.mqtt.client import MQTTMessage
 from paho.mqtt.enums import MQTTErrorCode
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
@@ -53,11 +54,14 @@ class BrokerClient(aiomqtt.Client):
             answered, and with its reason where it was refused.
         writable: called when a socket that took no more takes bytes again.
         most_on_the_way: so many messages may wait for their answers.
+        most_payload_bytes: a longer payload is cut to this, so that it costs no memory
+            while it waits; who reads it refuses it as too long.
     """
 
     acknowledged: Callable[[int, str | None], None] | None = None
     writable: Callable[[], None] | None = None
     most_on_the_way = MOST_ON_THE_WAY
+    most_payload_bytes: int | None = None
     _is_sending = False
 
     def __init__(self, *arguments: Any, **options: Any) -> None:  # noqa: ANN401
@@ -158,6 +162,16 @@ class BrokerClient(aiomqtt.Client):
         if not self._connected.done():  # else aiomqtt waits for an answer in vain
             self._connected.set_exception(SilentEndError())
         super()._on_disconnect(client, userdata, flags, reason_code, properties)
+
+    def _on_message(
+        self,
+        client: PahoClient,
+        userdata: Any,  # noqa: ANN401
+        message: MQTTMessage,
+    ) -> None:
+        if self.most_payload_bytes is not None:
+            message.payload = message.payload[: self.most_payload_bytes]
+        super()._on_message(client, userdata, message)
 
     def _on_publish(
         self,

@@ -10,12 +10,31 @@ from daemon.broker_access import BrokerAddress
 from daemon.broker_client import SilentEndError
 
 _NO_TLS = "does it speak TLS on this port? Else correct port, or tls, of [broker]"
+_SIGN = "have certificate_file signed by an authority that the broker knows"
 _NOT_AUTHORISED = (4, 5, 134, 135)
 _BANNED = (138,)
 # Of X.509, as OpenSSL numbers them.
 _NOT_YET_VALID, _EXPIRED, _REVOKED = 9, 10, 23
 _UNKNOWN_ISSUER = (2, 18, 19, 20, 21)
 _WRONG_NAME = (62, 64)
+# What OpenSSL says, in part, and what it means here.
+_OF_TLS = (
+    ("WRONG_VERSION_NUMBER", f"it answers without TLS; {_NO_TLS}"),
+    ("RECORD_LAYER_FAILURE", f"it answers without TLS; {_NO_TLS}"),
+    ("UNSUPPORTED_PROTOCOL", "it offers no TLS of version 1.2 or newer"),
+    ("PROTOCOL_VERSION", "it offers no TLS of version 1.2 or newer"),
+    (
+        "CERTIFICATE_REQUIRED",
+        "it wants a certificate of this arm; give certificate_file and key_file in "
+        "[broker]",
+    ),
+    (
+        "CERTIFICATE_EXPIRED",
+        "it says that this arm's certificate has expired; renew certificate_file",
+    ),
+    ("UNKNOWN_CA", f"it does not trust this arm's certificate; {_SIGN}"),
+    ("BAD_CERTIFICATE", f"it does not trust this arm's certificate; {_SIGN}"),
+)
 
 
 def reason_of(error: BaseException, address: BrokerAddress) -> str:
@@ -83,22 +102,9 @@ def _of_tls(error: ssl.SSLError, address: BrokerAddress) -> str:
     if isinstance(error, ssl.SSLCertVerificationError):
         return _of_certificate(error, address)
     reason = error.reason or str(error)
-    if reason in ("WRONG_VERSION_NUMBER", "RECORD_LAYER_FAILURE"):
-        return f"it answers without TLS; {_NO_TLS}"
-    if "UNSUPPORTED_PROTOCOL" in reason or "PROTOCOL_VERSION" in reason:
-        return "it offers no TLS of version 1.2 or newer"
-    if "CERTIFICATE_REQUIRED" in reason or (
-        "HANDSHAKE_FAILURE" in reason and address.certificate_file is None
-    ):
-        return (
-            "it wants a certificate of this arm; give certificate_file and key_file "
-            "in [broker]"
-        )
-    if "CERTIFICATE_EXPIRED" in reason:
-        return "it says that this arm's certificate has expired; renew certificate_file"
-    if "UNKNOWN_CA" in reason or "BAD_CERTIFICATE" in reason:
-        return (
-            "it does not trust this arm's certificate; have certificate_file signed by "
-            f"an authority that the broker knows ({reason})"
-        )
+    if "HANDSHAKE_FAILURE" in reason and address.certificate_file is None:
+        reason = "CERTIFICATE_REQUIRED"
+    for mark, text in _OF_TLS:
+        if mark in reason:
+            return text
     return f"TLS failed: {reason}"

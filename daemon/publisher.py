@@ -16,16 +16,16 @@ from dataclasses import dataclass
 from typing import Literal
 
 import aiomqtt
-from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
 from daemon.broker_access import Access, AccessError, BrokerAddress, read_access
 from daemon.broker_client import BrokerClient
 from daemon.broker_reasons import reason_of
+from daemon.mqtt_properties import connect_properties, publish_properties
 from daemon.outgoing import Outgoing, OutgoingQueue
 from daemon.sending import Sending
-from protocol.encoding import Encoding, content_type
+from protocol.encoding import Encoding
 
 log = logging.getLogger(__name__)
 
@@ -33,7 +33,6 @@ FIRST_RETRY_S = 0.2
 LAST_RETRY_S = 5.0
 MAX_INCOMING = 100
 MAX_PACKET_BYTES = 65_536  # told to a broker of MQTT 5: more it must not send
-MAX_UNANSWERED = 32  # commands of QoS 1 on their way to us
 UNSUPPORTED_VERSION = (132, 1)  # reason code of MQTT 5, return code of MQTT 3.1.1
 
 
@@ -61,7 +60,8 @@ class Publisher:
         encoding: of the payloads, told as MQTT 5 content type.
         queue: what is to be sent.
         subscription: topic filter of the commands.
-        receive: called with each command.
+        receive: called with each command; gives the time for which the broker is to
+            keep further ones, mostly none [s].
         changed: called when the connection is up (True) or lost (False, reason).
     """
 
@@ -74,14 +74,14 @@ class Publisher:
         encoding: Encoding,
         queue: OutgoingQueue,
         subscription: str,
-        receive: Callable[[Incoming], None],
+        receive: Callable[[Incoming], float | None],
         changed: Callable[[bool, str], None],
     ) -> None:
         self.address = address
         self._client_id = client_id
         self._will = will
         self._encoding = encoding
-        self._usual_properties = _properties_of(encoding)
+        self._usual_properties = publish_properties(encoding)
         self._queue = queue
         self._subscription = subscription
         self._receive = receive
@@ -161,7 +161,7 @@ class Publisher:
         async for message in client.messages:
             properties = message.properties
             payload = message.payload if isinstance(message.payload, bytes) else b""
-            self._receive(
+            pause_s = self._receive(
                 Incoming(
                     str(message.topic),
                     payload,
@@ -170,6 +170,13 @@ class Publisher:
                     getattr(properties, "CorrelationData", None),
                 )
             )
+            if pause_s:
+                # A flood that is not sent to us cannot keep us from measuring.
+                await client.unsubscribe(self._subscription)
+                await asyncio.sleep(pause_s)
+                while len(client.messages):
+                    await anext(client.messages)
+                await client.subscribe(self._subscription, qos=1)
 
     async def _see_changed_files(self) -> None:
         """Wait until the files that open the broker are others than at connecting."""
@@ -188,10 +195,12 @@ class Publisher:
     def _properties(self, message: Outgoing) -> Properties | None:
         if self._version is not aiomqtt.ProtocolVersion.V5:
             return None
-        if message.correlation is None:
+        encoding = message.encoding or self._encoding
+        if message.correlation is None and encoding == self._encoding:
             return self._usual_properties
-        properties = _properties_of(self._encoding)
-        properties.CorrelationData = message.correlation
+        properties = publish_properties(encoding)
+        if message.correlation is not None:
+            properties.CorrelationData = message.correlation
         return properties
 
     @contextlib.asynccontextmanager
@@ -224,7 +233,7 @@ class Publisher:
             tls_context=access.tls,
             # Not where the broker is only tried: one of MQTT 3.1.1 that does not look
             # at the version first would stumble over them.
-            properties=_limits() if is_5 and will else None,
+            properties=connect_properties(MAX_PACKET_BYTES) if is_5 and will else None,
             # A probe must not throw a running daemon of this arm out.
             identifier=self._client_id if will else f"{self._client_id}-{os.getpid()}",
             protocol=self._version,
@@ -237,22 +246,8 @@ class Publisher:
             socket_options=[(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)],
         )
         client.pending_calls_threshold = 1000
+        client.most_payload_bytes = MAX_PACKET_BYTES
         return client
-
-
-def _properties_of(encoding: Encoding) -> Properties:
-    """What every message carries; one of them serves all, since making it is slow."""
-    properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]  # paho's is not typed
-    properties.ContentType = content_type(encoding)
-    return properties
-
-
-def _limits() -> Properties:
-    """What we are ready to take in."""
-    properties = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]  # paho's is not typed
-    properties.MaximumPacketSize = MAX_PACKET_BYTES
-    properties.ReceiveMaximum = MAX_UNANSWERED
-    return properties
 
 
 def _is_version_refusal(error: aiomqtt.MqttCodeError) -> bool:

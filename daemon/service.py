@@ -148,6 +148,9 @@ class Service:
         self._commands = CommandDesk(
             arm=model.name,
             encoding=self._encoding,
+            events=self._events,
+            clock=self._clock,
+            response_topics=broker.response_topics,
             offer=lambda answer: self._queue.offer("reply", answer),
             carry_out={
                 "point": self._point_requests.take_point,
@@ -297,6 +300,7 @@ class Service:
         while True:
             period_s = self._configuration.health.period_s
             self._events.flush()
+            self._commands.see_calm()
             if loop.time() >= due_s:
                 due_s = loop.time() + period_s
                 self._publish_health()

@@ -59,6 +59,7 @@ def decode(
     encoding: Encoding | None = None,
     *,
     max_bytes: int = MAX_BYTES,
+    max_elements: int = MAX_ELEMENTS,
 ) -> _MessageT:
     """Read a message from a payload.
 
@@ -67,6 +68,7 @@ def decode(
         payload: from anybody, trusted in nothing.
         encoding: None takes what begins with a brace as JSON, else as MessagePack.
         max_bytes: a longer payload is refused unread.
+        max_elements: of one array or map in MessagePack.
 
     Raises:
         MessageError: the payload is not such a message; all its mistakes.
@@ -76,8 +78,10 @@ def decode(
         raise MessageError.of(name, f"{len(payload)} bytes", f"at most {max_bytes}")
     if encoding is None:
         encoding = "json" if payload.lstrip(b" \t\r\n")[:1] == b"{" else "msgpack"
-    read = _read_json if encoding == "json" else _read_msgpack
-    values = read(name, payload)
+    if encoding == "json":
+        values = _read_json(name, payload)
+    else:
+        values = _read_msgpack(name, payload, max_elements)
     _check_schema(message_type, name, values)
     try:
         if encoding == "json":
@@ -116,15 +120,15 @@ def _unpack_array(code: int, content: bytes) -> object:
     return bytes_to_array(content)
 
 
-def _read_msgpack(name: str, payload: bytes) -> object:
+def _read_msgpack(name: str, payload: bytes, max_elements: int) -> object:
     try:
         values = msgpack.unpackb(
             payload,
             use_list=False,
             object_pairs_hook=_unique,
             ext_hook=_unpack_array,
-            max_array_len=MAX_ELEMENTS,
-            max_map_len=MAX_ELEMENTS,
+            max_array_len=max_elements,
+            max_map_len=max_elements,
         )
     except MessageError:
         raise
