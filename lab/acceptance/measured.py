@@ -1,0 +1,90 @@
+"""What was measured for acceptance: places of the ball's centre, by artefact."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.identification.artefacts import Artefact
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Touched:
+    """The touches of one artefact, in the order in which they were made.
+
+    Attributes:
+        places_mm: Centres of the ball, (n, 3).
+        features: (n,).
+        temperature_c: NaN where unknown, (n,).
+        tip_mm: Radius of the ball, (n,).
+    """
+
+    places_mm: Floats
+    features: tuple[str, ...]
+    temperature_c: Floats
+    tip_mm: Floats
+
+    def __len__(self) -> int:
+        return len(self.features)
+
+    def part(self, rows: list[int]) -> "Touched":
+        """Take some of the touches."""
+        return Touched(
+            self.places_mm[rows],
+            tuple(self.features[row] for row in rows),
+            self.temperature_c[rows],
+            self.tip_mm[rows],
+        )
+
+    def of(self, feature: str) -> "Touched":
+        """Take the touches of a feature."""
+        rows = [row for row, name in enumerate(self.features) if name == feature]
+        return self.part(rows)
+
+    def runs(self) -> list["Touched"]:
+        """Cut where the feature changes."""
+        starts = [
+            row
+            for row, name in enumerate(self.features)
+            if row == 0 or name != self.features[row - 1]
+        ]
+        ends = [*starts[1:], len(self)]
+        return [
+            self.part(list(range(first, end)))
+            for first, end in zip(starts, ends, strict=True)
+        ]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """Everything that was touched, with the artefacts' certificates.
+
+    Attributes:
+        artefacts: By id, as the campaign file has them.
+        touched: By id; nothing for those that nobody touched.
+        arm_name: Of the arm.
+        shoulder_mm: Where the arm's reach is counted from, (3,).
+        reach_mm: How far the ball gets from there, at most.
+        notes: What is not as it should be, but no reason to refuse.
+    """
+
+    artefacts: Mapping[str, Artefact]
+    touched: Mapping[str, Touched]
+    arm_name: str
+    shoulder_mm: Floats
+    reach_mm: float
+    notes: tuple[str, ...] = ()
+
+    def of(self, name: str) -> Touched:
+        """The touches of an artefact; none where there are none."""
+        empty = Touched(np.empty((0, 3)), (), np.empty(0), np.empty(0))
+        return self.touched.get(name, empty)
+
+    def distance_share(self, places_mm: Floats) -> Floats:
+        """Say how far places are from the shoulder, as parts of the reach, (n,)."""
+        away_mm = np.linalg.norm(places_mm - self.shoulder_mm, axis=1)
+        shares: Floats = away_mm / self.reach_mm
+        return shares

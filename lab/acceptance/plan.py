@@ -1,0 +1,225 @@
+"""What to touch for a standard: artefacts with nominal certificates, step by step."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from kinematics.arm_file import Arm
+from lab.acceptance.b89 import N_BARS, ZONES
+from lab.acceptance.interim import POSITIONS as CHECK_POSITIONS
+from lab.acceptance.length_tests import LENGTHS, POSITIONS
+from lab.acceptance.lengths import SET
+from lab.acceptance.reading import reach_of
+from lab.acceptance.standards import (
+    BIDIRECTIONAL,
+    DIAMETER,
+    LOCATION,
+    PROBING,
+    UNIDIRECTIONAL,
+)
+
+SPHERE = {"kind": "sphere", "radius_mm": 12.7, "radius_std_mm": 0.0003}
+PER_BALL = 5
+PER_FACE = 4
+LONGEST_SHARE = 0.70  # of the measuring range; 66 % is wanted at least
+_DIRECTIONS = ("down", "left", "right", "towards", "away")
+_PATTERN_25 = "1 on the pole, 4 at 22.5, 8 at 45, 4 at 67.5, 8 at 90 degrees from it"
+_PATTERN_9 = "1 on the pole, 4 at 45 degrees from it, 4 on the equator"
+_WAYS = (
+    "along x",
+    "along y",
+    "upright",
+    "on the space diagonal + + +",
+    "on the space diagonal + + -",
+    "on the space diagonal + - +",
+    "on the space diagonal + - -",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One thing to do.
+
+    Attributes:
+        artefact: Its id.
+        feature: Of the artefact.
+        touches: How many points.
+        say: What to do, in a sentence.
+    """
+
+    artefact: str
+    feature: str
+    touches: int
+    say: str
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A campaign to be collected.
+
+    Attributes:
+        artefacts: Tables of `campaign.toml`, by id.
+        steps: In order.
+        shoulder_mm: Middle of the working volume.
+        reach_mm: Its radius.
+    """
+
+    artefacts: Mapping[str, Mapping[str, Any]]
+    steps: tuple[Step, ...]
+    shoulder_mm: tuple[float, ...]
+    reach_mm: float
+
+
+def plan_of(standard: str, arm: Arm, *, bidirectional: bool = False) -> Plan:
+    """Say what to touch.
+
+    Args:
+        standard: Name of a standard.
+        arm: To be tested; its reach says how long the lengths are.
+        bidirectional: E_BI of ISO 10360-12 too.
+    """
+    shoulder_mm, reach_mm = reach_of(arm)
+    artefacts: dict[str, Mapping[str, Any]] = {}
+    steps: list[Step] = []
+    for name, table, own in _tests(standard, reach_mm, bidirectional):
+        artefacts[name] = table
+        steps += own
+    return Plan(artefacts, tuple(steps), tuple(shoulder_mm.tolist()), reach_mm)
+
+
+_Test = tuple[str, Mapping[str, Any], list[Step]]
+
+
+def _tests(standard: str, reach_mm: float, bidirectional: bool) -> Iterator[_Test]:
+    if standard == "iso10360-12":
+        yield from _spheres(reach_mm)
+        yield from _lengths(reach_mm, UNIDIRECTIONAL)
+        if bidirectional:
+            yield from _lengths(reach_mm, BIDIRECTIONAL)
+    elif standard == "asme-b89.4.22":
+        yield from _b89(reach_mm)
+    else:
+        yield from _checks(reach_mm)
+
+
+def nominal_lengths_mm(reach_mm: float) -> list[float]:
+    """Say five lengths, evenly spread up to 70 % of the measuring range."""
+    longest_mm = LONGEST_SHARE * 2.0 * reach_mm
+    return [
+        float(np.ceil(longest_mm * number / LENGTHS / 10.0) * 10.0)
+        for number in range(1, LENGTHS + 1)
+    ]
+
+
+def _spheres(reach_mm: float) -> Iterator[_Test]:
+    where = (f"{0.3 * reach_mm:.0f} mm", f"{0.7 * reach_mm:.0f} mm")
+    for name, far in zip(PROBING, where, strict=True):
+        say = f"sphere about {far} from the shoulder, 25 points: {_PATTERN_25}"
+        yield name, SPHERE, [Step(name, "", 25, say)]
+    yield (
+        LOCATION,
+        SPHERE,
+        [
+            Step(
+                LOCATION,
+                way,
+                5,
+                f"sphere at half reach, 5 points with the probe pointing {way}: turn "
+                "the wrist, and leave the sphere where it is",
+            )
+            for way in _DIRECTIONS
+        ],
+    )
+
+
+def _lengths(reach_mm: float, prefix: str) -> Iterator[_Test]:
+    lengths_mm = nominal_lengths_mm(reach_mm)
+    for position in range(1, POSITIONS + 1):
+        for number, length_mm in enumerate(lengths_mm, 1):
+            name = f"{prefix}-{position}-{number}"
+            way = _WAYS[position - 1]
+            if prefix == UNIDIRECTIONAL:
+                ends = {"a": [0.0, 0.0, 0.0], "b": [length_mm, 0.0, 0.0]}
+                table = {
+                    "kind": "points",
+                    "frame": "own",
+                    "points_std_mm": 0.0004,
+                    "expansion_per_c": 0.0,
+                    "points_mm": ends,
+                }
+                say = f"length of {length_mm:.0f} mm {way}: ball into seat"
+                features, touches = ("a", "b"), 1
+            else:
+                table = {
+                    "kind": "parallel_planes",
+                    "distance_mm": length_mm,
+                    "distance_std_mm": 0.0005,
+                    "expansion_per_c": 0.0,
+                }
+                say = f"block of {length_mm:.0f} mm {way}: {PER_FACE} points on face"
+                features, touches = ("1", "2"), PER_FACE
+            yield name, table, _repeated(name, features, touches, say, SET)
+
+
+def _b89(reach_mm: float) -> Iterator[_Test]:
+    say = f"sphere at half reach, 9 points: {_PATTERN_9}; repeat"
+    yield (
+        DIAMETER,
+        SPHERE,
+        [Step(DIAMETER, str(n), 9, f"{say} {n}") for n in range(1, 4)],
+    )
+    for zone, (low, high) in ZONES.items():
+        name, middle_mm = f"spat-{zone}", 0.5 * (low + high) * reach_mm
+        yield (
+            name,
+            {"kind": "cone"},
+            [
+                Step(
+                    name,
+                    side,
+                    5,
+                    f"cone about {middle_mm:.0f} mm from the shoulder, 5 points with "
+                    f"the elbow to the {side}, another posture each time",
+                )
+                for side in ("left", "right")
+            ],
+        )
+    for number in range(1, N_BARS + 1):
+        share = 0.6 if number <= N_BARS // 2 else 1.3
+        length_mm = float(np.ceil(share * reach_mm / 10.0) * 10.0)
+        name = f"volumetric-{number:02d}"
+        say = (
+            f"bar of {length_mm:.0f} mm, position {number} of {N_BARS} (another octant "
+            f"or another way), {PER_BALL} points on sphere"
+        )
+        yield name, _bar(length_mm), _repeated(name, ("1", "2"), PER_BALL, say, 1)
+
+
+def _checks(reach_mm: float) -> Iterator[_Test]:
+    length_mm = float(np.ceil(0.6 * reach_mm / 10.0) * 10.0)
+    for position in range(1, CHECK_POSITIONS + 1):
+        name, way = f"check-{position}", _WAYS[position - 1]
+        say = f"bar of {length_mm:.0f} mm {way}, {PER_BALL} points on sphere"
+        yield name, _bar(length_mm), _repeated(name, ("1", "2"), PER_BALL, say, SET)
+
+
+def _bar(length_mm: float) -> Mapping[str, Any]:
+    return {
+        "kind": "ball_bar",
+        "radius_mm": 12.7,
+        "distance_mm": length_mm,
+        "distance_std_mm": 0.0005,
+        "expansion_per_c": 0.0,
+    }
+
+
+def _repeated(
+    name: str, features: tuple[str, str], touches: int, say: str, repeats: int
+) -> list[Step]:
+    return [
+        Step(name, feature, touches, f"{say} {feature}, time {repeat} of {repeats}")
+        for repeat in range(1, repeats + 1)
+        for feature in features
+    ]

@@ -1,0 +1,246 @@
+"""Tests on a calibrated sphere: size, form, location by articulation.
+
+Touched are places of the ball's centre: they lie on a sphere of the test sphere's
+radius plus that of the tip, at the temperature of the measurement.
+"""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from kinematics.fits import (
+    Sphere,
+    enclosing_sphere,
+    fit_sphere,
+    fit_sphere_of_radius,
+)
+from lab.acceptance.budget import form_budget, length_budget
+from lab.acceptance.certified import (
+    IncompleteError,
+    certified_sphere,
+    growth,
+    warmer_c,
+)
+from lab.acceptance.decision import Decision, decision_of
+from lab.acceptance.figure import Figure, Missing, Part, Scatter
+from lab.acceptance.limits import Limits
+from lab.acceptance.measured import Measured, Touched
+
+SIZE = (
+    "25 points on a calibrated sphere, least-squares sphere (c, r) of them: "
+    "P_SIZE = 2 r - D_cal, with sign. Two locations, the one with the larger size "
+    "counts. Pattern of the points (1 on the pole, 4 at 22.5, 8 at 45, 4 at 67.5, 8 at "
+    "90 degrees from it): general knowledge"
+)
+FORM = (
+    "of the same points: P_FORM = max|p - c| - min|p - c|. Two locations, the worse "
+    "counts"
+)
+LOCATION = (
+    "5 groups of 5 points on one sphere, the probe pointing another way in each group; "
+    "a least-squares sphere each; L_DIA is the diameter of the smallest sphere that "
+    "encloses the five centres"
+)
+DIAMETER = (
+    "9 points on a calibrated sphere (4 on the equator, 4 at 45 degrees, 1 on the "
+    "pole), least-squares sphere, three times: max|D - D_cal|"
+)
+
+
+def exactly(touched: Touched, wanted: int, what: str) -> None:
+    """Refuse another number of touches.
+
+    Raises:
+        IncompleteError: There are fewer or more.
+    """
+    if len(touched) < wanted:
+        missing = wanted - len(touched)
+        raise IncompleteError(f"{what}: {missing} of {wanted} points are missing")
+    if len(touched) > wanted:
+        raise IncompleteError(
+            f"{what}: {len(touched)} points, expected {wanted}; take "
+            f"{len(touched) - wanted} out"
+        )
+
+
+def fitted(touched: Touched, what: str, radius_mm: float | None = None) -> Sphere:
+    """Fit a sphere to the places of the ball's centre.
+
+    Raises:
+        IncompleteError: The points fit no sphere.
+    """
+    try:
+        if radius_mm is None:
+            return fit_sphere(touched.places_mm)
+        return fit_sphere_of_radius(touched.places_mm, radius_mm)
+    except ValueError as error:
+        raise IncompleteError(f"{what}: {error}") from error
+
+
+def decided(
+    limits: Limits, key: str, error_mm: float, standard_mm: float
+) -> Decision | None:
+    """Decide on a figure, where it has a limit that does not depend on a length."""
+    limit = limits.mpe.of(key)
+    if limit is None:
+        return None
+    return decision_of(error_mm, limit.constant_mm, standard_mm, limits)
+
+
+def size_and_form(
+    measured: Measured, names: Sequence[str], limits: Limits
+) -> Iterator[Part]:
+    """P_SIZE and P_FORM of ISO 10360-12 at some locations."""
+    sizes_mm: dict[str, float] = {}
+    forms_mm: dict[str, float] = {}
+    problems: list[str] = []
+    budget = form_budget(limits.standards)
+    for name in names:
+        touched = measured.of(name)
+        try:
+            sphere = certified_sphere(measured.artefacts.get(name), name)
+            exactly(touched, 25, name)
+            found = fitted(touched, name)
+            grown = growth(sphere, touched)
+        except IncompleteError as error:
+            problems.append(str(error))
+            continue
+        diameter_mm = 2.0 * float(sphere.radius_mm or 0.0)
+        tip_mm = float(touched.tip_mm.mean())
+        sizes_mm[name] = 2.0 * (found.radius_mm - tip_mm) - diameter_mm * grown
+        away_mm = np.linalg.norm(touched.places_mm - found.centre_mm, axis=1)
+        forms_mm[name] = float(np.ptp(away_mm))
+        yield Scatter(name, tuple((away_mm - found.radius_mm).tolist()))
+    if problems:
+        yield Missing("P_SIZE", tuple(problems))
+        yield Missing("P_FORM", tuple(problems))
+        return
+    worst = max(sizes_mm, key=lambda name: abs(sizes_mm[name]))
+    sphere = certified_sphere(measured.artefacts.get(worst), worst)
+    budget = length_budget(
+        2.0 * float(sphere.radius_mm or 0.0),
+        2.0 * (sphere.radius_std_mm or 0.0),
+        limits.standards,
+        sphere.expansion[0],
+        warmer_c(sphere, measured.of(worst)),
+    )
+    yield Figure(
+        "p_size",
+        "P_SIZE",
+        SIZE,
+        "published",
+        sizes_mm[worst],
+        budget,
+        decided(limits, "p_size", sizes_mm[worst], budget.standard_mm),
+        tuple(sizes_mm.items()),
+        tuple(_location_remarks(measured, names)),
+    )
+    form_mm, budget = max(forms_mm.values()), form_budget(limits.standards)
+    yield Figure(
+        "p_form",
+        "P_FORM",
+        FORM,
+        "published",
+        form_mm,
+        budget,
+        decided(limits, "p_form", form_mm, budget.standard_mm),
+        tuple(forms_mm.items()),
+    )
+
+
+def _location_remarks(measured: Measured, names: Sequence[str]) -> Iterator[str]:
+    """Say where the two locations are one and the same."""
+    centres = [measured.of(name).places_mm.mean(axis=0) for name in names]
+    if np.linalg.norm(centres[0] - centres[1]) < 0.1 * measured.reach_mm:
+        yield (
+            f"{' and '.join(names)} are less than a tenth of the reach apart: two "
+            "locations are wanted"
+        )
+
+
+def location(measured: Measured, name: str, limits: Limits) -> Iterator[Part]:
+    """L_DIA of ISO 10360-12; features name the five groups."""
+    touched = measured.of(name)
+    try:
+        sphere = certified_sphere(measured.artefacts.get(name), name)
+        groups = list(dict.fromkeys(touched.features))
+        if len(groups) != 5:
+            raise IncompleteError(
+                f"{name}: has {len(groups)} groups ({', '.join(groups) or 'none'}), "
+                "expected 5, told apart by their feature"
+            )
+        centres_mm = []
+        for group in groups:
+            part = touched.of(group)
+            exactly(part, 5, f"{name} group {group}")
+            radius_mm = None
+            if limits.l_dia_radius == "calibrated":
+                radius_mm = float(sphere.radius_mm or 0.0) * growth(sphere, part)
+                radius_mm += float(part.tip_mm.mean())
+            centres_mm.append(
+                fitted(part, f"{name} group {group}", radius_mm).centre_mm
+            )
+    except IncompleteError as error:
+        yield Missing("L_DIA", (str(error),))
+        return
+    around = enclosing_sphere(np.array(centres_mm))
+    value_mm, budget = 2.0 * around.radius_mm, form_budget(limits.standards)
+    away_mm = np.linalg.norm(np.array(centres_mm) - around.centre_mm, axis=1)
+    held = ", ".join(groups[index] for index in around.supports)
+    yield Figure(
+        "l_dia",
+        "L_DIA (5x5)",
+        f"{LOCATION}. Radius of the five spheres: {limits.l_dia_radius}. Groups that "
+        f"hold the sphere: {held}",
+        "general knowledge",
+        value_mm,
+        budget,
+        decided(limits, "l_dia", value_mm, budget.standard_mm),
+        tuple(
+            (f"{group} from the middle", float(away))
+            for group, away in zip(groups, away_mm, strict=True)
+        ),
+    )
+
+
+def effective_diameter(measured: Measured, name: str, limits: Limits) -> Iterator[Part]:
+    """Effective diameter of ASME B89.4.22; features name the three repeats."""
+    touched = measured.of(name)
+    try:
+        sphere = certified_sphere(measured.artefacts.get(name), name)
+        repeats = list(dict.fromkeys(touched.features))
+        if len(repeats) != 3:
+            raise IncompleteError(
+                f"{name}: has {len(repeats)} repeats ({', '.join(repeats) or 'none'}), "
+                "expected 3, told apart by their feature"
+            )
+        errors_mm: dict[str, float] = {}
+        for repeat in repeats:
+            part = touched.of(repeat)
+            exactly(part, 9, f"{name} repeat {repeat}")
+            found = fitted(part, f"{name} repeat {repeat}")
+            certified_mm = 2.0 * float(sphere.radius_mm or 0.0) * growth(sphere, part)
+            tip_mm = float(part.tip_mm.mean())
+            errors_mm[repeat] = 2.0 * (found.radius_mm - tip_mm) - certified_mm
+        warm_c = warmer_c(sphere, touched)
+    except IncompleteError as error:
+        yield Missing("effective diameter", (str(error),))
+        return
+    value_mm = max(map(abs, errors_mm.values()))
+    budget = length_budget(
+        2.0 * float(sphere.radius_mm or 0.0),
+        2.0 * (sphere.radius_std_mm or 0.0),
+        limits.standards,
+        sphere.expansion[0],
+        warm_c,
+    )
+    yield Figure(
+        "effective_diameter",
+        "effective diameter",
+        DIAMETER,
+        "general knowledge",
+        value_mm,
+        budget,
+        decided(limits, "effective_diameter", value_mm, budget.standard_mm),
+        tuple((f"repeat {name}", error) for name, error in errors_mm.items()),
+    )

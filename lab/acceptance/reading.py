@@ -1,0 +1,258 @@
+"""From files to what was measured: a campaign, a recording, or exported points.
+
+Of a campaign the ball's centres are computed with the arm file, effects included: as
+the daemon would. A recording's samples are averaged over each touch. Exported points
+are taken as the daemon gave them.
+"""
+
+import csv
+import tempfile
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import tomlkit
+from numpy.typing import NDArray
+
+from kinematics.arm_file import Arm, FileError, Problem, parse_arm
+from kinematics.effects.arm_effects import effects_of
+from kinematics.effects.pose import corrected_pose
+from kinematics.effects.setting import utc_ns
+from kinematics.file_problems import shown, unknown_name_message
+from kinematics.geometry import geometry_from_arm
+from lab.acceptance.measured import Measured, Touched
+from lab.campaign import Campaign, read_campaign
+from lab.campaign_file import CampaignFile, read_campaign_file
+from lab.identification.effect_model import block_of
+from lab.identification.plausible import campaign_span, campaign_start
+from recording.reader import read_recording
+
+Floats = NDArray[np.float64]
+
+_PLACE = ("x_mm", "y_mm", "z_mm")
+_POINT_COLUMNS = ("artefact", "feature", *_PLACE)
+
+
+def read_measured(data: Path, arm: Arm) -> Measured:
+    """Read a campaign's folder, whose poses may be a table of exported points.
+
+    Args:
+        data: Folder with `campaign.toml` in it, or a recording with a campaign.
+        arm: Of the measurement.
+
+    Raises:
+        FileError: With everything that is wrong with a file.
+    """
+    if data.suffix == ".mcap":
+        return _from_recording(data, arm)
+    file = read_campaign_file(data / "campaign.toml")
+    poses = data / file.poses
+    if poses.suffix == ".csv" and _PLACE[0] in _header(poses):
+        return _from_points(poses, file, arm)
+    return measured_campaign(
+        read_campaign(data, [joint.name for joint in arm.joints]), arm, str(data)
+    )
+
+
+def files_read(data: Path) -> tuple[Path, ...]:
+    """List the files that `read_measured` reads."""
+    if data.suffix == ".mcap":
+        return (data,)
+    file = read_campaign_file(data / "campaign.toml")
+    raw = tomlkit.parse((data / "campaign.toml").read_text("utf-8"))
+    named = [
+        data / str(table["points_mm"])
+        for table in raw.get("artefacts", ())
+        if isinstance(table.get("points_mm"), str)
+    ]
+    return (data / "campaign.toml", data / file.poses, *dict.fromkeys(named))
+
+
+def measured_campaign(campaign: Campaign, arm: Arm, source: str = "") -> Measured:
+    """Compute the ball's centres of a campaign with the arm file.
+
+    Args:
+        campaign: Its readings are uncorrected.
+        arm: With its effects.
+        source: What to call the campaign in errors.
+
+    Raises:
+        FileError: The campaign does not tell what effects need.
+    """
+    geometry = geometry_from_arm(arm)
+    standard = [e for e in arm.effects if e.kind == "artefact_length"]
+    own = tuple(e for e in arm.effects if e.kind != "artefact_length")
+    gravity = campaign.gravity_m_s2
+    block = block_of(
+        campaign.poses,
+        utc_ns(campaign_start(campaign)),
+        None if gravity is None else np.array(gravity),
+    )
+    try:
+        effects = effects_of(arm, own, campaign_span(campaign))
+        places_mm, _, _ = corrected_pose(geometry, effects, block)
+    except ValueError as error:
+        raise FileError(source, [Problem("", str(error))]) from error
+    names = [artefact.id for artefact in campaign.artefacts]
+    poses = campaign.poses
+    artefacts = [names[index] for index in poses.artefacts.tolist()]
+    features = [
+        campaign.feature_names[a][f]
+        for a, f in zip(poses.artefacts.tolist(), poses.features.tolist(), strict=True)
+    ]
+    warm = poses.temperature_c
+    temperature_c = np.full(len(poses), np.nan) if warm is None else warm
+    tip_mm = np.full(len(poses), arm.probe.radius_mm)
+    if campaign.is_stream:
+        rows = _runs(poses.lines, artefacts, features)
+        artefacts = [artefacts[row[0]] for row in rows]
+        features = [features[row[0]] for row in rows]
+        places_mm = np.array([places_mm[row].mean(axis=0) for row in rows])
+        temperature_c = np.array([temperature_c[row].mean() for row in rows])
+        tip_mm = tip_mm[: len(rows)]
+    notes = list(campaign.notes)
+    if standard:
+        notes.append(
+            "artefact_length of the arm file is not applied: what a standard is long "
+            "says its certificate"
+        )
+    return _measured(
+        arm,
+        {artefact.id: artefact for artefact in campaign.artefacts},
+        (artefacts, features),
+        np.column_stack([places_mm, temperature_c, tip_mm]),
+        notes,
+    )
+
+
+def _measured(
+    arm: Arm,
+    artefacts: Mapping[str, object],
+    names: tuple[Sequence[str], Sequence[str]],
+    numbers: Floats,
+    notes: Iterable[str],
+) -> Measured:
+    """Sort touches by artefact; numbers: place, temperature, tip, (n, 5)."""
+    by_name: dict[str, list[int]] = {}
+    for row, name in enumerate(names[0]):
+        by_name.setdefault(name, []).append(row)
+    shoulder_mm, reach_mm = reach_of(arm)
+    touched = {
+        name: Touched(
+            numbers[rows, :3],
+            tuple(names[1][row] for row in rows),
+            numbers[rows, 3],
+            numbers[rows, 4],
+        )
+        for name, rows in by_name.items()
+    }
+    return Measured(
+        artefacts=artefacts,  # type: ignore[arg-type] # as the campaign file has them
+        touched=touched,
+        arm_name=arm.name,
+        shoulder_mm=shoulder_mm,
+        reach_mm=reach_mm,
+        notes=tuple(notes),
+    )
+
+
+def reach_of(arm: Arm) -> tuple[Floats, float]:
+    """Say where the second joint is in the base posture, and how far the ball gets.
+
+    The first joint turns the whole arm; from the second on links add up at most.
+    """
+    links_mm = np.array([joint.link_mm for joint in arm.joints], dtype=np.float64)
+    links_mm[-1] += np.array(arm.probe.vector_mm)
+    first = min(1, len(links_mm) - 1)
+    shoulder_mm = np.array(arm.origin_mm) + links_mm[:first].sum(axis=0)
+    return shoulder_mm, float(np.sum(np.linalg.norm(links_mm[first:], axis=1)))
+
+
+def _runs(
+    lines: NDArray[np.int64], artefacts: Sequence[str], features: Sequence[str]
+) -> list[list[int]]:
+    """Group samples that follow one another on the same feature: one touch each."""
+    groups: list[list[int]] = []
+    for row in range(len(lines)):
+        goes_on = (
+            row > 0
+            and lines[row] == lines[row - 1] + 1
+            and artefacts[row] == artefacts[row - 1]
+            and features[row] == features[row - 1]
+        )
+        if goes_on:
+            groups[-1].append(row)
+        else:
+            groups.append([row])
+    return groups
+
+
+def _from_recording(path: Path, arm: Arm) -> Measured:
+    """Read a recording with its own campaign file; its arm file gives the readings."""
+    recording = read_recording(path)
+    if recording.campaign_text is None:
+        message = (
+            "holds no campaign.toml; put one into a folder that names the recording as "
+            "its poses, and give the folder"
+        )
+        raise FileError(str(path), [Problem("", message)])
+    parse_arm(recording.arm_text, f"{path}: arm.toml")
+    table = tomlkit.parse(recording.campaign_text)
+    table["poses"] = str(path.resolve())
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "campaign.toml").write_text(tomlkit.dumps(table), "utf-8")
+        campaign = read_campaign(folder, [joint.name for joint in arm.joints])
+    return measured_campaign(campaign, arm, str(path))
+
+
+def _header(path: Path) -> list[str]:
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            return [name.strip() for name in next(csv.reader(file), [])]
+    except (OSError, UnicodeDecodeError, csv.Error):
+        return []  # whose reader says what is wrong
+
+
+def _from_points(path: Path, file: CampaignFile, arm: Arm) -> Measured:
+    """Read a table of points: artefact, feature, x_mm, y_mm, z_mm, in any order.
+
+    Of further columns temperature_c and probe_radius_mm are looked at, no others.
+    """
+    header = _header(path)
+    problems = [
+        Problem("line 1", f"column '{name}' is missing; add it")
+        for name in _POINT_COLUMNS
+        if name not in header
+    ]
+    if problems:
+        raise FileError(str(path), problems)
+    artefacts = {artefact.id: artefact for artefact in file.artefacts}
+    names: tuple[list[str], list[str]] = ([], [])
+    numbers: list[list[float]] = []
+    with path.open(encoding="utf-8-sig", newline="") as lines:
+        reader = csv.DictReader(lines, fieldnames=header)
+        next(reader)
+        for row in reader:
+            where, name = f"line {reader.line_num}", row["artefact"] or ""
+            if name not in artefacts:
+                message = unknown_name_message("artefact", name, artefacts)
+                problems.append(Problem(where, message))
+                continue
+            try:
+                place = [float(row[column]) for column in _PLACE]
+                warm = float(row.get("temperature_c") or "nan")
+                tip_mm = float(row.get("probe_radius_mm") or arm.probe.radius_mm)
+            except (TypeError, ValueError):
+                cells = [row[column] for column in _PLACE]
+                problems.append(Problem(where, f"{shown(cells)} are not three numbers"))
+                continue
+            if not np.all(np.isfinite(place)):
+                problems.append(Problem(where, f"{shown(place)} is not finite"))
+            names[0].append(name)
+            names[1].append(row["feature"] or "")
+            numbers.append([*place, warm, tip_mm])
+    if not numbers and not problems:
+        problems.append(Problem("", "holds no points; measure some"))
+    if problems:
+        raise FileError(str(path), problems)
+    return _measured(arm, artefacts, names, np.array(numbers), ())

@@ -1,0 +1,69 @@
+"""The standards by their names in commands, and what each asks for.
+
+What belongs to which test is said by the ids of the artefacts in `campaign.toml`, and
+by features; docs/reference/acceptance.md lists them.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+from lab.acceptance.b89 import articulation, volumetric
+from lab.acceptance.figure import Part, Verification, verification
+from lab.acceptance.interim import interim_check
+from lab.acceptance.length_tests import length_test
+from lab.acceptance.limits import NO_LIMITS, Limits
+from lab.acceptance.measured import Measured
+from lab.acceptance.probing import effective_diameter, location, size_and_form
+
+Tests = Callable[[Measured, Limits], Iterator[Part]]
+
+PROBING = ("probing-1", "probing-2")
+LOCATION = "articulated"
+DIAMETER = "diameter"
+UNIDIRECTIONAL, BIDIRECTIONAL = "uni", "bi"
+
+
+@dataclass(frozen=True, slots=True)
+class Standard:
+    """A standard with its tests."""
+
+    title: str
+    tests: Tests
+
+
+def _iso10360(measured: Measured, limits: Limits) -> Iterator[Part]:
+    yield from size_and_form(measured, PROBING, limits)
+    yield from location(measured, LOCATION, limits)
+    yield from length_test(measured, "e_uni", UNIDIRECTIONAL, limits)
+    named = any(name.startswith(f"{BIDIRECTIONAL}-") for name in measured.artefacts)
+    if named or limits.mpe.e_bi_mm is not None:
+        yield from length_test(measured, "e_bi", BIDIRECTIONAL, limits)
+
+
+def _b89(measured: Measured, limits: Limits) -> Iterator[Part]:
+    yield from effective_diameter(measured, DIAMETER, limits)
+    yield from articulation(measured, limits)
+    yield from volumetric(measured, limits)
+
+
+STANDARDS: Mapping[str, Standard] = {
+    "iso10360-12": Standard("ISO 10360-12:2016", _iso10360),
+    "asme-b89.4.22": Standard("ASME B89.4.22", _b89),
+    "vdi2617-9": Standard("VDI/VDE 2617-9, interim check", interim_check),
+}
+
+
+def verified(
+    measured: Measured, standard: str, limits: Limits = NO_LIMITS
+) -> Verification:
+    """Compute all figures of a standard, and decide on those with a limit.
+
+    Args:
+        measured: What was touched.
+        standard: One of `STANDARDS`.
+        limits: Maximum permissible errors; without them nothing is decided.
+    """
+    chosen = STANDARDS[standard]
+    return verification(
+        standard, chosen.title, chosen.tests(measured, limits), iter(measured.notes)
+    )
