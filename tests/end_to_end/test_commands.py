@@ -74,6 +74,7 @@ async def test_commands_that_cannot_be_done_say_why_and_what_to_do(
 
 
 async def test_mqtt_5_answers_go_to_the_response_topic(resting: Workbench) -> None:
+    resting.write_daemon(broker='response_topics = ["elsewhere/+"]')
     properties = Properties(PacketTypes.PUBLISH)
     properties.ResponseTopic = f"elsewhere/{resting.arm}"
     properties.CorrelationData = b"\x00\x01correlated"
