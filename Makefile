@@ -9,7 +9,7 @@ FIGURES := build/figures
 # What the kernel in C is built from.
 KERNEL := setup.py $(foreach kind,pyx pxd pxi c h inc,$(wildcard kinematics/kernel/*.$(kind)))
 
-.PHONY: help venv system demo test lint format schemas lock bench bench-capture bench-drivers bench-identification prove blind blind-full fuzz soak test-vm install deb clean bench-kernel
+.PHONY: help venv system node demo test lint format schemas lock bench bench-capture bench-drivers bench-identification prove blind blind-full fuzz soak test-vm install deb clean bench-kernel
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -28,7 +28,16 @@ system:  # Debian packages that the tests need
 demo: venv  ## one round of measurements with a simulated arm
 	$(BIN)/traverse demo --once
 
-test: venv system  ## all tests
+node: build/node/.ready  # packages of npm, for the tests of readers in JavaScript
+
+build/node/.ready: tests/interface/package.json tests/interface/package-lock.json
+	@sh deploy/debian-packages.sh node
+	mkdir -p build/node
+	cp tests/interface/package.json tests/interface/package-lock.json build/node/
+	npm ci --prefix build/node --no-audit --no-fund --loglevel=error
+	touch $@
+
+test: venv system node  ## all tests
 	$(BIN)/pytest -n auto --dist loadfile
 
 lint: venv  ## ruff, mypy --strict, import contracts

@@ -1,7 +1,7 @@
-"""Write the reference page and the JSON Schemas of the MQTT messages.
+"""Write the reference page, the JSON Schemas and the AsyncAPI document.
 
-python docs/generate_messages.py            writes docs/reference/mqtt-messages.md
-                                            and docs/reference/schemas/
+python docs/generate_messages.py            writes docs/reference/mqtt-messages.md,
+                                            docs/reference/schemas/ and asyncapi.json
 python docs/generate_messages.py --check    exit 1 and a diff if they differ
 """
 
@@ -12,6 +12,7 @@ import json
 import sys
 from pathlib import Path
 
+import asyncapi
 from message_schemas import json_schema, json_schemas, name
 from message_tables import Schema, field_table
 
@@ -86,6 +87,7 @@ def main() -> int:
         for key, schema in json_schemas().items()
     }
     files[REFERENCE / "mqtt-messages.md"] = reference_page()
+    files[REFERENCE / "asyncapi.json"] = asyncapi.text()
     old = set((REFERENCE / "schemas").glob("*.json")) - set(files)
     if check:
         return _compare(files, old)

@@ -1,0 +1,1 @@
+"""The published interface: documents, and readers in another language."""
