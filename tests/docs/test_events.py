@@ -5,7 +5,11 @@ from pathlib import Path
 
 CHECKOUT = Path(__file__).parent.parent.parent
 PAGE = (CHECKOUT / "docs" / "reference" / "events.md").read_text("utf-8")
-CODE = re.compile(r'"((?:device|commands?|capture|broker|scan|limit|reload)\.[a-z_]+)"')
+SUBJECTS = (
+    "device command commands capture broker scan limit reload "
+    "watchdog realtime metrics outbox resend recording replay"
+)
+CODE = re.compile(rf'"((?:{"|".join(SUBJECTS.split())})\.(?!db")[a-z_]+)"')
 FAULT = re.compile(r'_fault\(\s*"([a-z_]+)"')
 
 

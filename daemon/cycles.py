@@ -1,0 +1,170 @@
+"""The last thousand cycles of the event loop, and a file of them after a fault.
+
+A cycle is one delivery of a device, handled. Kept in memory at next to no cost; written
+to a JSON file when something has gone wrong, and at the end, so that afterwards it can
+be seen whether the loop was late, interrupted or overrun. docs/reference/service.md
+explains the file.
+"""
+
+import gc
+import json
+import statistics
+import time
+from collections import deque
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from daemon.clock import HostClock
+from daemon.latencies import Latencies
+from drivers.values import CountSamples, Delivery
+
+KEPT = 1000
+FILES = 10
+PATTERN = "cycles-*.json"
+
+
+class Cycle(NamedTuple):
+    """One delivery, handled; a tuple, since it is made at every delivery.
+
+    Attributes:
+        begun_ns: host monotonic time.
+        samples: sets of counts that it brought.
+        late_ns: from the reader thread's receipt to the beginning; null where the
+            delivery tells no time.
+        queue: samples that waited behind it.
+        collection_ns: pauses of the garbage collection since the cycle before it.
+    """
+
+    device: str
+    kind: str
+    begun_ns: int
+    took_ns: int
+    samples: int
+    late_ns: int | None
+    queue: int
+    collection_ns: int
+
+
+class Collections:
+    """Times the interpreter's garbage collections; use as a context manager.
+
+    Args:
+        latencies: where each pause is noted.
+    """
+
+    def __init__(self, latencies: Latencies) -> None:
+        self._latencies = latencies
+        self._begun_ns = 0
+        self.total_ns = 0
+
+    def __enter__(self) -> "Collections":
+        gc.callbacks.append(self._look)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        gc.callbacks.remove(self._look)
+
+    def _look(self, phase: str, _info: dict[str, int]) -> None:
+        now_ns = time.monotonic_ns()
+        if phase == "start":
+            self._begun_ns = now_ns
+        elif self._begun_ns:
+            self.total_ns += now_ns - self._begun_ns
+            self._latencies.add(now_ns - self._begun_ns)
+            self._begun_ns = 0
+
+
+class Cycles:
+    """The ring.
+
+    Args:
+        clock: the host's.
+        collections: that interrupt the cycles.
+        handling: where the time that each takes is noted.
+    """
+
+    def __init__(
+        self, clock: HostClock, collections: Collections, handling: Latencies
+    ) -> None:
+        self._clock = clock
+        self._collections = collections
+        self._handling = handling
+        self._collected_ns = 0
+        self._ring: deque[Cycle] = deque(maxlen=KEPT)
+
+    def note(self, device: str, delivery: Delivery, begun_ns: int, queue: int) -> None:
+        """Note a delivery that has just been handled."""
+        took_ns = self._clock.monotonic_ns() - begun_ns
+        collected_ns = self._collections.total_ns
+        received_ns = getattr(delivery, "received_ns", None)
+        self._ring.append(
+            Cycle(
+                device,
+                type(delivery).__name__,
+                begun_ns,
+                took_ns,
+                len(delivery.seq) if isinstance(delivery, CountSamples) else 0,
+                None if received_ns is None else begun_ns - received_ns,
+                queue,
+                collected_ns - self._collected_ns,
+            )
+        )
+        self._collected_ns = collected_ns
+        self._handling.add(took_ns)
+
+    def report(self, reason: str) -> dict[str, Any]:
+        """All that is kept, as it is written to a file; times also in UTC."""
+        cycles = list(self._ring)
+        now_ns, offset_ns = self._clock.monotonic_ns(), self._clock.utc_offset_ns()
+        return {
+            "schema": "traverse/cycles/1",
+            "reason": reason,
+            "time_ns": str(now_ns + offset_ns),
+            "utc_offset_ns": str(offset_ns),
+            "devices": _jitter(cycles),
+            "cycles": [cycle._asdict() for cycle in cycles],
+        }
+
+
+def _jitter(cycles: list[Cycle]) -> dict[str, dict[str, float]]:
+    """How regularly the samples of each device were handled.
+
+    Jitter is the time between the beginnings of two cycles of one device less the
+    median of these times.
+    """
+    begun_ns: dict[str, list[int]] = {}
+    for cycle in cycles:
+        if cycle.samples:
+            begun_ns.setdefault(cycle.device, []).append(cycle.begun_ns)
+    found = {}
+    for device, times_ns in begun_ns.items():
+        if len(times_ns) < 3:
+            continue
+        intervals_ns = [later - sooner for sooner, later in pairwise(times_ns)]
+        median_ns = statistics.median(intervals_ns)
+        jitter_us = sorted(abs(one - median_ns) / 1000 for one in intervals_ns)
+        found[device] = {
+            "interval_us": median_ns / 1000,
+            "jitter_p50_us": statistics.median(jitter_us),
+            "jitter_max_us": jitter_us[-1],
+        }
+    return found
+
+
+def write_report(folder: Path, report: dict[str, Any]) -> Path:
+    """Write a report beside the latest others; the oldest go.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    moment = time.gmtime(int(report["time_ns"]) // 1_000_000_000)
+    millis = int(report["time_ns"]) // 1_000_000 % 1000
+    name = f"cycles-{time.strftime('%Y%m%dT%H%M%S', moment)}.{millis:03d}Z.json"
+    path = folder / name
+    unfinished = path.with_suffix(".part")
+    unfinished.write_text(json.dumps(report, separators=(",", ":")), "utf-8")
+    unfinished.replace(path)
+    for old in sorted(folder.glob(PATTERN))[:-FILES]:
+        old.unlink(missing_ok=True)
+    return path
