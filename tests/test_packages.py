@@ -4,7 +4,7 @@ import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
-NOT_INSTALLED = {"tests", "benchmarks"}
+NOT_INSTALLED = {"tests", "benchmarks", "build"}
 
 
 def project() -> dict:
