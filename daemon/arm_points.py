@@ -13,10 +13,12 @@ from daemon.configuration import Action, CaptureSection
 from daemon.device import Device
 from daemon.events import EventLog
 from daemon.health import HealthReport
+from daemon.outbox_answers import Answers, Outcome
 from daemon.pending_points import PendingPoints, Request
 from daemon.point_events import PointEvents
 from daemon.point_making import PointMaking
 from daemon.poses import PoseBlock
+from daemon.tip import Tip
 from drivers.values import LatchedCounts
 from protocol.messages import Point
 from protocol.messages.point import Trigger
@@ -60,6 +62,7 @@ class ArmPoints:
         self._making = PointMaking(stage, settings, self.events)
         self._health = health
         self._pending = PendingPoints(self._look, self._deal_with)
+        self._answers = Answers(self._tell)
         self.carry_out: dict[Action, Callable[[], object]] = {}
 
     def arm_changed(self) -> None:
@@ -68,9 +71,14 @@ class ArmPoints:
         self._pending.look_again()
 
     @property
+    def tip(self) -> Tip:
+        """What compensates for the ball."""
+        return self._making.tip
+
+    @property
     def is_idle(self) -> bool:
         """No point is being taken, and no press waits to be told apart."""
-        return not self._pending and self._buttons.are_decided
+        return not (self._pending or self._answers) and self._buttons.are_decided
 
     def use(self, stage: Stage, triggers: Triggers, settings: CaptureSection) -> None:
         """Go by other rules; only while `is_idle`."""
@@ -163,28 +171,44 @@ class ArmPoints:
     def _deal_with(self, request: Request, is_last_chance: bool) -> bool:
         if request.is_undecided:
             return False
+        outcome: Outcome = True
         # Whoever was told "no answer" must not find a point later.
         if not request.is_given_up:
             try:
                 outcome = self._outcome(request, is_last_chance)
             except CaptureRefusedError as error:
-                self._refuse(request, error)
+                outcome = error
             except Exception as error:
                 # What comes after it must not wait for ever.
                 log.exception("fault while a point was taken")
                 text, remedy = repr(error), "report it with the daemon's log"
-                self._refuse(request, CaptureRefusedError(text, remedy))
-            else:
-                if outcome is None:
-                    return False
-                if request.answer is not None:
-                    request.answer.set_result(outcome)
+                outcome = CaptureRefusedError(text, remedy)
+            if outcome is None:
+                return False
         self._making.forget(request)
+        self._answers.add(request, outcome)
+        return True
+
+    def _tell(self, request: Request, outcome: Outcome) -> None:
+        """Answer a request: its point is on the disk, or there is none."""
+        if isinstance(outcome, CaptureRefusedError):
+            self._capture.refused += request.captures
+            self.events.refused(outcome)
+        elif isinstance(outcome, Point):
+            self._note(request, outcome)
+        request.answer_with(outcome)
         if request.device is not None and request.latch is not None:
             self.events.edge(request, request.device, request.latch)
             # Only now may the device forget it.
             request.device.driver.acknowledge(request.latch.token)
-        return True
+
+    def _note(self, request: Request, point: Point) -> None:
+        if point.retracts is None:
+            now_ns = self._stage.clock.running.monotonic_ns()
+            taken_ns = now_ns - request.received_ns
+            self._health.latencies["capture_to_publish"].add(taken_ns)
+        elif request.device is not None:
+            self.events.undone(point)
 
     def _outcome(self, request: Request, is_last_chance: bool) -> object:
         """What comes of a request; None while that has to be waited for.
@@ -207,18 +231,16 @@ class ArmPoints:
         if measured is None:
             return None
         self._stage.quality.check(measured.pose.quality)
-        point = self._capture.take(measured, request.trigger)
-        taken_ns = self._stage.clock.running.monotonic_ns() - request.received_ns
-        self._health.latencies["capture_to_publish"].add(taken_ns)
-        return point
+        return self._capture.take(measured, request.trigger)
 
-    def _done(self, request: Request, *, is_last_chance: bool) -> bool | None:
+    def _done(self, request: Request, *, is_last_chance: bool) -> object:
         """Do what an edge means that takes no point; None while that has to wait."""
         action = None if request.press is None else request.press.action
         if request.ends is not None and request.ends.action == "scan":
             action = "stop"
+        outcome: object = True
         if action == "undo" and request.trigger is not None:
-            self.events.undone(self._capture.undo(request.trigger))
+            outcome = self._capture.undo(request.trigger)
         elif action == "air":
             if not self._making.note_air(request, is_last_chance=is_last_chance):
                 return None
@@ -226,13 +248,7 @@ class ArmPoints:
             self.events.session(self._capture.begin_session())
         if action in self.carry_out:
             self.carry_out[action]()
-        return True
-
-    def _refuse(self, request: Request, error: CaptureRefusedError) -> None:
-        self._capture.refused += request.captures
-        self.events.refused(error)
-        if request.answer is not None:
-            request.answer.set_exception(error)
+        return outcome
 
     def _now_ns(self) -> int:
         return self._stage.clock.monotonic_ns()

@@ -10,23 +10,25 @@ from daemon.alignment import PartSystem
 from daemon.clock import HostClock
 from daemon.configuration import CaptureSection
 from daemon.model import ArmModel
+from daemon.outbox_keeping import Keeping
 from daemon.poses import LatchedPose
 from daemon.sessions import Session
 from protocol.messages import Label, Point, Quality
 from protocol.messages.point import Compensation, Covariance, Trigger
 
 QUEUE_FULL = (
-    "the queue of points is full: the broker has not taken them",
-    "wait until the broker is back, then try again",
+    "so many points wait for the disk that no more can be taken",
+    "wait until the disk has caught up, then try again; see `outbox` in health",
 )
 
 
 class CaptureRefusedError(Exception):
     """No point was taken, or none taken back; the text says why."""
 
-    def __init__(self, text: str, remedy: str) -> None:
+    def __init__(self, text: str, remedy: str, code: str = "capture.refused") -> None:
         super().__init__(text)
         self.remedy = remedy
+        self.code = code
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,11 +57,11 @@ class Measured:
 
 
 class Capture:
-    """Makes points; a refused one uses up no number.
+    """Makes points; one that is refused, or not kept, uses up no number.
 
     Args:
         clock: the host's.
-        offer: hands a point to the outgoing queue; False if it has no room.
+        keep: sends a point of a session to the disk; None if there is no room for it.
         part: the alignment in use.
 
     Attributes:
@@ -69,20 +71,20 @@ class Capture:
     def __init__(
         self,
         clock: HostClock,
-        offer: Callable[[Point], bool],
+        keep: Callable[[Session, Point], Keeping | None],
         part: PartSystem | None = None,
     ) -> None:
         self._clock = clock
         self.part = part or PartSystem()
-        self._offer = offer
-        self.session = Session()
+        self._keep = keep
+        self.session = self._new_session("")
         self.label = Label()
         self.captured = 0
         self.retracted = 0
         self.refused = 0
 
-    def take(self, measured: Measured, trigger: Trigger) -> Point:
-        """Capture a point.
+    def take(self, measured: Measured, trigger: Trigger) -> Keeping:
+        """Capture a point; it is one as soon as it is on the disk.
 
         Raises:
             CaptureRefusedError: there is no room for it.
@@ -113,12 +115,10 @@ class Capture:
             label=self.label,
             quality=Quality.from_bits(pose.quality),
         )
-        self._hand_on(point)
-        self.captured += 1
-        return point
+        return self._hand_on(point)
 
-    def undo(self, trigger: Trigger, point_id: str | None = None) -> Point:
-        """Take the last point back that stands yet; gives the retraction.
+    def undo(self, trigger: Trigger, point_id: str | None = None) -> Keeping:
+        """Take the last point back that stands yet; gives the retraction on its way.
 
         Args:
             trigger: what asked for it.
@@ -144,20 +144,32 @@ class Capture:
             trigger=trigger,
             time_ns=self._clock.to_utc_ns(self._clock.monotonic_ns()),
         )
-        self._hand_on(retraction)
-        self.retracted += 1
-        return retraction
+        return self._hand_on(retraction)
 
     def begin_session(self, note: str = "") -> Session:
         """Number from 0 again; what the next points are taken on is to be said anew."""
-        self.session = Session(note)
+        self.session = self._new_session(note)
         self.label = Label()
         return self.session
 
-    def _hand_on(self, point: Point) -> None:
-        if not self._offer(point):
+    def _new_session(self, note: str) -> Session:
+        return Session(self._clock.to_utc_ns(self._clock.monotonic_ns()), note)
+
+    def _hand_on(self, point: Point) -> Keeping:
+        session = self.session
+        keeping = self._keep(session, point)
+        if keeping is None:
             raise CaptureRefusedError(*QUEUE_FULL)
-        self.session.add(point)
+        session.add(point)
+
+        def settled() -> None:
+            if keeping.trouble is None:
+                session.confirm(point)
+                self.captured += point.retracts is None
+                self.retracted += point.retracts is not None
+
+        keeping.when_settled(settled)
+        return keeping
 
 
 class Triggers:

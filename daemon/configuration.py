@@ -11,7 +11,11 @@ from pydantic import Field
 
 from daemon.broker_section import BrokerSection, broker_table_problems
 from daemon.device_section import AnyDevice
+from daemon.metrics_section import MetricsSection
+from daemon.outbox_section import OutboxSection
 from daemon.quality_section import QualitySection
+from daemon.realtime_section import RealtimeSection
+from daemon.recording_section import RecordingSection
 from daemon.scan_section import ScanSection
 from kinematics.arm_file import Problem, StrictModel, read_strict
 from protocol.messages.point import Compensation
@@ -113,6 +117,10 @@ class Configuration(StrictModel):
     assembly: AssemblySection = AssemblySection()
     uncertainty: UncertaintySection = UncertaintySection()
     health: HealthSection = HealthSection()
+    metrics: MetricsSection = MetricsSection()
+    realtime: RealtimeSection = RealtimeSection()
+    recording: RecordingSection = RecordingSection()
+    outbox: OutboxSection = OutboxSection()
 
 
 def read_configuration(path: Path) -> Configuration:

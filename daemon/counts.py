@@ -18,7 +18,9 @@ def broker_health(publisher: Publisher, queue: OutgoingQueue) -> BrokerHealth:
         host=publisher.address.host,
         port=publisher.address.port,
         reconnects=publisher.reconnects,
-        queued=sum(queue.waiting(kind) for kind in ("point", "event", "scan")),
+        queued=sum(
+            queue.waiting(kind) for kind in ("point", "event", "resend", "scan")
+        ),
         queue_limit=queue.limit,
         unacknowledged=queue.waiting("point"),
         dropped=dropped["event"] + dropped["scan"] + dropped["reply"],
@@ -40,6 +42,7 @@ def counters_of(
         "points_retracted": capture.retracted,
         "points_refused": capture.refused,
         "points_published": queue.sent["point"],
+        "points_resent": queue.sent["resend"],
         "scan_points_published": scanner.published_points,
         "scan_points_dropped": scanner.dropped_points,
         "live_published": queue.sent["live"],

@@ -10,7 +10,7 @@ from daemon.clock import HostClock
 from daemon.device import Device
 from daemon.latencies import Latencies
 from kinematics.kernel.choice import KERNEL
-from protocol.messages import BrokerHealth, Health, Latency
+from protocol.messages import BrokerHealth, Health, OutboxHealth
 from protocol.messages.health import LATENCIES
 
 SUMMED = (
@@ -48,22 +48,26 @@ class HealthReport:
         session: str,
         devices: Sequence[Device],
         broker: BrokerHealth,
+        outbox: OutboxHealth,
         counters: Mapping[str, int],
         temperature_c: float | None,
         lacks: Mapping[str, Mapping[str, int]],
         skew_mm: float | None,
+        anew: bool = True,
     ) -> Health:
-        """The figures since the last call.
+        """The figures since the last call with ``anew``.
 
         Args:
             arm: its name.
             session: that points belong to.
             devices: all of the configuration.
             broker: the connection to it.
+            outbox: the points on disk.
             counters: of everything but devices.
             temperature_c: of the arm.
             lacks: counters of what the arm's samples lacked, by device.
             skew_mm: see the message.
+            anew: the next figures are those since this call; else it only looks.
         """
         now_ns = self._clock.monotonic_ns()
         elapsed_s = max(1e-3, (now_ns - self._last_ns) * 1e-9)
@@ -87,10 +91,15 @@ class HealthReport:
             rss_bytes=_resident_bytes(),
             counters={name: max(0, value) for name, value in totals.items()},
             rates_hz=rates_hz,
-            latencies=self._taken_latencies(),
+            latencies={
+                name: figures
+                for name, latencies in self.latencies.items()
+                if (figures := latencies.figures()) is not None
+            },
             temperatures_c={} if temperature_c is None else {"arm": temperature_c},
             skew_mm=skew_mm,
             broker=broker,
+            outbox=outbox,
             devices=tuple(
                 device.health(
                     self._rate_hz(device, elapsed_s),
@@ -100,23 +109,15 @@ class HealthReport:
                 for device in devices
             ),
         )
-        self._last_ns, self._last_cpu_s, self._last = now_ns, cpu_s, totals
+        if anew:
+            self._last_ns, self._last_cpu_s, self._last = now_ns, cpu_s, totals
+            self._last_samples = Counter({d.section.id: d.samples for d in devices})
+            for latencies in self.latencies.values():
+                latencies.clear()
         return message
 
     def _rate_hz(self, device: Device, elapsed_s: float) -> float:
-        name = device.section.id
-        taken = device.samples - self._last_samples[name]
-        self._last_samples[name] = device.samples
-        return taken / elapsed_s
-
-    def _taken_latencies(self) -> dict[str, Latency]:
-        taken = {}
-        for name, latencies in self.latencies.items():
-            figures = latencies.figures()
-            if figures is not None:
-                taken[name] = figures
-            latencies.clear()
-        return taken
+        return (device.samples - self._last_samples[device.section.id]) / elapsed_s
 
 
 def _resident_bytes() -> int:

@@ -1,9 +1,9 @@
 """What waits to be published: bounded, by kind, each with its own way to overflow.
 
-Points are never dropped: when their queue is full, `offer_point` says no and the
-capture is refused. Live poses and health are only worth their latest. Scan blocks
-and events are dropped newest first, and counted. Order of sending: status, replies,
-points, events, scan blocks, live, health.
+Points are never dropped: those for which there is no room here are on the disk, and
+the outbox puts them in later. Live poses and health are only worth their latest. Scan
+blocks and events are dropped newest first, and counted. Order of sending: status,
+replies, points, events, points that somebody wants again, scan blocks, live, health.
 """
 
 import asyncio
@@ -11,9 +11,12 @@ from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from protocol.encoding import Encoding
+
 MAX_POINTS = 1000
 MAX_REPLIES = 100
 MAX_EVENTS = 200
+MAX_RESENT = 200
 MAX_SCAN_BLOCKS = 400
 
 
@@ -23,6 +26,7 @@ class Outgoing:
 
     Attributes:
         sent: called once, after the broker has taken it.
+        encoding: of the payload, where it is not as configured now.
         correlation: MQTT 5 correlation data of an answer.
     """
 
@@ -32,6 +36,7 @@ class Outgoing:
     retain: bool = False
     correlation: bytes | None = None
     sent: Callable[[], None] | None = None
+    encoding: Encoding | None = None
 
 
 class OutgoingQueue:
@@ -44,6 +49,7 @@ class OutgoingQueue:
         sent: messages that the broker has taken, by kind.
         offered: called after a message has been queued; the publisher sets it while
             it has a connection.
+        left: called after a message has gone for good; the outbox sets it.
     """
 
     def __init__(
@@ -53,16 +59,27 @@ class OutgoingQueue:
             "reply": MAX_REPLIES,
             "point": max_points,
             "event": MAX_EVENTS,
+            "resend": MAX_RESENT,
             "scan": max_scan_blocks,
         }
         # In the order of sending; a kind without a limit keeps its latest only.
-        kinds = ("status", "reply", "point", "event", "scan", "live", "health")
+        kinds = (
+            "status",
+            "reply",
+            "point",
+            "event",
+            "resend",
+            "scan",
+            "live",
+            "health",
+        )
         self._waiting: dict[str, deque[Outgoing]] = {kind: deque() for kind in kinds}
         self._on_the_way: dict[str, deque[Outgoing]] = {k: deque() for k in kinds}
         self._emptied = asyncio.Event()
         self.dropped: Counter[str] = Counter()
         self.sent: Counter[str] = Counter()
         self.offered: Callable[[], None] | None = None
+        self.left: Callable[[], None] | None = None
 
     @property
     def limit(self) -> int:
@@ -82,7 +99,7 @@ class OutgoingQueue:
                 self.dropped[kind] += 1  # thinned: a newer pose replaces it
             queue.clear()
         elif self.waiting(kind) >= limit:
-            self.dropped[kind] += kind != "point"  # a point is refused, not dropped
+            self.dropped[kind] += kind != "point"  # that is on the disk
             return False
         queue.append(message)
         self._emptied.clear()
@@ -112,11 +129,15 @@ class OutgoingQueue:
         self.sent[kind] += 1
         if message.sent is not None:
             message.sent()
+        if self.left is not None:
+            self.left()
 
     def drop(self, kind: str, message: Outgoing) -> None:
         """``message`` cannot be sent: forget it and count that."""
         self._forget(kind, message)
         self.dropped[kind] += 1
+        if self.left is not None:
+            self.left()
 
     async def empty(self) -> None:
         """Wait until everything has been sent."""

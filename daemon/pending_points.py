@@ -87,6 +87,15 @@ class Request:
         """Whoever asked for it does not wait any more."""
         return self.answer is not None and self.answer.done()
 
+    def answer_with(self, outcome: object) -> None:
+        """Tell whoever asked what came of it, if they still wait."""
+        if self.answer is None or self.answer.done():
+            return
+        if isinstance(outcome, Exception):
+            self.answer.set_exception(outcome)
+        else:
+            self.answer.set_result(outcome)
+
 
 class PendingPoints:
     """Deals with requests one after the other.

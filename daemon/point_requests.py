@@ -163,7 +163,7 @@ async def _told(answer: asyncio.Future[T]) -> T:
     try:
         return await answer
     except CaptureRefusedError as error:
-        raise CommandError("capture.refused", str(error), error.remedy) from error
+        raise CommandError(error.code, str(error), error.remedy) from error
 
 
 def check_ready(devices: ArmDevices) -> None:

@@ -6,8 +6,9 @@ from pathlib import Path
 
 from daemon.broker_section import BrokerSection
 from daemon.embedded_broker import HOST, BrokerStartError, embedded_broker
+from daemon.outbox_values import OutboxRefusedError
 from daemon.service import Service
-from daemon.startup import UNREACHABLE, StartupError, read_inputs
+from daemon.startup import REFUSED, UNREACHABLE, StartupError, read_inputs
 
 log = logging.getLogger(__name__)
 
@@ -29,15 +30,16 @@ async def run_service(path: Path, *, embedded: bool, embedded_port: int = 1883) 
             section = configuration.broker or BrokerSection()
             if embedded:
                 port = await stack.enter_async_context(embedded_broker(embedded_port))
-                section = BrokerSection(
-                    host=HOST, port=port, encoding=section.encoding
-                )
+                section = BrokerSection(host=HOST, port=port, encoding=section.encoding)
                 log.info("embedded broker on %s:%d", HOST, port)
             service = Service(configuration, section, model, path, embedded=embedded)
             await service.run()
     except BrokerStartError as error:
         log.error("%s", StartupError([str(error)], UNREACHABLE))
         return UNREACHABLE
+    except OutboxRefusedError as error:
+        log.error("%s", StartupError([str(error)], REFUSED))
+        return REFUSED
     except StartupError as error:
         log.error("%s", error)
         return error.status

@@ -26,6 +26,7 @@ from daemon.health import HealthReport
 from daemon.live import LiveView
 from daemon.measuring import Measuring
 from daemon.model import ArmModel
+from daemon.outbox import Outbox
 from daemon.outgoing import OutgoingQueue
 from daemon.outlet import Outlet
 from daemon.pipeline import Pipeline
@@ -36,11 +37,12 @@ from daemon.reload import Inputs, Reload
 from daemon.requests import Requests
 from daemon.scanner import Scanner
 from daemon.startup import UNREACHABLE, StartupError, check_devices
+from daemon.state_folder import OUTBOX, state_path
 from daemon.uncertainty import Uncertainty
 from kinematics.kernel.choice import KERNEL
 from protocol import topics
 from protocol.encoding import Encoding
-from protocol.messages import Point, Status
+from protocol.messages import Status
 
 log = logging.getLogger(__name__)
 
@@ -70,7 +72,7 @@ class Service:
         self._stopping = asyncio.Event()
         self._hang_up = asyncio.Event()
         settings = configuration.capture
-        self._queue = OutgoingQueue(max_points=settings.max_waiting_points)
+        self._queue = OutgoingQueue()
         self._outlet = Outlet(self._arm, self._encoding, self._queue, self._clock)
         self._events = EventLog(
             self._clock,
@@ -78,7 +80,20 @@ class Service:
         )
         self._health = HealthReport(self._clock)
         self._part = PartSystem()
-        self._capture = Capture(self._clock, self._publish_point, self._part)
+        self._outbox = Outbox(
+            state_path(path) / OUTBOX,
+            arm=self._arm,
+            encoding=self._encoding,
+            clock=self._clock,
+            section=configuration.outbox,
+            limit=settings.max_waiting_points,
+            session=lambda: self._capture.session.id,
+            queue=self._queue,
+            events=self._events,
+            latencies=self._health.latencies,
+            changed=self._publish_status,
+        )
+        self._capture = Capture(self._clock, self._outbox.keep, self._part)
         self._scanner = Scanner(
             self._clock,
             lambda scan: self._outlet.publish("scan", scan),
@@ -161,6 +176,7 @@ class Service:
                 "scan": self._requests.change_scan,
                 "align": align.change,
                 "reload": self._reload.carry_out,
+                "resend": self._outbox.resend,
             },
         )
         self._publisher = Publisher(
@@ -185,7 +201,11 @@ class Service:
             loop.add_signal_handler(number, self._stopping.set)
         loop.add_signal_handler(signal.SIGHUP, self._hang_up.set)
         failure: StartupError | None = None
-        async with self._running_drivers(), asyncio.TaskGroup() as tasks:
+        async with (
+            self._running_drivers(),
+            self._outbox.running(),
+            asyncio.TaskGroup() as tasks,
+        ):
             running = [tasks.create_task(self._consume(d)) for d in self._devices]
             try:
                 await self._unless_stopped(self._check())
@@ -214,6 +234,7 @@ class Service:
         self._measuring.use(configuration, inputs.model)
         self._requests.use(configuration.capture, configuration.scan)
         self._point_requests.use(configuration.capture)
+        self._outbox.use(configuration.outbox)
         self._publisher.renew()
         self._publish_status()
         self._tell_model()
@@ -229,9 +250,9 @@ class Service:
         log.info("arm %s, model %s", self._arm, model.digest[:12])
         if names := model.effect_names:
             log.info("effects applied: %s", ", ".join(names))
-        if (
-            model.effects.contacts
-            and self._configuration.capture.compensation in ("none", "shank")
+        if model.effects.contacts and self._configuration.capture.compensation in (
+            "none",
+            "shank",
         ):
             log.warning(
                 "effects of the contact are left out: `compensation` in [capture] is "
@@ -267,6 +288,7 @@ class Service:
         log.info("stopping")
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(DRAIN_S):
+                await self._outbox.idle()
                 await self._queue.empty()
 
     @contextlib.asynccontextmanager
@@ -301,6 +323,7 @@ class Service:
             period_s = self._configuration.health.period_s
             self._events.flush()
             self._commands.see_calm()
+            self._outbox.keep_house()
             if loop.time() >= due_s:
                 due_s = loop.time() + period_s
                 self._publish_health()
@@ -308,17 +331,8 @@ class Service:
 
     # -- messages -------------------------------------------------------------
 
-    def _publish_point(self, point: Point) -> bool:
-        begun_ns = self._clock.monotonic_ns()
-
-        def sent() -> None:
-            waited_ns = self._clock.monotonic_ns() - begun_ns
-            self._health.latencies["publish_to_ack"].add(waited_ns)
-
-        return self._outlet.publish("point", point, sent)
-
     def _status(self, *, online: bool = True) -> Status:
-        ready = all(device.state == "ready" for device in self._devices)
+        ready = self._outbox.is_ready and all(d.state == "ready" for d in self._devices)
         return Status(
             online=online,
             state="offline" if not online else "ready" if ready else "degraded",
@@ -341,6 +355,7 @@ class Service:
             session=self._capture.session.id,
             devices=self._devices,
             broker=broker_health(self._publisher, self._queue),
+            outbox=self._outbox.health(),
             counters=counters_of(
                 capture=self._capture,
                 scanner=self._scanner,

@@ -23,6 +23,7 @@ from protocol.messages.health import (
     DeviceHealth,
     Health,
     Latency,
+    OutboxHealth,
 )
 from protocol.messages.live import Live
 from protocol.messages.point import Label, Point
@@ -69,6 +70,7 @@ __all__ = [
     "Latency",
     "Live",
     "Message",
+    "OutboxHealth",
     "Point",
     "PointArgs",
     "ProbeArgs",

@@ -28,6 +28,7 @@ COUNTERS = {
     "points_retracted": "points taken back",
     "points_refused": "triggers that gave no point; an event tells why",
     "points_published": "points acknowledged by the broker, retractions included",
+    "points_resent": "points acknowledged that somebody had wanted again",
     "scan_points_published": "points of scans handed to the broker",
     "scan_points_dropped": "points of scans dropped because a queue was full",
     "scan_filter_n_kind": "points of scans held back by filter n of that kind",
@@ -46,6 +47,7 @@ COUNTERS = {
 
 LATENCIES = {
     "capture_to_publish": "from a trigger's receipt to handing the point over",
+    "point_to_disk": "from a point's number to its being safe on the disk",
     "publish_to_ack": "from handing a point over to the broker's acknowledgement",
     "sample_to_pose": "from a sample's receipt to its coordinates",
     "queue_wait": "time of a block of samples between reader thread and pipeline",
@@ -112,6 +114,21 @@ class BrokerHealth(Value):
     """Messages dropped because the queue was full."""
 
 
+class OutboxHealth(Value):
+    """The points on the daemon's disk."""
+
+    state: Literal["ready", "failed"]
+    """"failed": no point can be kept, so none is taken; an event tells why."""
+    points: Count
+    """Points kept, retractions included."""
+    unsent: Count
+    """Those of them that the broker has not acknowledged yet."""
+    bytes: Count
+    """Size of the file."""
+    oldest_unsent_ns: TimeNs | None
+    """Time of the first point that the broker does not have; null: it has all. [UTC]"""
+
+
 class DeviceHealth(Value):
     """One device."""
 
@@ -167,5 +184,7 @@ class Health(Message):
     left since the previous message; null where they are all read at one instant."""
     broker: BrokerHealth
     """The connection to the broker."""
+    outbox: OutboxHealth
+    """The points on disk."""
     devices: Annotated[tuple[DeviceHealth, ...], Field(max_length=64, fail_fast=True)]
     """All configured devices."""

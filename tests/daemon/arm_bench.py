@@ -19,7 +19,7 @@ from drivers.crossing import Crossing
 from drivers.driver import Driver
 from drivers.values import DeviceUp, Identity, LatchedCounts, StreamStarted
 from tests.daemon.two_devices import BEGIN_NS, model_on_two
-from tests.daemon.values import SetClock
+from tests.daemon.values import SetClock, kept_at_once
 
 IDENTITIES = {
     "base": Identity("board 1", "1", (1 << 20, 1 << 23, 1 << 16), 2, 1000.0),
@@ -67,7 +67,7 @@ class ArmBench:
         self.scanner = Scanner(
             self.clock, lambda scan: not self.scans.append(scan), 0.05
         )
-        self.capture = Capture(self.clock, self.offer)
+        self.capture = Capture(self.clock, kept_at_once(self.offer))
         self.pipeline = Pipeline(self.model, self.clock)
         self.room = True
         self.measuring = Measuring(

@@ -7,7 +7,7 @@ from daemon.capture import Capture, CaptureRefusedError, Measured, Triggers
 from daemon.outgoing import MAX_EVENTS, MAX_REPLIES, Outgoing, OutgoingQueue
 from daemon.poses import LatchedPose
 from kinematics.effects.block import Block
-from tests.daemon.values import UTC_OFFSET_NS, SetClock, arm_model
+from tests.daemon.values import UTC_OFFSET_NS, SetClock, arm_model, kept_at_once
 
 
 def message(name: str, **options) -> Outgoing:
@@ -42,8 +42,8 @@ def pose(quality: int = 0) -> LatchedPose:
 
 def test_a_point_says_what_was_latched(model):
     taken = []
-    capture = Capture(SetClock(), lambda point: not taken.append(point))
-    point = capture.take(Measured(model, pose(quality=1), 21.5), "button")
+    capture = Capture(SetClock(), kept_at_once(lambda point: not taken.append(point)))
+    point = capture.take(Measured(model, pose(quality=1), 21.5), "button").point
     assert taken == [point]
     assert (point.seq, point.trigger, point.temperature_c) == (0, "button", 21.5)
     assert point.time_ns == UTC_OFFSET_NS + 10**12
@@ -56,12 +56,14 @@ def test_a_point_says_what_was_latched(model):
 
 def test_a_refused_point_uses_no_number(model):
     room = [True, False, False, True]
-    capture = Capture(SetClock(), lambda point: room.pop(0))
-    points = [capture.take(Measured(model, pose(), None), "command")]
+    capture = Capture(SetClock(), kept_at_once(lambda point: room.pop(0)))
+    points = [capture.take(Measured(model, pose(), None), "command").point]
     for _ in range(2):
-        with pytest.raises(CaptureRefusedError, match="queue of points is full"):
+        with pytest.raises(
+            CaptureRefusedError, match="so many points wait for the disk"
+        ):
             capture.take(Measured(model, pose(), None), "command")
-    points.append(capture.take(Measured(model, pose(), None), "command"))
+    points.append(capture.take(Measured(model, pose(), None), "command").point)
     assert [point.seq for point in points] == [0, 1]
     assert capture.captured == 2
     assert len({point.id for point in points}) == 2

@@ -30,7 +30,7 @@ from drivers.values import (
     StreamStarted,
 )
 from protocol.encoding import decode, encode
-from protocol.messages import BrokerHealth, Health
+from protocol.messages import BrokerHealth, Health, OutboxHealth
 from protocol.messages.health import LATENCIES
 from tests.daemon.values import (
     ARM,
@@ -38,6 +38,7 @@ from tests.daemon.values import (
     SetClock,
     arm_model,
     count_samples,
+    kept_at_once,
     latch,
 )
 
@@ -68,7 +69,7 @@ class Bench:
             settings=AssemblySection(),
             uncertainty=Uncertainty(UncertaintySection()),
             pipeline=Pipeline(model, self.clock),
-            capture=Capture(self.clock, self.offer, self.part),
+            capture=Capture(self.clock, kept_at_once(self.offer), self.part),
             triggers=Triggers({("base", 0): "button", ("base", 1): "switch"}),
             scanner=self.scanner,
             live=LiveView(self.clock, 20.0, self.part),
@@ -337,6 +338,9 @@ def health(bench) -> Health:
             queue_limit=10,
             unacknowledged=0,
             dropped=0,
+        ),
+        outbox=OutboxHealth(
+            state="ready", points=0, unsent=0, bytes=0, oldest_unsent_ns=None
         ),
         counters={"points_captured": len(bench.points)},
         temperature_c=bench.device.temperature_c,

@@ -201,7 +201,7 @@ async def test_a_new_session_numbers_from_0_and_cannot_undo_the_old(bench):
 async def test_no_room_for_a_retraction_uses_no_number(bench):
     press(bench, 30.5)
     bench.room = False
-    with pytest.raises(CommandError, match="queue of points is full"):
+    with pytest.raises(CommandError, match="so many points wait for the disk"):
         await bench.point_requests.undo(UndoArgs())
     bench.room = True
     assert (await bench.point_requests.undo(UndoArgs()))["seq"] == 1

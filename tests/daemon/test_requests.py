@@ -24,7 +24,7 @@ from daemon.scanner import Scanner
 from daemon.startup import REFUSED, UNREACHABLE, check_devices
 from daemon.uncertainty import Uncertainty
 from protocol.messages import PointArgs, ScanArgs
-from tests.daemon.values import arm_model
+from tests.daemon.values import arm_model, kept_at_once
 from tests.drivers import board_bodies as bodies
 from tests.drivers.fake_board import HELLO, START, FakeBoard
 from tests.drivers.taken import until
@@ -44,7 +44,7 @@ class Bench:
             {"id": "base", "driver": "latch-board", "port": str(board.link)}
         )
         self.device = open_device(section, asyncio.get_running_loop())
-        capture = Capture(clock, self.offer)
+        capture = Capture(clock, kept_at_once(self.offer))
         self.scanner = Scanner(clock, lambda scan: not self.scans.append(scan), 0.05)
         devices = ArmDevices(model, [self.device])
         self.measuring = Measuring(
@@ -138,7 +138,7 @@ async def test_an_edge_is_acknowledged_only_after_its_point_is_taken(bench):
 
 async def test_a_refused_point_is_told_to_whoever_asked(bench):
     bench.room = False
-    with pytest.raises(CommandError, match="queue of points is full"):
+    with pytest.raises(CommandError, match="so many points wait for the disk"):
         await bench.point_requests.take_point(PointArgs())
 
 

@@ -1,5 +1,6 @@
 """Clocks, arms and samples that the tests of the daemon share."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -7,8 +8,11 @@ import numpy as np
 
 from daemon.clock import HostClock
 from daemon.model import ArmModel, read_model
+from daemon.outbox_keeping import Keeping
 from daemon.poses import PoseBlock
+from daemon.sessions import Session
 from drivers.values import CountSamples, LatchedCounts
+from protocol.messages import Point
 
 UTC_OFFSET_NS = 1_700_000_000_000_000_000
 MODULI = (1 << 32, 1 << 23, 1 << 20)
@@ -73,6 +77,19 @@ class SetClock(HostClock):
 
     def utc_offset_ns(self) -> int:
         return self.offset_ns
+
+
+def kept_at_once(take: Callable[[Point], bool]):
+    """Keeps points for a capture; those that ``take`` says True to, and at once."""
+
+    def keep(session: Session, point: Point) -> Keeping | None:
+        if not take(point):
+            return None
+        keeping = Keeping(point)
+        keeping.settle()
+        return keeping
+
+    return keep
 
 
 def arm_file(folder: Path, text: str = ARM) -> Path:

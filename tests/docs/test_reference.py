@@ -14,6 +14,7 @@ from daemon import configuration, probes
 from daemon.broker_section import BrokerSection
 from daemon.device_section import DeviceSection
 from daemon.filters import section_class
+from daemon.outbox_section import OutboxSection
 from daemon.quality_section import EndStopSection
 from drivers.registry import DRIVERS, driver_class
 from kinematics import arm_file
@@ -36,6 +37,7 @@ SECTIONS: dict[str, list[tuple[str, type[BaseModel]]]] = {
         ("`[quality]`", configuration.QualitySection),
         ("`[[quality.end_stops]]`", EndStopSection),
         ("`[health]`", configuration.HealthSection),
+        ("`[outbox]`", OutboxSection),
     ],
     "docs/reference/probe-library.md": [("Probe library", probes.LibraryProbe)],
     "docs/reference/arm-file.md": [

@@ -25,6 +25,7 @@ from daemon.uncertainty import Uncertainty
 from drivers.values import Delivery
 from kinematics.arm_file import Arm, Effect, Identification, write_arm
 from protocol.messages import Point
+from tests.daemon.values import kept_at_once
 from tests.end_to_end.virtual_time import VirtualBoard, played
 from tests.simulator.effect_examples import START, heavy_arm
 
@@ -149,7 +150,7 @@ class Daemon:
             settings=AssemblySection(),
             uncertainty=uncertainty or Uncertainty(UncertaintySection()),
             pipeline=self._pipeline,
-            capture=Capture(clock, self._keep),
+            capture=Capture(clock, kept_at_once(self._keep)),
             triggers=Triggers({("base", 1): "switch"}),
             scanner=Scanner(clock, lambda scan: True, 0.05),
             live=LiveView(clock, 20.0),

@@ -23,6 +23,7 @@ from protocol.messages import (
     Latency,
     Live,
     Message,
+    OutboxHealth,
     Point,
     PointArgs,
     ProbeArgs,
@@ -192,6 +193,13 @@ HEALTH = Health(
         queue_limit=10_000,
         unacknowledged=1,
         dropped=0,
+    ),
+    outbox=OutboxHealth(
+        state="ready",
+        points=120_000,
+        unsent=1,
+        bytes=104_857_600,
+        oldest_unsent_ns=TIME_NS,
     ),
     devices=(
         DeviceHealth(

@@ -1,0 +1,273 @@
+"""The outbox: a point is on the disk before anybody is told that it was taken.
+
+On the event loop; what takes time is done by the thread. A point goes from `keep` to
+the disk, then to whoever waits for it and to the broker, and is marked when the broker
+has it. What the broker does not have is sent after a start, first and in order.
+"""
+
+import asyncio
+import contextlib
+import logging
+from collections import deque
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping
+from pathlib import Path
+
+from daemon.clock import HostClock
+from daemon.commands import Result
+from daemon.events import EventLog
+from daemon.latencies import Latencies
+from daemon.outbox_feed import OutboxFeed, Told, Work
+from daemon.outbox_keeping import InFlight, Keeping
+from daemon.outbox_marks import OutboxMarks, Range
+from daemon.outbox_resend import OutboxResend
+from daemon.outbox_section import OutboxSection
+from daemon.outbox_thread import Ask, Condition, Keep, OutboxThread, Rules
+from daemon.outbox_values import Entry, Held, OutboxRefusedError, Trouble
+from daemon.outgoing import OutgoingQueue
+from daemon.sessions import Session
+from daemon.state_folder import OWNER_ONLY, only_user_of
+from protocol.encoding import Encoding, encode
+from protocol.messages import OutboxHealth, Point, ResendArgs
+from protocol.topics import point_topic
+
+log = logging.getLogger("daemon.outbox")
+
+
+class Outbox:
+    """Keeps an arm's points and has them sent.
+
+    Args:
+        path: of the database.
+        arm: name of the arm, for the topic.
+        encoding: of the payloads.
+        clock: the host's.
+        section: what may be forgotten.
+        limit: so many points may be on their way to the disk.
+        session: gives the id of the running session, which is never forgotten for age.
+        queue: of what is to be published.
+        events: where troubles are told.
+        latencies: where it is told how long points took to the disk, and from there to
+            the broker.
+        changed: called when points can be kept again, or cannot any more.
+        failing: called with how many points are about to lose their numbers.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        arm: str,
+        encoding: Encoding,
+        clock: HostClock,
+        section: OutboxSection,
+        limit: int,
+        session: Callable[[], str],
+        queue: OutgoingQueue,
+        events: EventLog,
+        latencies: Mapping[str, Latencies],
+        changed: Callable[[], None] = lambda: None,
+        failing: Callable[[int], object] = lambda n: None,
+    ) -> None:
+        self._path = path
+        self._topic = point_topic(arm)
+        self._encoding: Encoding = encoding
+        self._clock = clock
+        self._section = section
+        self._limit = limit
+        self._session = session
+        self._queue = queue
+        self._events = events
+        self._latencies = latencies
+        self._status_changed = changed
+        self._failing = failing
+        self._condition = Condition()
+        self._is_open = False
+        self._generation = 0
+        self._in_flight = InFlight()
+        self._emptied = asyncio.Event()
+        self._entries: deque[tuple[int, Entry]] = deque()  # begun [ns], and what
+        self._thread = OutboxThread(
+            path,
+            clock,
+            Rules(section, ""),
+            kept=self._kept,
+            failed=self._failed,
+            changed=self._changed,
+            replaced=self._replaced,
+        )
+        self._marks = OutboxMarks(self._write_marks)
+        self._feed = OutboxFeed(
+            queue, self._ask, self._marks.add, clock, latencies["publish_to_ack"]
+        )
+        self._resend = OutboxResend(queue, self._ask)
+
+    @contextlib.asynccontextmanager
+    async def running(self) -> AsyncIterator[None]:
+        """Keep points while the block lasts.
+
+        Raises:
+            OutboxRefusedError: the database must be left alone.
+        """
+        with _alone_in(self._path.parent):
+            await self._thread.start()
+            self._is_open = True
+            self._queue.left = self._refill
+            try:
+                self._refill()
+                yield
+            finally:
+                self._queue.left = None
+                self._marks.flush()
+                self._is_open = False
+                await self._thread.close()
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether points can be kept."""
+        return self._condition.trouble is None
+
+    async def idle(self) -> None:
+        """Wait until no point is on its way to the disk."""
+        while self._in_flight:
+            self._emptied.clear()
+            await self._emptied.wait()
+
+    def use(self, section: OutboxSection) -> None:
+        """Go by other rules of what may be forgotten."""
+        self._section = section
+
+    def keep(self, session: Session, point: Point) -> Keeping | None:
+        """Send a point of a session to the disk; None where too many wait for it."""
+        if not self._is_open or len(self._in_flight) >= self._limit:
+            return None
+        entry = Entry(
+            session.id,
+            session.begun_ns,
+            session.note,
+            point.seq,
+            point.id,
+            point.time_ns,
+            self._topic,
+            self._encoding,
+            encode(point, self._encoding),
+        )
+        self._entries.append((self._clock.monotonic_ns(), entry))
+        self._thread.put(Keep(self._generation, entry))
+        return self._in_flight.add(session, point)
+
+    async def resend(self, args: ResendArgs) -> Result:
+        """Carry out the command.
+
+        Raises:
+            CommandError: too many ranges wait, or the database cannot be read.
+        """
+        return await self._resend.carry_out(args)
+
+    def keep_house(self) -> None:
+        """Go on with what has been put off; call it a few times a second."""
+        self._thread.put(Rules(self._section, self._session()))
+        self._marks.flush()
+        self._refill()
+
+    def health(self) -> OutboxHealth:
+        """How the outbox is."""
+        figures = self._condition.figures
+        return OutboxHealth(
+            state="ready" if self.is_ready else "failed",
+            points=figures.points,
+            unsent=figures.unsent,
+            bytes=figures.size_bytes,
+            oldest_unsent_ns=figures.oldest_unsent_ns,
+        )
+
+    # -- what the thread tells ------------------------------------------------
+
+    def _kept(self, numbers: list[int]) -> None:
+        for number in numbers:
+            begun_ns, entry = self._entries.popleft()
+            taken_ns = self._clock.monotonic_ns() - begun_ns
+            self._latencies["point_to_disk"].add(taken_ns)
+            self._feed.kept(_held(number, entry))
+            self._in_flight.keep()
+        self._emptied.set()
+
+    def _failed(self, generation: int, trouble: Trouble) -> None:
+        self._generation = generation + 1
+        self._entries.clear()
+        self._failing(len(self._in_flight))
+        self._in_flight.fail(trouble)
+        self._emptied.set()
+
+    def _changed(self, condition: Condition) -> None:
+        was_ready, trouble = self.is_ready, condition.trouble
+        self._condition = condition
+        self._events.change(
+            trouble is not None,
+            "error",
+            "outbox.failed",
+            "points are kept again" if trouble is None else trouble.text,
+            source="outbox",
+            remedy="" if trouble is None else trouble.remedy,
+        )
+        if was_ready != self.is_ready:
+            self._status_changed()
+
+    def _replaced(self, text: str) -> None:
+        self._events.report(
+            "error",
+            "outbox.replaced",
+            text,
+            source="outbox",
+            remedy="points that only the old file has can be taken out of it with "
+            "`traverse points export --db`, as far as it can be read",
+        )
+
+    # -- what the thread is asked ---------------------------------------------
+
+    def _ask(self, work: Work, told: Told) -> None:
+        self._thread.put(Ask(work, told))
+
+    def _write_marks(self, ranges: list[Range], told: Told) -> None:
+        self._ask(lambda store: store.mark_sent(ranges), told)
+
+    def _refill(self) -> None:
+        self._feed.refill()
+        self._resend.refill()
+
+
+@contextlib.contextmanager
+def _alone_in(folder: Path) -> Iterator[None]:
+    """Use a state folder as the only daemon.
+
+    Raises:
+        OutboxRefusedError: another one does, or it cannot be had.
+    """
+    with contextlib.ExitStack() as stack:
+        try:
+            folder.mkdir(mode=OWNER_ONLY, parents=True, exist_ok=True)
+            stack.enter_context(only_user_of(folder))
+        except BlockingIOError as error:
+            raise OutboxRefusedError(
+                f"{folder}: another daemon uses this state folder; end it, or give "
+                "this one a configuration in another folder"
+            ) from error
+        except OSError as error:
+            raise OutboxRefusedError(
+                f"{folder}: the state folder cannot be used: {error.strerror}; make it "
+                "writable for the daemon's user, or set STATE_DIRECTORY to another"
+            ) from error
+        yield
+
+
+def _held(number: int, entry: Entry) -> Held:
+    return Held(
+        number,
+        entry.session,
+        entry.seq,
+        entry.id,
+        entry.time_ns,
+        entry.topic,
+        entry.encoding,
+        entry.payload,
+        is_sent=False,
+    )

@@ -1,0 +1,100 @@
+"""From the disk to the broker: some points at a time, however many there are.
+
+A new point goes to the outgoing queue from memory as long as all before it are there.
+Else it stays on the disk, and is read when those before it have gone: memory holds a
+few hundred points, whatever the broker does.
+"""
+
+from collections.abc import Callable, Sequence
+
+from daemon.clock import HostClock
+from daemon.latencies import Latencies
+from daemon.outbox_store import OutboxStore
+from daemon.outbox_values import Held
+from daemon.outgoing import Outgoing, OutgoingQueue
+from protocol.topics import CHANNELS
+
+TOGETHER = 100
+
+Told = Callable[[object], None]
+Work = Callable[[OutboxStore], object]
+
+
+def outgoing(message: Held, sent: Callable[[], None] | None = None) -> Outgoing:
+    """A message of the database as it is handed to the broker."""
+    return Outgoing(
+        message.topic,
+        message.payload,
+        qos=CHANNELS["point"].qos,
+        sent=sent,
+        encoding=message.encoding,
+    )
+
+
+class OutboxFeed:
+    """Puts all messages into the queue that the broker does not have, in order.
+
+    Args:
+        queue: of what is to be published.
+        ask: has something done with the database.
+        mark: called with the number of each that the broker has.
+        clock: the host's.
+        latency: told how long the broker took for each.
+    """
+
+    def __init__(
+        self,
+        queue: OutgoingQueue,
+        ask: Callable[[Work, Told], None],
+        mark: Callable[[int], None],
+        clock: HostClock,
+        latency: Latencies,
+    ) -> None:
+        self._queue = queue
+        self._ask = ask
+        self._mark = mark
+        self._clock = clock
+        self._latency = latency
+        self._last_number = 0  # of those that are, or were, in the queue
+        self._is_behind = True  # at the start: an earlier run may have left some
+        self._is_reading = False
+
+    def kept(self, message: Held) -> None:
+        """A new message is on the disk."""
+        if not self._is_behind:
+            self._is_behind = not self._offer(message)
+
+    def refill(self) -> None:
+        """Read on, where messages wait on the disk and there is room for them."""
+        if (
+            not self._is_behind
+            or self._is_reading
+            or self._queue.waiting("point") > TOGETHER
+        ):
+            return
+        self._is_reading = True
+        after = self._last_number
+        self._ask(lambda store: store.unsent(after, TOGETHER), self._read)
+
+    def _read(self, found: object) -> None:
+        self._is_reading = False
+        if not isinstance(found, Sequence):
+            return  # it cannot be read now; somebody calls `refill` again
+        # What was kept after this was read is told after it: nothing is missed.
+        self._is_behind = len(found) == TOGETHER
+        for message in found:
+            if not self._offer(message):
+                self._is_behind = True
+                return
+
+    def _offer(self, message: Held) -> bool:
+        number, begun_ns = message.number, self._clock.monotonic_ns()
+
+        def sent() -> None:
+            self._latency.add(self._clock.monotonic_ns() - begun_ns)
+            self._mark(number)
+
+        there = self._queue.offer("point", outgoing(message, sent))
+        if there:
+            self._last_number = number
+        return there

@@ -1,0 +1,109 @@
+"""What goes between the event loop, the outbox's thread and its database."""
+
+from dataclasses import dataclass
+
+from protocol.encoding import Encoding
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A point that is to be kept: its message as it will be published.
+
+    Attributes:
+        begun_ns: when the session began [UTC].
+        note: what people said about the session.
+        time_ns: of the point [UTC].
+        encoding: of the payload.
+    """
+
+    session: str
+    begun_ns: int
+    note: str
+    seq: int
+    id: str
+    time_ns: int
+    topic: str
+    encoding: Encoding
+    payload: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Held:
+    """A message that the database has.
+
+    Attributes:
+        number: grows by one with each message ever kept; the order of sending.
+        is_sent: the broker has acknowledged it.
+    """
+
+    number: int
+    session: str
+    seq: int
+    id: str
+    time_ns: int
+    topic: str
+    encoding: Encoding
+    payload: bytes
+    is_sent: bool
+
+
+@dataclass(frozen=True, slots=True)
+class HeldSession:
+    """A session of which the database has points.
+
+    Attributes:
+        begun_ns: when it began [UTC].
+        points: how many there are, retractions included.
+        unsent: how many of them the broker does not have yet.
+    """
+
+    session: str
+    begun_ns: int
+    note: str
+    first_seq: int
+    last_seq: int
+    points: int
+    unsent: int
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """What the database has of a session.
+
+    Attributes:
+        points: how many of the range that was asked about.
+        first_seq, last_seq: of the whole session; None where it has nothing of it.
+    """
+
+    points: int
+    first_seq: int | None
+    last_seq: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """How the database is.
+
+    Attributes:
+        points: messages in it.
+        unsent: those that the broker does not have yet.
+        size_bytes: of the file, without its log.
+        oldest_unsent_ns: time of the oldest of those [UTC].
+    """
+
+    points: int = 0
+    unsent: int = 0
+    size_bytes: int = 0
+    oldest_unsent_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Trouble:
+    """Why points cannot be kept, and what people can do."""
+
+    text: str
+    remedy: str
+
+
+class OutboxRefusedError(Exception):
+    """The file is one that must be left alone; the text says why and what to do."""
