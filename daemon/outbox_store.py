@@ -21,7 +21,7 @@ CHECKED_BYTES = 64 << 20  # a larger file takes too long to be checked at each s
 LOG_PAGES = 1000
 LOG_BYTES = 16 << 20  # the log shrinks to this when it begins anew
 ROOM_BYTES = 65_536  # what a few points take, with their part of every index
-VACUUM_PAGES = 256
+VACUUM_PAGES = 128
 DAY_NS = 86_400 * 10**9
 
 
