@@ -66,7 +66,7 @@ def _digest_problems(
             continue
         files[name] = hashlib.sha256(path.read_bytes()).hexdigest()
         if files[name] != digest:
-            yield f"{DATA}/{name} was changed: its digest is not that of the certificate"
+            yield f"{DATA}/{name} was changed: its digest is not the one stated"
     found = digest_values(values, dict(stated["files"]))
     if found["result"] != stated.get("result"):
         yield "the figures were changed: their digest is not that of the certificate"

@@ -1,4 +1,4 @@
-"""The certificate as plain values, and the digest that ties it to what it was made of."""
+"""The certificate as plain values, and the digest that ties it to its data."""
 
 import hashlib
 import json

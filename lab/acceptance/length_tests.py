@@ -30,8 +30,8 @@ LEAST_SHARE = 0.66
 DEFINITION = (
     "5 lengths in 7 positions, 3 times each: 105 errors E = L_measured - L_certified, "
     "corrected for expansion; the largest counts, all must be within the limit. The "
-    "longest length at least 66 % of the measuring range. Repeats: in at most 5 of the 35 sets "
-    "of three one error may be outside; it is measured 10 times again, all inside"
+    "longest length at least 66 % of the measuring range. Repeats: in at most 5 of the "
+    "35 sets of three one error may be outside; it is measured 10 times again, all in"
 )
 _WAYS = {
     "e_uni": "Lengths from centre to centre, probed alike at both ends: unidirectional",

@@ -1,11 +1,12 @@
 """What was measured for acceptance: places of the ball's centre, by artefact."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kinematics.arm_file import Arm
 from lab.identification.artefacts import Artefact
 
 Floats = NDArray[np.float64]
@@ -88,3 +89,54 @@ class Measured:
         away_mm = np.linalg.norm(places_mm - self.shoulder_mm, axis=1)
         shares: Floats = away_mm / self.reach_mm
         return shares
+
+
+def reach_of(arm: Arm) -> tuple[Floats, float]:
+    """Say where the second joint is in the base posture, and how far the ball gets.
+
+    The first joint turns the whole arm; from the second on links add up at most.
+    """
+    links_mm = np.array([joint.link_mm for joint in arm.joints], dtype=np.float64)
+    links_mm[-1] += np.array(arm.probe.vector_mm)
+    first = min(1, len(links_mm) - 1)
+    shoulder_mm = np.array(arm.origin_mm) + links_mm[:first].sum(axis=0)
+    return shoulder_mm, float(np.sum(np.linalg.norm(links_mm[first:], axis=1)))
+
+
+def sorted_touches(
+    arm: Arm,
+    artefacts: Mapping[str, Artefact],
+    names: tuple[Sequence[str], Sequence[str]],
+    numbers: Floats,
+    notes: Iterable[str],
+) -> Measured:
+    """Sort touches by artefact.
+
+    Args:
+        arm: Of the measurement.
+        artefacts: By id.
+        names: Of the artefact and the feature of every touch, (n,) each.
+        numbers: Place of the ball's centre, temperature, radius of the tip, (n, 5).
+        notes: What is not as it should be.
+    """
+    by_name: dict[str, list[int]] = {}
+    for row, name in enumerate(names[0]):
+        by_name.setdefault(name, []).append(row)
+    shoulder_mm, reach_mm = reach_of(arm)
+    touched = {
+        name: Touched(
+            numbers[rows, :3],
+            tuple(names[1][row] for row in rows),
+            numbers[rows, 3],
+            numbers[rows, 4],
+        )
+        for name, rows in by_name.items()
+    }
+    return Measured(
+        artefacts=artefacts,
+        touched=touched,
+        arm_name=arm.name,
+        shoulder_mm=shoulder_mm,
+        reach_mm=reach_mm,
+        notes=tuple(notes),
+    )

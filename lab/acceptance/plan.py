@@ -11,7 +11,7 @@ from lab.acceptance.b89 import N_BARS, ZONES
 from lab.acceptance.interim import POSITIONS as CHECK_POSITIONS
 from lab.acceptance.length_tests import LENGTHS, POSITIONS
 from lab.acceptance.lengths import SET
-from lab.acceptance.reading import reach_of
+from lab.acceptance.measured import reach_of
 from lab.acceptance.standards import (
     BIDIRECTIONAL,
     DIAMETER,

@@ -5,9 +5,8 @@ the daemon would. A recording's samples are averaged over each touch. Exported p
 are taken as the daemon gave them.
 """
 
-import csv
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,19 +17,16 @@ from kinematics.arm_file import Arm, FileError, Problem, parse_arm
 from kinematics.effects.arm_effects import effects_of
 from kinematics.effects.pose import corrected_pose
 from kinematics.effects.setting import utc_ns
-from kinematics.file_problems import shown, unknown_name_message
 from kinematics.geometry import geometry_from_arm
-from lab.acceptance.measured import Measured, Touched
+from lab.acceptance.measured import Measured, sorted_touches
+from lab.acceptance.points_table import is_point_table, read_points_table
 from lab.campaign import Campaign, read_campaign
-from lab.campaign_file import CampaignFile, read_campaign_file
+from lab.campaign_file import read_campaign_file
 from lab.identification.effect_model import block_of
 from lab.identification.plausible import campaign_span, campaign_start
 from recording.reader import read_recording
 
 Floats = NDArray[np.float64]
-
-_PLACE = ("x_mm", "y_mm", "z_mm")
-_POINT_COLUMNS = ("artefact", "feature", *_PLACE)
 
 
 def read_measured(data: Path, arm: Arm) -> Measured:
@@ -47,8 +43,8 @@ def read_measured(data: Path, arm: Arm) -> Measured:
         return _from_recording(data, arm)
     file = read_campaign_file(data / "campaign.toml")
     poses = data / file.poses
-    if poses.suffix == ".csv" and _PLACE[0] in _header(poses):
-        return _from_points(poses, file, arm)
+    if is_point_table(poses):
+        return read_points_table(poses, file, arm)
     return measured_campaign(
         read_campaign(data, [joint.name for joint in arm.joints]), arm, str(data)
     )
@@ -116,56 +112,13 @@ def measured_campaign(campaign: Campaign, arm: Arm, source: str = "") -> Measure
             "artefact_length of the arm file is not applied: what a standard is long "
             "says its certificate"
         )
-    return _measured(
+    return sorted_touches(
         arm,
         {artefact.id: artefact for artefact in campaign.artefacts},
         (artefacts, features),
         np.column_stack([places_mm, temperature_c, tip_mm]),
         notes,
     )
-
-
-def _measured(
-    arm: Arm,
-    artefacts: Mapping[str, object],
-    names: tuple[Sequence[str], Sequence[str]],
-    numbers: Floats,
-    notes: Iterable[str],
-) -> Measured:
-    """Sort touches by artefact; numbers: place, temperature, tip, (n, 5)."""
-    by_name: dict[str, list[int]] = {}
-    for row, name in enumerate(names[0]):
-        by_name.setdefault(name, []).append(row)
-    shoulder_mm, reach_mm = reach_of(arm)
-    touched = {
-        name: Touched(
-            numbers[rows, :3],
-            tuple(names[1][row] for row in rows),
-            numbers[rows, 3],
-            numbers[rows, 4],
-        )
-        for name, rows in by_name.items()
-    }
-    return Measured(
-        artefacts=artefacts,  # type: ignore[arg-type] # as the campaign file has them
-        touched=touched,
-        arm_name=arm.name,
-        shoulder_mm=shoulder_mm,
-        reach_mm=reach_mm,
-        notes=tuple(notes),
-    )
-
-
-def reach_of(arm: Arm) -> tuple[Floats, float]:
-    """Say where the second joint is in the base posture, and how far the ball gets.
-
-    The first joint turns the whole arm; from the second on links add up at most.
-    """
-    links_mm = np.array([joint.link_mm for joint in arm.joints], dtype=np.float64)
-    links_mm[-1] += np.array(arm.probe.vector_mm)
-    first = min(1, len(links_mm) - 1)
-    shoulder_mm = np.array(arm.origin_mm) + links_mm[:first].sum(axis=0)
-    return shoulder_mm, float(np.sum(np.linalg.norm(links_mm[first:], axis=1)))
 
 
 def _runs(
@@ -203,56 +156,3 @@ def _from_recording(path: Path, arm: Arm) -> Measured:
         (Path(folder) / "campaign.toml").write_text(tomlkit.dumps(table), "utf-8")
         campaign = read_campaign(folder, [joint.name for joint in arm.joints])
     return measured_campaign(campaign, arm, str(path))
-
-
-def _header(path: Path) -> list[str]:
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            return [name.strip() for name in next(csv.reader(file), [])]
-    except (OSError, UnicodeDecodeError, csv.Error):
-        return []  # whose reader says what is wrong
-
-
-def _from_points(path: Path, file: CampaignFile, arm: Arm) -> Measured:
-    """Read a table of points: artefact, feature, x_mm, y_mm, z_mm, in any order.
-
-    Of further columns temperature_c and probe_radius_mm are looked at, no others.
-    """
-    header = _header(path)
-    problems = [
-        Problem("line 1", f"column '{name}' is missing; add it")
-        for name in _POINT_COLUMNS
-        if name not in header
-    ]
-    if problems:
-        raise FileError(str(path), problems)
-    artefacts = {artefact.id: artefact for artefact in file.artefacts}
-    names: tuple[list[str], list[str]] = ([], [])
-    numbers: list[list[float]] = []
-    with path.open(encoding="utf-8-sig", newline="") as lines:
-        reader = csv.DictReader(lines, fieldnames=header)
-        next(reader)
-        for row in reader:
-            where, name = f"line {reader.line_num}", row["artefact"] or ""
-            if name not in artefacts:
-                message = unknown_name_message("artefact", name, artefacts)
-                problems.append(Problem(where, message))
-                continue
-            try:
-                place = [float(row[column]) for column in _PLACE]
-                warm = float(row.get("temperature_c") or "nan")
-                tip_mm = float(row.get("probe_radius_mm") or arm.probe.radius_mm)
-            except (TypeError, ValueError):
-                cells = [row[column] for column in _PLACE]
-                problems.append(Problem(where, f"{shown(cells)} are not three numbers"))
-                continue
-            if not np.all(np.isfinite(place)):
-                problems.append(Problem(where, f"{shown(place)} is not finite"))
-            names[0].append(name)
-            names[1].append(row["feature"] or "")
-            numbers.append([*place, warm, tip_mm])
-    if not numbers and not problems:
-        problems.append(Problem("", "holds no points; measure some"))
-    if problems:
-        raise FileError(str(path), problems)
-    return _measured(arm, artefacts, names, np.array(numbers), ())
