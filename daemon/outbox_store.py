@@ -171,7 +171,10 @@ class OutboxStore:
         execute = self._connection.execute
         with self._unsynced():
             if execute("PRAGMA freelist_count").fetchone()[0] >= VACUUM_PAGES:
-                execute(f"PRAGMA incremental_vacuum({VACUUM_PAGES})").fetchall()
+                # `execute` would stop after the first page.
+                self._connection.executescript(
+                    f"PRAGMA incremental_vacuum({VACUUM_PAGES})"
+                )
             execute("PRAGMA wal_checkpoint(PASSIVE)").fetchall()
 
     def try_room(self) -> None:
