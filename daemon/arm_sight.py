@@ -108,8 +108,12 @@ class ArmSight:
             return None
         if latch is not None and self._is_whole(latch):
             return stage.pipeline.latched_pose(latch, stage.devices.temperature_c)
-        found = stage.assembly.at(request.instant_ns, latch)
-        if found is None:
+        instant_ns = request.instant_ns
+        found = stage.assembly.at(instant_ns, latch)
+        is_waiting = stage.clock.monotonic_ns() < request.deadline_ns
+        # Motion at the instant is told by all samples before it, not by those that
+        # happen to have come already: a replay finds the same, however it is cut.
+        if found is None or (is_waiting and not stage.path.reaches(instant_ns)):
             return None
         pose = stage.pipeline.pose_at(found.counts, stage.devices.temperature_c)
         pose = replace(pose, doubts_counts=found.doubts_counts)

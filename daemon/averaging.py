@@ -19,6 +19,7 @@ Floats = NDArray[np.float64]
 
 LONGEST_NS = 60_000_000_000
 SPEED_NS = 20_000_000  # over less, noise would be taken for a speed
+_COLUMNS = 12  # sums beside those of the angles
 UNFIT = (
     QualityFlag.ENCODER_ERROR
     | QualityFlag.LATE
@@ -98,18 +99,26 @@ class Average:
     def _sum(self, poses: PoseBlock) -> None:
         if self.n == 0:
             self._first = poses.rows(slice(0, 1))
-            self._sums_mm, self._sums_ijk = np.zeros(3), np.zeros(3)
-            self._sums_rad = np.zeros(poses.angles_rad.shape[1])
+            self._sums = np.zeros(_COLUMNS + poses.angles_rad.shape[1])
         first = self._first
         away_mm = poses.xyz_mm - first.xyz_mm
         elapsed_s = (poses.sample_time_ns - first.sample_time_ns) * 1e-9
-        self._sums_mm += away_mm.sum(axis=0)
-        self._squares_mm2 += float(np.sum(away_mm**2))
-        self._moments_mm_s += elapsed_s @ away_mm
-        self._times_s += float(elapsed_s.sum())
-        self._squares_s2 += float(elapsed_s @ elapsed_s)
-        self._sums_ijk += poses.ijk.sum(axis=0)
-        self._sums_rad += (poses.angles_rad - first.angles_rad).sum(axis=0)
+        squares_mm2 = away_mm[:, 0] ** 2 + away_mm[:, 1] ** 2 + away_mm[:, 2] ** 2
+        columns = (
+            elapsed_s,
+            elapsed_s**2,
+            squares_mm2,
+            away_mm,
+            elapsed_s[:, np.newaxis] * away_mm,
+            poses.ijk,
+            poses.angles_rad - first.angles_rad,
+        )
+        # One after the other: no bit depends on how the stream is cut into blocks.
+        rows = np.vstack([self._sums, np.column_stack(columns)])
+        self._sums = np.add.accumulate(rows, axis=0)[-1]
+        self._times_s, self._squares_s2, self._squares_mm2 = self._sums[:3].tolist()
+        self._sums_mm, self._moments_mm_s = self._sums[3:6], self._sums[6:9]
+        self._sums_ijk, self._sums_rad = self._sums[9:12], self._sums[12:]
         self._quality |= int(np.bitwise_or.reduce(poses.quality))
         self.n += len(poses.seq)
         self.last_ns = int(poses.sample_time_ns[-1])

@@ -182,6 +182,16 @@ class Measuring:
         self.points.arm_changed()
 
     @property
+    def is_scanning(self) -> bool:
+        """A scan runs."""
+        return self._scanner.plan is not None
+
+    @property
+    def pipeline_state(self) -> dict[str, object]:
+        """What the pipeline needs to go on from the last sample."""
+        return self._pipeline.state
+
+    @property
     def model(self) -> ArmModel:
         """The arm that is measured with."""
         return self._pipeline.model

@@ -25,5 +25,5 @@ class Tape:
     def related(self, now_ns: int, utc_offset_ns: int) -> None:
         """UTC is so much more than host monotonic time from now on."""
 
-    def published(self, kind: str, message: Message) -> None:
+    def published(self, now_ns: int, message: Message) -> None:
         """A message has been handed on to be published."""

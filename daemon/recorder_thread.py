@@ -1,0 +1,275 @@
+"""The one thread that writes recordings; what goes wrong here never stops measuring."""
+
+import errno
+import logging
+import shutil
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from operator import methodcaller
+from pathlib import Path
+
+from daemon.recorder_entries import EntryMaker
+from daemon.recorder_flight import FlightRecorder
+from daemon.recorder_named import NamedRecording, Recorded, head_of
+from daemon.recorder_queue import Item, RecorderQueue
+from daemon.recorder_ring import Ring
+from daemon.recording_section import RecordingSection
+from recording.run_writer import Entry
+
+log = logging.getLogger("daemon.recorder")
+
+RETRY_S = 30.0
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What the thread tells the loop.
+
+    Attributes:
+        flight_failed: a failure of the flight recorder begins, with its reason; or
+            ends, "".
+        stopped: a recording has ended by itself: what there is of it, and why.
+        kept: a file kept after a fault.
+    """
+
+    flight_failed: str | None = None
+    stopped: tuple[Recorded | None, str] | None = None
+    kept: Path | None = None
+
+
+class RecorderThread:
+    """Takes items from the queue and writes them where they are wanted.
+
+    Args:
+        queue: what is to be recorded.
+        folder: of all recordings.
+        section: of the configuration.
+        about: what the head of every file says.
+        files: arm file, configuration and so on, as they are now.
+        utc_offset_ns: what to add to host monotonic time.
+        tell: hands a value to the loop.
+    """
+
+    def __init__(
+        self,
+        queue: RecorderQueue,
+        *,
+        folder: Path,
+        section: RecordingSection,
+        about: Mapping[str, str],
+        files: Mapping[str, bytes],
+        utc_offset_ns: int,
+        tell: Callable[[Told], None],
+    ) -> None:
+        self._queue = queue
+        self._folder = folder
+        self._section = section
+        self._about = about
+        self._files = dict(files)
+        self._maker = EntryMaker(utc_offset_ns)
+        self._tell = tell
+        self._ring = Ring()
+        self._flight = FlightRecorder(folder, section, about)
+        self._flies = section.flight
+        self._retry_s: float | None = None
+        self._named: NamedRecording | None = None
+        self._flushed_s = 0.0
+        self._ended = False
+        self._thread = threading.Thread(target=self._run, name="recorder")
+
+    @property
+    def recorded(self) -> Recorded | None:
+        """What there is of the recording that runs; None without one."""
+        named = self._named
+        try:
+            return None if named is None else named.recorded
+        except OSError:
+            return None
+
+    @property
+    def flight(self) -> FlightRecorder:
+        """The flight recorder, for its figures."""
+        return self._flight
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def join(self) -> None:
+        """Wait for its end, after `end`."""
+        if self._thread.ident is not None:
+            self._thread.join()
+
+    # -- jobs, carried out by the thread --------------------------------------
+
+    def begin(self, name: str, note: str) -> Path:
+        """Begin a recording; gives its path.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        self._check_room()
+        path = self._folder / f"{name}.mcap"
+        head = head_of(self._about, self._files, name=name, note=note)
+        self._named = NamedRecording(path, name, self._section, head, self._ring)
+        return path
+
+    def finish(self) -> Recorded:
+        """End the recording; gives what it has become.
+
+        Raises:
+            OSError: there is none, or its end cannot be written.
+        """
+        if self._named is None:
+            raise FileNotFoundError("nothing is being recorded")
+        named, self._named = self._named, None
+        try:
+            return named.close()
+        except OSError:
+            named.abandon()
+            raise
+
+    def keep(self, why: str) -> None:
+        """Keep the last minutes, after a fault."""
+        if self._flies and self._retry_s is None:
+            self._in_flight(lambda: self._tell_kept(self._flight.keep(why)))
+
+    def end(self) -> None:
+        """Finish everything, then end the thread."""
+        self._ended = True
+
+    # -- the thread -----------------------------------------------------------
+
+    def _run(self) -> None:
+        try:
+            if self._flies:
+                self._in_flight(lambda: self._tell_kept(self._flight.rescue()))
+            while not self._ended:
+                for item in self._queue.take():
+                    self._take(item)
+                now_s = time.monotonic()
+                if now_s - self._flushed_s >= self._section.flush_s:
+                    self._flushed_s = now_s
+                    self._flush(now_s)
+            self._close()
+        except Exception as error:
+            log.exception("fault in the recorder")
+            self._flight.abandon()
+            self._tell(Told(flight_failed=f"fault in the recorder: {error!r}"))
+            if self._named is not None:
+                self._stop_named(error)
+            self._refuse_rest()
+
+    def _take(self, item: Item) -> None:
+        if item.kind == "job":
+            item.value()
+            return
+        if item.kind == "state":
+            self._ring.begin_part(item.at_ns)
+            utc_ns = item.at_ns + self._maker.utc_offset_ns
+            self._in_flight(
+                lambda: self._flight.begin_segment(item.at_ns, utc_ns, self._files)
+            )
+        elif item.kind == "gap":
+            self._ring.clear()
+            if self._named is not None:
+                self._named.note_gap()
+        elif item.kind == "files":
+            self._take_files(item.value["files"])
+            item = Item("files", item.at_ns, value={"probe": item.value["probe"]})
+        for entry in self._maker.entries(item):
+            self._record(entry)
+
+    def _take_files(self, files: Mapping[str, bytes]) -> None:
+        self._files = dict(files)
+        self._ring.clear()  # what is in it was made with other files
+        for name, content in files.items():
+            self._in_flight(partial(self._flight.attach, name, content))
+            self._in_named(methodcaller("attach", name, content))
+        self._flight.end_segment()
+
+    def _record(self, entry: Entry) -> None:
+        self._ring.add(entry)
+        self._in_flight(lambda: self._flight.add(entry))
+        self._in_named(lambda named: named.add(entry))
+
+    def _flush(self, now_s: float) -> None:
+        if self._retry_s is not None and now_s >= self._retry_s:
+            self._retry_s = None  # the next state begins a segment, if it can be
+            self._tell(Told(flight_failed=""))
+
+        def flush_flight() -> None:
+            self._check_room()
+            self._flight.flush()
+
+        def flush_named(named: NamedRecording) -> None:
+            self._check_room()
+            named.flush()
+
+        self._in_flight(flush_flight)
+        self._in_named(flush_named)
+
+    def _in_flight(self, act: Callable[[], object]) -> None:
+        if not self._flies or self._retry_s is not None:
+            return
+        try:
+            act()
+        except OSError as error:
+            self._flight.abandon()
+            self._retry_s = time.monotonic() + RETRY_S
+            self._tell(Told(flight_failed=_reason(error)))
+
+    def _in_named(self, act: Callable[[NamedRecording], object]) -> None:
+        if self._named is None:
+            return
+        try:
+            act(self._named)
+        except OSError as error:
+            self._stop_named(error)
+
+    def _stop_named(self, error: Exception) -> None:
+        named, recorded = self._named, self.recorded
+        self._named = None
+        if named is not None:
+            named.abandon()
+        self._tell(Told(stopped=(recorded, _reason(error))))
+
+    def _tell_kept(self, path: Path | None) -> None:
+        if path is not None:
+            self._tell(Told(kept=path))
+
+    def _check_room(self) -> None:
+        """See that others, above all the outbox, find room on the disk, too."""
+        self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        free_mb = shutil.disk_usage(self._folder).free >> 20
+        if free_mb < self._section.min_free_mb:
+            raise OSError(
+                errno.ENOSPC,
+                f"only {free_mb} MB are free; min_free_mb of [recording] is "
+                f"{self._section.min_free_mb}",
+            )
+
+    def _close(self) -> None:
+        self._in_flight(self._flight.close)
+        if self._named is not None:
+            try:
+                recorded: Recorded | None = self.finish()
+                self._tell(Told(stopped=(recorded, "the daemon ends")))
+            except OSError as error:
+                self._tell(Told(stopped=(None, _reason(error))))
+
+    def _refuse_rest(self) -> None:
+        """After a fault: nobody who asks must wait for ever."""
+        while not self._ended:
+            for item in self._queue.take():
+                if item.kind == "job":
+                    item.value()
+
+
+def _reason(error: Exception) -> str:
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    return str(error) or repr(error)

@@ -1,0 +1,26 @@
+"""RecordingHealth: how the recorder is, as a part of health."""
+
+from typing import Literal
+
+from protocol.messages.fields import Count, Name, Value
+
+
+class RecordingHealth(Value):
+    """Recordings on the daemon's disk."""
+
+    state: Literal["off", "flight", "recording", "failed"]
+    """"flight": the last minutes alone; "failed": not even these, an event tells why."""
+    name: Name | None
+    """Of the recording that somebody has asked for; null without one."""
+    bytes: Count
+    """Length of its file so far."""
+    flight_bytes: Count
+    """Written by the flight recorder since the daemon's start, before compression."""
+    queued: Count
+    """Items waiting to be written."""
+    dropped: Count
+    """Items not recorded for want of room in the queue."""
+    kept: Count
+    """Files kept after faults since the daemon's start."""
+    kept_dropped: Count
+    """Older such files dropped for them."""
