@@ -26,6 +26,7 @@ if [ ! -f "$disk" ]; then
     done <"$here/modules-guest.txt"
     depmod -b "$root" "$release"
     echo guest >"$root/etc/hostname"
+    echo 127.0.0.1 localhost guest >"$root/etc/hosts"
     : >"$root/etc/machine-id"
     for unit in apt-daily.timer apt-daily-upgrade.timer dpkg-db-backup.timer \
         e2scrub_all.timer e2scrub_reap.service fstrim.timer getty@tty1.service \

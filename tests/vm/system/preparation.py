@@ -43,7 +43,7 @@ kind = "sphere"
 artefact = "ball"
 centre_mm = [700.0, 100.0, 120.0]
 radius_mm = 50.8
-points = 1000
+points = 20
 """
 _OPERATOR = """\
 [operator]
