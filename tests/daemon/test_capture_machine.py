@@ -1,13 +1,15 @@
-"""No sequence of buttons, edges and commands loses, doubles or mislabels a point.
+"""No sequence of buttons, commands and failing disks loses or doubles a point.
 
 The machine drives all that measures in the daemon, in a time of its own, with what the
 driver of a latch board delivers. Every latch has counts that no other has, so that a
-point tells by itself which edge it came from. The model is a plain list of what was
-asked for, gone through at the end.
+point tells by itself which edge it came from. Points go to a real database when the
+machine lets the disk work, some of them together; or the disk fails. The model is a
+plain list of what was asked for, gone through at the end.
 """
 
 import asyncio
 import tempfile
+import uuid
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -30,9 +32,13 @@ from daemon.events import EventLog
 from daemon.health import HealthReport
 from daemon.live import LiveView
 from daemon.measuring import Measuring
+from daemon.outbox_keeping import InFlight, Keeping
+from daemon.outbox_store import OutboxStore
+from daemon.outbox_values import Entry, Trouble
 from daemon.pipeline import Pipeline
 from daemon.scan_plan import ScanPlan
 from daemon.scanner import Scanner
+from daemon.sessions import Session
 from daemon.uncertainty import Uncertainty
 from drivers.crossing import Crossing
 from drivers.values import (
@@ -42,7 +48,8 @@ from drivers.values import (
     LatchedCounts,
     StreamStarted,
 )
-from protocol.messages import Label
+from protocol.encoding import encode
+from protocol.messages import Label, Point
 from tests.daemon.arm_bench import DeafDriver
 from tests.daemon.values import MODULI, SetClock, arm_model
 
@@ -82,6 +89,34 @@ class Asked:
     token: int | None = None
 
 
+def entry_of(session: Session, point: Point) -> Entry:
+    """A point as the outbox keeps it."""
+    return Entry(
+        session.id,
+        session.begun_ns,
+        session.note,
+        point.seq,
+        point.id,
+        point.time_ns,
+        "traverse/bench-7/point",
+        "msgpack",
+        encode(point, "msgpack"),
+    )
+
+
+class WatchedCapture(Capture):
+    """Remembers what came of each attempt to take a point back; None: refused."""
+
+    def __init__(self, *arguments):
+        super().__init__(*arguments)
+        self.attempts: list[Keeping | None] = []
+
+    def undo(self, *arguments):
+        self.attempts.append(None)
+        self.attempts[-1] = super().undo(*arguments)
+        return self.attempts[-1]
+
+
 def has_room(counts: int, *, is_undo: bool) -> bool:
     """Whether the queue takes a point, or its retraction: now and then it does not."""
     return counts % (11 if is_undo else 7) != 3
@@ -112,6 +147,10 @@ class CaptureMachine(RuleBasedStateMachine):
         self.acknowledged: list[tuple[int, int]] = []  # token, points so far
         self.scan_counts: dict[str, list[int]] = {}
         self.held_scans: set[str] = set()
+        self.in_flight = InFlight()
+        self.waiting: list[tuple[Session, Point]] = []
+        self.keepings: dict[int, Keeping] = {}
+        self.failures = 0
         self.loop.run_until_complete(self._begin())
 
     async def _begin(self) -> None:
@@ -124,7 +163,9 @@ class CaptureMachine(RuleBasedStateMachine):
             {"id": "base", "driver": "latch-board", "port": "/dev/null"}
         )
         self.device = Device(section, crossing, driver)
-        self.capture = Capture(self.clock, self._offer)
+        self.path = Path(self.folder.name) / f"{uuid.uuid4().hex}.db"
+        self.store = OutboxStore(self.path)
+        self.capture = WatchedCapture(self.clock, self._keep)
         self.sessions.append(self.capture.session.id)
         self.scanner = Scanner(self.clock, lambda m: not self.scans.append(m), 0.05)
         self.measuring = Measuring(
@@ -146,12 +187,15 @@ class CaptureMachine(RuleBasedStateMachine):
         identity = Identity("board", "1", MODULI, 4, 10_000.0)
         self._take(DeviceUp("base", identity, False), StreamStarted("base", 1, 100.0))
 
-    def _offer(self, point) -> bool:
+    def _keep(self, session, point) -> Keeping | None:
         is_undo = point.retracts is not None
         if not has_room(point.counts[0], is_undo=is_undo):
-            return False
-        self.published.append(point)
-        return True
+            return None
+        keeping = self.in_flight.add(session, point)
+        if not is_undo:
+            self.keepings[point.counts[0]] = keeping
+        self.waiting.append((session, point))
+        return keeping
 
     def _take(self, *deliveries) -> None:
         for delivery in deliveries:
@@ -237,6 +281,37 @@ class CaptureMachine(RuleBasedStateMachine):
         """It does so only after all that has arrived."""
         self.line_delivers(len(self.on_the_line))
         self.measuring.keep_time()
+
+    # -- the disk ------------------------------------------------------------
+
+    @rule(n=st.integers(1, 10))
+    def disk_keeps(self, n):
+        """Some of what waits, in one transaction; then all hear of it."""
+        group, self.waiting = self.waiting[:n], self.waiting[n:]
+        self.store.add([entry_of(session, point) for session, point in group])
+        for _, point in group:
+            self.published.append(point)
+            assert self.in_flight.keep() is point
+
+    @precondition(lambda self: self.waiting)
+    @rule()
+    def disk_fails(self):
+        self.failures += 1
+        self.waiting.clear()
+        self.in_flight.fail(Trouble("the disk is full", "make room"))
+
+    @rule()
+    def power_goes(self):
+        """What the disk has now: every point that anybody was told of, in order."""
+        copy = self.path.with_suffix(".copy")
+        for end in ("", "-wal"):
+            content = Path(f"{self.path}{end}").read_bytes()
+            Path(f"{copy}{end}").write_bytes(content)
+        Path(f"{copy}-shm").unlink(missing_ok=True)
+        store = OutboxStore(copy)
+        found = [(m.session, m.seq, m.id) for m in store.unsent(0, 10_000)]
+        store.close()
+        assert found == [(p.session, p.seq, p.id) for p in self.published]
 
     # -- commands: they arrive after all that was on the line before -----------
 
@@ -331,13 +406,16 @@ class CaptureMachine(RuleBasedStateMachine):
         self.clock.now_ns += 5_000 * MS
         self.daemon_looks_at_the_time()
         self.daemon_looks_at_the_time()
+        self.disk_keeps(len(self.waiting))
         self.scanner.stop()
         try:
             # Each was answered; refusals are looked at, too.
             assert all(answer.exception() or True for answer in self.answers)
             self._compare()
             self._compare_scans()
+            self.power_goes()
         finally:
+            self.store.close()
             self.device.driver.close()
             self.loop.close()
 
@@ -366,20 +444,30 @@ class CaptureMachine(RuleBasedStateMachine):
         """What the list of all that was asked for comes to."""
         lines, session, seq, label, model = [], 0, 0, Label(), "probe-0"
         standing: list[tuple[str, str, int, Label, str]] = []
+        attempts = iter(self.capture.attempts)
         for asked in self.asked:
             what = asked.what
             if what == "press":
                 what = "undo" if asked.held_ms >= HOLD_MS else "point"
             if what == "point" and has_room(asked.counts, is_undo=False):
+                if self.keepings[asked.counts].trouble is not None:
+                    continue
                 identifier = f"{self.sessions[session]}-{seq}"
                 rest = (asked.trigger, asked.counts, label, model)
                 lines.append(((session, seq, None, *rest), asked.token))
                 standing.append((identifier, *rest))
                 seq += 1
-            elif what == "undo" and standing:
-                identifier, _, *rest = standing[-1]
-                if has_room(rest[0], is_undo=True):
-                    standing.pop()
+            elif what == "undo":
+                attempt = next(attempts)
+                if attempt is None:
+                    # With failures a point may stand again that did not when asked.
+                    assert (
+                        self.failures
+                        or not standing
+                        or not has_room(standing[-1][2], is_undo=True)
+                    )
+                elif attempt.trouble is None:
+                    identifier, _, *rest = standing.pop()
                     line = (session, seq, identifier, asked.trigger, *rest)
                     lines.append((line, asked.token))
                     seq += 1
