@@ -1,8 +1,9 @@
 """One device of the configuration: its driver, its state, what is known of it."""
 
 import asyncio
+import contextlib
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import AsyncIterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -86,3 +87,15 @@ def open_device(section: DeviceSection, loop: asyncio.AbstractEventLoop) -> Devi
     options: dict[str, Any] = section.options
     driver = driver_class(section.driver)(section.id, crossing, **options)
     return Device(section, crossing, driver)
+
+
+@contextlib.asynccontextmanager
+async def running_drivers(devices: Sequence[Device]) -> AsyncIterator[None]:
+    """Read all devices while the block lasts."""
+    try:
+        for device in devices:
+            device.driver.start()
+        yield
+    finally:
+        closing = (asyncio.to_thread(device.driver.close) for device in devices)
+        await asyncio.gather(*closing)

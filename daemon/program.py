@@ -13,13 +13,16 @@ from daemon.startup import REFUSED, UNREACHABLE, StartupError, read_inputs
 log = logging.getLogger(__name__)
 
 
-async def run_service(path: Path, *, embedded: bool, embedded_port: int = 1883) -> int:
+async def run_service(
+    path: Path, *, embedded: bool, embedded_port: int = 1883, keep_trying: bool = False
+) -> int:
     """Run the daemon until SIGTERM or SIGINT.
 
     Args:
         path: configuration file.
         embedded: bring an own broker on loopback.
         embedded_port: its port; 0 takes a free one.
+        keep_trying: begin without a device or broker that cannot be reached.
 
     Returns:
         The exit status.
@@ -32,7 +35,14 @@ async def run_service(path: Path, *, embedded: bool, embedded_port: int = 1883) 
                 port = await stack.enter_async_context(embedded_broker(embedded_port))
                 section = BrokerSection(host=HOST, port=port, encoding=section.encoding)
                 log.info("embedded broker on %s:%d", HOST, port)
-            service = Service(configuration, section, model, path, embedded=embedded)
+            service = Service(
+                configuration,
+                section,
+                model,
+                path,
+                embedded=embedded,
+                keep_trying=keep_trying,
+            )
             await service.run()
     except BrokerStartError as error:
         log.error("%s", StartupError([str(error)], UNREACHABLE))

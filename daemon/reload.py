@@ -16,6 +16,7 @@ from daemon.device import Device
 from daemon.events import EventLog
 from daemon.measuring import Measuring
 from daemon.model import ArmModel
+from daemon.notify import Notifier
 from daemon.startup import StartupError, read_inputs
 from protocol.messages import ReloadArgs
 
@@ -43,6 +44,7 @@ class Reload:
         with_probe: gives an arm the probe that is in use.
         use: puts new inputs into force, in one go.
         events: where it is told.
+        notifier: tells the service manager.
     """
 
     def __init__(
@@ -56,6 +58,7 @@ class Reload:
         with_probe: Callable[[ArmModel], ArmModel],
         use: Callable[[Inputs], None],
         events: EventLog,
+        notifier: Notifier,
     ) -> None:
         self._path = path
         self._embedded = embedded
@@ -65,6 +68,7 @@ class Reload:
         self._with_probe = with_probe
         self._use = use
         self._events = events
+        self._notifier = notifier
         self._turn = asyncio.Lock()
 
     async def carry_out(self, args: ReloadArgs) -> Result:
@@ -75,6 +79,7 @@ class Reload:
         """
         del args  # it has none
         async with self._turn:
+            self._notifier.reloading()
             try:
                 changed = await self._reload()
             except CommandError as error:
@@ -86,6 +91,8 @@ class Reload:
                     remedy=error.remedy,
                 )
                 raise
+            finally:
+                self._notifier.ready()  # with the new, or the old that goes on
         model = self._inputs.model
         self._events.report(
             "info",
@@ -160,7 +167,7 @@ def needing_restart(old: Inputs, new: Inputs) -> list[str]:
     before, after = old.configuration, new.configuration
     found = [
         f"[{name}]"
-        for name in ("broker", "device", "assembly")
+        for name in ("broker", "device", "assembly", "metrics", "realtime", "recording")
         if getattr(before, name) != getattr(after, name)
     ]
     if before.capture.max_waiting_points != after.capture.max_waiting_points:

@@ -4,14 +4,13 @@ import asyncio
 import contextlib
 import logging
 import signal
-from collections.abc import AsyncIterator, Coroutine
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 from daemon.align_requests import AlignRequests
 from daemon.alignment import PartSystem
 from daemon.arm_devices import ArmDevices
+from daemon.arrival import Arrival
 from daemon.broker_access import address_of
 from daemon.broker_section import BrokerSection
 from daemon.button_actions import ButtonActions
@@ -20,12 +19,14 @@ from daemon.clock import HostClock
 from daemon.commands import CommandDesk
 from daemon.configuration import Configuration
 from daemon.counts import broker_health, counters_of
-from daemon.device import Device, open_device
-from daemon.events import EventLog
+from daemon.device import Device, open_device, running_drivers
+from daemon.events import EventLog, Occurrence
 from daemon.health import HealthReport
+from daemon.life import Life
 from daemon.live import LiveView
 from daemon.measuring import Measuring
 from daemon.model import ArmModel
+from daemon.notify import Notifier
 from daemon.outbox import Outbox
 from daemon.outgoing import OutgoingQueue
 from daemon.outlet import Outlet
@@ -36,13 +37,13 @@ from daemon.publisher import Publisher
 from daemon.reload import Inputs, Reload
 from daemon.requests import Requests
 from daemon.scanner import Scanner
-from daemon.startup import UNREACHABLE, StartupError, check_devices
+from daemon.startup import StartupError
 from daemon.state_folder import OUTBOX, state_path
 from daemon.uncertainty import Uncertainty
 from kinematics.kernel.choice import KERNEL
 from protocol import topics
 from protocol.encoding import Encoding
-from protocol.messages import Status
+from protocol.messages import Health, Status
 
 log = logging.getLogger(__name__)
 
@@ -63,6 +64,7 @@ class Service:
         path: Path,
         *,
         embedded: bool,
+        keep_trying: bool,
     ) -> None:
         folder = path.parent
         self._configuration = configuration
@@ -74,10 +76,8 @@ class Service:
         settings = configuration.capture
         self._queue = OutgoingQueue()
         self._outlet = Outlet(self._arm, self._encoding, self._queue, self._clock)
-        self._events = EventLog(
-            self._clock,
-            lambda what: self._outlet.publish_event(what, self._capture.session.id),
-        )
+        self._events = EventLog(self._clock, self._tell_event, self._arm)
+        self._notifier = Notifier()
         self._health = HealthReport(self._clock)
         self._part = PartSystem()
         self._outbox = Outbox(
@@ -152,6 +152,7 @@ class Service:
             with_probe=self._probe_requests.model_of,
             use=self._use,
             events=self._events,
+            notifier=self._notifier,
         )
         align = AlignRequests(self._part, self._measuring)
         actions = ButtonActions(self._requests.change_scan, self._events)
@@ -189,6 +190,22 @@ class Service:
             receive=self._commands.receive,
             changed=self._broker_changed,
         )
+        self._arrival = Arrival(
+            self._devices, self._publisher, self._events, keep_trying=keep_trying
+        )
+        self._life = Life(
+            configuration=configuration,
+            folder=state_path(path),
+            notifier=self._notifier,
+            clock=self._clock,
+            devices=self._devices,
+            events=self._events,
+            health=self._health,
+            publisher=self._publisher,
+            figures=lambda: self._health_message(anew=False),
+            waiting=lambda: self._outbox.health().unsent,
+            pulses=lambda: (),
+        )
 
     async def run(self) -> None:
         """Start, measure until stopped, end in order.
@@ -202,13 +219,15 @@ class Service:
         loop.add_signal_handler(signal.SIGHUP, self._hang_up.set)
         failure: StartupError | None = None
         async with (
-            self._running_drivers(),
+            running_drivers(self._devices),
             self._outbox.running(),
+            self._life,
             asyncio.TaskGroup() as tasks,
         ):
             running = [tasks.create_task(self._consume(d)) for d in self._devices]
             try:
-                await self._unless_stopped(self._check())
+                self._life.begin(self._arrival.longest_s)
+                await self._arrival.wait(self._stopping)
                 if not self._stopping.is_set():
                     running.append(tasks.create_task(self._publisher.run()))
                     running.append(tasks.create_task(self._keep_house()))
@@ -217,7 +236,10 @@ class Service:
                     self._publish_status()
                     self._requests.track()
                     self._tell_model()
+                    await self._arrival.broker(self._stopping)
+                    self._life.ready()
                     await self._stopping.wait()
+                    self._life.stop(DRAIN_S)
                     await self._drain()
             except StartupError as error:
                 failure = error  # raised outside the group, which would wrap it
@@ -260,30 +282,9 @@ class Service:
                 "inside, outside); every point is flagged surface_unknown"
             )
 
-    async def _unless_stopped(self, work: Coroutine[Any, Any, None]) -> None:
-        """Do this, or leave it when the daemon is told to end meanwhile."""
-        working = asyncio.ensure_future(work)
-        stopping = asyncio.ensure_future(self._stopping.wait())
-        await asyncio.wait((working, stopping), return_when=asyncio.FIRST_COMPLETED)
-        for task in (working, stopping):
-            task.cancel()
-        result, _ = await asyncio.gather(working, stopping, return_exceptions=True)
-        if isinstance(result, Exception):
-            raise result
-
-    async def _check(self) -> None:
-        failures = await check_devices(self._devices)
-        reason = await self._publisher.probe()
-        if reason is not None:
-            where = self._publisher.address
-            text = f"broker {where}: {reason}; start it, or correct [broker]"
-            failures.append((UNREACHABLE, text))
-        if failures:
-            texts = [text for _, text in failures]
-            raise StartupError(texts, min(status for status, _ in failures))
-
     async def _drain(self) -> None:
         self._scanner.stop()
+        self._events.flush(at_once=True)
         self._outlet.publish("status", self._status(online=False))
         log.info("stopping")
         with contextlib.suppress(TimeoutError):
@@ -291,20 +292,12 @@ class Service:
                 await self._outbox.idle()
                 await self._queue.empty()
 
-    @contextlib.asynccontextmanager
-    async def _running_drivers(self) -> AsyncIterator[None]:
-        try:
-            for device in self._devices:
-                device.driver.start()
-            yield
-        finally:
-            closing = (asyncio.to_thread(d.driver.close) for d in self._devices)
-            await asyncio.gather(*closing)
-
     async def _consume(self, device: Device) -> None:
         while True:
             for delivery in await device.crossing.take():
+                begun_ns = self._clock.monotonic_ns()
                 self._measuring.take(device, delivery)
+                self._life.note(device, delivery, begun_ns)
 
     async def _keep_time(self) -> None:
         """See to what waits for readings, or for time to pass; else sleep."""
@@ -322,6 +315,7 @@ class Service:
         while True:
             period_s = self._configuration.health.period_s
             self._events.flush()
+            self._life.tell()
             self._commands.see_calm()
             self._outbox.keep_house()
             if loop.time() >= due_s:
@@ -349,8 +343,16 @@ class Service:
     def _publish_status(self) -> None:
         self._outlet.publish("status", self._status())
 
+    def _tell_event(self, what: Occurrence) -> None:
+        self._outlet.publish_event(what, self._capture.session.id)
+        self._life.look_at(what)
+
     def _publish_health(self) -> None:
-        message = self._health.message(
+        self._outlet.publish("health", self._health_message(anew=True))
+
+    def _health_message(self, *, anew: bool) -> Health:
+        return self._health.message(
+            anew=anew,
             arm=self._arm,
             session=self._capture.session.id,
             devices=self._devices,
@@ -368,9 +370,9 @@ class Service:
             lacks=self._measuring.assembly.lacks(),
             skew_mm=self._measuring.skew.taken_mm(),
         )
-        self._outlet.publish("health", message)
 
     def _broker_changed(self, connected: bool, text: str) -> None:
+        self._arrival.broker_told.set()
         if connected:
             self._publish_status()
         self._events.change(

@@ -10,6 +10,7 @@ from traverse.logs import LogFormat, LogLevel, start_log
 
 
 def run(
+    *,
     config: Annotated[
         Path, typer.Option("--config", "-c", help="The daemon's configuration, TOML.")
     ],
@@ -26,6 +27,14 @@ def run(
             min=0, max=65535, help="Port of the embedded broker; 0 takes a free one."
         ),
     ] = 1883,
+    keep_trying: Annotated[
+        bool,
+        typer.Option(
+            "--keep-trying",
+            help="Begin also without a device or broker that cannot be reached, say "
+            "so, and go on trying; for a service.",
+        ),
+    ] = False,
     log_format: Annotated[
         LogFormat,
         typer.Option(
@@ -47,6 +56,11 @@ def run(
 
     start_log(log_format, log_level)
     status = asyncio.run(
-        run_service(config, embedded=embedded_broker, embedded_port=embedded_port)
+        run_service(
+            config,
+            embedded=embedded_broker,
+            embedded_port=embedded_port,
+            keep_trying=keep_trying,
+        )
     )
     raise typer.Exit(status)

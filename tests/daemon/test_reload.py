@@ -1,12 +1,14 @@
 """Reloading: the new is taken whole, or the old goes on."""
 
 import asyncio
+import socket
 
 import pytest
 
 from daemon.capture import triggers_of
 from daemon.commands import CommandError
 from daemon.events import EventLog
+from daemon.notify import Notifier
 from daemon.reload import Inputs, Reload
 from daemon.startup import read_inputs
 from drivers.values import DeviceUp
@@ -33,6 +35,7 @@ class Reloading:
     def __init__(self, folder) -> None:
         self.folder = folder
         self.path = folder / "daemon.toml"
+        self.manager = folder / "notify"
         self.write(CONFIGURATION)
         arm_file(folder)
         configuration, model = read_inputs(self.path, embedded=False)
@@ -47,6 +50,7 @@ class Reloading:
             with_probe=lambda model: model,
             use=self.use,
             events=EventLog(self.bench.clock, self.bench.events.append),
+            notifier=Notifier({"NOTIFY_SOCKET": str(self.manager)}),
         )
 
     def use(self, inputs):
@@ -89,6 +93,20 @@ async def test_a_new_arm_measures_from_the_next_point_on(reloading):
     assert second.xyz_mm[2] - first.xyz_mm[2] == pytest.approx(1.0, abs=1e-9)
     assert (second.counts, second.seq) == (first.counts, 1)
     assert bench.codes()[-2:] == ["reload.done", "button.pressed"]
+
+
+@pytest.mark.parametrize("is_good", [True, False])
+async def test_systemd_hears_that_it_begins_and_ends(reloading, is_good):
+    if not is_good:
+        reloading.write("colour = 1")
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as heard:
+        heard.bind(str(reloading.manager))
+        await reloading.reload.on_signal()
+        heard.setblocking(False)
+        first, second = heard.recv(100), heard.recv(100)
+    assert first.startswith(b"RELOADING=1\nMONOTONIC_USEC=")
+    assert second == b"READY=1"
+    assert reloading.bench.codes()[-1] == f"reload.{'done' if is_good else 'refused'}"
 
 
 async def test_turns_that_were_counted_stay_counted(reloading):

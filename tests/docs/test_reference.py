@@ -37,6 +37,8 @@ SECTIONS: dict[str, list[tuple[str, type[BaseModel]]]] = {
         ("`[quality]`", configuration.QualitySection),
         ("`[[quality.end_stops]]`", EndStopSection),
         ("`[health]`", configuration.HealthSection),
+        ("`[realtime]`", configuration.RealtimeSection),
+        ("`[metrics]`", configuration.MetricsSection),
         ("`[outbox]`", OutboxSection),
     ],
     "docs/reference/probe-library.md": [("Probe library", probes.LibraryProbe)],
