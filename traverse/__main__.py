@@ -21,9 +21,11 @@ from traverse.demo import demo
 from traverse.diagnose import diagnose
 from traverse.identify import identify
 from traverse.microscribe import microscribe
+from traverse.page import page
 from traverse.probe import probe
 from traverse.run import run
 from traverse.simulate import simulate
+from traverse.verify import verify
 from traverse.watch import watch
 
 app = typer.Typer(
@@ -35,6 +37,8 @@ app = typer.Typer(
 )
 for command in (demo, run, simulate, watch, check, collect, identify, diagnose, blind):
     app.command()(command)
+app.command()(verify)
+app.command()(page)
 app.add_typer(arm, name="arm")
 app.add_typer(amt21, name="amt21")
 app.add_typer(can, name="can")

@@ -17,7 +17,7 @@ def check(
         bool, typer.Option("--json", help="Report as JSON on standard output.")
     ] = False,
 ) -> None:
-    """Check an arm file, a probe library, a configuration, or a campaign.
+    """Check an arm file, a configuration, a campaign, limits, a plan, a probe library.
 
     A campaign is given by its folder or its campaign.toml; its poses are checked too,
     and with a configuration the arm file and the probe library that it names.
@@ -54,28 +54,49 @@ def _reader(file: Path) -> tuple[str, Callable[[Path], object]]:
     """What the file is, by its schema or its tables, and what reads it."""
     import tomllib  # noqa: PLC0415
 
-    from daemon.probes import read_probes  # noqa: PLC0415
-    from daemon.startup import read_inputs  # noqa: PLC0415
-    from kinematics.arm_file import read_arm, read_strict  # noqa: PLC0415
-    from simulator.config import SimulatorConfig, config_problems  # noqa: PLC0415
+    from kinematics.arm_file import read_arm  # noqa: PLC0415
 
     try:
         tables = tomllib.loads(file.read_text("utf-8"))
     except (OSError, ValueError):
         return "arm file", read_arm  # whose reader says what is wrong
     schema = str(tables.get("schema", ""))
-    if schema.startswith("traverse/simulator/") or "motion" in tables:
-        return "simulator's configuration", lambda path: read_strict(
-            path, SimulatorConfig, config_problems
-        )
-    if schema.startswith("traverse/probes/") or "probes" in tables:
-        return "probe library", read_probes
-    if schema.startswith("traverse/campaign/") or "poses" in tables:
-        return "campaign", _read_campaign
-    if "arm" in tables or "broker" in tables or "device" in tables:
-        # Who has no broker yet may run with one that is embedded.
-        return "daemon's configuration", lambda path: read_inputs(path, True)
+    for prefix, names, kind, reader in _KINDS:
+        if schema.startswith(f"traverse/{prefix}/") or any(n in tables for n in names):
+            return kind, reader
     return "arm file", read_arm
+
+
+def _read_simulator(path: Path) -> object:
+    from kinematics.arm_file import read_strict  # noqa: PLC0415
+    from simulator.config import SimulatorConfig, config_problems  # noqa: PLC0415
+
+    return read_strict(path, SimulatorConfig, config_problems)
+
+
+def _read_probes(path: Path) -> object:
+    from daemon.probes import read_probes  # noqa: PLC0415
+
+    return read_probes(path)
+
+
+def _read_limits(path: Path) -> object:
+    from lab.acceptance.limits import read_limits  # noqa: PLC0415
+
+    return read_limits(path)
+
+
+def _read_plan(path: Path) -> object:
+    from traverse.collection_plan import read_plan  # noqa: PLC0415
+
+    return read_plan(path)
+
+
+def _read_daemon(path: Path) -> object:
+    from daemon.startup import read_inputs  # noqa: PLC0415
+
+    # Who has no broker yet may run with one that is embedded.
+    return read_inputs(path, True)
 
 
 def _read_campaign(path: Path) -> object:
@@ -90,3 +111,14 @@ def _read_campaign(path: Path) -> object:
     columns = (column.strip() for column in header.split(","))
     joints = [c.removesuffix("_rad") for c in columns if c.endswith("_rad")]
     return read_campaign(path.parent, joints)
+
+
+# Part of the schema, tables that tell it too, what to call it, what reads it.
+_KINDS: tuple[tuple[str, tuple[str, ...], str, Callable[[Path], object]], ...] = (
+    ("simulator", ("motion",), "simulator's configuration", _read_simulator),
+    ("probes", ("probes",), "probe library", _read_probes),
+    ("acceptance-limits", ("mpe",), "file of acceptance limits", _read_limits),
+    ("collection-plan", ("steps",), "collection plan", _read_plan),
+    ("campaign", ("poses",), "campaign", _read_campaign),
+    ("daemon", ("arm", "broker", "device"), "daemon's configuration", _read_daemon),
+)

@@ -28,6 +28,9 @@ def collect(
 ) -> None:
     """Collect the poses of a campaign, guided: what to touch, and how often.
 
+    Where a plan.toml lies beside the campaign (`traverse verify --plan` writes one) it
+    is followed step by step, and --each does not count.
+
     Points that the daemon captures count for the artefact that is shown, or for the
     one in their label. Each is on the disk before it counts, and a collection that
     was ended goes on where it was. Keys, or lines on standard input: n (next),
@@ -42,8 +45,13 @@ def collect(
     with refusals("collect"):
         from lab.campaign_file import read_campaign_file  # noqa: PLC0415
         from protocol.messages.quality import FLAG_MEANINGS  # noqa: PLC0415
-        from traverse.collection import Collection, targets_of  # noqa: PLC0415
+        from traverse.collection import Collection  # noqa: PLC0415
+        from traverse.collection_plan import PLAN, read_plan  # noqa: PLC0415
         from traverse.collection_session import collected  # noqa: PLC0415
+        from traverse.collection_targets import (  # noqa: PLC0415
+            planned_targets,
+            targets_of,
+        )
 
         known = {str(flag.name).lower() for flag in FLAG_MEANINGS}
         if unknown := sorted(flags - known):
@@ -60,11 +68,16 @@ def collect(
                 'point is a table: poses = "poses.csv"',
             )
         model = read_arm(arm)
+        beside = campaign.parent / PLAN
+        plan = read_plan(beside) if beside.is_file() else None
         collection = Collection(
             file,
             campaign.parent,
             [joint.name for joint in model.joints],
-            targets_of(file, each),
+            targets_of(file, each)
+            if plan is None
+            else planned_targets(plan, file, str(beside)),
+            plan,
         )
         collection.resume()
         reached = asyncio.run(collected(collection, model.name, broker, port, flags))

@@ -9,7 +9,7 @@ import csv
 import io
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,21 +20,10 @@ from kinematics.arm_file import FileError, Problem
 from kinematics.arm_text import write_whole
 from lab.campaign_file import CampaignFile
 from protocol.messages import Point
+from traverse.collection_plan import PlanFile
+from traverse.collection_targets import Target
 
 JOURNAL = "collected.jsonl"
-
-
-@dataclass(frozen=True, slots=True)
-class Target:
-    """Something to be touched so many times."""
-
-    artefact: str
-    kind: str
-    feature: str
-    wanted: int
-
-    def __str__(self) -> str:
-        return f"{self.artefact} {self.feature}".strip()
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +60,8 @@ class Collection:
         file: the campaign.
         folder: where it is.
         joint_names: of the arm, from the base outwards.
-        targets: what is wanted.
+        targets: what is wanted, in order; a feature may come again, counted up.
+        plan: that they are of, or None.
 
     Attributes:
         touches: by id, in the order of time.
@@ -81,6 +71,7 @@ class Collection:
     folder: Path
     joint_names: Sequence[str]
     targets: tuple[Target, ...]
+    plan: PlanFile | None = None
     touches: dict[str, Touch] = field(default_factory=dict)
     _retracted: set[str] = field(default_factory=set)
 
@@ -214,11 +205,6 @@ class Collection:
         write_whole(self.folder / self.file.poses, text.getvalue())
 
 
-def targets_of(file: CampaignFile, wanted: int) -> tuple[Target, ...]:
-    """What a campaign wants touched, each feature so many times."""
-    return tuple(_targets(file, wanted))
-
-
 def touch_of(
     point: Point,
     target: Target,
@@ -247,10 +233,3 @@ def touch_of(
         direction=direction,
         xyz_mm=list(point.xyz_mm),
     )
-
-
-def _targets(file: CampaignFile, wanted: int) -> Iterator[Target]:
-    for artefact in file.artefacts:
-        features = artefact.features or ("",)
-        for feature in features:
-            yield Target(artefact.id, artefact.kind, feature, wanted)

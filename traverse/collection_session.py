@@ -18,7 +18,8 @@ from rich.live import Live as LivePicture
 from clients.subscription import connection, received, subscribe
 from daemon.motion import MotionTrail
 from protocol.messages import Live, Point
-from traverse.collection import Collection, Target, touch_of
+from traverse.collection import Collection, touch_of
+from traverse.collection_targets import Target
 from traverse.collection_view import instruction, shown, summary
 
 SENSE_BAND_RAD = 5e-4  # hands that rest tremble less

@@ -5,7 +5,6 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 
 from kinematics.arm_file import Arm, arm_digest
@@ -49,21 +48,20 @@ def sealed(
     verification: Verification,
     arm: Arm,
     limits: Limits,
-    files: Mapping[str, Path],
+    files: Mapping[str, bytes],
     when: datetime | None = None,
 ) -> Sealed:
-    """Read what the certificate is made of.
+    """Put together what the certificate is made of.
 
     Args:
         verification: The figures.
         arm: As read.
         limits: As read.
-        files: Paths by the names that they get.
+        files: Contents by the names that they get.
         when: Of the computation; default now.
     """
-    contents = {name: path.read_bytes() for name, path in files.items()}
     moment = (when or datetime.now(UTC)).replace(microsecond=0)
-    return Sealed(verification, arm, limits, contents, moment)
+    return Sealed(verification, arm, limits, dict(files), moment)
 
 
 def result_values(certificate: Sealed) -> dict[str, Any]:

@@ -51,7 +51,11 @@ def read_measured(data: Path, arm: Arm) -> Measured:
 
 
 def files_read(data: Path) -> tuple[Path, ...]:
-    """List the files that `read_measured` reads."""
+    """List the files that `read_measured` reads.
+
+    Raises:
+        FileError: They do not lie beside one another.
+    """
     if data.suffix == ".mcap":
         return (data,)
     file = read_campaign_file(data / "campaign.toml")
@@ -61,7 +65,14 @@ def files_read(data: Path) -> tuple[Path, ...]:
         for table in raw.get("artefacts", ())
         if isinstance(table.get("points_mm"), str)
     ]
-    return (data / "campaign.toml", data / file.poses, *dict.fromkeys(named))
+    found = (data / "campaign.toml", data / file.poses, *dict.fromkeys(named))
+    elsewhere = [path for path in found if path.parent != data]
+    if elsewhere:
+        raise FileError(
+            str(data / "campaign.toml"),
+            [Problem("", f"names {p}; put it beside campaign.toml") for p in elsewhere],
+        )
+    return found
 
 
 def measured_campaign(campaign: Campaign, arm: Arm, source: str = "") -> Measured:

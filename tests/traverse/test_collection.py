@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from kinematics.arm_file import FileError
 from lab.campaign import read_campaign
 from lab.campaign_file import read_campaign_file
-from traverse.collection import JOURNAL, Collection, Touch, targets_of
+from traverse.collection import JOURNAL, Collection, Touch
 from traverse.collection_figures import agreement, coverage, picture
+from traverse.collection_targets import targets_of
 
 CAMPAIGN = """\
 schema = "traverse/campaign/1"
