@@ -1,0 +1,153 @@
+"""The certificate as a page: everything in one file, raw data attached."""
+
+import base64
+from collections.abc import Iterator, Mapping
+from html import escape
+from typing import Any
+
+from lab.acceptance.certificate_json import Sealed
+from lab.acceptance.pictures import paintings
+from lab.acceptance.words import (
+    UNCERTAINTY,
+    VERDICTS,
+    budget_text,
+    conclusion,
+    is_signed,
+    mm,
+    source_text,
+)
+from lab.identification.report.markup import image, note, paragraph, section, table
+from lab.identification.report.pictures import picture
+
+_WIDTH_MM = 165.0
+_STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; color: #1a1a1a; background: #fff;
+       max-width: 62rem; margin: 2rem auto; padding: 0 1rem; }
+h1 { font-size: 1.5rem; margin-bottom: 0; } h2 { font-size: 1.15rem; margin-top: 2.2rem;
+     border-bottom: 1px solid #ccc; padding-bottom: .2rem; }
+h3 { font-size: 1rem; margin-bottom: 0; } h3 + p { margin-top: .2rem; }
+.verdict { border-left: .4rem solid #0072B2; padding: .2rem 1rem; background: #f4f7fa; }
+.verdict.bad { border-color: #D55E00; background: #fdf3ec; }
+.note { color: #555; font-size: .85rem; } code { font-size: .75rem; }
+figure { margin: 1rem 0; } img { max-width: 100%; } .wide { overflow-x: auto; }
+table { border-collapse: collapse; font-size: .85rem; margin: .8rem 0; }
+th, td { padding: .18rem .8rem .18rem 0; text-align: left; vertical-align: top;
+         border-bottom: 1px solid #e4e4e4; }
+th { border-bottom: 1px solid #777; }
+.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+th.number { white-space: normal; }
+#data p { overflow-wrap: anywhere; font-size: .8rem; }
+@media print { section { break-inside: avoid-page; } }
+"""
+
+
+def certificate_page(certificate: Sealed) -> str:
+    """Make the page; the text is complete in itself."""
+    values = certificate.values
+    title = f"{values['title']}: {values['arm']['name']}"
+    good = values["complete"] and values["verdict"] in (None, "accept")
+    kind = "verdict" if good else "verdict bad"
+    parts = [
+        f"<h1>{escape(title)}</h1>",
+        note(f"Computed {values['date_utc']}; arm file {values['arm']['digest'][:16]}"),
+        f'<div class="{kind}">{paragraph(conclusion(values))}</div>',
+        _figures(values),
+        _missing(values),
+        _definitions(values),
+        *_pictures(values),
+        _data(certificate, values),
+    ]
+    body = "\n".join(part for part in parts if part)
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{escape(title)}</title>\n<style>{_STYLE}</style>\n</head>\n"
+        f"<body>\n{body}\n</body>\n</html>\n"
+    )
+
+
+def _figures(values: Mapping[str, Any]) -> str:
+    factor = values["decision"]["coverage_factor"]
+    head = [
+        "figure",
+        "decision",
+        "value [mm]",
+        f"U, k = {factor:g} [mm]",
+        "limit [mm]",
+        "guard band [mm]",
+    ]
+    rows = [
+        [
+            figure["name"],
+            VERDICTS[figure["verdict"]],
+            mm(figure["value_mm"], signed=is_signed(figure)),
+            mm(figure["expanded_uncertainty_mm"]),
+            "" if figure["limit_mm"] is None else mm(figure["limit_mm"]),
+            "" if figure["guard_mm"] is None else mm(figure["guard_mm"]),
+        ]
+        for figure in values["figures"]
+    ]
+    rule = next((f["rule"] for f in values["figures"] if f["rule"]), None)
+    return section(
+        "figures",
+        "Figures",
+        table(head, rows, texts=2),
+        note(UNCERTAINTY + ("" if rule is None else f" Decisions: {rule}.")),
+        *(note(f"{f['name']}: {r}.") for f in values["figures"] for r in f["remarks"]),
+        *(note(f"{remark}.") for remark in values["remarks"]),
+    )
+
+
+def _missing(values: Mapping[str, Any]) -> str:
+    if not values["missing"]:
+        return ""
+    rows = [
+        [entry["name"], what] for entry in values["missing"] for what in entry["what"]
+    ]
+    head = ["not computed", "because"]
+    return section("missing", "Missing", table(head, rows, texts=2))
+
+
+def _definitions(values: Mapping[str, Any]) -> str:
+    parts = []
+    for figure in values["figures"]:
+        parts.append(f"<h3>{escape(figure['name'])}</h3>")
+        source = f" Source of the definition: {source_text(figure)}."
+        parts.append(paragraph(f"{values['title']}: {figure['definition']}.{source}"))
+        parts.append(note(f"Uncertainty: {budget_text(figure)}."))
+        if figure["parts"]:
+            rows = [[part["name"], mm(part["value_mm"])] for part in figure["parts"]]
+            parts.append(table(["part", "mm"], rows))
+    return section("definitions", "Definitions and parts", *parts)
+
+
+def _pictures(values: Mapping[str, Any]) -> Iterator[str]:
+    for title, height_mm, paint in paintings(values):
+        png = picture(_WIDTH_MM, height_mm, paint)
+        name = title.lower().replace(" ", "-")
+        yield section(name, title, image(png, title))
+
+
+def _data(certificate: Sealed, values: Mapping[str, Any]) -> str:
+    digest = values["digest"]
+    rows = "".join(
+        f'<tr><td><a download="{escape(name)}" href="data:application/octet-stream;'
+        f'base64,{base64.b64encode(content).decode("ascii")}">{escape(name)}</a></td>'
+        f"<td>{len(content)}</td><td><code>{digest['files'][name]}</code></td></tr>"
+        for name, content in sorted(certificate.files.items())
+    )
+    return section(
+        "data",
+        "Raw data and digests",
+        '<div class="wide"><table><thead><tr><th>file</th><th>bytes</th>'
+        f"<th>{escape(digest['algorithm'])}</th></tr></thead><tbody>{rows}</tbody>"
+        "</table></div>",
+        paragraph(f"Result: {digest['result']}"),
+        paragraph(f"Over all: {digest['digest']}"),
+        note(
+            "The digest over all ties figures, raw data, arm file and limits together: "
+            "`traverse verify --check` computes it again from certificate.json and the "
+            "folder data, and the figures from the data. It is no signature of a "
+            "person: keep it, or have it signed, where nobody can change it."
+        ),
+    )

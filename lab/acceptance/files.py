@@ -1,0 +1,31 @@
+"""What a verification writes: certificate.json, .html, .pdf, and the data beside it."""
+
+import json
+from pathlib import Path
+
+from kinematics.arm_text import write_whole
+from lab.acceptance.certificate_check import DATA
+from lab.acceptance.certificate_json import Sealed
+from lab.acceptance.certificate_page import certificate_page
+from lab.acceptance.certificate_pdf import certificate_pdf
+
+CERTIFICATE = "certificate.json"
+
+
+def write_certificate(certificate: Sealed, folder: Path) -> None:
+    """Write everything into a folder, which is made if need be.
+
+    The JSON comes last: what it states is there.
+
+    Raises:
+        OSError: The folder cannot be written.
+    """
+    data = folder / DATA
+    data.mkdir(parents=True, exist_ok=True)
+    for name, content in certificate.files.items():
+        (data / name).write_bytes(content)
+    values = certificate.values
+    write_whole(folder / "certificate.html", certificate_page(certificate))
+    (folder / "certificate.pdf").write_bytes(certificate_pdf(values))
+    text = json.dumps(values, indent=1, allow_nan=False, ensure_ascii=False)
+    write_whole(folder / CERTIFICATE, text + "\n")
