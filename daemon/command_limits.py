@@ -29,9 +29,9 @@ OF_KIND: Final[Mapping[str, Limit]] = {
 LOG_LINES: Final = Limit(5.0, 20)
 FLOOD: Final = 500
 """Commands dropped in one second, after which the broker is to keep them."""
-PAUSE_S: Final = 5.0
+PAUSE_S: Final = 2.0
 """For so long."""
-CALM_S: Final = 5.0
+CALM_S: Final = 3.0
 """Without a dropped command: then the flood is over."""
 
 
