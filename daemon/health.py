@@ -10,7 +10,7 @@ from daemon.clock import HostClock
 from daemon.device import Device
 from daemon.latencies import Latencies
 from kinematics.kernel.choice import KERNEL
-from protocol.messages import BrokerHealth, Health, OutboxHealth
+from protocol.messages import BrokerHealth, Health, OutboxHealth, RecordingHealth
 from protocol.messages.health import LATENCIES
 
 SUMMED = (
@@ -49,6 +49,7 @@ class HealthReport:
         devices: Sequence[Device],
         broker: BrokerHealth,
         outbox: OutboxHealth,
+        recording: RecordingHealth,
         counters: Mapping[str, int],
         temperature_c: float | None,
         lacks: Mapping[str, Mapping[str, int]],
@@ -63,6 +64,7 @@ class HealthReport:
             devices: all of the configuration.
             broker: the connection to it.
             outbox: the points on disk.
+            recording: recordings on disk.
             counters: of everything but devices.
             temperature_c: of the arm.
             lacks: counters of what the arm's samples lacked, by device.
@@ -100,6 +102,7 @@ class HealthReport:
             skew_mm=skew_mm,
             broker=broker,
             outbox=outbox,
+            recording=recording,
             devices=tuple(
                 device.health(
                     self._rate_hz(device, elapsed_s),

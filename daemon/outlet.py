@@ -5,6 +5,7 @@ from collections.abc import Callable
 from daemon.clock import HostClock
 from daemon.events import Occurrence
 from daemon.outgoing import Outgoing, OutgoingQueue
+from daemon.tape import Tape
 from protocol import topics
 from protocol.encoding import Encoding, encode
 from protocol.messages import Event, Message
@@ -18,6 +19,9 @@ class Outlet:
         encoding: of all payloads.
         queue: where they wait for the publisher.
         clock: the host's.
+
+    Attributes:
+        tape: told of what is queued.
     """
 
     def __init__(
@@ -27,6 +31,7 @@ class Outlet:
         self._encoding: Encoding = encoding
         self._queue = queue
         self._clock = clock
+        self.tape = Tape()
 
     def outgoing(
         self, kind: str, message: Message, sent: Callable[[], None] | None = None
@@ -45,7 +50,10 @@ class Outlet:
         self, kind: str, message: Message, sent: Callable[[], None] | None = None
     ) -> bool:
         """Queue a message; False if there was no room for it."""
-        return self._queue.offer(kind, self.outgoing(kind, message, sent))
+        is_queued = self._queue.offer(kind, self.outgoing(kind, message, sent))
+        if is_queued:
+            self.tape.published(self._clock.monotonic_ns(), message)
+        return is_queued
 
     def publish_event(self, what: Occurrence, session: str) -> None:
         """Queue an event; its times become UTC."""

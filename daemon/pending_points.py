@@ -137,6 +137,7 @@ class PendingPoints:
         for request in self._requests:
             if request.may_capture:
                 request.seen = None
+                request.is_looked_at = False
                 self._look(request)
 
     def settle(self, now_ns: int | None = None) -> None:

@@ -20,10 +20,11 @@ from daemon.recorder_queue import Item, RecorderQueue
 from daemon.recorder_state import LastTold, MeasuringState
 from daemon.recorder_thread import RecorderThread, Told
 from daemon.recording_section import RecordingSection
+from daemon.sessions import Session
 from daemon.tape import Tape
 from drivers.delivery_maps import kind_of
 from drivers.values import Delivery
-from protocol.messages import Event, Message
+from protocol.messages import Event, Message, Point
 from protocol.messages.recording_health import RecordingHealth
 
 STATE_NS = 6_000_000_000
@@ -34,6 +35,7 @@ FAULTS = ("alarm.", "device.", "outbox.", "daemon.", "watchdog.", "realtime.")
 """Beginnings of the codes of errors after which the last minutes are kept."""
 
 T = TypeVar("T")
+Keep = Callable[[Session, Point], Keeping | None]
 
 
 class Recorder(Tape):
@@ -42,7 +44,7 @@ class Recorder(Tape):
     Args:
         section: of the configuration.
         folder: of all recordings.
-        clock: the host's.
+        clock: that of the steps.
         about: what the head of every file says.
         files: arm file, configuration and so on.
         events: where it is told what happens to recordings.
@@ -128,11 +130,21 @@ class Recorder(Tape):
         if isinstance(message, Event) and _is_fault(message):
             self._note_fault(now_ns, message.code)
 
-    def keeping(self, keeping: Keeping) -> None:
-        """A point is on its way to the disk: once it is there, it is recorded."""
+    def following(self, keep: Keep) -> Keep:
+        """What sends points to the disk, followed: those that arrive are recorded."""
+
+        def kept(session: Session, point: Point) -> Keeping | None:
+            keeping = keep(session, point)
+            if keeping is not None:
+                self._follow(keeping)
+            return keeping
+
+        return kept
+
+    def _follow(self, keeping: Keeping) -> None:
 
         def settled() -> None:
-            now_ns = self._clock.monotonic_ns()
+            now_ns = self._clock.running.monotonic_ns()
             if keeping.trouble is None:
                 self.published(now_ns, keeping.point)
             else:
@@ -140,13 +152,20 @@ class Recorder(Tape):
 
         keeping.when_settled(settled)
 
-    def reloaded(self, now_ns: int, files: Mapping[str, bytes]) -> None:
+    def reloaded(self, files: Mapping[str, bytes]) -> None:
         """Other files are in force from now on."""
+        now_ns = self._clock.step()
         probe = None if self.state is None else self.state.probe
         self._put(Item("files", now_ns, value={"files": dict(files), "probe": probe}))
         self._due_ns = 0
 
     # -- recordings with a name -----------------------------------------------
+
+    @property
+    def running(self) -> str | None:
+        """The name of what is being recorded; None without."""
+        recorded = self._thread.recorded
+        return None if recorded is None else recorded.name
 
     async def begin(self, name: str, note: str) -> Path:
         """Begin a recording; gives its path.

@@ -34,11 +34,14 @@ from daemon.pipeline import Pipeline
 from daemon.point_requests import PointRequests
 from daemon.probe_requests import ProbeRequests
 from daemon.publisher import Publisher
+from daemon.record_requests import RecordRequests, recorder_of, tell_reloaded
+from daemon.recorder_state import MeasuringState
 from daemon.reload import Inputs, Reload
 from daemon.requests import Requests
 from daemon.scanner import Scanner
 from daemon.startup import StartupError
 from daemon.state_folder import OUTBOX, state_path
+from daemon.step_clock import StepClock
 from daemon.uncertainty import Uncertainty
 from kinematics.kernel.choice import KERNEL
 from protocol import topics
@@ -67,6 +70,7 @@ class Service:
         keep_trying: bool,
     ) -> None:
         folder = path.parent
+        self._path = path
         self._configuration = configuration
         self._encoding: Encoding = broker.encoding
         self._arm = model.name
@@ -80,6 +84,15 @@ class Service:
         self._notifier = Notifier()
         self._health = HealthReport(self._clock)
         self._part = PartSystem()
+        self._steps = StepClock(self._clock)
+        self._recorder = recorder_of(
+            configuration,
+            path,
+            arm=self._arm,
+            clock=self._steps,
+            events=self._events,
+        )
+        self._outlet.tape = self._recorder
         self._outbox = Outbox(
             state_path(path) / OUTBOX,
             arm=self._arm,
@@ -93,24 +106,26 @@ class Service:
             latencies=self._health.latencies,
             changed=self._publish_status,
         )
-        self._capture = Capture(self._clock, self._outbox.keep, self._part)
+        self._capture = Capture(
+            self._steps, self._recorder.following(self._outbox.keep), self._part
+        )
         self._scanner = Scanner(
-            self._clock,
+            self._steps,
             lambda scan: self._outlet.publish("scan", scan),
             settings.scan_block_s,
             configuration.scan,
             self._part,
         )
-        self._live = LiveView(self._clock, settings.live_rate_hz, self._part)
+        self._live = LiveView(self._steps, settings.live_rate_hz, self._part)
         loop = asyncio.get_running_loop()
         self._devices = [open_device(d, loop) for d in configuration.device]
         self._arm_devices = ArmDevices(model, self._devices)
         self._measuring = Measuring(
-            clock=self._clock,
+            clock=self._steps,
             devices=self._arm_devices,
             settings=configuration.assembly,
             uncertainty=Uncertainty(configuration.uncertainty),
-            pipeline=Pipeline(model, self._clock),
+            pipeline=Pipeline(model, self._steps),
             capture=self._capture,
             triggers=triggers_of(settings),
             scanner=self._scanner,
@@ -121,7 +136,9 @@ class Service:
             status_changed=self._publish_status,
             taking=settings,
             quality=configuration.quality,
+            tape=self._recorder,
         )
+        self._recorder.state = MeasuringState(self._measuring, self._capture)
         self._requests = Requests(
             settings=settings,
             scan=configuration.scan,
@@ -178,6 +195,7 @@ class Service:
                 "align": align.change,
                 "reload": self._reload.carry_out,
                 "resend": self._outbox.resend,
+                "record": RecordRequests(self._recorder).carry_out,
             },
         )
         self._publisher = Publisher(
@@ -221,6 +239,7 @@ class Service:
         async with (
             running_drivers(self._devices),
             self._outbox.running(),
+            self._recorder,
             self._life,
             asyncio.TaskGroup() as tasks,
         ):
@@ -257,6 +276,7 @@ class Service:
         self._requests.use(configuration.capture, configuration.scan)
         self._point_requests.use(configuration.capture)
         self._outbox.use(configuration.outbox)
+        tell_reloaded(self._recorder, self._path, configuration)
         self._publisher.renew()
         self._publish_status()
         self._tell_model()
@@ -283,7 +303,7 @@ class Service:
             )
 
     async def _drain(self) -> None:
-        self._scanner.stop()
+        self._measuring.stop_scan()
         self._events.flush(at_once=True)
         self._outlet.publish("status", self._status(online=False))
         log.info("stopping")
@@ -358,6 +378,7 @@ class Service:
             devices=self._devices,
             broker=broker_health(self._publisher, self._queue),
             outbox=self._outbox.health(),
+            recording=self._recorder.health(),
             counters=counters_of(
                 capture=self._capture,
                 scanner=self._scanner,

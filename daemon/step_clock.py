@@ -18,14 +18,14 @@ class StepClock(HostClock):
 
     Args:
         host: where it gets the time from.
+
+    Attributes:
         related: told (now_ns, utc_offset_ns) when the relation to UTC changes.
     """
 
-    def __init__(
-        self, host: HostClock, related: Callable[[int, int], None] | None = None
-    ) -> None:
+    def __init__(self, host: HostClock) -> None:
         self._host = host
-        self._related = related
+        self.related: Callable[[int, int], None] | None = None
         self._now_ns = host.monotonic_ns()
         self._utc_offset_ns = host.utc_offset_ns()
         self._looked_ns = self._now_ns
@@ -43,8 +43,8 @@ class StepClock(HostClock):
             offset_ns = self._host.utc_offset_ns()
             if abs(offset_ns - self._utc_offset_ns) > JITTER_NS:
                 self._utc_offset_ns = offset_ns
-                if self._related is not None:
-                    self._related(now_ns, offset_ns)
+                if self.related is not None:
+                    self.related(now_ns, offset_ns)
         return now_ns
 
     def monotonic_ns(self) -> int:

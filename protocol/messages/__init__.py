@@ -8,6 +8,7 @@ from protocol.messages.commands import (
     LabelArgs,
     PointArgs,
     ProbeArgs,
+    RecordArgs,
     ReloadArgs,
     ResendArgs,
     ScanArgs,
@@ -34,6 +35,7 @@ from protocol.messages.quality import (
     QualityFlag,
     flag_names,
 )
+from protocol.messages.recording_health import RecordingHealth
 from protocol.messages.reply import Reply, ReplyError
 from protocol.messages.scan import Scan
 from protocol.messages.status import DriverStatus, Status
@@ -76,6 +78,8 @@ __all__ = [
     "ProbeArgs",
     "Quality",
     "QualityFlag",
+    "RecordArgs",
+    "RecordingHealth",
     "ReloadArgs",
     "Reply",
     "ReplyError",

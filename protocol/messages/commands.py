@@ -24,6 +24,7 @@ from protocol.messages.point import Label
 from protocol.messages.scan import ScanMode
 
 ROTATION_TOLERANCE = 1e-6
+RECORDING_NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$"
 
 
 class Args(Value):
@@ -174,6 +175,25 @@ class ResendArgs(Args):
         return self
 
 
+class RecordArgs(Args):
+    """Start or stop a recording on the daemon's disk."""
+
+    command = "record"
+    action: Literal["start", "stop"]
+    """With "stop" all other keys are ignored."""
+    name: Annotated[str, Field(pattern=RECORDING_NAME)] | None = None
+    """Of the file, without its ending; needed to start, and not used before."""
+    note: Text | None = None
+    """For people; kept in the file."""
+
+    @model_validator(mode="after")
+    def _has_a_name(self) -> Self:
+        if self.action == "start" and self.name is None:
+            message = "a name to start"
+            raise ValueError(message)
+        return self
+
+
 class Command(Message):
     """The envelope of every command."""
 
@@ -204,6 +224,7 @@ COMMANDS: dict[str, type[Args]] = {
         AlignArgs,
         SessionArgs,
         ResendArgs,
+        RecordArgs,
     )
 }
 """The arguments of each command, by its name."""

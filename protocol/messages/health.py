@@ -15,6 +15,7 @@ from protocol.messages.fields import (
     Value,
     Word,
 )
+from protocol.messages.recording_health import RecordingHealth
 
 COUNTERS = {
     "samples_received": "sets of counts that came from the devices",
@@ -186,5 +187,7 @@ class Health(Message):
     """The connection to the broker."""
     outbox: OutboxHealth
     """The points on disk."""
+    recording: RecordingHealth
+    """Recordings on disk."""
     devices: Annotated[tuple[DeviceHealth, ...], Field(max_length=64, fail_fast=True)]
     """All configured devices."""

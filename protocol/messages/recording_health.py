@@ -1,4 +1,4 @@
-"""RecordingHealth: how the recorder is, as a part of health."""
+"""How the recorder is, as a part of health."""
 
 from typing import Literal
 
@@ -9,7 +9,7 @@ class RecordingHealth(Value):
     """Recordings on the daemon's disk."""
 
     state: Literal["off", "flight", "recording", "failed"]
-    """"flight": the last minutes alone; "failed": not even these, an event tells why."""
+    """"flight": the last minutes alone; "failed": not even these; an event says why."""
     name: Name | None
     """Of the recording that somebody has asked for; null without one."""
     bytes: Count

@@ -30,7 +30,7 @@ from drivers.values import (
     StreamStarted,
 )
 from protocol.encoding import decode, encode
-from protocol.messages import BrokerHealth, Health, OutboxHealth
+from protocol.messages import BrokerHealth, Health, OutboxHealth, RecordingHealth
 from protocol.messages.health import LATENCIES
 from tests.daemon.values import (
     ARM,
@@ -341,6 +341,16 @@ def health(bench) -> Health:
         ),
         outbox=OutboxHealth(
             state="ready", points=0, unsent=0, bytes=0, oldest_unsent_ns=None
+        ),
+        recording=RecordingHealth(
+            state="off",
+            name=None,
+            bytes=0,
+            flight_bytes=0,
+            queued=0,
+            dropped=0,
+            kept=0,
+            kept_dropped=0,
         ),
         counters={"points_captured": len(bench.points)},
         temperature_c=bench.device.temperature_c,

@@ -143,6 +143,7 @@ async def test_points_after_the_change_are_of_the_new_probe(bench, tmp_path):
     stream(bench, 40, 60)
     result = await changing
     bench.take(edge("handle", BEGIN_NS + 575_000_000, 3))
+    stream(bench, 60, 62)  # motion is told anew from the change on
     models = [point.model for point in bench.points]
     assert models[:2] == [before] * 2
     assert models[-1] == result["model"] != before

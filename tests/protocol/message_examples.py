@@ -28,6 +28,8 @@ from protocol.messages import (
     PointArgs,
     ProbeArgs,
     Quality,
+    RecordArgs,
+    RecordingHealth,
     ReloadArgs,
     Reply,
     ReplyError,
@@ -201,6 +203,16 @@ HEALTH = Health(
         bytes=104_857_600,
         oldest_unsent_ns=TIME_NS,
     ),
+    recording=RecordingHealth(
+        state="recording",
+        name="bumps",
+        bytes=1_048_576,
+        flight_bytes=9_437_184,
+        queued=3,
+        dropped=0,
+        kept=1,
+        kept_dropped=0,
+    ),
     devices=(
         DeviceHealth(
             id="base",
@@ -240,6 +252,7 @@ ARGS = (
     ),
     SessionArgs(action="new", note="second shift"),
     ResendArgs(session=SESSION, from_seq=3, to_seq=9),
+    RecordArgs(action="start", name="bumps", note="somebody leans on the table"),
 )
 
 EXAMPLES: dict[str, Message] = {
