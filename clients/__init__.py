@@ -1,7 +1,9 @@
 """What connects from outside over MQTT: the Python client of an arm."""
 
 from clients.address import BrokerAddress
-from clients.arm import Arm, Counters
+from clients.arm import Arm
+from clients.blocking import BlockingArm
+from clients.counters import Counters
 from clients.errors import (
     BrokerUnreachableError,
     ClientError,
@@ -13,6 +15,7 @@ from clients.results import HeldSession, Resent, StartedScan
 
 __all__ = [
     "Arm",
+    "BlockingArm",
     "BrokerAddress",
     "BrokerUnreachableError",
     "ClientError",

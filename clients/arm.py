@@ -2,13 +2,13 @@
 
 import asyncio
 from collections.abc import Coroutine, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
 
 from clients.address import BrokerAddress
 from clients.commands import ArmCommands
+from clients.counters import Counters
 from clients.errors import BrokerUnreachableError
 from clients.feeds import Feed
 from clients.inbox import Inbox
@@ -17,51 +17,15 @@ from clients.place import read_place, write_place
 from clients.point_order import PointOrder
 from clients.points import PointStream
 from clients.points_by_id import PointsById
+from clients.readers import Points
 from clients.requests import Requests
 from clients.scans import ScanBlocks
-from protocol.messages import Args, Event, Health, Live, Point, Scan, Status
+from protocol.messages import Args, Event, Health, Live, Scan, Status
 from protocol.messages.fields import Vector
 from protocol.messages.scan import ScanMode
 
 PLACE_S = 0.5
 BEGIN_S = 2.0
-
-
-@dataclass(frozen=True, slots=True)
-class Counters:
-    """What a client has met with since it was opened.
-
-    Attributes:
-        connections: how often a connection to the broker came about.
-        points: points that came, whatever became of them.
-        duplicates: points that came once more and were left out.
-        asked_again: points that the arm was asked to send again.
-        lost: points that could not be had any more.
-        undecodable: messages that could not be understood.
-    """
-
-    connections: int
-    points: int
-    duplicates: int
-    asked_again: int
-    lost: int
-    undecodable: int
-
-
-class Points:
-    """The points of a stream; what is lost is logged and counted."""
-
-    def __init__(self, stream: PointStream) -> None:
-        self._stream = stream
-
-    def __aiter__(self) -> Self:
-        return self
-
-    async def __anext__(self) -> Point:
-        while True:
-            item = await anext(self._stream)
-            if isinstance(item, Point):
-                return item
 
 
 class Arm(ArmCommands):
@@ -254,6 +218,7 @@ class Arm(ArmCommands):
 
     def _came(self) -> None:
         self._is_up.set()
+        self._requests.link_came()
         self._stream.link_came()
 
     def _went(self) -> None:

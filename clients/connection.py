@@ -7,15 +7,23 @@ sending when too many wait for that.
 """
 
 import asyncio
-from collections.abc import Callable
+import logging
+from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
-from typing import Any
+from types import TracebackType
+from typing import Any, TypeVar
 
 import aiomqtt
 from paho.mqtt.client import Client as PahoClient
-from paho.mqtt.client import MQTTMessage
+from paho.mqtt.client import DisconnectFlags, MQTTMessage
+from paho.mqtt.properties import Properties
+from paho.mqtt.reasoncodes import ReasonCode
 
 from clients.address import BrokerAddress
+
+T = TypeVar("T")
+QUIET = logging.getLogger("clients.paho")
+QUIET.setLevel(logging.CRITICAL)  # what it would say is raised as an error, too
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +48,7 @@ class BrokerConnection(aiomqtt.Client):
     """
 
     def __init__(self, address: BrokerAddress, take: Callable[[Arrived], None]) -> None:
-        super().__init__(**address.options())
+        super().__init__(logger=QUIET, **address.options())
         self._take = take
         self.pending_calls_threshold = 1000
         self._client.manual_ack_set(True)
@@ -55,7 +63,7 @@ class BrokerConnection(aiomqtt.Client):
         Raises:
             aiomqtt.MqttError: the connection is gone, or the broker does not allow it.
         """
-        granted = await self.subscribe(topic, qos=qos)
+        granted = await self._while_connected(self.subscribe(topic, qos=qos))
         refused = [
             code for code in granted if not isinstance(code, int) and code.is_failure
         ]
@@ -64,6 +72,14 @@ class BrokerConnection(aiomqtt.Client):
                 f"the broker does not let us read {topic}: {refused[0]}; correct its "
                 "access list, or username and password"
             )
+
+    async def send(self, topic: str, payload: bytes) -> None:
+        """Publish with quality of service 1; returns when the broker has it.
+
+        Raises:
+            aiomqtt.MqttError: the connection is gone.
+        """
+        await self._while_connected(self.publish(topic, payload, qos=1))
 
     async def ended(self) -> None:
         """Wait until the connection is gone.
@@ -75,7 +91,46 @@ class BrokerConnection(aiomqtt.Client):
         error = self._disconnected.exception()
         if error is not None and not isinstance(error, OSError | aiomqtt.MqttError):
             raise error  # a fault of ours
-        raise aiomqtt.MqttError(str(error or "the broker has ended it"))
+        if isinstance(error, aiomqtt.MqttCodeError):
+            raise aiomqtt.MqttError("the connection was lost") from error
+        raise aiomqtt.MqttError(str(error or "the broker has ended the connection"))
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        try:
+            await super().__aexit__(kind, error, trace)
+        finally:
+            if self._disconnected.done() and not self._disconnected.cancelled():
+                self._disconnected.exception()  # it has been heard
+
+    async def _while_connected(self, work: Coroutine[Any, Any, T]) -> T:
+        """Do this, or stop at once when the connection goes: aiomqtt waits on."""
+        working = asyncio.ensure_future(work)
+        both: set[asyncio.Future[Any]] = {working, self._disconnected}
+        try:
+            await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
+            if not working.done():
+                await self.ended()
+            return working.result()
+        finally:
+            working.cancel()
+
+    def _on_disconnect(
+        self,
+        client: PahoClient,
+        userdata: Any,  # noqa: ANN401 - as aiomqtt declares it
+        flags: DisconnectFlags,
+        reason_code: ReasonCode,
+        properties: Properties | None = None,
+    ) -> None:
+        if not self._connected.done():  # aiomqtt would wait until its time is over
+            self._connected.set_exception(aiomqtt.MqttError("closed by the broker"))
+            return
+        super()._on_disconnect(client, userdata, flags, reason_code, properties)
 
     def _on_message(
         self,

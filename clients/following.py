@@ -31,7 +31,7 @@ class Followed:
         known: the highest number that is known to exist; -1 before the first.
         has_ended: whether no number above `known` will come.
         is_doubtful: whether the outbox has to be asked if it knows this session.
-        is_cut: whether nobody can tell what came after `known`.
+        cut: why nobody can tell what came after `known`; empty where one can.
         held: points that came before their turn, by number.
     """
 
@@ -42,7 +42,7 @@ class Followed:
         self.known = next_seq - 1
         self.has_ended = False
         self.is_doubtful = False
-        self.is_cut = False
+        self.cut = ""
         self.held: dict[int, Point] = {}
 
     @property
@@ -67,9 +67,17 @@ class Followed:
             self.next_seq += 1
         return found
 
-    def give_up(self, to_seq: int, reason: str) -> Lost:
-        """Go on after a gap that cannot be filled."""
-        lost = Lost(self.session, self.next_seq, to_seq, reason)
-        self.next_seq = to_seq + 1
+    def give_up(self, to_seq: int, reason: str) -> list[Point | Lost]:
+        """Go on after gaps that cannot be filled: all up to a number.
+
+        Returns:
+            What is handed on: the gaps, and the points that are here.
+        """
         self.see(to_seq)
-        return lost
+        found: list[Point | Lost] = [*self.run()]
+        while self.next_seq <= to_seq:
+            end = min([to_seq, *(seq - 1 for seq in self.held)])
+            found.append(Lost(self.session, self.next_seq, end, reason))
+            self.next_seq = end + 1
+            found += self.run()
+        return found

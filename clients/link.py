@@ -12,7 +12,7 @@ from clients.connection import Arrived, BrokerConnection
 
 log = logging.getLogger(__name__)
 
-FIRST_WAIT_S = 0.1
+FIRST_WAIT_S = 0.05
 LAST_WAIT_S = 10.0
 
 
@@ -83,7 +83,7 @@ class Link:
         """
         if self._connection is None:
             raise aiomqtt.MqttError(self.reason)
-        await self._connection.publish(topic, payload, qos=1)
+        await self._connection.send(topic, payload)
 
     def acknowledge(self, number: int) -> None:
         """Tell the broker that a message of the present connection has been taken."""

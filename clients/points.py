@@ -87,7 +87,6 @@ class PointStream:
 
     def notice(self, session: str) -> None:
         """The arm says that this is its session."""
-        self._order.anchor = self._order.anchor or session
         self._order.notice(session)
         self._tell_all()
 

@@ -4,13 +4,19 @@ import asyncio
 
 
 class Pulse:
-    """Many may wait; each is woken by the next beat."""
+    """Many may wait; each is woken by the next beat.
+
+    Attributes:
+        beats: how many there were.
+    """
 
     def __init__(self) -> None:
         self._waiting: set[asyncio.Future[None]] = set()
+        self.beats = 0
 
     def beat(self) -> None:
         """Wake all who wait."""
+        self.beats += 1
         if not self._waiting:
             return
         waiting, self._waiting = self._waiting, set()

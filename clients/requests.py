@@ -53,6 +53,10 @@ class Requests:
         self._status = status
         self._news.beat()
 
+    def link_came(self) -> None:
+        """There is a connection."""
+        self._news.beat()
+
     def link_lost(self) -> None:
         """What the arm said last may be true no more."""
         self._status = None
@@ -91,13 +95,15 @@ class Requests:
         life: str | None = None
         was_sent = False
         while not answer.done():
-            status = self._status
+            status, beats = self._status, self._news.beats
             if status is not None and status.online and self._link.is_up:
                 life = life or status.session
                 if may_repeat or not was_sent or status.session == life:
                     was_sent = True
                     with contextlib.suppress(aiomqtt.MqttError):
                         await self._link.publish(topic, payload)
+            if beats != self._news.beats:
+                continue  # there was news while this was sent
             news = asyncio.ensure_future(self._news.wait())
             try:
                 both: set[asyncio.Future[Any]] = {answer, news}

@@ -39,7 +39,9 @@ class VirtualDaemon:
         outbox: points by session, then by number; sessions in the order of their begin.
         is_mute: points go into the outbox only.
         can_resend: whether the command is known.
-        commands: what was carried out, by request.
+        is_deaf: commands are not carried out.
+        heard: commands that came.
+        commands: what was carried out.
         resends: ranges that were asked for.
     """
 
@@ -53,6 +55,7 @@ class VirtualDaemon:
         self.session = ""
         self.is_mute = False
         self.is_deaf = False
+        self.heard = 0
         self.can_resend = True
         self.commands: list[Args] = []
         self.resends: list[tuple[str | None, int, int | None]] = []
@@ -101,13 +104,15 @@ class VirtualDaemon:
     async def publish(self, message: Message) -> None:
         """Say something on the topic of its kind."""
         kind = type(message).__name__.lower()
+        await self.publish_raw(kind, encode(message, "msgpack"))
+
+    async def publish_raw(self, kind: str, payload: bytes) -> None:
+        """Say anything."""
         channel = topics.CHANNELS[kind]
         assert self._client is not None
+        topic = f"{topics.ROOT}/{self.arm}/{kind}"
         await self._client.publish(
-            f"{topics.ROOT}/{self.arm}/{kind}",
-            encode(message, "msgpack"),
-            qos=channel.qos,
-            retain=channel.retained,
+            topic, payload, qos=channel.qos, retain=channel.retained
         )
 
     def forget(self, session: str, below: int) -> None:
@@ -149,6 +154,7 @@ class VirtualDaemon:
 
     async def _listen(self, client: aiomqtt.Client) -> None:
         async for message in client.messages:
+            self.heard += 1
             if self.is_deaf:
                 continue
             assert isinstance(message.payload, bytes)
