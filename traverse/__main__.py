@@ -23,6 +23,8 @@ from traverse.identify import identify
 from traverse.microscribe import microscribe
 from traverse.page import page
 from traverse.probe import probe
+from traverse.record import record
+from traverse.replay import replay
 from traverse.run import run
 from traverse.simulate import simulate
 from traverse.verify import verify
@@ -36,6 +38,8 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 for command in (demo, run, simulate, watch, check, collect, identify, diagnose, blind):
+    app.command()(command)
+for command in (record, replay):
     app.command()(command)
 app.command()(verify)
 app.command()(page)
