@@ -1,0 +1,1 @@
+"""The operator's page: a client like any other, in a browser."""

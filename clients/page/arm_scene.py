@@ -1,0 +1,53 @@
+"""The element that shows the arm in three dimensions; its drawing is in the browser."""
+
+from nicegui import ui
+from nicegui.element import Element
+
+from protocol.messages import Live, Point
+
+# Its module is where three.js comes from.
+assert ui.scene is not None  # noqa: S101 - imported for its registration
+
+
+class ArmScene(Element, component="arm_scene.js", default_classes="arm-scene-box"):
+    """Skeleton, probe, points and cloud.
+
+    Args:
+        cloud_url: where the browser fetches scanned points.
+    """
+
+    def __init__(self, cloud_url: str) -> None:
+        super().__init__()
+        self._props["cloudUrl"] = cloud_url
+
+    def show_pose(self, live: Live) -> None:
+        """The arm is now like this."""
+        if live.skeleton_mm is not None:
+            skeleton = [list(place) for place in live.skeleton_mm]
+            self.run_method("pose", skeleton, live.probe_radius_mm)
+
+    def add_points(self, points: list[Point]) -> None:
+        """Points have come."""
+        rows = [[p.id, *p.xyz_mm, p.quality.ok] for p in points]
+        if rows:
+            self.run_method("add_points", rows)
+
+    def remove_point(self, point_id: str) -> None:
+        """A point was taken back."""
+        self.run_method("remove_point", point_id)
+
+    def clear_points(self) -> None:
+        """Another session has begun."""
+        self.run_method("clear_points")
+
+    def show_cloud(self, version: int, n_kept: int, n_seen: int) -> None:
+        """There is more of the cloud to be fetched."""
+        self.run_method("update_cloud", version, n_kept, n_seen)
+
+    def view(self, name: str) -> None:
+        """Look from a standard side: iso, top, front, right, or at the probe."""
+        self.run_method("view", name)
+
+    def theme(self, *, dark: bool) -> None:
+        """Colours for the light."""
+        self.run_method("theme", dark)

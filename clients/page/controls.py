@@ -1,0 +1,72 @@
+"""Soft buttons, and keys that do the same."""
+
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+
+from nicegui import ui
+from nicegui.events import KeyEventArguments
+
+Act = Callable[[], Awaitable[None] | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Soft:
+    """One soft button.
+
+    Attributes:
+        key: as the browser names it; shown in capitals, " " as Space.
+    """
+
+    name: str
+    key: str
+    act: Act
+    kind: str = ""
+
+
+class Controls:
+    """A row of large buttons.
+
+    Args:
+        buttons: of the row.
+        keys: more keys, without buttons.
+    """
+
+    def __init__(self, buttons: list[Soft], keys: dict[str, Act]) -> None:
+        self._acts: dict[str, Act] = dict(keys)
+        self._buttons: dict[str, ui.button] = {}
+        with ui.element("section").classes("controls") as row:
+            row.props('aria-label="Commands to the arm"')
+            for soft in buttons:
+                self._acts[soft.key] = soft.act
+                shown = "Space" if soft.key == " " else soft.key.upper()
+                with ui.button(on_click=soft.act, color=None) as button:
+                    button.props("unelevated")
+                    button.classes(soft.kind)
+                    button.props(f'aria-keyshortcuts="{shown}"')
+                    with ui.element("div"):
+                        label = ui.label(soft.name)
+                        ui.label(f"key {shown}").classes("key")
+                self._buttons[soft.key] = button
+                button.traverse_label = label  # type: ignore[attr-defined]  # kept with it
+        ui.keyboard(self._pressed, repeating=False)
+
+    def name(self, key: str, name: str, *, is_on: bool) -> None:
+        """Say anew what a button does, and whether that goes on now."""
+        button = self._buttons[key]
+        button.traverse_label.set_text(name)  # type: ignore[attr-defined]  # as above
+        button.classes(add="on" if is_on else "", remove="" if is_on else "on")
+
+    async def _pressed(self, event: KeyEventArguments) -> None:
+        modifiers = event.modifiers
+        if (
+            not event.action.keydown
+            or modifiers.ctrl
+            or modifiers.alt
+            or modifiers.meta
+        ):
+            return
+        act = self._acts.get(str(event.key).lower())
+        if act is not None:
+            waiting = act()
+            if waiting is not None:
+                await waiting
