@@ -1,7 +1,8 @@
 """Simulated acceptance tests: the standards' artefacts, touched by an arm.
 
 `acceptance_poses` finds places and postures once; `touched_by` lets another arm touch
-the same spots, and `tested` draws noise and certificates: so many arms can be tested.
+the same spots, and `drawn_acceptance` draws noise and certificates: so any number of
+arms can be tested.
 """
 
 from dataclasses import replace
@@ -120,7 +121,7 @@ def touched_by(poses: PoseSet, truth: TrueArm) -> PoseSet:
     )
 
 
-def tested(poses: PoseSet, seed: int) -> SimulatedCampaign:
+def drawn_acceptance(poses: PoseSet, seed: int) -> SimulatedCampaign:
     """Draw noise and certificates; one standard in many places has one certificate."""
     drawn = draw_noise(poses, seed)
     first: dict[str, StatedArtefact] = {}

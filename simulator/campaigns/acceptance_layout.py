@@ -8,7 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simulator.campaigns.acceptance_artefacts import SeatBar, SidedCone, TestSphere
+from simulator.campaigns.acceptance_artefacts import (
+    CalibratedSphere,
+    SeatBar,
+    SidedCone,
+)
 from simulator.campaigns.artefacts import Artefact, BallBar
 from simulator.physics import Floats
 
@@ -169,7 +173,7 @@ def _sphere(
         outwards = np.concatenate(
             [_about(-np.array(SHANKS[group]), groups[group]) for group in groups]
         )
-    sphere = TestSphere(
+    sphere = CalibratedSphere(
         id=name,
         n_poses=len(outwards),
         radius_mm=RADIUS_MM,
