@@ -38,7 +38,7 @@ def recorder_of(
     about = {"arm": arm, "version": version("traverse-cmm"), "kernel": KERNEL}
     recorder = Recorder(
         configuration.recording,
-        folder=state_path(path) / RECORDINGS,
+        folder=(state_path(path) / RECORDINGS).absolute(),
         clock=clock,
         about=about,
         files=files,
