@@ -10,6 +10,7 @@ import json
 import shutil
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -19,10 +20,14 @@ import numpy as np
 from benchmarks import rig
 from benchmarks.raw_mqtt import RawClient
 from benchmarks.rounds import load
+from protocol.encoding import encode
+from protocol.messages import Command, ScanArgs
+from protocol.topics import command_topic
 
 ARM = "demo-7"
 RAW = "raw"
-RATES_HZ = (100.0, 1000.0)
+# Presses, and timed samples beside them.
+RATES_HZ = ((100.0, 0.0), (100.0, 1000.0), (1000.0, 0.0))
 ROUNDS = 3
 SECONDS = 8.0
 
@@ -58,19 +63,45 @@ def raw_latencies_ns(folder: Path, port: int, rate_hz: float, n: int) -> list[in
     return [now_ns - sent_ns[number] for number, now_ns in arrivals_ns]
 
 
-def point_latencies_ns(folder: Path, port: int, rate_hz: float, n: int) -> list[int]:
-    """From the last byte of an edge to a bare socket; points sent twice count once."""
+def begin_scan(port: int, rate_hz: float) -> None:
+    """Have the daemon stream; returns when it does."""
+    client = RawClient(port, "scan-starter")
+    client.subscribe(f"traverse/{ARM}/health")
+    next(client.payloads())  # it is connected, and hears
+    client.subscribe(f"traverse/{ARM}/scan")
+    args = ScanArgs(action="start", rate_hz=rate_hz)
+    command = Command.carrying(args, request="latency")
+    client.publish(command_topic(ARM, "scan"), 1, encode(command, "json"))
+    for _, payload in client.payloads():
+        if "dtime_ns" in msgpack.unpackb(payload):
+            break
+    client.close()
+
+
+def point_latencies_ns(
+    folder: Path, port: int, rate_hz: float, n: int, stream_hz: float
+) -> tuple[list[int], float]:
+    """From the last byte of an edge to a bare socket; points sent twice count once.
+
+    Returns:
+        The latencies, and the daemon's share of a core meanwhile.
+    """
     client = RawClient(port, "point-taker")
-    client.subscribe(f"traverse/{ARM}/point")
     arrivals_ns: dict[int, int] = {}
-    with edge_board(folder, rate_hz) as log, rig.daemon(folder, port):
+    with edge_board(folder, rate_hz) as log, rig.daemon(folder, port) as process:
+        if stream_hz:
+            begin_scan(port, stream_hz)
+        begun_s, begun_cpu_s = time.monotonic(), rig.cpu_s(process)
+        client.subscribe(f"traverse/{ARM}/point")
         for now_ns, payload in client.payloads():
             arrivals_ns.setdefault(msgpack.unpackb(payload)["seq"], now_ns)
             if len(arrivals_ns) == n:
                 break
+        used_s = rig.cpu_s(process) - begun_cpu_s
+        share = used_s / (time.monotonic() - begun_s)
     client.close()
     pressed_ns = [int(line) for line in log.read_text("ascii").split()]
-    return [now_ns - pressed_ns[seq] for seq, now_ns in arrivals_ns.items()]
+    return [now_ns - pressed_ns[seq] for seq, now_ns in arrivals_ns.items()], share
 
 
 def figures(values_ns: list[int]) -> dict[str, float]:
@@ -80,38 +111,50 @@ def figures(values_ns: list[int]) -> dict[str, float]:
 
 
 def rounds(
-    folder: Path, rate_hz: float, n_rounds: int, seconds: float
-) -> Iterator[tuple[dict[str, float], dict[str, float]]]:
+    folder: Path, rate_hz: float, stream_hz: float, n_rounds: int, seconds: float
+) -> Iterator[tuple[dict[str, float], dict[str, float], float]]:
     """Bare sockets and points in turn, through one broker."""
     port, n = rig.free_port(), round(rate_hz * seconds)
     with rig.mosquitto(folder, port):
         for _ in range(n_rounds):
             raw = figures(raw_latencies_ns(folder, port, rate_hz, n))
-            yield raw, figures(point_latencies_ns(folder, port, rate_hz, n))
+            found = point_latencies_ns(folder, port, rate_hz, n, stream_hz)
+            yield raw, figures(found[0]), found[1]
 
 
-def latency(rate_hz: float, n_rounds: int, seconds: float) -> dict[str, object]:
+def latency(
+    rate_hz: float, stream_hz: float, n_rounds: int, seconds: float
+) -> dict[str, object]:
     """Everything measured at one rate, printed as it comes."""
+    beside = f", stream of {stream_hz:.0f} Hz" if stream_hz else ""
     with tempfile.TemporaryDirectory() as folder:
         found = []
-        for raw, point in rounds(Path(folder), rate_hz, n_rounds, seconds):
-            found.append({"raw": raw, "point": point})
+        for raw, point, share in rounds(
+            Path(folder), rate_hz, stream_hz, n_rounds, seconds
+        ):
+            found.append({"raw": raw, "point": point, "daemon_share": share})
             ratios = {name: point[name] / raw[name] for name in ("p50_us", "p99_us")}
             print(
-                f"{rate_hz:5.0f}/s: bare sockets p50 {raw['p50_us']:.0f} us, p99 "
-                f"{raw['p99_us']:.0f} us; points p50 {point['p50_us']:.0f} us "
+                f"{rate_hz:5.0f}/s{beside}: bare sockets p50 {raw['p50_us']:.0f} us, "
+                f"p99 {raw['p99_us']:.0f} us; points p50 {point['p50_us']:.0f} us "
                 f"({ratios['p50_us']:.1f} times), p99 {point['p99_us']:.0f} us "
-                f"({ratios['p99_us']:.1f} times), largest {point['largest_us']:.0f} us",
+                f"({ratios['p99_us']:.1f} times), largest {point['largest_us']:.0f} "
+                f"us; daemon {share:.1%} of a core",
                 flush=True,
             )
-    return {"rate_hz": rate_hz, "seconds": seconds, "rounds": found}
+    return {
+        "rate_hz": rate_hz,
+        "stream_hz": stream_hz,
+        "seconds": seconds,
+        "rounds": found,
+    }
 
 
 def main(path: Path | None) -> None:
     """Print the figures, and keep them in a file where one is named."""
     print(load())
     before = load()
-    found = [latency(rate_hz, ROUNDS, SECONDS) for rate_hz in RATES_HZ]
+    found = [latency(*rates_hz, ROUNDS, SECONDS) for rates_hz in RATES_HZ]
     print(load())
     if path is not None:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,14 +1,20 @@
 """The line to a latch board: requests that are answered, reads that are decoded."""
 
+import re
 from collections.abc import Callable
 
 from drivers.serial_port import SerialPort
 from drivers.values import DeviceError, DeviceRefusedError
 from protocol import latch_board as wire
+from protocol.framing import MAX_SEGMENT
 
 ANSWER_S = 0.25  # the board answers within 0.1 s
 TRIES = 8
 SILENCE_S = 2.0  # four heartbeats
+
+MOST_BYTES = 16_384
+# A whole frame of an edge: neither the code of COBS in front nor the type are zero.
+_EDGE = re.compile(rb"(?:\A|\0)[^\0]%b[^\0]*\0" % re.escape(bytes((wire.EDGE,))))
 
 Answer = wire.Hello | wire.Reply | wire.Latched
 
@@ -40,6 +46,7 @@ class BoardLine:
         self._stopping = stopping
         self._decoder = wire.Decoder()
         self._heard_ns = monotonic_ns()
+        self._begun = b""  # of a frame whose end is still to come
         self._request = 0
         self._answer: Answer | None = None
         self.repeated = 0
@@ -63,10 +70,25 @@ class BoardLine:
         """Wait for bytes; False after ``seconds`` or a wake-up without any."""
         return self._port.wait(seconds)
 
-    def read(self) -> None:
-        """Read what there is and dispatch it."""
+    def read(self, gather_s: float = 0.0) -> None:
+        """Read what there is and dispatch it.
+
+        Args:
+            gather_s: so long timed samples may come together first; an edge among them
+                ends it, and so does a wake-up.
+        """
         data = self._port.read()
         received_ns = self._now_ns()
+        until_ns = received_ns + int(gather_s * 1e9)
+        while (
+            len(data) < MOST_BYTES
+            and (left_ns := until_ns - self._now_ns()) > 0
+            and not _EDGE.search(self._begun + data)
+            and self._port.wait(left_ns * 1e-9)
+        ):
+            data += self._port.read()
+            received_ns = self._now_ns()
+        self._begun = (self._begun + data).rpartition(b"\0")[2][:MAX_SEGMENT]
         messages = self._decoder.feed(data)
         if messages:
             self._heard_ns = received_ns

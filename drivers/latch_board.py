@@ -173,9 +173,7 @@ class LatchBoard(Driver):
             if not line.wait(QUIET_S if self._owes_acknowledgement else 0.1):
                 self._acknowledge(line)
             else:
-                if self._rate_hz > FAST_STREAM_HZ:
-                    time.sleep(self._gather_s())
-                line.read()
+                line.read(self._gather_s())
                 self._report_broken(line.broken - broken)
                 broken = line.broken
             self._counters["frames_received"] = self._frames_before + line.accepted
@@ -189,7 +187,9 @@ class LatchBoard(Driver):
         return edges.are_open or edges.last_acknowledged != self._acknowledged
 
     def _gather_s(self) -> float:
-        """How long to let bytes come together."""
+        """How long to let samples come together."""
+        if self._rate_hz <= FAST_STREAM_HZ:
+            return 0.0
         bytes_s = self._rate_hz * wire.sample_frame_bytes(self._n_channels or 0)
         return min(GATHER_S, GATHER_BYTES / bytes_s)
 
@@ -298,7 +298,8 @@ class LatchBoard(Driver):
                 seq,
                 ticks,
                 received_ns,
-                self._clock.to_ns_array(ticks),
+                # A new smallest delay moves the clock gradually; none is below zero.
+                np.minimum(self._clock.to_ns_array(ticks), received_ns),
                 block.inputs[rows],
                 block.counts[rows],
                 _STATUS[block.status[rows]],
@@ -343,7 +344,7 @@ class LatchBoard(Driver):
                 token,
                 ticks,
                 received_ns,
-                self._clock.to_ns(ticks),
+                min(self._clock.to_ns(ticks), received_ns),
                 latch.counts,
                 tuple(_STATUS[list(latch.status)].tolist()),
             )

@@ -18,6 +18,7 @@ MAJOR = 1
 FORGET_EDGES = 1  # flag of HELLO
 
 HELLO, CONFIGURE, START, STOP, LATCH, EDGE_ACK = 1, 2, 3, 4, 5, 6
+EDGE = 0x84
 REQUEST_NAMES = {1: "HELLO", 2: "CONFIGURE", 3: "START", 4: "STOP", 5: "LATCH"}
 RESULTS = {
     0: "done",
@@ -378,7 +379,7 @@ _PARSERS: dict[int, Callable[[bytes], Message | None]] = {
     0x81: _parse_hello,
     0x82: _parse_reply,
     0x83: _parse_latched,
-    0x84: _parse_edge,
+    EDGE: _parse_edge,
     0x85: _parse_temperatures,
     0x86: _parse_alarm,
     0x87: _parse_heartbeat,

@@ -1,0 +1,126 @@
+"""Reads of a fast stream: samples come together, an edge waits for none of them."""
+
+import numpy as np
+
+from drivers.board_line import BoardLine
+from protocol import latch_board
+from simulator import wire
+
+COUNTS = np.arange(1, 8, dtype=np.uint32)
+STATUS = np.zeros(7, np.uint8)
+MS_NS = 1_000_000
+GATHER_S = 0.005
+
+
+class ScriptedPort:
+    """Bytes that come at times of a clock which goes on only while they are waited for.
+
+    Args:
+        script: times in ns and what comes then; empty: a wake-up.
+    """
+
+    path = "scripted"
+
+    def __init__(self, *script: tuple[int, bytes]) -> None:
+        self._script = list(script)
+        self.now_ns = 0
+
+    def wait(self, seconds: float) -> bool:
+        until_ns = self.now_ns + round(seconds * 1e9)
+        if not self._script or self._script[0][0] > until_ns:
+            self.now_ns = until_ns
+            return False
+        self.now_ns = max(self.now_ns, self._script[0][0])
+        if not self._script[0][1]:
+            self._script.pop(0)
+            return False
+        return True
+
+    def read(self) -> bytes:
+        come = b""
+        while self._script and self._script[0][0] <= self.now_ns:
+            come += self._script.pop(0)[1]
+        return come
+
+
+def sample(seq: int) -> bytes:
+    return b"".join(
+        wire.samples(
+            0,
+            1,
+            0,
+            seqs=np.array([seq], np.uint32),
+            ticks=np.array([seq], np.uint32),
+            counts=COUNTS[np.newaxis],
+            status=STATUS[np.newaxis],
+        )
+    )
+
+
+def edge() -> bytes:
+    return wire.edge(0, 1, 1, seq=0, ticks=3, counts=COUNTS, status=STATUS)
+
+
+def reads(*script: tuple[int, bytes]) -> list[tuple[int, str]]:
+    """When each message was dispatched, and what it is."""
+    port = ScriptedPort(*script)
+    found: list[tuple[int, str]] = []
+    line = BoardLine(
+        port,
+        lambda: port.now_ns,
+        lambda message, at_ns: found.append((at_ns, type(message).__name__)),
+        lambda: False,
+    )
+    while port.wait(0.1):
+        line.read(GATHER_S)
+    return found
+
+
+def test_samples_come_together_for_the_time_that_is_given():
+    stream = [(n * MS_NS, sample(n)) for n in range(1, 9)]
+    blocks = reads(*stream)
+    assert blocks == [(6 * MS_NS, "SampleBlock"), (8 * MS_NS, "SampleBlock")]
+
+
+def test_an_edge_is_taken_up_when_it_comes_with_the_samples_before_it():
+    script = [(MS_NS, sample(1)), (2 * MS_NS, sample(2)), (2_300_000, edge())]
+    assert reads(*script) == [(2_300_000, "SampleBlock"), (2_300_000, "Edge")]
+
+
+def test_an_edge_in_pieces_is_taken_up_when_it_is_whole():
+    whole = edge()
+    for cut in range(1, len(whole)):
+        script = [
+            (MS_NS, sample(1) + whole[:cut]),
+            (2 * MS_NS, whole[cut:]),
+            (3 * MS_NS, sample(2)),
+        ]
+        assert reads(*script)[1] == (2 * MS_NS, "Edge")
+
+
+def test_an_edge_begun_in_the_read_before_is_taken_up_when_it_is_whole():
+    whole = edge()
+    for cut in range(1, len(whole)):
+        script = [
+            (MS_NS, sample(1)),
+            (6 * MS_NS, whole[:cut]),
+            (8 * MS_NS, whole[cut:]),
+        ]
+        assert (8 * MS_NS, "Edge") in reads(*script)
+
+
+def test_samples_that_hold_the_type_of_an_edge_are_no_edges():
+    seqs = [latch_board.EDGE, latch_board.EDGE << 8, latch_board.EDGE << 16]
+    stream = [((n + 1) * MS_NS, sample(seq)) for n, seq in enumerate(seqs)]
+    assert reads(*stream) == [(3 * MS_NS, "SampleBlock")]
+
+
+def test_a_wake_up_ends_the_gathering():
+    script = [(MS_NS, sample(1)), (2 * MS_NS, b""), (3 * MS_NS, sample(2))]
+    assert reads(*script) == [(MS_NS, "SampleBlock"), (3 * MS_NS, "SampleBlock")]
+
+
+def test_a_flood_is_taken_up_before_the_time_is_over():
+    flood = b"".join(sample(seq) for seq in range(400))
+    script = [(MS_NS, flood), (2 * MS_NS, sample(400))]
+    assert reads(*script)[0] == (MS_NS, "SampleBlock")
