@@ -104,8 +104,9 @@ install: venv  ## into DESTDIR: /usr/lib/traverse, unit, rules; nothing is start
 deb: venv  ## a Debian package with all that the daemon needs, in build/
 	sh deploy/package/build-deb.sh
 
-test-vm: venv system  ## CANopen on SocketCAN in a virtual machine with Debian's kernel; takes minutes
+test-vm: deb system  ## CANopen on SocketCAN, and the package with systemd, in virtual machines; takes minutes
 	@sh deploy/debian-packages.sh vm
+	sh deploy/vm/system.sh 880 "$$(ls -t build/traverse_*.deb | head -n 1)"
 	sh deploy/vm/run.sh 590 $(BIN)/python -m tests.vm
 
 lock: venv  ## requirements.lock anew from pyproject.toml

@@ -7,8 +7,9 @@ case "$1" in
     mosquitto) PATH="$PATH:/usr/sbin"; command -v mosquitto >/dev/null && exit 0; packages="mosquitto" ;;
     node) command -v npm >/dev/null && exit 0; packages="nodejs npm" ;;
     pykdl) ls /usr/lib/python3/dist-packages/PyKDL.*.so >/dev/null 2>&1 && exit 0; packages="python3-pykdl" ;;
-    vm) command -v qemu-system-x86_64 >/dev/null && command -v busybox >/dev/null && command -v ip >/dev/null && exit 0
-        packages="qemu-system-x86 busybox-static iproute2" ;;
+    vm) command -v qemu-system-x86_64 >/dev/null && command -v busybox >/dev/null && command -v ip >/dev/null &&
+            command -v mmdebstrap >/dev/null && exit 0
+        packages="qemu-system-x86 busybox-static iproute2 mmdebstrap" ;;
     *) echo "debian-packages.sh: unknown group '$1'" >&2; exit 2 ;;
 esac
 if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then

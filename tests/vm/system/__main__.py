@@ -12,30 +12,33 @@ from tests.vm.system import guard_checks
 from tests.vm.system.consumer import following
 from tests.vm.system.delivery_checks import Delivery
 from tests.vm.system.life_checks import Life
+from tests.vm.system.pedal import Pedal
 from tests.vm.table import Table
 
 
 async def run(table: Table) -> int:
     """Make all checks; the number of those that are not good."""
-    async with following() as listener:
-        life, delivery = Life(listener), Delivery(listener)
-        await table.check("the unit starts", life.start)
-        await table.check("an arm on vcan0, all devices ready", life.be_ready)
-        await table.check("points by button and command arrive", delivery.arrive)
-        await table.check("nothing of ours runs as root", guard_checks.be_nobody)
-        await table.check("exposure by systemd-analyze", guard_checks.be_shut)
-        await table.check("what the daemon can reach", guard_checks.stay_inside)
-        await table.check("the password is seen nowhere", guard_checks.keep_secret)
-        await table.check("systemctl reload", life.reload)
-        await table.check("systemctl reload, bad arm file", life.refuse)
-        await table.check("ip link set vcan0 down, up", life.lose_bus)
-        await table.check("a broker that is away", delivery.wait_for_broker)
-        await table.check("kill -9 of the broker", delivery.lose_broker)
-        await table.check("kill -9 of the daemon", life.be_killed)
-        await table.check("nothing acknowledged is lost by it", delivery.lose_nothing)
-        await table.check("SIGSTOP, and the watchdog", life.be_stopped)
-        await table.check("the package again, as an upgrade", life.be_upgraded)
-        await table.check("systemctl stop", life.end)
+    with Pedal() as pedal:
+        async with following() as listener:
+            life, delivery = Life(listener), Delivery(listener, pedal)
+            await table.check("the unit starts", life.start)
+            await table.check("an arm on vcan0, all devices ready", life.be_ready)
+            await table.check("points by pedal and command", delivery.arrive)
+            await table.check("nothing of ours runs as root", guard_checks.be_nobody)
+            await table.check("exposure by systemd-analyze", guard_checks.be_shut)
+            await table.check("where the daemon can write", guard_checks.stay_inside)
+            await table.check("the password", guard_checks.keep_secret)
+            await table.check("systemctl reload", life.reload)
+            await table.check("systemctl reload, bad arm file", life.refuse)
+            await table.check("ip link set vcan0 down, up", life.lose_bus)
+            await table.check("a broker that is away", delivery.wait_for_broker)
+            await table.check("kill -9 of the broker", delivery.lose_broker)
+            await table.check("kill -9 of the daemon", life.be_killed)
+            await table.check("nothing acknowledged is lost", delivery.lose_nothing)
+            await table.check("SIGSTOP, and the watchdog", life.be_stopped)
+            await table.check("systemctl stop", life.end)
+            await table.check("systemctl start, points go on", delivery.go_on)
+            await table.check("dpkg -i, as an upgrade", life.be_upgraded)
     return table.n_failed
 
 

@@ -9,7 +9,8 @@ import aiomqtt
 from clients.subscription import received, subscribe
 from tests.end_to_end.listener import Listener
 from tests.end_to_end.programs import until
-from tests.vm.system.preparation import ARM, PASSWORDS
+from tests.vm.system.preparation import PASSWORDS
+from tests.vm.system.unit import ARM
 
 START_S = 60.0
 

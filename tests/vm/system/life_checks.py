@@ -1,11 +1,10 @@
-"""How the unit lives: starts, reloads, is killed, hangs, is upgraded, ends."""
+"""How the unit lives: starts, reloads, is killed, hangs, ends."""
 
 import asyncio
 import os
 import re
 import signal
 import time
-from pathlib import Path
 
 from protocol.messages import Status
 from tests.end_to_end.listener import Listener
@@ -14,7 +13,6 @@ from tests.vm.system import unit
 from tests.vm.system.preparation import FOLDER
 
 SOON_S = 60.0
-OUT = Path(os.environ.get("TRAVERSE_VM_OUT", "/mnt/out"))
 
 
 class Life:
@@ -35,7 +33,7 @@ class Life:
         return f"READY after {took_s:.1f} s: {told}"
 
     async def be_ready(self) -> str:
-        """Encoders and board are there."""
+        """Encoders and pedal are there."""
         await self._ready_since(0)
         status = self._listener.statuses[-1]
         return ", ".join(f"{d.id} on {d.port}" for d in status.drivers)
@@ -53,8 +51,9 @@ class Life:
             lambda: self._listener.statuses[-1].model != before, "a model", SOON_S
         )
         assert unit.main_pid() == pid, "another process"
-        assert unit.shown("ActiveState") == "active"
-        return f"model {before} became {self._listener.statuses[-1].model}"
+        await unit.until(_is_active, "active after RELOADING", SOON_S)
+        now = self._listener.statuses[-1].model
+        return f"model {str(before)[:12]} became {str(now)[:12]}, same process"
 
     async def refuse(self) -> str:
         """A file with a mistake changes nothing."""
@@ -67,20 +66,22 @@ class Life:
         arm.write_text(good, "utf-8")
         assert unit.main_pid() == pid, "another process"
         assert self._listener.statuses[-1].model == before
-        return event.text.splitlines()[0]
+        await unit.until(_is_active, "active after RELOADING", SOON_S)
+        return f"refused: {event.text.splitlines()[1].strip()}"
 
     async def lose_bus(self) -> str:
         """The interface goes down and comes back; the unit stays."""
         pid = unit.main_pid()
         unit.run("ip", "link", "set", "vcan0", "down")
         await self._listener.event("device.lost", True, SOON_S)
+        await unit.until(lambda: "lost" in unit.shown("StatusText"), "STATUS", SOON_S)
         told = unit.shown("StatusText")
         n = len(self._listener.statuses)
         unit.run("ip", "link", "set", "vcan0", "up")
         await self._listener.event("device.lost", False, SOON_S)
         await self._ready_since(n - 1)
         assert unit.main_pid() == pid, "another process"
-        return f"lost and back; meanwhile: {told}"
+        return f"lost and back, same process; meanwhile: {told}"
 
     async def be_killed(self) -> str:
         """A daemon that is killed comes back by itself."""
@@ -89,16 +90,17 @@ class Life:
     async def be_stopped(self) -> str:
         """A daemon that stands still is found out by the watchdog."""
         told = await self._restarted(signal.SIGSTOP)
-        assert "watchdog timeout" in unit.journal().lower()
-        return f"{told}, WatchdogSec {unit.shown('WatchdogUSec')}"
+        assert "Watchdog timeout" in unit.journal(), "not by the watchdog"
+        return f"{told}; WatchdogSec={unit.shown('WatchdogUSec')}"
 
     async def be_upgraded(self) -> str:
         """The package is installed over itself: what ran runs again."""
         pid, n = unit.main_pid(), len(self._listener.statuses)
-        await asyncio.to_thread(unit.run, "dpkg", "-i", str(OUT / "traverse.deb"))
+        package = f"{os.environ['TRAVERSE_VM_OUT']}/traverse.deb"
+        await asyncio.to_thread(unit.run, "dpkg", "-i", package)
         await self._ready_since(n)
         assert unit.main_pid() not in {0, pid}, "the old process"
-        return f"restarted, {unit.shown('NRestarts')} restarts by failures"
+        return "restarted by it, and measuring"
 
     async def end(self) -> str:
         """It ends in order."""
@@ -116,10 +118,12 @@ class Life:
         restarts = int(unit.shown("NRestarts"))
         begun_s = time.monotonic()
         os.kill(pid, number)
-        await until(lambda: unit.main_pid() not in {0, pid}, "a new process", SOON_S)
+        await unit.until(
+            lambda: unit.main_pid() not in {0, pid}, "a new process", SOON_S
+        )
         new_s = time.monotonic() - begun_s
         await self._ready_since(n)
-        assert int(unit.shown("NRestarts")) == restarts + 1
+        assert int(unit.shown("NRestarts")) == restarts + 1, unit.shown("NRestarts")
         ready_s = time.monotonic() - begun_s
         return f"a new process after {new_s:.1f} s, measuring after {ready_s:.1f} s"
 
@@ -130,3 +134,7 @@ class Life:
             return [s for s in self._listener.statuses[n:] if s.state == "ready"]
 
         await until(told, "a status that is ready", SOON_S)
+
+
+def _is_active() -> bool:
+    return unit.shown("ActiveState") == "active"

@@ -1,6 +1,6 @@
 """Files of an arm on vcan0: as an administrator writes them, from the examples.
 
-Seven simulated encoders, and a simulated board whose button takes points.
+Seven simulated encoders, and a pedal that takes points.
 """
 
 import os
@@ -8,7 +8,9 @@ import shutil
 import subprocess
 from pathlib import Path
 
-ARM = "bench-7"
+from tests.vm.system.pedal import PORT, RULE, RULES
+from tests.vm.system.unit import ARM
+
 EXAMPLES = Path("/usr/share/doc/traverse/examples")
 FOLDER = Path("/etc/traverse") / ARM
 SIMULATED = Path("/srv/arm")
@@ -20,37 +22,19 @@ _DAEMON = f"""\
 answer_s = 3.0
 
 [[device]]
-id = "handle"
-driver = "latch-board"
-port = "/run/arm-simulator/handle.pty"
+id = "pedal"
+driver = "evdev"
+port = "{PORT}"
+keys = ["KEY_B"]
 
 [capture]
 tracking_rate_hz = {TRACKING_HZ}
-inputs = [{{ source = "handle/0", trigger = "button" }}]
+live_rate_hz = 1.0
+inputs = [{{ source = "pedal/0", trigger = "button" }}]
 
 [assembly]
 wait_s = 1.0
-point_wait_s = 3.0
-"""
-_HANDLE = """\
-[[device]]
-id = "handle"
-port = "/run/arm-simulator/handle.pty"
-inputs = ["button"]
-
-[[motion]]
-kind = "sphere"
-artefact = "ball"
-centre_mm = [700.0, 100.0, 120.0]
-radius_mm = 50.8
-points = 20
-"""
-_OPERATOR = """\
-[operator]
-move_s = 0.6
-approach_s = 0.4
-dwell_s = 1.0
-press_s = 0.3
+point_wait_s = 5.0
 """
 _SIMULATOR_UNIT = f"""\
 [Unit]
@@ -58,9 +42,7 @@ After=sys-subsystem-net-devices-vcan0.device
 Wants=sys-subsystem-net-devices-vcan0.device
 
 [Service]
-# As the daemon's user: a pty belongs to who makes it.
-User=traverse
-RuntimeDirectory=arm-simulator
+User=nobody
 WorkingDirectory={SIMULATED}
 ExecStart=/usr/bin/traverse simulate --config simulator.toml
 
@@ -91,10 +73,7 @@ def write_arm(folder: Path) -> None:
 def write_simulator() -> None:
     """Configuration of the simulated hardware, and its unit."""
     SIMULATED.mkdir(parents=True)
-    text = (EXAMPLES / "simulator.toml").read_text("utf-8")
-    text = text[: text.index("[[motion]]")].replace("[operator]", _OPERATOR)
-    text = text.replace("seed", "repeat = true\nseed") + _HANDLE
-    (SIMULATED / "simulator.toml").write_text(text, "utf-8")
+    shutil.copy(EXAMPLES / "simulator.toml", SIMULATED)
     write_arm(SIMULATED)
     Path("/etc/systemd/system/arm-simulator.service").write_text(_SIMULATOR_UNIT)
 
@@ -118,4 +97,6 @@ if __name__ == "__main__":
     write_daemon()
     write_simulator()
     write_broker()
+    Path(RULES).write_text(RULE, "utf-8")
+    subprocess.run(["udevadm", "control", "--reload"], check=True)
     subprocess.run(["systemctl", "daemon-reload"], check=True)

@@ -39,7 +39,6 @@ def done(*words: str) -> str:
 
 def remove() -> str:
     """Removal keeps the configuration and the points."""
-    done("systemctl", "start", "traverse@bench-7")
     done("dpkg", "--remove", "traverse")
     state = sorted(p.name for p in Path("/var/lib/traverse/bench-7").iterdir())
     assert Path("/etc/traverse/bench-7/arm.toml").exists()

@@ -1,10 +1,13 @@
 """The unit of the arm, as systemd and the kernel see it."""
 
+import asyncio
 import subprocess
+import time
+from collections.abc import Callable
 from pathlib import Path
 
-from tests.vm.system.preparation import ARM
-
+ARM = "bench-7"
+LOOK_S = 0.5
 NAME = f"traverse@{ARM}.service"
 
 
@@ -48,3 +51,11 @@ def status_of(process: Path) -> dict[str, str]:
 def journal() -> str:
     """What the daemon has logged, and systemd of it."""
     return run("journalctl", "--no-pager", "--output=cat", "--unit", NAME)
+
+
+async def until(condition: Callable[[], object], what: str, timeout_s: float) -> None:
+    """Look now and then, for what costs a program each time."""
+    end_s = time.monotonic() + timeout_s
+    while not await asyncio.to_thread(condition):
+        assert time.monotonic() < end_s, f"not within {timeout_s:g} s: {what}"
+        await asyncio.sleep(LOOK_S)
