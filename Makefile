@@ -9,7 +9,7 @@ FIGURES := build/figures
 # What the kernel in C is built from.
 KERNEL := setup.py $(foreach kind,pyx pxd pxi c h inc,$(wildcard kinematics/kernel/*.$(kind)))
 
-.PHONY: help venv system node demo test lint format schemas lock bench bench-capture bench-drivers bench-identification prove blind blind-full fuzz soak test-vm install deb clean bench-kernel
+.PHONY: help venv system node demo test lint format schemas lock bench bench-capture bench-drivers bench-identification prove prove-acceptance blind blind-full fuzz soak test-vm install deb clean bench-kernel
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -82,6 +82,9 @@ bench-capture: venv system  ## filters, and a switching probe's contact; takes t
 
 bench-identification: venv  ## the adjustment beside scipy's least squares; takes many minutes
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.identification
+
+prove-acceptance: venv  ## a thousand arms accepted or rejected, rightly or not; takes two minutes
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.acceptance --out build/acceptance.json --pictures docs
 
 prove: venv  ## the statistics of the identification over thousands of campaigns; takes an hour
 	$(BIN)/python -m benchmarks.proofs
