@@ -1,0 +1,77 @@
+"""The pictures of docs/acceptance.md, of what `benchmarks.acceptance` found."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from benchmarks import acceptance
+from lab.identification.report.pictures import (
+    BLUE,
+    GREY,
+    ORANGE,
+    VERMILION,
+    picture,
+)
+
+if TYPE_CHECKING:
+    from benchmarks.acceptance import Tested
+
+_N_BINS = 12
+_LABELS = {"p_size": "P_SIZE", "e_uni": "E_UNI"}
+
+
+def paint(found: "Sequence[Tested]", folder: Path) -> None:
+    """Write acceptance-truth.png and acceptance-decisions.png."""
+    folder.mkdir(parents=True, exist_ok=True)
+    truth = picture(165.0, 75.0, lambda figure: _truth(found, figure))
+    (folder / "acceptance-truth.png").write_bytes(truth)
+    decisions = picture(165.0, 75.0, lambda figure: _decisions(found, figure))
+    (folder / "acceptance-decisions.png").write_bytes(decisions)
+
+
+def _truth(found: "Sequence[Tested]", figure: Figure) -> None:
+    panels = figure.subplots(1, 2)
+    for axes, key in zip(panels, acceptance.FIGURES, strict=True):
+        true = 1e3 * np.array([arm.true_mm[key] for arm in found])
+        measured = 1e3 * np.array([arm.found_mm[key] for arm in found])
+        limits = 1e3 * acceptance.limits_mm(found, key)
+        wrong = (true <= limits) != (measured <= limits)
+        axes.plot(true[~wrong], measured[~wrong], ".", markersize=2.5, color=BLUE)
+        axes.plot(true[wrong], measured[wrong], "x", markersize=3.5, color=VERMILION)
+        axes.axline((float(true.mean()),) * 2, slope=1.0, color=GREY, linewidth=0.8)
+        axes.set_title(f"{_LABELS[key]}: crosses are wrong without a guard band")
+        axes.set_xlabel("with exact standards [µm]")
+        axes.set_ylabel("as measured [µm]")
+
+
+def _decisions(found: "Sequence[Tested]", figure: Figure) -> None:
+    panels = figure.subplots(1, 2, sharey=True)
+    for axes, key in zip(panels, acceptance.FIGURES, strict=True):
+        true_mm = np.array([arm.true_mm[key] for arm in found])
+        standard_mm = np.array([arm.standard_mm[key] for arm in found])
+        off_u = (true_mm - acceptance.limits_mm(found, key)) / standard_mm
+        edges = np.linspace(-acceptance.NEAR_U, acceptance.NEAR_U, _N_BINS + 1)
+        middles = 0.5 * (edges[1:] + edges[:-1])
+        bins = np.digitize(off_u, edges) - 1
+        for rule, verdict, colour, style, label in (
+            ("simple", "accept", GREY, "--", "accepted, simple"),
+            ("1.65", "accept", BLUE, "-", "accepted, guard band 1.65 u"),
+            ("1.65", "neither", ORANGE, "-", "neither"),
+            ("1.65", "reject", VERMILION, "-", "rejected, guard band 1.65 u"),
+        ):
+            hit = acceptance.verdicts(found, key, rule) == verdict
+            shares = [
+                100.0 * float(np.mean(hit[bins == n])) if np.any(bins == n) else np.nan
+                for n in range(_N_BINS)
+            ]
+            axes.plot(
+                middles, shares, style, color=colour, label=label, marker="o", ms=2.5
+            )
+        axes.axvline(0.0, color="black", linewidth=0.8)
+        axes.set_title(_LABELS[key])
+        axes.set_xlabel("true figure less limit, in u")
+    panels[0].set_ylabel("arms [%]")
+    panels[0].legend(loc="center left")
