@@ -67,7 +67,8 @@ bench-kernel: $(PEERS)/.ready  ## kernel and measurement path beside others; tak
 bench: venv system bench-kernel  ## the figures of docs/performance.md; takes minutes
 	$(BIN)/python -m benchmarks 20 $(FIGURES)
 	$(BIN)/python -m benchmarks.latency $(FIGURES)/latency.json
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.effects
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.effects 8 $(FIGURES)/effects.json
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.gil $(FIGURES)/gil.json
 	$(BIN)/python -m benchmarks.plots $(FIGURES)
 
 bench-drivers: venv  ## the drivers: rates, losses, share of a core; takes minutes

@@ -1,7 +1,8 @@
-"""`python -m benchmarks.effects`: what the effects of an arm file cost a daemon."""
+"""`python -m benchmarks.effects [SECONDS] [FILE]`: what an arm file's effects cost."""
 
 import asyncio
 import contextlib
+import json
 import statistics
 import sys
 import tempfile
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from benchmarks import rig
+from benchmarks.rounds import load
 from benchmarks.stream import follow_scan
 from kinematics.arm_file import (
     Arm,
@@ -134,8 +136,12 @@ def block_of(n_samples: int) -> Block:
     )
 
 
-def stage() -> Iterator[str]:
-    """Lines on the correction alone, by set of effects and length of the block."""
+def stage(found: dict[str, float]) -> Iterator[str]:
+    """Lines on the correction alone, by set of effects and length of the block.
+
+    Args:
+        found: seconds a block are put in here.
+    """
     calls = 50
     for name, tables in SETS.items():
         arm = arm_with(tables)
@@ -148,6 +154,7 @@ def stage() -> Iterator[str]:
                     corrected_pose(geometry, effects, block)
                 taken_s.append((time.process_time() - begun_s) / calls)
             call_s = statistics.median(taken_s)
+            found[f"{name}, {n_samples}"] = call_s
             yield (
                 f"effects {name}, blocks of {n_samples}: {call_s * 1e6:.0f} us a "
                 f"block, {call_s * RATE_HZ / n_samples:.2%} of a core at 10 kHz"
@@ -168,11 +175,18 @@ def daemon(folder: Path, port: int, arm: Arm) -> Iterator["subprocess.Popen[byte
         yield process
 
 
-def streams(folder: Path, seconds: float) -> Iterator[str]:
-    """Lines on whole daemons, one after the other, several rounds."""
+def streams(
+    folder: Path, seconds: float, shares: dict[str, list[float]]
+) -> Iterator[str]:
+    """Lines on whole daemons, one after the other, several rounds.
+
+    Args:
+        folder: for their files.
+        seconds: of each stream.
+        shares: of a core are put in here, by set of effects.
+    """
     port = rig.free_port()
     n_samples = round(RATE_HZ * seconds)
-    shares: dict[str, list[float]] = {name: [] for name in SETS}
     with rig.mosquitto(folder, port), rig.simulator(folder):
         for _ in range(ROUNDS):
             for name, tables in SETS.items():
@@ -180,7 +194,7 @@ def streams(folder: Path, seconds: float) -> Iterator[str]:
                     found, share, _ = asyncio.run(
                         follow_scan(port, RATE_HZ, n_samples, process)
                     )
-                shares[name].append(share)
+                shares.setdefault(name, []).append(share)
                 yield (
                     f"effects {name}: {found.samples} samples, {len(found.gaps)} "
                     f"gaps, {found.lost} lost, {found.dropped} dropped; daemon "
@@ -190,14 +204,26 @@ def streams(folder: Path, seconds: float) -> Iterator[str]:
         yield f"effects {name}: median {statistics.median(found_shares):.1%} of a core"
 
 
-def main(seconds: float) -> None:
-    """Print every figure."""
-    for line in stage():
+def main(seconds: float, path: Path | None) -> None:
+    """Print every figure, and keep them in a file where one is named."""
+    before = load()
+    print(before)
+    blocks_s: dict[str, float] = {}
+    shares: dict[str, list[float]] = {}
+    for line in stage(blocks_s):
         print(line, flush=True)
     with tempfile.TemporaryDirectory() as folder:
-        for line in streams(Path(folder), seconds):
+        for line in streams(Path(folder), seconds, shares):
             print(line, flush=True)
+    print(load())
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        values = {"load": before, "blocks_s": blocks_s, "shares": shares}
+        path.write_text(json.dumps(values, indent=1))
 
 
 if __name__ == "__main__":
-    main(float(sys.argv[1]) if len(sys.argv) > 1 else SECONDS)
+    main(
+        float(sys.argv[1]) if len(sys.argv) > 1 else SECONDS,
+        Path(sys.argv[2]) if len(sys.argv) > 2 else None,
+    )

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import threading
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 
 from kinematics.derivatives import probe_derivatives
+from kinematics.effects.block import Block
 from kinematics.forward import (
     joint_positions,
     numpy_pose,
@@ -19,7 +21,11 @@ from kinematics.forward import (
 )
 from kinematics.kernel.choice import KERNEL, KERNELS, chosen_kernel, compiled_chain
 from kinematics.kernel.single_pose import PlainChain, pose_function
+from kinematics.kernel.terms import Form, Term
 from tests.kinematics.arms import geometries, random_geometry, seeds, size_mm
+
+if KERNEL != "numpy":
+    from kinematics.kernel.compiled import DeflectedChain
 
 ROOT = Path(__file__).parents[2]
 
@@ -76,7 +82,8 @@ def test_laws_of_the_kinematics_hold_without_the_kernel():
 
 
 @pytest.mark.skipif(KERNEL == "numpy", reason="NumPy runs")
-def test_gil_is_free_while_a_block_is_computed():
+@pytest.mark.parametrize("with_effects", [False, True])
+def test_gil_is_free_while_a_block_is_computed(with_effects):
     """With threads never made to yield, another one runs only where the GIL is let go.
 
     How soon the system wakes it is not ours to say, hence the repetitions.
@@ -85,6 +92,13 @@ def test_gil_is_free_while_a_block_is_computed():
     chain = compiled_chain(geometry)
     assert chain is not None
     angles, centres = np.zeros((100_000, 7)), np.empty((100_000, 3))
+    compute = partial(chain.centres, angles, out=centres)
+    if with_effects:
+        tilt = Term(form=Form.TILT_MOMENT, values=(1e-6,), joint=2)
+        deflected = DeflectedChain(geometry, KERNEL, [tilt], geometry.links_mm)
+        compute = partial(
+            deflected.poses, Block(angles), (0.0, 0.0, -9.8), centres, centres.copy()
+        )
     wanted, ran = threading.Lock(), []
     wanted.acquire()
 
@@ -99,7 +113,7 @@ def test_gil_is_free_while_a_block_is_computed():
     try:
         wanted.release()
         for _ in range(2000):
-            chain.centres(angles, out=centres)
+            compute()
             if ran:
                 break
         assert ran
