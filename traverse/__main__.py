@@ -22,6 +22,7 @@ from traverse.diagnose import diagnose
 from traverse.identify import identify
 from traverse.microscribe import microscribe
 from traverse.page import page
+from traverse.points import points
 from traverse.probe import probe
 from traverse.record import record
 from traverse.replay import replay
@@ -47,6 +48,7 @@ app.add_typer(arm, name="arm")
 app.add_typer(amt21, name="amt21")
 app.add_typer(can, name="can")
 app.add_typer(microscribe, name="microscribe")
+app.add_typer(points, name="points")
 app.add_typer(probe, name="probe")
 
 

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import json
 import os
 import signal
 import subprocess
@@ -14,7 +15,7 @@ from daemon.outbox_reading import all_messages_of, open_to_read, sessions_of
 from protocol.messages import PointArgs, ResendArgs
 from tests.end_to_end.listener import Listener, listening
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.programs import until
+from tests.end_to_end.programs import Program, until
 from tests.end_to_end.workbench import REST, SPHERE, Workbench
 from tests.mosquitto import Mosquitto
 
@@ -66,8 +67,13 @@ async def test_a_broker_that_forgets_and_a_consumer_that_comes_late(
             (session,) = answer.result["sessions"]
             name = session["session"]
             assert (session["first_seq"], session["last_seq"]) == (0, 7)
-            answer = await late.command(ResendArgs(session=name, from_seq=2), "again")
-            assert answer.result["points"] == 6
+            words = ("points", "resend", name, "--arm", resting.arm, "--from", "2")
+            address = f"{resting.host}:{resting.port}"
+            with Program(
+                resting.folder, "resend", *words, "--broker", address, "--json"
+            ) as resend:
+                assert await resend.ended() == 0
+                assert json.loads(resend.output)["points"] == 6
             await late.n_points(6)
             assert [(p.session, p.seq) for p in late.points] == taken[2:]
             assert {p.id: p for p in late.points}.items() <= {

@@ -105,10 +105,13 @@ async def test_an_arm_that_does_not_fit_the_board_is_refused(
 
 
 @pytest.mark.broker
-async def test_a_second_daemon_on_the_port_says_so(bench: Workbench) -> None:
+async def test_a_second_daemon_on_the_port_says_so(
+    bench: Workbench, monkeypatch: pytest.MonkeyPatch
+) -> None:
     bench.write_simulator(REST)
     bench.write_daemon()
     async with measuring(bench) as (listener, _, first):
+        monkeypatch.setenv("STATE_DIRECTORY", str(bench.folder / "other"))
         with bench.daemon(name="second") as second:
             assert await second.ended() == UNREACHABLE
             assert f"cannot open {bench.pty}: in use by another program" in second.log
@@ -117,10 +120,13 @@ async def test_a_second_daemon_on_the_port_says_so(bench: Workbench) -> None:
 
 
 @pytest.mark.broker
-async def test_a_second_daemon_leaves_the_first_in_peace(bench: Workbench) -> None:
+async def test_a_second_daemon_leaves_the_first_in_peace(
+    bench: Workbench, monkeypatch: pytest.MonkeyPatch
+) -> None:
     bench.write_simulator(REST)
     bench.write_daemon()
     async with measuring(bench) as (listener, _, _):
+        monkeypatch.setenv("STATE_DIRECTORY", str(bench.folder / "other"))
         with bench.daemon(name="second") as second:
             assert await second.ended() == UNREACHABLE
         told = len(listener.healths)

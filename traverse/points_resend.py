@@ -1,0 +1,105 @@
+"""`traverse points resend`: have a daemon publish points again."""
+
+import asyncio
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from traverse.refusals import refuse
+
+if TYPE_CHECKING:
+    from clients.address import BrokerAddress
+    from protocol.messages import ResendArgs
+
+NO, UNREACHABLE = 1, 3
+PATIENCE_S = 3.0
+LAST = 2**53 - 1
+COMMAND = "points resend"
+
+FromOption = Annotated[int, typer.Option("--from", min=0, help="First number.")]
+ToOption = Annotated[
+    int | None, typer.Option("--to", min=0, help="Last number; else the newest.")
+]
+
+
+def resend(
+    session: Annotated[
+        str | None, typer.Argument(help="Of the points; without it, list sessions.")
+    ] = None,
+    *,
+    arm: Annotated[str, typer.Option(help="Name of the arm.")],
+    broker: Annotated[
+        str, typer.Option(help="MQTT broker: host, host:port or mqtts://host:port.")
+    ] = "localhost",
+    username: Annotated[str | None, typer.Option(help="For the broker.")] = None,
+    password_file: Annotated[
+        Path | None, typer.Option(help="File with the broker's password.")
+    ] = None,
+    ca_file: Annotated[
+        Path | None, typer.Option(help="Certificates that the broker's come from.")
+    ] = None,
+    from_seq: FromOption = 0,
+    to_seq: ToOption = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="The daemon's answer, as JSON.")
+    ] = False,
+) -> None:
+    """Have the daemon publish points again, with the same ids, to all who listen.
+
+    Exit status 1: its outbox has none of them; 2: refused; 3: daemon or broker could
+    not be reached.
+    """
+    from dataclasses import replace  # noqa: PLC0415 - keeps --help quick
+
+    from clients.address import BrokerAddress  # noqa: PLC0415
+    from clients.errors import ClientError, CommandRefused  # noqa: PLC0415
+    from protocol.messages import ResendArgs  # noqa: PLC0415
+
+    try:
+        args = ResendArgs(session=session, from_seq=from_seq, to_seq=to_seq)
+    except ValueError:
+        refuse(
+            COMMAND, f"--to {to_seq} is below --from {from_seq}, or an option is bad"
+        )
+    try:
+        address = replace(
+            BrokerAddress.parse(broker),
+            username=username,
+            password_file=password_file,
+            ca_file=ca_file,
+        )
+        answer = asyncio.run(_answer(address, arm, args))
+    except (CommandRefused, ValueError) as error:
+        refuse(COMMAND, str(error))
+    except ClientError as error:
+        typer.echo(f"traverse {COMMAND}: {error}", err=True)
+        raise typer.Exit(UNREACHABLE) from error
+    typer.echo(json.dumps(answer) if as_json else "\n".join(_lines(answer)))
+    if session is not None and not answer["points"]:
+        raise typer.Exit(NO)
+
+
+async def _answer(
+    address: "BrokerAddress", arm: str, args: "ResendArgs"
+) -> dict[str, Any]:
+    from clients.arm import Arm  # noqa: PLC0415 - keeps --help quick
+
+    async with Arm(arm, address, patience_s=PATIENCE_S) as there:
+        return dict(await there.result(args))
+
+
+def _lines(answer: dict[str, Any]) -> list[str]:
+    """The answer in words."""
+    if "sessions" in answer:
+        return [
+            f"{one['session']}  {one['first_seq']} to {one['last_seq']}"
+            for one in answer["sessions"]
+        ]
+    if answer["last_seq"] is None:
+        return [f"the outbox has no points of session {answer['session']}"]
+    return [
+        f"{answer['points']} points of session {answer['session']} are sent again; the "
+        f"outbox has {answer['first_seq']} to {answer['last_seq']}"
+    ]
