@@ -31,7 +31,8 @@ def replay(
         ),
     ] = None,
     publish: Annotated[
-        bool, typer.Option(help="Publish the points, in a session of their own.")
+        bool,
+        typer.Option("--publish", help="Publish the points, in their own session."),
     ] = False,
     broker: Annotated[
         str, typer.Option(help="Where to: host, host:port or mqtts://host:port.")

@@ -16,6 +16,7 @@ from daemon.device_section import DeviceSection
 from daemon.filters import section_class
 from daemon.outbox_section import OutboxSection
 from daemon.quality_section import EndStopSection
+from daemon.recording_section import RecordingSection
 from drivers.registry import DRIVERS, driver_class
 from kinematics import arm_file
 from kinematics.arm_file import EFFECT_KINDS
@@ -40,6 +41,7 @@ SECTIONS: dict[str, list[tuple[str, type[BaseModel]]]] = {
         ("`[realtime]`", configuration.RealtimeSection),
         ("`[metrics]`", configuration.MetricsSection),
         ("`[outbox]`", OutboxSection),
+        ("`[recording]`", RecordingSection),
     ],
     "docs/reference/probe-library.md": [("Probe library", probes.LibraryProbe)],
     "docs/reference/arm-file.md": [
