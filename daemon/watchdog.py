@@ -17,7 +17,9 @@ from drivers.pulse import Pulse
 
 FEEDS = 4  # in the time after which systemd would act
 SHARE = 0.5  # of that time: how long one turn of a thread may take
-ALONE_S = 20.0  # the same where no service manager watches
+TURN_S = 3.0  # at least: a question to a device that does not answer takes its time
+ALONE_S = 20.0  # where no service manager watches
+LOOK_S = 5.0
 
 
 class Watchdog:
@@ -43,13 +45,15 @@ class Watchdog:
         self._events = events
         self._untaken: dict[str, int | None] = {}
         self._stuck: set[str] = set()
-        self.limit_s = SHARE * (notifier.watchdog_s or ALONE_S / SHARE)
+        watchdog_s = notifier.watchdog_s
+        self._limit_s = max(TURN_S, SHARE * watchdog_s) if watchdog_s else ALONE_S
+        self._period_s = watchdog_s / FEEDS if watchdog_s else LOOK_S
 
     async def run(self) -> None:
         """Look and feed until cancelled."""
         while True:
             self.look()
-            await asyncio.sleep(self.limit_s / SHARE / FEEDS)
+            await asyncio.sleep(self._period_s)
 
     def look(self) -> bool:
         """Feed if all go on; tell who does not."""
@@ -65,13 +69,13 @@ class Watchdog:
 
     def _found(self) -> Iterable[tuple[str, str]]:
         for pulse in (*(d.driver.pulse for d in self._devices), *self._pulses()):
-            silent_s = pulse.overdue_s(self.limit_s)
+            silent_s = pulse.overdue_s(self._limit_s)
             if silent_s is not None:
                 yield pulse.name, f"the {pulse.name} has not moved for {silent_s:.1f} s"
         for device in self._devices:
             name, crossing = device.section.id, device.crossing
             before, self._untaken[name] = self._untaken.get(name), None
-            if crossing.is_waiting:
+            if crossing.is_due:
                 self._untaken[name] = crossing.taken
                 if before == crossing.taken:  # so it was at the last look
                     text = f"nobody takes what the reader of {name} delivers"

@@ -61,9 +61,9 @@ class Crossing:
         self._taken = 0
 
     @property
-    def is_waiting(self) -> bool:
-        """Whether anything waits to be taken."""
-        return bool(self._waiting)
+    def is_due(self) -> bool:
+        """Whether the consumer has been woken and has not taken anything since."""
+        return self._filled.is_set()
 
     @property
     def taken(self) -> int:

@@ -105,6 +105,7 @@ async def test_a_turn_that_was_said_to_be_long_may_be_long(bench):
 
 async def test_what_nobody_takes_stops_the_feeding_at_the_second_look(bench):
     bench.crossing.put(DeviceCounters("base", {}))
+    await asyncio.sleep(0)
     assert bench.is_fed()  # it may have come this moment
     assert not bench.is_fed()
     assert bench.told() == [("taker-of-base", True)]
@@ -115,13 +116,14 @@ async def test_what_nobody_takes_stops_the_feeding_at_the_second_look(bench):
 async def test_what_waits_at_every_look_but_is_taken_between_is_no_fault(bench):
     for _ in range(3):
         bench.crossing.put(DeviceCounters("base", {}))
+        await asyncio.sleep(0)
         assert bench.is_fed()
         await bench.crossing.take()
 
 
 async def test_the_reader_of_a_device_that_is_not_there_goes_on(bench):
     bench.driver.start()  # its port does not exist: it tries again and again
-    await until(lambda: bench.crossing.is_waiting, "it tells that the port is missing")
+    await until(lambda: bench.crossing.is_due, "it tells that the port is missing")
     beaten = bench.driver.pulse._beaten
     bench.clock.now_ns += 100 * S
     await until(lambda: bench.driver.pulse._beaten != beaten, "another try")
