@@ -16,6 +16,7 @@ DRIVERS = {
     "microscribe": "drivers.microscribe:Microscribe",
     "gpio": "drivers.gpio:Gpio",
     "evdev": "drivers.evdev:Evdev",
+    "replay": "drivers.replay:Replay",
 }
 """Name in the configuration: module and class."""
 

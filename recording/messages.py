@@ -15,7 +15,6 @@ from protocol.arrays import ARRAY_CODE, array_to_bytes, bytes_to_array
 from protocol.message_error import MessageError
 from recording.values import TIMES, Conditions, Samples, Touching
 
-PROFILE = "traverse"
 SCHEMA = "traverse/recording/1"
 TOPICS = ("samples", "touching", "conditions")
 # A block in memory at a time, and what its header may announce.

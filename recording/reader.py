@@ -10,14 +10,13 @@ from mcap.records import Attachment, Channel, Header, McapRecord, Message, Metad
 
 from kinematics.file_problems import FileError, Problem
 from recording.messages import (
-    PROFILE,
     SCHEMA,
     TOPICS,
     bytes_to_conditions,
     bytes_to_samples,
     bytes_to_touching,
 )
-from recording.torn import TornRecords
+from recording.torn import PROFILE, TornRecords
 from recording.values import TIMES, Conditions, Recording, Samples, Touching
 
 

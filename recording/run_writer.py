@@ -15,7 +15,7 @@ from typing import Self
 
 from mcap.writer import Writer
 
-from recording.messages import PROFILE
+from recording.torn import PROFILE
 from recording.views import VIEW_NAMES, VIEW_SCHEMAS
 
 SCHEMA = "traverse/run/1"

@@ -9,6 +9,8 @@ from mcap.exceptions import InvalidMagic, McapError
 from mcap.records import McapRecord
 from mcap.stream_reader import StreamReader
 
+PROFILE = "traverse"
+"""Of the headers of all our files."""
 # Longer records are garbage: memory is asked for only what can be there.
 _LONGEST_RECORD = 1 << 28
 # Whatever garbage does to the decoder of records; what is between records is ours.

@@ -10,12 +10,12 @@ from mcap.writer import Writer
 
 from recording.messages import (
     JSON_SCHEMAS,
-    PROFILE,
     SCHEMA,
     conditions_to_bytes,
     samples_to_bytes,
     touching_to_bytes,
 )
+from recording.torn import PROFILE
 from recording.values import Conditions, Samples, Touching
 
 # Before compression: one second at 1 kHz with seven joints.

@@ -1,0 +1,213 @@
+"""Driver of a recording: what a device delivered then, at the same pace, now.
+
+Times are moved to the present, and stretched where the speed is not 1; nothing else is
+changed. A latch cannot be asked for: points on command come out of the stream.
+"""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import Field
+
+from drivers.crossing import Crossing
+from drivers.delivery_maps import delivery_of
+from drivers.driver import Driver
+from drivers.options import DriverOptions
+from drivers.values import (
+    CountSamples,
+    Delivery,
+    DeviceError,
+    DeviceNotFoundError,
+    DeviceRefusedError,
+    DeviceUp,
+    LatchedCounts,
+    StreamStarted,
+)
+from recording.maps import bytes_to_map
+from recording.run_reader import RunReader
+
+LOOK_S = 0.05
+
+
+class ReplayOptions(DriverOptions):
+    """What the table of a recording may say."""
+
+    file: str = Field(min_length=1)
+    source: str | None = Field(default=None, pattern=r"^[A-Za-z0-9_-]+$")
+    speed: float = Field(default=1.0, ge=0.1, le=100.0)
+    repeat: bool = False
+
+    @property
+    def where(self) -> str:
+        """The file, for people."""
+        return self.file
+
+
+class Replay(Driver):
+    """Plays one device of a recording.
+
+    Args:
+        device: id in the configuration.
+        crossing: where deliveries go.
+        file: a recording of a daemon.
+        source: id of the device in it; None: the same.
+        speed: how much faster than then.
+        repeat: begin anew at its end.
+        monotonic_ns: the host's clock.
+    """
+
+    options = ReplayOptions
+
+    def __init__(
+        self,
+        device: str,
+        crossing: Crossing,
+        *,
+        file: str,
+        source: str | None = None,
+        speed: float = 1.0,
+        repeat: bool = False,
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        super().__init__(device, crossing, monotonic_ns)
+        self._path = Path(file)
+        self._source = source or device
+        self._speed = speed
+        self._repeat = repeat
+        self._reader: RunReader | None = None
+        self._is_played = False
+        self._began: tuple[int, int] | None = None
+        self._stream: StreamStarted | None = None
+        self._is_asked = False
+
+    def request_stream(self, rate_hz: float) -> None:
+        """Tell again which stream runs: the recording has the rate that it has."""
+        self._is_asked = True
+
+    def _connect(self) -> None:
+        if self._is_played:
+            raise DeviceError(
+                f"the recording {self._path} has been played to its end",
+                "set repeat = true to begin anew, or start the daemon again",
+            )
+        self._began = self._stream = None
+        try:
+            self._reader = RunReader(self._path)
+        except OSError as error:
+            raise DeviceNotFoundError(
+                f"{self._path} cannot be read: {error.strerror}", "check its path"
+            ) from error
+        except ValueError as error:
+            raise DeviceRefusedError(
+                str(error), "name a recording of the daemon"
+            ) from error
+
+    def _serve(self) -> None:
+        try:
+            for at_ns, delivery in self._deliveries():
+                if not self._wait(at_ns):
+                    return
+                self._hand_over(delivery)
+        except ValueError as error:
+            raise DeviceRefusedError(
+                f"{self._path}: {error}", "name a whole recording"
+            ) from error
+        self._is_played = not self._repeat
+        raise DeviceError(
+            f"the recording {self._path} has ended",
+            "it begins anew" if self._repeat else "start the daemon again",
+        )
+
+    def _disconnect(self) -> None:
+        if self._reader is not None:
+            self._reader.close()
+            self._reader = None
+
+    def _deliveries(self) -> Iterator[tuple[int, Delivery]]:
+        """What the device delivered, in order, with the instants at which it did."""
+        is_first = True
+        for entry in self._reader or ():
+            kind, _, rest = entry.topic.partition("/")
+            if kind == "device" and rest.partition("/")[0] == self._source:
+                table = bytes_to_map(entry.content)
+                yield _at_ns(table), delivery_of(table)
+            elif entry.topic == "steps" and is_first:
+                table = bytes_to_map(entry.content)
+                if table.get("is") == "state":
+                    is_first = False
+                    for told in table["value"]["devices"]:
+                        if told["device"] == self._source:
+                            yield _at_ns(table), delivery_of(told)
+
+    def _wait(self, at_ns: int) -> bool:
+        """Wait until a moment of then has come; False where the driver is to end."""
+        if self._began is None:
+            self._began = at_ns, self._now_ns()
+        while not self._stopping:
+            if self._is_asked and self._stream is not None:
+                self._is_asked = False
+                self._tell(self._stream)
+            self._report_counters()
+            left_s = (self._moved(at_ns) - self._now_ns()) * 1e-9
+            if left_s <= 0.0:
+                return True
+            time.sleep(min(left_s, LOOK_S))
+        return False
+
+    def _moved(self, then_ns: int) -> int:
+        then0_ns, now0_ns = self._began or (0, 0)
+        return now0_ns + round((then_ns - then0_ns) / self._speed)
+
+    def _hand_over(self, delivery: Delivery) -> None:
+        match delivery:
+            case CountSamples():
+                self._counters["samples_received"] += len(delivery.seq)
+                self._crossing.put(self._moved_samples(delivery))
+            case LatchedCounts():
+                if delivery.input is not None:
+                    self._counters["edges_received"] += 1
+                    self._crossing.put(
+                        replace(
+                            delivery,
+                            device=self.device,
+                            received_ns=self._moved(delivery.received_ns),
+                            sample_time_ns=self._moved(delivery.sample_time_ns),
+                        )
+                    )
+            case DeviceUp():
+                rate_hz = delivery.identity.max_rate_hz * self._speed
+                identity = replace(
+                    delivery.identity, latches=False, max_rate_hz=rate_hz
+                )
+                self._tell(DeviceUp(self.device, identity, delivery.restarted))
+            case StreamStarted():
+                rate_hz = delivery.rate_hz * self._speed
+                self._stream = StreamStarted(self.device, delivery.stream, rate_hz)
+                self._tell(self._stream)
+            case _:
+                self._crossing.put(replace(delivery, device=self.device))
+
+    def _moved_samples(self, samples: CountSamples) -> CountSamples:
+        then0_ns, now0_ns = self._began or (0, 0)
+        after_ns = np.rint((samples.sample_time_ns - then0_ns) / self._speed)
+        skew_ns = samples.skew_ns
+        if skew_ns is not None:
+            skew_ns = np.rint(skew_ns / self._speed).astype(np.int32)
+        return replace(
+            samples,
+            device=self.device,
+            received_ns=self._moved(samples.received_ns),
+            sample_time_ns=now0_ns + after_ns.astype(np.int64),
+            skew_ns=skew_ns,
+        )
+
+
+def _at_ns(table: dict[str, Any]) -> int:
+    at_ns = table.get("at_ns")
+    if not isinstance(at_ns, int):
+        raise ValueError(f"a step without its instant, at_ns is {at_ns!r}")
+    return at_ns
