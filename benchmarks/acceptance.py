@@ -50,6 +50,7 @@ TEMPERATURE_STD_C = 0.1
 NOISE = NoiseTable(encoder_rad=3e-6, contact_mm=0.003)
 LINKS_MM, AXES_RAD = 0.004, 3e-6
 NEAR_U = 3.0  # how far a limit is from the true figure, at most
+N_AGAIN = 200
 FIGURES = ("p_size", "e_uni")
 
 
@@ -87,6 +88,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     report["rates"] = [row for key in FIGURES for row in rates(found, key)]
     report["agreement"] = [agreement(found, key) for key in FIGURES]
     report["coverage"] = coverage(found)
+    report["again"] = again(given.first)
     print(f"{given.arms} arms in {time.monotonic() - begun_s:.0f} s")
     _print(report)
     if given.out:
@@ -259,6 +261,27 @@ def coverage(found: Sequence[Tested]) -> dict[str, float]:
     }
 
 
+def again(seed: int) -> dict[str, Any]:
+    """Test one and the same arm many times, with exact standards."""
+    arm, poses, exact = _prepared()
+    mine = touched_by(poses, true_arm(arm, Deviations(LINKS_MM, AXES_RAD, 0.0), seed))
+    values: dict[str, list[float]] = {}
+    for test in range(N_AGAIN):
+        drawn = drawn_acceptance(mine, 10_000 + test)
+        found = verified(_measured(arm, drawn, exact, 20.0), STANDARD, _limits())
+        for figure in found.figures:
+            values.setdefault(figure.key, []).append(abs(figure.value_mm))
+    return {
+        key: {
+            "mean_mm": float(np.mean(own)),
+            "std_mm": float(np.std(own, ddof=1)),
+            "least_mm": min(own),
+            "largest_mm": max(own),
+        }
+        for key, own in values.items()
+    }
+
+
 def _print(report: dict[str, Any]) -> None:
     print(
         "\n| figure | rule | u [um] | bad arms accepted | good arms "
@@ -284,6 +307,11 @@ def _print(report: dict[str, Any]) -> None:
         f"\n{found['lengths']} lengths: {found['within_2u']:.1%} within 2 u, rms "
         f"{found['rms_u']:.2f} u"
     )
+    print(f"\n| one arm, {N_AGAIN} tests | mean [um] | std | least | largest |")
+    print("|---|---|---|---|---|")
+    for key, own in report["again"].items():
+        cells = [f"{1e3 * value:.1f}" for value in own.values()]
+        print(f"| {key} | {' | '.join(cells)} |")
 
 
 if __name__ == "__main__":

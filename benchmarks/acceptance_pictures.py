@@ -28,7 +28,7 @@ def paint(found: "Sequence[Tested]", folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     truth = picture(165.0, 75.0, lambda figure: _truth(found, figure))
     (folder / "acceptance-truth.png").write_bytes(truth)
-    decisions = picture(165.0, 75.0, lambda figure: _decisions(found, figure))
+    decisions = picture(165.0, 82.0, lambda figure: _decisions(found, figure))
     (folder / "acceptance-decisions.png").write_bytes(decisions)
 
 
@@ -42,7 +42,7 @@ def _truth(found: "Sequence[Tested]", figure: Figure) -> None:
         axes.plot(true[~wrong], measured[~wrong], ".", markersize=2.5, color=BLUE)
         axes.plot(true[wrong], measured[wrong], "x", markersize=3.5, color=VERMILION)
         axes.axline((float(true.mean()),) * 2, slope=1.0, color=GREY, linewidth=0.8)
-        axes.set_title(f"{_LABELS[key]}: crosses are wrong without a guard band")
+        axes.set_title(f"{_LABELS[key]}; crosses: wrong without guard band")
         axes.set_xlabel("with exact standards [µm]")
         axes.set_ylabel("as measured [µm]")
 
@@ -74,4 +74,5 @@ def _decisions(found: "Sequence[Tested]", figure: Figure) -> None:
         axes.set_title(_LABELS[key])
         axes.set_xlabel("true figure less limit, in u")
     panels[0].set_ylabel("arms [%]")
-    panels[0].legend(loc="center left")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4)

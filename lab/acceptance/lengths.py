@@ -54,6 +54,8 @@ def errors_of(
     artefact = measured.artefacts.get(name)
     if artefact is None:
         raise IncompleteError(f"{name}: is not among the artefacts")
+    if len(measured.of(name)) == 0:
+        raise IncompleteError(f"{name}: was not measured")
     length_mm, _ = certified_length(artefact)
     limit = limits.mpe.of(key)
     found = []
@@ -74,8 +76,6 @@ def errors_of(
                 "set" if number <= SET else "repeat",
             )
         )
-    if not found:
-        raise IncompleteError(f"{name}: was not measured")
     return found
 
 

@@ -22,6 +22,7 @@ from lab.acceptance.measured import Measured, sorted_touches
 from lab.acceptance.points_table import is_point_table, read_points_table
 from lab.campaign import Campaign, read_campaign
 from lab.campaign_file import read_campaign_file
+from lab.identification.artefacts import Artefact
 from lab.identification.effect_model import block_of
 from lab.identification.plausible import campaign_span, campaign_start
 from recording.reader import read_recording
@@ -45,9 +46,8 @@ def read_measured(data: Path, arm: Arm) -> Measured:
     poses = data / file.poses
     if is_point_table(poses):
         return read_points_table(poses, file, arm)
-    return measured_campaign(
-        read_campaign(data, [joint.name for joint in arm.joints]), arm, str(data)
-    )
+    campaign = read_campaign(data, [joint.name for joint in arm.joints])
+    return measured_campaign(campaign, arm, file.artefacts, str(data))
 
 
 def files_read(data: Path) -> tuple[Path, ...]:
@@ -75,12 +75,15 @@ def files_read(data: Path) -> tuple[Path, ...]:
     return found
 
 
-def measured_campaign(campaign: Campaign, arm: Arm, source: str = "") -> Measured:
+def measured_campaign(
+    campaign: Campaign, arm: Arm, artefacts: Sequence[Artefact], source: str = ""
+) -> Measured:
     """Compute the ball's centres of a campaign with the arm file.
 
     Args:
         campaign: Its readings are uncorrected.
         arm: With its effects.
+        artefacts: As in the campaign file, with the points that nobody touched.
         source: What to call the campaign in errors.
 
     Raises:
@@ -102,7 +105,7 @@ def measured_campaign(campaign: Campaign, arm: Arm, source: str = "") -> Measure
         raise FileError(source, [Problem("", str(error))]) from error
     names = [artefact.id for artefact in campaign.artefacts]
     poses = campaign.poses
-    artefacts = [names[index] for index in poses.artefacts.tolist()]
+    touched = [names[index] for index in poses.artefacts.tolist()]
     features = [
         campaign.feature_names[a][f]
         for a, f in zip(poses.artefacts.tolist(), poses.features.tolist(), strict=True)
@@ -111,8 +114,8 @@ def measured_campaign(campaign: Campaign, arm: Arm, source: str = "") -> Measure
     temperature_c = np.full(len(poses), np.nan) if warm is None else warm
     tip_mm = np.full(len(poses), arm.probe.radius_mm)
     if campaign.is_stream:
-        rows = _runs(poses.lines, artefacts, features)
-        artefacts = [artefacts[row[0]] for row in rows]
+        rows = _runs(poses.lines, touched, features)
+        touched = [touched[row[0]] for row in rows]
         features = [features[row[0]] for row in rows]
         places_mm = np.array([places_mm[row].mean(axis=0) for row in rows])
         temperature_c = np.array([temperature_c[row].mean() for row in rows])
@@ -125,8 +128,8 @@ def measured_campaign(campaign: Campaign, arm: Arm, source: str = "") -> Measure
         )
     return sorted_touches(
         arm,
-        {artefact.id: artefact for artefact in campaign.artefacts},
-        (artefacts, features),
+        {artefact.id: artefact for artefact in artefacts},
+        (touched, features),
         np.column_stack([places_mm, temperature_c, tip_mm]),
         notes,
     )
@@ -165,5 +168,6 @@ def _from_recording(path: Path, arm: Arm) -> Measured:
     table["poses"] = str(path.resolve())
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "campaign.toml").write_text(tomlkit.dumps(table), "utf-8")
+        file = read_campaign_file(Path(folder) / "campaign.toml")
         campaign = read_campaign(folder, [joint.name for joint in arm.joints])
-    return measured_campaign(campaign, arm, str(path))
+    return measured_campaign(campaign, arm, file.artefacts, str(path))
