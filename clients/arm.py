@@ -1,7 +1,7 @@
 """An arm as a program sees it: `async with Arm("bench-7") as arm`."""
 
 import asyncio
-from collections.abc import Coroutine, Mapping
+from collections.abc import Coroutine, Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
@@ -9,6 +9,7 @@ from typing import Any, Literal, Self
 from clients.address import BrokerAddress
 from clients.commands import ArmCommands
 from clients.counters import Counters
+from clients.ending import end
 from clients.errors import BrokerUnreachableError
 from clients.feeds import Feed
 from clients.inbox import Inbox
@@ -21,7 +22,6 @@ from clients.readers import Points
 from clients.requests import Requests
 from clients.scans import ScanBlocks
 from protocol.messages import Args, Event, Health, Live, Scan, Status
-from protocol.messages.fields import Vector
 from protocol.messages.scan import ScanMode
 
 PLACE_S = 0.5
@@ -175,7 +175,7 @@ class Arm(ArmCommands):
         *,
         rate_hz: float | None = None,
         spacing_mm: float | None = None,
-        normal: Vector | None = None,
+        normal: Iterable[float] | None = None,
         offset_mm: float = 0.0,
         held: bool = False,
     ) -> ScanBlocks:
@@ -245,8 +245,5 @@ class Arm(ArmCommands):
             self._inbox.close(task.exception())
 
     async def _end(self) -> None:
-        tasks = list(self._tasks)
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        await end(self._tasks)
         self._inbox.close()

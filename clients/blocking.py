@@ -5,9 +5,9 @@ from collections.abc import (
     AsyncIterator,
     Callable,
     Coroutine,
+    Iterable,
     Iterator,
     Mapping,
-    Sequence,
 )
 from pathlib import Path
 from types import TracebackType
@@ -20,7 +20,6 @@ from clients.following import Lost
 from clients.loop_thread import Items, LoopThread, Source
 from clients.results import HeldSession, Resent
 from protocol.messages import Args, Event, Health, Live, Point, Scan, Status
-from protocol.messages.fields import Vector
 from protocol.messages.scan import ScanMode
 
 T = TypeVar("T")
@@ -128,7 +127,7 @@ class BlockingArm:
         *,
         rate_hz: float | None = None,
         spacing_mm: float | None = None,
-        normal: Vector | None = None,
+        normal: Iterable[float] | None = None,
         offset_mm: float = 0.0,
         held: bool = False,
         quiet_s: float | None = None,
@@ -181,8 +180,8 @@ class BlockingArm:
 
     def align(
         self,
-        rotation: Sequence[Vector],
-        translation_mm: Vector,
+        rotation: Iterable[Iterable[float]],
+        translation_mm: Iterable[float],
         *,
         scale: float = 1.0,
         name: str | None = None,

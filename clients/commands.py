@@ -1,7 +1,7 @@
 """The commands of an arm as functions with typed answers."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from clients.errors import NoAnswerError
@@ -85,8 +85,8 @@ class ArmCommands(ABC):
 
     async def align(
         self,
-        rotation: Sequence[Vector],
-        translation_mm: Vector,
+        rotation: Iterable[Iterable[float]],
+        translation_mm: Iterable[float],
         *,
         scale: float = 1.0,
         name: str | None = None,
@@ -124,7 +124,7 @@ class ArmCommands(ABC):
         *,
         rate_hz: float | None = None,
         spacing_mm: float | None = None,
-        normal: Vector | None = None,
+        normal: Iterable[float] | None = None,
         offset_mm: float = 0.0,
         held: bool = False,
     ) -> StartedScan:
@@ -172,7 +172,7 @@ class ArmCommands(ABC):
         )
 
 
-def _vector(values: Sequence[float]) -> Vector:
+def _vector(values: Iterable[float]) -> Vector:
     """Three numbers of any kind, such as a row of an array."""
     x, y, z = (float(value) for value in values)
     return (x, y, z)

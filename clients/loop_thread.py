@@ -6,6 +6,8 @@ from collections.abc import AsyncIterator, Coroutine
 from concurrent.futures import Future
 from typing import Any, Generic, Self, TypeVar
 
+from clients.ending import end
+
 T = TypeVar("T")
 
 
@@ -40,10 +42,8 @@ class LoopThread:
         self._loop.close()
 
     async def _clear(self) -> None:
-        tasks = asyncio.all_tasks() - {asyncio.current_task()}
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        here = asyncio.current_task()
+        await end(task for task in asyncio.all_tasks() if task is not here)
         await self._loop.shutdown_default_executor()
 
 

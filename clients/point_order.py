@@ -129,10 +129,14 @@ class PointOrder:
         self.must_list = True
 
     def next_ask(self, room: int) -> Ask | None:
-        """What is to be asked for now; None: nothing is known to be missing."""
+        """What is to be asked for now; None: nothing is known to be missing.
+
+        It counts as asked; say so with `unanswered` where no answer came.
+        """
         if self._refusal is not None:
             return None
         if self.must_list:
+            self.must_list = False  # unless something new comes before the answer
             return Ask(None)
         head = self._sessions.head
         if head is None or room < 1:
@@ -155,6 +159,10 @@ class PointOrder:
         """The number of a session that is handed on next; None: it is complete."""
         followed = self._sessions.get(session)
         return None if followed is None else followed.next_seq
+
+    def unanswered(self, ask: Ask) -> None:
+        """No answer came."""
+        self.must_list = self.must_list or ask.session is None
 
     def resent(self, ask: Ask, answer: Resent) -> int | None:
         """The outbox has answered.
@@ -193,9 +201,8 @@ class PointOrder:
 
     def listed(self, sessions: Sequence[HeldSession]) -> None:
         """The outbox has told which sessions it holds, oldest first."""
-        self.must_list = False
         lowest = {name: min(held) for name, held in self._strangers.items()}
-        self._sessions.list(sessions, lowest)
+        self._sessions.list(sessions, lowest, is_old=self.must_list)
         self._adopt_strangers()
         self._hand_on()
 
@@ -222,6 +229,9 @@ class PointOrder:
             lowest = min(held)
             past = self._sessions.past(session)
             followed = self._sessions.get(session)
+            if followed is None and past is None and self.must_list:
+                self._strangers[session] = held  # the next list may know it
+                continue
             if followed is None and past == NEVER_FOLLOWED:
                 self.duplicates += len(held)
                 continue

@@ -160,8 +160,10 @@ class PointStream:
                     self._order.refuse(f"the arm cannot send points again: {error}")
                     self._tell_all()
                     continue
+                self._order.unanswered(ask)
                 log.warning("points are missing and cannot be had now: %s", error)
             except ClientError as error:
+                self._order.unanswered(ask)
                 log.info("points may be missing: %s", error)
             await asyncio.sleep(wait_s)
             wait_s = min(2 * wait_s, LAST_WAIT_S)

@@ -61,12 +61,15 @@ class SessionOrder:
         for session, next_seq in (self._since or {}).items():
             self._sessions[session] = Followed(session, 0, next_seq)
 
-    def list(self, held: Sequence[HeldSession], lowest: Mapping[str, int]) -> None:
+    def list(
+        self, held: Sequence[HeldSession], lowest: Mapping[str, int], *, is_old: bool
+    ) -> None:
         """The outbox has told which sessions it holds, oldest first.
 
         Args:
             held: those.
             lowest: the lowest numbers that have come already, by session.
+            is_old: others may have begun since it was asked.
         """
         if not self.has_begun:
             self.has_begun = True
@@ -78,6 +81,8 @@ class SessionOrder:
         for name, followed in list(self._sessions.items()):
             if name in names:
                 followed.has_ended = followed.has_ended or name != names[-1]
+            elif is_old:
+                continue
             elif followed.known < 0:
                 del self._sessions[name]  # it had no points, and says nothing
             elif not followed.has_ended:

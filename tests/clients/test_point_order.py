@@ -126,14 +126,18 @@ def test_every_number_is_handed_on_once_and_in_order_whatever_a_broker_loses(
             outbox.forget(old, max(below, held.start))
         elif what < 0.25:
             order.may_ask_again()
+            sessions = outbox.listed() if order.next_ask(ROOM) else []
+            session = outbox.begin() if lose() else session
+            for _ in range(chance.randrange(3)):  # while the answer is on its way
+                order.take(outbox.add(session))
+            order.listed(sessions)
             settle(order, outbox, lose)
         else:
             taken = outbox.add(session)
             for copy in range(chance.choice((1, 1, 1, 2))):
+                is_late = chance.random() < 0.1 + copy / 2
                 if not lose():
-                    (late.append if chance.random() < 0.1 + copy / 2 else order.take)(
-                        taken
-                    )
+                    (late.append if is_late else order.take)(taken)
             if late and chance.random() < 0.3:
                 order.take(late.pop(chance.randrange(len(late))))
     for one in late:
@@ -256,6 +260,7 @@ def test_a_session_of_which_nothing_is_left_is_told() -> None:
 def test_an_empty_session_that_is_in_no_list_says_nothing() -> None:
     order, _, session = started()
     order.may_ask_again()
+    assert order.next_ask(ROOM) == Ask(None)
     order.listed([])
     assert order.next_ask(ROOM) is None
     order.take(point(session, 0))

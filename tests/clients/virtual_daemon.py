@@ -13,6 +13,7 @@ from typing import Any
 
 import aiomqtt
 
+from clients.ending import end
 from protocol import topics
 from protocol.encoding import decode, encode, parse_args
 from protocol.messages import (
@@ -81,8 +82,7 @@ class VirtualDaemon:
             try:
                 yield self
             finally:
-                listening.cancel()
-                await asyncio.gather(listening, return_exceptions=True)
+                await end([listening])
                 await self._say_status(online=False)
                 self._client = None
 
