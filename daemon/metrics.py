@@ -9,6 +9,8 @@ from protocol.messages.health import COUNTERS, LATENCIES, LATENCY_BOUNDS_US
 
 STATES = ("starting", "ready", "lost", "failed", "stopped")
 CONNECTION = ("connecting", "connected", "lost")
+OUTBOX = ("ready", "failed")
+RECORDING = ("off", "flight", "recording", "failed")
 BOUNDS_S = [bound_us / 1e6 for bound_us in LATENCY_BOUNDS_US]
 
 
@@ -63,6 +65,8 @@ def exposition(
             ),
             *_counters(health),
             *_broker(health),
+            *_outbox(health),
+            *_recording(health),
             *_devices(health),
             histogram(
                 "traverse_latency_seconds",
@@ -114,6 +118,60 @@ def _broker(health: Health) -> Iterable[str]:
         "counter",
         "messages dropped because the queue was full",
         [({}, broker.dropped)],
+    )
+
+
+def _outbox(health: Health) -> Iterable[str]:
+    outbox = health.outbox
+    yield family(
+        "traverse_outbox_state",
+        "gauge",
+        "1 for the state that the outbox is in",
+        [({"state": state}, state == outbox.state) for state in OUTBOX],
+    )
+    yield family(
+        "traverse_outbox_points",
+        "gauge",
+        "points kept on the disk, retractions included",
+        [({}, outbox.points)],
+    )
+    yield family(
+        "traverse_outbox_points_unsent",
+        "gauge",
+        "points on the disk that the broker does not have yet",
+        [({}, outbox.unsent)],
+    )
+    yield family(
+        "traverse_outbox_bytes", "gauge", "size of the outbox", [({}, outbox.bytes)]
+    )
+    oldest_ns = outbox.oldest_unsent_ns
+    yield family(
+        "traverse_outbox_oldest_unsent_seconds",
+        "gauge",
+        "age of the first point that the broker does not have yet",
+        [] if oldest_ns is None else [({}, (health.time_ns - oldest_ns) * 1e-9)],
+    )
+
+
+def _recording(health: Health) -> Iterable[str]:
+    recording = health.recording
+    yield family(
+        "traverse_recording_state",
+        "gauge",
+        "1 for the state that the recorder is in",
+        [({"state": state}, state == recording.state) for state in RECORDING],
+    )
+    yield family(
+        "traverse_recording_queued",
+        "gauge",
+        "items that wait to be recorded",
+        [({}, recording.queued)],
+    )
+    yield family(
+        "traverse_recording_dropped_total",
+        "counter",
+        "items not recorded for want of room",
+        [({}, recording.dropped)],
     )
 
 

@@ -26,6 +26,7 @@ from daemon.outbox_values import Entry, Held, OutboxRefusedError, Trouble
 from daemon.outgoing import OutgoingQueue
 from daemon.sessions import Session
 from daemon.state_folder import OWNER_ONLY, only_user_of
+from drivers.pulse import Pulse
 from protocol.encoding import Encoding, encode
 from protocol.messages import OutboxHealth, Point, ResendArgs
 from protocol.topics import point_topic
@@ -100,6 +101,11 @@ class Outbox:
             queue, self._ask, self._marks.add, clock, latencies["publish_to_ack"]
         )
         self._resend = OutboxResend(queue, self._ask)
+
+    @property
+    def pulse(self) -> Pulse:
+        """Signs of life of its thread."""
+        return self._thread.pulse
 
     @contextlib.asynccontextmanager
     async def running(self) -> AsyncIterator[None]:

@@ -21,12 +21,14 @@ from daemon.outbox_keeper import OutboxKeeper
 from daemon.outbox_section import OutboxSection
 from daemon.outbox_store import DAY_NS, OutboxStore
 from daemon.outbox_values import Entry, Figures, OutboxRefusedError, Trouble
+from drivers.pulse import Pulse
 
 log = logging.getLogger("daemon.outbox")
 
 LOOK_S = 1.0
 MOST_TOGETHER = 500
 FORGOTTEN_TOGETHER = 200
+TURN_S = 30.0  # that a slow disk may take
 
 T = TypeVar("T")
 
@@ -78,6 +80,9 @@ class OutboxThread:
         failed: told the generation of which no more points will be kept.
         changed: told how the outbox is, whenever that is another.
         replaced: told in words when a new database has been begun.
+
+    Attributes:
+        pulse: the thread's signs of life.
     """
 
     def __init__(
@@ -102,6 +107,7 @@ class OutboxThread:
         self._told = Condition()
         self._failed_generation = -1
         self._opened: asyncio.Future[None] = self._loop.create_future()
+        self.pulse = Pulse("thread of the outbox")
         self._thread = threading.Thread(target=self._run, name="outbox")
 
     async def start(self) -> None:
@@ -143,10 +149,13 @@ class OutboxThread:
         waiting: deque[Keep | Ask | Rules | None] = deque()
         looked_s = time.monotonic()
         while True:
+            self.pulse.beat(TURN_S)
             self._take_all(waiting)
             while waiting:
+                self.pulse.beat(TURN_S)
                 if waiting[0] is None:
                     self._keeper.close()
+                    self.pulse.rest()
                     return
                 self._do_next(waiting)
             if time.monotonic() - looked_s >= LOOK_S:

@@ -23,6 +23,7 @@ from daemon.recording_section import RecordingSection
 from daemon.sessions import Session
 from daemon.tape import Tape
 from drivers.delivery_maps import kind_of
+from drivers.pulse import Pulse
 from drivers.values import Delivery
 from protocol.messages import Event, Message, Point
 from protocol.messages.recording_health import RecordingHealth
@@ -85,6 +86,11 @@ class Recorder(Tape):
             utc_offset_ns=clock.utc_offset_ns(),
             tell=self._hear,
         )
+
+    @property
+    def pulse(self) -> Pulse:
+        """Signs of life of its thread."""
+        return self._thread.pulse
 
     async def __aenter__(self) -> Self:
         self._thread.start()

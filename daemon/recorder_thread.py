@@ -17,11 +17,13 @@ from daemon.recorder_named import NamedRecording, Recorded, head_of
 from daemon.recorder_queue import Item, RecorderQueue
 from daemon.recorder_ring import Ring
 from daemon.recording_section import RecordingSection
+from drivers.pulse import Pulse
 from recording.run_writer import Entry
 
 log = logging.getLogger("daemon.recorder")
 
 RETRY_S = 30.0
+TURN_S = 30.0  # that a slow disk may take
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +53,9 @@ class RecorderThread:
         files: arm file, configuration and so on, as they are now.
         utc_offset_ns: what to add to host monotonic time.
         tell: hands a value to the loop.
+
+    Attributes:
+        pulse: the thread's signs of life.
     """
 
     def __init__(
@@ -78,6 +83,7 @@ class RecorderThread:
         self._named: NamedRecording | None = None
         self._flushed_s = 0.0
         self._ended = False
+        self.pulse = Pulse("thread of recordings")
         self._thread = threading.Thread(target=self._run, name="recorder")
 
     @property
@@ -148,6 +154,7 @@ class RecorderThread:
             if self._flies:
                 self._in_flight(lambda: self._tell_kept(self._flight.rescue()))
             while not self._ended:
+                self.pulse.beat(TURN_S)
                 for item in self._queue.take():
                     self._take(item)
                 now_s = time.monotonic()
@@ -162,6 +169,8 @@ class RecorderThread:
             if self._named is not None:
                 self._stop_named(error)
             self._refuse_rest()
+        finally:
+            self.pulse.rest()
 
     def _take(self, item: Item) -> None:
         if item.kind == "job":

@@ -222,7 +222,7 @@ class Service:
             publisher=self._publisher,
             figures=lambda: self._health_message(anew=False),
             waiting=lambda: self._outbox.health().unsent,
-            pulses=lambda: (),
+            pulses=lambda: (self._outbox.pulse, self._recorder.pulse),
         )
 
     async def run(self) -> None:

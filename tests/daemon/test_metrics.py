@@ -1,9 +1,11 @@
 """Figures as Prometheus reads them, and the endpoint that serves them."""
 
 import asyncio
+import re
 import shutil
 import socket
 import subprocess
+from pathlib import Path
 
 import pytest
 
@@ -55,6 +57,11 @@ def test_every_figure_is_there_in_base_units():
     assert value(families, "traverse_broker_state", state="connected") == 1
     assert value(families, "traverse_broker_state", state="lost") == 0
     assert value(families, "traverse_messages_unacknowledged") == 1
+    outbox, recording = HEALTH.outbox, HEALTH.recording
+    assert value(families, "traverse_outbox_points_unsent") == outbox.unsent
+    assert value(families, "traverse_outbox_state", state=outbox.state) == 1
+    assert value(families, "traverse_recording_state", state=recording.state) == 1
+    assert value(families, "traverse_recording_dropped_total") == recording.dropped
     base = {"device": "base"}
     assert value(families, "traverse_device_state", **base, state="ready") == 1
     assert value(families, "traverse_device_silence_seconds", **base) == 0.001
@@ -72,6 +79,16 @@ def test_latencies_are_histograms_since_the_start():
     total_s = value(families, f"{name}_sum", of="handling")
     assert total_s == pytest.approx(60.003025)
     assert value(families, f"{name}_count", of="collection") == 0
+
+
+def test_every_metric_is_explained_and_no_other():
+    page = Path(__file__).parents[2] / "docs" / "reference" / "metrics.md"
+    rows = re.findall(r"^\| `(traverse_\w+)` \| (\w+)", page.read_text("utf-8"), re.M)
+    unsent = HEALTH.outbox.model_copy(update={"oldest_unsent_ns": HEALTH.time_ns - 1})
+    families = read(figures(HEALTH.model_copy(update={"outbox": unsent})))
+    of_counters = {f"traverse_{name}_total" for name in HEALTH.counters}
+    told = {name: one.kind for name, one in families.items() if name not in of_counters}
+    assert dict(rows) == told
 
 
 def test_what_is_not_known_is_left_out():
