@@ -24,6 +24,7 @@ $(STAMP): pyproject.toml requirements.lock $(KERNEL)
 
 system:  # Debian packages that the tests need
 	@sh deploy/debian-packages.sh mosquitto
+	@sh deploy/debian-packages.sh chromium
 
 demo: venv  ## one round of measurements with a simulated arm
 	$(BIN)/traverse demo --once

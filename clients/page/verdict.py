@@ -55,7 +55,11 @@ def _conditions(sight: ArmSight) -> list[Verdict]:
             )
         ]
     found = [
-        Verdict("bad" if e.severity == "error" else "warning", e.text, e.remedy)
+        Verdict(
+            "bad" if e.severity == "error" else "warning",
+            f"{e.source}: {e.text}",
+            e.remedy,
+        )
         for e in sight.alarms.values()
         if e.severity != "info"
     ]

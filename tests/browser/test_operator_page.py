@@ -1,0 +1,128 @@
+"""What an operator sees and does, in a real browser."""
+
+import json
+import re
+
+import pytest
+from playwright.async_api import expect
+
+from tests.browser.conftest import Scene
+
+pytestmark = pytest.mark.broker
+
+
+async def sounds(scene: Scene, kind: str) -> None:
+    """Wait for a sound to be the last one played."""
+    await scene.page.wait_for_function(
+        "kind => traverse_sounds.played.at(-1) === kind", arg=kind
+    )
+
+
+async def test_a_morning_with_the_page(scene: Scene) -> None:
+    page = scene.page
+    banner = page.locator("header")
+    await expect(banner).to_contain_text("Ready to measure.")
+    await expect(banner).to_have_class(re.compile("good"))
+
+    # The arm takes three points by itself; the fourth is asked for at the keyboard.
+    rows = page.locator("table.plain tbody tr", has=page.locator("td:nth-child(7)"))
+    await expect(rows).to_have_count(3)
+    await sounds(scene, "point")
+    await page.keyboard.press("Space")
+    await expect(rows).to_have_count(4)
+    value = page.locator(".axis .value").first
+    await expect(value).to_have_text(re.compile(r"^-?\d+\.\d{3}$"))
+    await expect(page.locator(".axis .around").first).to_contain_text("±")
+    shown = await page.evaluate("traverse_scene.points.size")
+    assert shown == 4
+    assert await page.evaluate("traverse_scene.arm.children.length") == 15
+
+    # It is taken back, by the button this time.
+    await page.get_by_role("button", name="Undo").click()
+    await expect(rows).to_have_count(3)
+    assert await page.evaluate("traverse_scene.points.size") == 3
+    await sounds(scene, "retraction")
+    await expect(page.get_by_role("status")).to_contain_text("undoes")
+
+    # What is not possible is refused with the reason.
+    for _ in range(4):
+        await page.keyboard.press("u")
+    await expect(page.get_by_role("status")).to_contain_text("no point")
+    await sounds(scene, "refused")
+
+    # A scan runs until it is stopped, and is drawn.
+    await page.keyboard.press("s")
+    await expect(page.get_by_role("button", name="Stop scan")).to_be_visible()
+    await page.wait_for_function("traverse_scene.drawn.n > 50")
+    await expect(page.locator(".arm-scene-note")).to_contain_text("scanned points")
+    await page.keyboard.press("s")
+    await expect(page.get_by_role("button", name="Start scan")).to_be_visible()
+
+
+async def test_points_are_labelled_and_saved(scene: Scene) -> None:
+    page = scene.page
+    rows = page.locator("table.plain tbody tr", has=page.locator("td:nth-child(7)"))
+    await expect(rows).to_have_count(3)
+    await page.keyboard.press("l")
+    await page.get_by_label("Artefact").fill("plate")
+    await page.get_by_role("button", name="Set").click()
+    await expect(page.get_by_role("dialog")).to_have_count(0)
+    await page.keyboard.press("Space")
+    await expect(rows.first).to_contain_text("plate")
+    async with page.expect_download() as saving:
+        await page.get_by_role("button", name="Save points as JSON").click()
+    path = await (await saving.value).path()
+    saved = [json.loads(line) for line in path.read_text("utf-8").splitlines()]
+    assert [p["label"]["artefact"] for p in saved] == [None, None, None, "plate"]
+
+
+async def test_outages_are_unmistakable_and_pass(scene: Scene) -> None:
+    page, banner = scene.page, scene.page.locator("header")
+    await expect(banner).to_contain_text("Ready to measure.")
+
+    # A device is unplugged, and comes back.
+    scene.simulator.process.kill()
+    scene.simulator.process.wait()
+    await expect(banner).to_have_class(re.compile("bad"))
+    await expect(banner).to_contain_text("base")
+    await sounds(scene, "alarm")
+    await expect(page.locator(".figures")).to_have_class(re.compile("stale"))
+    with scene.bench.simulator("simulator-again"):
+        await expect(banner).to_contain_text("Ready to measure.")
+        await sounds(scene, "cleared")
+
+        # The broker is killed, and comes back.
+        scene.broker.kill()
+        await expect(banner).to_contain_text("No connection to the broker")
+        await expect(page.get_by_text("STALE")).to_be_visible()
+        colour = await banner.evaluate("e => getComputedStyle(e).backgroundColor")
+        assert colour == "rgb(192, 27, 16)"
+        scene.broker.start()
+        await expect(banner).to_contain_text("Ready to measure.")
+        await expect(page.get_by_text("STALE")).not_to_be_visible()
+
+        # The daemon is killed: its last will says so.
+        scene.daemon.process.kill()
+        scene.daemon.process.wait()
+        await expect(banner).to_contain_text("The arm is off line")
+
+
+async def test_the_page_can_be_used_without_a_mouse(scene: Scene) -> None:
+    page = scene.page
+    await expect(page.locator("header")).to_contain_text("Ready to measure.")
+    names = []
+    for _ in range(20):
+        await page.keyboard.press("Tab")
+        script = "document.activeElement.ariaLabel || document.activeElement.innerText"
+        names.append(str(await page.evaluate(script)).split("\n")[0].lower())
+    for wanted in ("take point", "undo", "start scan", "top", "save points as csv"):
+        assert wanted in names, names
+    unnamed = await page.evaluate(
+        "[...document.querySelectorAll('button')]"
+        ".filter(b => !(b.innerText || b.ariaLabel || '').trim()).length"
+    )
+    assert unnamed == 0
+    await page.keyboard.press("d")
+    await expect(page.locator("body")).to_have_class(re.compile("body--light"))
+    await page.set_viewport_size({"width": 820, "height": 1180})
+    await expect(page.get_by_role("button", name="Take point")).to_be_in_viewport()
