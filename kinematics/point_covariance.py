@@ -85,14 +85,22 @@ def point_covariances(
         known, by_parameters = probe_derivatives(geometry, readings_rad), None
     else:
         by_parameters, known = parameter_columns(geometry, effects, block)
-    parts = [known.by_angles * np.sqrt(reading_variances(noise, samples))]
+    n_joints, n_known = geometry.n_joints, 0 if arm is None else arm.factor.shape[1]
+    # Readings, the arm, the instant, the contact.
+    factor = np.zeros((len(block), 3, n_joints + n_known + 4))
+    by_angles = known.by_angles
+    np.multiply(
+        by_angles,
+        np.sqrt(reading_variances(noise, samples)),
+        out=factor[:, :, :n_joints],
+    )
     if arm is not None and by_parameters is not None:
-        parts.append(by_parameters @ arm.factor)
+        factor[:, :, n_joints:-4] = by_parameters @ arm.factor
     if speeds_rad_s is not None:
-        velocity = np.einsum("nij,nj->ni", known.by_angles, speeds_rad_s)
-        parts.append(noise.instant_s * velocity[:, :, np.newaxis])
-    contact = np.broadcast_to(noise.contact_mm * np.eye(3), (len(block), 3, 3))
-    factor = np.concatenate([*parts, contact], axis=2)
+        velocity = by_angles @ speeds_rad_s[:, :, np.newaxis]
+        factor[:, :, -4:-3] = noise.instant_s * velocity
+    for component in range(3):
+        factor[:, component, component - 3] = noise.contact_mm
     covariances: Floats = factor @ factor.transpose(0, 2, 1)
     return covariances
 

@@ -52,19 +52,15 @@ class Block:
             raise ValueError(
                 f"block: angles_rad has shape {shape}, expected (n_samples, n_joints)"
             )
-        expected = {
-            "speeds_rad_s": shape,
-            "approaches": shape,
-            "joint_temperatures_c": shape,
-            "directions": (shape[0], 3),
-            "gravity_m_s2": (3,),
-        }
-        for field in fields(self)[1:]:
-            column = getattr(self, field.name)
-            wanted = expected.get(field.name, shape[:1])
-            if column is not None and column.shape != wanted:
+        others = {"directions": (shape[0], 3), "gravity_m_s2": (3,)}
+        for name in _COLUMN_NAMES:
+            column = getattr(self, name)
+            if column is None:
+                continue
+            wanted = shape if name in _OF_JOINTS else others.get(name, shape[:1])
+            if column.shape != wanted:
                 raise ValueError(
-                    f"block: {field.name} has shape {column.shape}, expected {wanted} "
+                    f"block: {name} has shape {column.shape}, expected {wanted} "
                     f"beside angles_rad of shape {shape}"
                 )
 
@@ -142,6 +138,10 @@ class Block:
         of_joint: NDArray[Any] = column[:, need.joint]
         return of_joint
 
+
+# Asked for once: a daemon makes a block for every point.
+_COLUMN_NAMES = tuple(field.name for field in fields(Block))[1:]
+_OF_JOINTS = frozenset(("speeds_rad_s", "approaches", "joint_temperatures_c"))
 
 _COLUMNS = {
     Covariate.TEMPERATURE: "temperature_c",

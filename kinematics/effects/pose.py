@@ -72,9 +72,12 @@ def corrected_pose(
         ValueError: The block does not say what effects need; names all of it.
     """
     checked(geometry, effects, block)
-    flags = pose_flags(effects, block)
     if not effects.corrections:
+        nothing = np.zeros(len(block), dtype=np.bool_)
+        nothing.setflags(write=False)
+        flags = PoseFlags(nothing, nothing, nothing, nothing)
         return *probe_pose(geometry, block.angles_rad), flags
+    flags = pose_flags(effects, block)
     found = compiled_pose(geometry, effects, block)
     if found is None:
         return *numpy_corrected_pose(geometry, effects, block), flags

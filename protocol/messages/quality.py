@@ -1,6 +1,7 @@
 """Quality of a point or sample: the one table of flags, as bits and as names."""
 
 from enum import IntFlag
+from functools import lru_cache
 from typing import Annotated, Self
 
 from pydantic import Field, model_validator
@@ -61,15 +62,18 @@ FLAG_MEANINGS = {
 }
 """What each flag says."""
 
+_NAMES = {flag.value: flag.name.lower() for flag in FLAG_MEANINGS if flag.name}
+
 REMARKS = QualityFlag.INTERPOLATED | QualityFlag.EMPIRICAL
 """Flags that tell how a value came about; all others make `ok` false."""
 
 
 def flag_names(bits: int) -> tuple[str, ...]:
     """The names of the bits that are set, lowest first; `bit_n` for unknown ones."""
-    known = {flag.value: flag.name.lower() for flag in FLAG_MEANINGS if flag.name}
     return tuple(
-        known.get(1 << i, f"bit_{i}") for i in range(bits.bit_length()) if bits >> i & 1
+        _NAMES.get(1 << i, f"bit_{i}")
+        for i in range(bits.bit_length())
+        if bits >> i & 1
     )
 
 
@@ -82,6 +86,7 @@ class Quality(Value):
     """Names from the table of quality flags; later versions may add some."""
 
     @classmethod
+    @lru_cache(maxsize=256)  # one never changes, and most points have the same few
     def from_bits(cls, bits: int) -> Self:
         """The quality that a sample's bits tell."""
         return cls(ok=not bits & ~REMARKS.value, flags=flag_names(bits))
