@@ -33,8 +33,8 @@ _WIDTHS = (np.int8, np.int16, np.int32)
 
 def differences_to_bytes(array: NDArray[np.integer[Any]]) -> bytes:
     """Write integers (n,) or (n, k) as the content of the extension type."""
-    rows = array.astype(np.int64, copy=False).reshape(len(array), -1)
-    n, k = rows.shape if array.size else (len(array), int(np.prod(array.shape[1:])))
+    n, k = len(array), int(np.prod(array.shape[1:]))
+    rows = array.astype(np.int64, copy=False).reshape(n, k)
     width, body = 0, b""
     if n > 1 and k:
         columns = np.diff(rows.T, axis=1)
