@@ -24,6 +24,7 @@ from protocol.messages.fields import Vector
 from protocol.messages.scan import ScanMode
 
 ARRIVAL_S = 1.0
+MEAN_S = 60.0
 
 
 class ArmCommands(ABC):
@@ -58,7 +59,8 @@ class ArmCommands(ABC):
         """
         given = {"samples": samples, "dwell_s": dwell_s}
         args = PointArgs.model_validate({k: v for k, v in given.items() if v})
-        return await self._point(await self.result(args, longer_s=dwell_s or 60.0))
+        longest_s = dwell_s or (MEAN_S if (samples or 1) > 1 else 0.0)
+        return await self._point(await self.result(args, longer_s=longest_s))
 
     async def undo(self, point_id: str | None = None) -> Point:
         """Take the last point back; gives the retraction, which is a point too.
