@@ -11,6 +11,7 @@ import json
 import statistics
 import time
 from collections import deque
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -113,21 +114,34 @@ class Cycles:
         self._collected_ns = collected_ns
         self._handling.add(took_ns)
 
-    def report(self, reason: str) -> dict[str, Any]:
-        """All that is kept, as it is written to a file; times also in UTC."""
-        cycles = list(self._ring)
+    def taken(self, reason: str) -> "Taken":
+        """All that is kept now; takes next to no time."""
         now_ns, offset_ns = self._clock.monotonic_ns(), self._clock.utc_offset_ns()
+        return Taken(tuple(self._ring), reason, now_ns + offset_ns, offset_ns)
+
+
+@dataclass(frozen=True, slots=True)
+class Taken:
+    """Cycles of a moment, and why they were taken."""
+
+    cycles: tuple[Cycle, ...]
+    reason: str
+    time_ns: int
+    utc_offset_ns: int
+
+    def report(self) -> dict[str, Any]:
+        """As it is written to a file; takes milliseconds."""
         return {
             "schema": "traverse/cycles/1",
-            "reason": reason,
-            "time_ns": str(now_ns + offset_ns),
-            "utc_offset_ns": str(offset_ns),
-            "devices": _jitter(cycles),
-            "cycles": [cycle._asdict() for cycle in cycles],
+            "reason": self.reason,
+            "time_ns": str(self.time_ns),
+            "utc_offset_ns": str(self.utc_offset_ns),
+            "devices": _jitter(self.cycles),
+            "cycles": [cycle._asdict() for cycle in self.cycles],
         }
 
 
-def _jitter(cycles: list[Cycle]) -> dict[str, dict[str, float]]:
+def _jitter(cycles: tuple[Cycle, ...]) -> dict[str, dict[str, float]]:
     """How regularly the samples of each device were handled.
 
     Jitter is the time between the beginnings of two cycles of one device less the
@@ -152,18 +166,18 @@ def _jitter(cycles: list[Cycle]) -> dict[str, dict[str, float]]:
     return found
 
 
-def write_report(folder: Path, report: dict[str, Any]) -> Path:
-    """Write a report beside the latest others; the oldest go.
+def write_report(folder: Path, taken: Taken) -> Path:
+    """Write a report beside the latest others; the oldest go. For a thread.
 
     Raises:
         OSError: it cannot be written.
     """
-    moment = time.gmtime(int(report["time_ns"]) // 1_000_000_000)
-    millis = int(report["time_ns"]) // 1_000_000 % 1000
+    moment = time.gmtime(taken.time_ns // 1_000_000_000)
+    millis = taken.time_ns // 1_000_000 % 1000
     name = f"cycles-{time.strftime('%Y%m%dT%H%M%S', moment)}.{millis:03d}Z.json"
     path = folder / name
     unfinished = path.with_suffix(".part")
-    unfinished.write_text(json.dumps(report, separators=(",", ":")), "utf-8")
+    unfinished.write_text(json.dumps(taken.report(), separators=(",", ":")), "utf-8")
     unfinished.replace(path)
     for old in sorted(folder.glob(PATTERN))[:-FILES]:
         old.unlink(missing_ok=True)

@@ -160,11 +160,11 @@ class Life:
 
     async def _report(self, reason: str) -> None:
         """Write the cycles down, if there have been any."""
-        report = self._cycles.report(reason)
-        if not report["cycles"]:
+        taken = self._cycles.taken(reason)
+        if not taken.cycles:
             return
         try:
-            path = await asyncio.to_thread(write_report, self._folder, report)
+            path = await asyncio.to_thread(write_report, self._folder, taken)
         except OSError as error:
             log.warning("cycles cannot be written to %s: %s", self._folder, error)
         else:
