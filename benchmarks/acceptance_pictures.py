@@ -1,13 +1,20 @@
 """The pictures of docs/acceptance.md, of what `benchmarks.acceptance` found."""
 
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks import acceptance
+from kinematics.arm_file import read_arm
+from lab.acceptance.certificate_json import sealed
+from lab.acceptance.limits import Limits
+from lab.acceptance.pictures import paintings
+from lab.acceptance.reading import read_measured
+from lab.acceptance.standards import verified
 from lab.identification.report.pictures import (
     BLUE,
     GREY,
@@ -15,10 +22,19 @@ from lab.identification.report.pictures import (
     VERMILION,
     picture,
 )
+from simulator.campaigns import write_campaign
+from simulator.campaigns.acceptance import acceptance_poses, drawn_acceptance
 
 if TYPE_CHECKING:
     from benchmarks.acceptance import Tested
 
+SCHEMA = "traverse/acceptance-limits/1"
+EXAMPLE_MPE = {
+    "p_size_mm": 0.012,
+    "p_form_mm": 0.030,
+    "l_dia_mm": 0.045,
+    "e_uni_mm": 0.0245,
+}
 _N_BINS = 12
 _LABELS = {"p_size": "P_SIZE", "e_uni": "E_UNI"}
 
@@ -30,6 +46,19 @@ def paint(found: "Sequence[Tested]", folder: Path) -> None:
     (folder / "acceptance-truth.png").write_bytes(truth)
     decisions = picture(165.0, 82.0, lambda figure: _decisions(found, figure))
     (folder / "acceptance-decisions.png").write_bytes(decisions)
+    _, height_mm, painted = list(paintings(example()))[1]
+    (folder / "acceptance-example.png").write_bytes(picture(165.0, height_mm, painted))
+
+
+def example() -> dict[str, Any]:
+    """The certificate of the worked example."""
+    with tempfile.TemporaryDirectory() as name:
+        folder, arm = Path(name), read_arm(acceptance.ARM)
+        poses = acceptance_poses(arm, acceptance.STANDARD, seed=1)
+        write_campaign(folder, drawn_acceptance(poses, seed=1), arm)
+        limits = Limits.model_validate({"schema": SCHEMA, "mpe": EXAMPLE_MPE})
+        found = verified(read_measured(folder, arm), acceptance.STANDARD, limits)
+        return sealed(found, arm, limits, {}).values
 
 
 def _truth(found: "Sequence[Tested]", figure: Figure) -> None:
