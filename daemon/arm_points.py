@@ -26,6 +26,7 @@ from protocol.messages.point import Trigger
 log = logging.getLogger(__name__)
 
 Answer = asyncio.Future[Point]
+REPORT_IT = "report it with the daemon's log"
 
 
 class ArmPoints:
@@ -178,11 +179,9 @@ class ArmPoints:
                 outcome = self._outcome(request, is_last_chance)
             except CaptureRefusedError as error:
                 outcome = error
-            except Exception as error:
-                # What comes after it must not wait for ever.
+            except Exception as error:  # what comes after it must not wait for ever
                 log.exception("fault while a point was taken")
-                text, remedy = repr(error), "report it with the daemon's log"
-                outcome = CaptureRefusedError(text, remedy)
+                outcome = CaptureRefusedError(repr(error), REPORT_IT)
             if outcome is None:
                 return False
         self._making.forget(request)
@@ -205,8 +204,8 @@ class ArmPoints:
     def _note(self, request: Request, point: Point) -> None:
         if point.retracts is None:
             now_ns = self._stage.clock.running.monotonic_ns()
-            taken_ns = now_ns - request.received_ns
-            self._health.latencies["capture_to_publish"].add(taken_ns)
+            taken = self._health.latencies["capture_to_publish"]
+            taken.add(now_ns - request.received_ns)
         elif request.device is not None:
             self.events.undone(point)
 

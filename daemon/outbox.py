@@ -7,9 +7,8 @@ has it. What the broker does not have is sent after a start, first and in order.
 
 import asyncio
 import contextlib
-import logging
 from collections import deque
-from collections.abc import AsyncIterator, Callable, Iterator, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping
 from pathlib import Path
 
 from daemon.clock import HostClock
@@ -17,21 +16,19 @@ from daemon.commands import Result
 from daemon.events import EventLog
 from daemon.latencies import Latencies
 from daemon.outbox_feed import OutboxFeed, Told, Work
+from daemon.outbox_folder import alone_in
 from daemon.outbox_keeping import InFlight, Keeping
 from daemon.outbox_marks import OutboxMarks, Range
 from daemon.outbox_resend import OutboxResend
 from daemon.outbox_section import OutboxSection
 from daemon.outbox_thread import Ask, Condition, Keep, OutboxThread, Rules
-from daemon.outbox_values import Entry, Held, OutboxRefusedError, Trouble
+from daemon.outbox_values import Entry, Held, Trouble
 from daemon.outgoing import OutgoingQueue
 from daemon.sessions import Session
-from daemon.state_folder import OWNER_ONLY, only_user_of
 from drivers.pulse import Pulse
 from protocol.encoding import Encoding, encode
 from protocol.messages import OutboxHealth, Point, ResendArgs
 from protocol.topics import point_topic
-
-log = logging.getLogger("daemon.outbox")
 
 
 class Outbox:
@@ -50,7 +47,6 @@ class Outbox:
         latencies: where it is told how long points took to the disk, and from there to
             the broker.
         changed: called when points can be kept again, or cannot any more.
-        failing: called with how many points are about to lose their numbers.
     """
 
     def __init__(
@@ -67,7 +63,6 @@ class Outbox:
         events: EventLog,
         latencies: Mapping[str, Latencies],
         changed: Callable[[], None] = lambda: None,
-        failing: Callable[[int], object] = lambda n: None,
     ) -> None:
         self._path = path
         self._topic = point_topic(arm)
@@ -80,7 +75,6 @@ class Outbox:
         self._events = events
         self._latencies = latencies
         self._status_changed = changed
-        self._failing = failing
         self._condition = Condition()
         self._is_open = False
         self._generation = 0
@@ -114,7 +108,7 @@ class Outbox:
         Raises:
             OutboxRefusedError: the database must be left alone.
         """
-        with _alone_in(self._path.parent):
+        with alone_in(self._path.parent):
             await self._thread.start()
             self._is_open = True
             self._queue.left = self._refill
@@ -200,7 +194,6 @@ class Outbox:
     def _failed(self, generation: int, trouble: Trouble) -> None:
         self._generation = generation + 1
         self._entries.clear()
-        self._failing(len(self._in_flight))
         self._in_flight.fail(trouble)
         self._emptied.set()
 
@@ -239,30 +232,6 @@ class Outbox:
     def _refill(self) -> None:
         self._feed.refill()
         self._resend.refill()
-
-
-@contextlib.contextmanager
-def _alone_in(folder: Path) -> Iterator[None]:
-    """Use a state folder as the only daemon.
-
-    Raises:
-        OutboxRefusedError: another one does, or it cannot be had.
-    """
-    with contextlib.ExitStack() as stack:
-        try:
-            folder.mkdir(mode=OWNER_ONLY, parents=True, exist_ok=True)
-            stack.enter_context(only_user_of(folder))
-        except BlockingIOError as error:
-            raise OutboxRefusedError(
-                f"{folder}: another daemon uses this state folder; end it, or give "
-                "this one a configuration in another folder"
-            ) from error
-        except OSError as error:
-            raise OutboxRefusedError(
-                f"{folder}: the state folder cannot be used: {error.strerror}; make it "
-                "writable for the daemon's user, or set STATE_DIRECTORY to another"
-            ) from error
-        yield
 
 
 def _held(number: int, entry: Entry) -> Held:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 
 from daemon.clock import HostClock
 from daemon.latencies import Latencies
+from daemon.outbox_reading import unsent_of
 from daemon.outbox_store import OutboxStore
 from daemon.outbox_values import Held
 from daemon.outgoing import Outgoing, OutgoingQueue
@@ -74,7 +75,9 @@ class OutboxFeed:
             return
         self._is_reading = True
         after = self._last_number
-        self._ask(lambda store: store.unsent(after, TOGETHER), self._read)
+        self._ask(
+            lambda store: unsent_of(store.connection, after, TOGETHER), self._read
+        )
 
     def _read(self, found: object) -> None:
         self._is_reading = False

@@ -11,7 +11,7 @@ from typing import Any
 from urllib.parse import quote
 
 from daemon.outbox_schema import check_version
-from daemon.outbox_values import Held, HeldSession, OutboxRefusedError
+from daemon.outbox_values import Extent, Held, HeldSession, OutboxRefusedError
 
 COLUMNS = "number, session, seq, id, time_ns, topic, encoding, payload, sent"
 PIECE = 500
@@ -73,6 +73,30 @@ def sessions_of(connection: sqlite3.Connection, at_most: int) -> list[HeldSessio
         )
         for session, begun_ns, note, first, last, points in rows
     ]
+
+
+def unsent_of(connection: sqlite3.Connection, after: int, at_most: int) -> list[Held]:
+    """What the broker does not have, in order, behind a number."""
+    rows = connection.execute(
+        f"SELECT {COLUMNS} FROM messages INDEXED BY unsent "
+        "WHERE sent = 0 AND number > ? ORDER BY number LIMIT ?",
+        (after, at_most),
+    )
+    return [held(row) for row in rows]
+
+
+def extent_of(
+    connection: sqlite3.Connection, session: str, from_seq: int, to_seq: int
+) -> Extent:
+    """What there is of a session, and of a range of its numbers."""
+    first, last = connection.execute(
+        "SELECT min(seq), max(seq) FROM messages WHERE session = ?", (session,)
+    ).fetchone()
+    (points,) = connection.execute(
+        "SELECT count(*) FROM messages WHERE session = ? AND seq BETWEEN ? AND ?",
+        (session, from_seq, to_seq),
+    ).fetchone()
+    return Extent(points, first, last)
 
 
 def messages_of(

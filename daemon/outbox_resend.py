@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from daemon.commands import CommandError, Result
 from daemon.outbox_feed import Told, Work, outgoing
-from daemon.outbox_reading import messages_of, sessions_of
+from daemon.outbox_reading import extent_of, messages_of, sessions_of
 from daemon.outbox_store import OutboxStore
 from daemon.outbox_values import Extent
 from daemon.outgoing import OutgoingQueue
@@ -68,7 +68,7 @@ class OutboxResend:
             )
         to_seq = LAST if args.to_seq is None else args.to_seq
         extent: Extent = await self._asked(
-            lambda store: store.extent(session, args.from_seq, to_seq)
+            lambda store: extent_of(store.connection, session, args.from_seq, to_seq)
         )
         if extent.points and extent.last_seq is not None:
             # Not what comes later: that is sent anyway.

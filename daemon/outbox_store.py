@@ -12,9 +12,8 @@ import sqlite3
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from daemon.outbox_reading import COLUMNS, held
 from daemon.outbox_schema import check_version, make_tables
-from daemon.outbox_values import Entry, Extent, Figures, Held
+from daemon.outbox_values import Entry, Figures
 
 BUSY_S = 1.0
 CHECKED_BYTES = 64 << 20  # a larger file takes too long to be checked at each start
@@ -190,27 +189,6 @@ class OutboxStore:
             execute(filler, (0,))
 
     # -- reading --------------------------------------------------------------
-
-    def unsent(self, after: int, at_most: int) -> list[Held]:
-        """What the broker does not have, in order, behind a number."""
-        rows = self._connection.execute(
-            f"SELECT {COLUMNS} FROM messages INDEXED BY unsent "
-            "WHERE sent = 0 AND number > ? ORDER BY number LIMIT ?",
-            (after, at_most),
-        )
-        return [held(row) for row in rows]
-
-    def extent(self, session: str, from_seq: int, to_seq: int) -> Extent:
-        """What there is of a session, and of a range of its numbers."""
-        execute = self._connection.execute
-        first, last = execute(
-            "SELECT min(seq), max(seq) FROM messages WHERE session = ?", (session,)
-        ).fetchone()
-        (points,) = execute(
-            "SELECT count(*) FROM messages WHERE session = ? AND seq BETWEEN ? AND ?",
-            (session, from_seq, to_seq),
-        ).fetchone()
-        return Extent(points, first, last)
 
     @property
     def connection(self) -> sqlite3.Connection:

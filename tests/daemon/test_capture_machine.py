@@ -33,6 +33,7 @@ from daemon.health import HealthReport
 from daemon.live import LiveView
 from daemon.measuring import Measuring
 from daemon.outbox_keeping import InFlight, Keeping
+from daemon.outbox_reading import unsent_of
 from daemon.outbox_store import OutboxStore
 from daemon.outbox_values import Entry, Trouble
 from daemon.pipeline import Pipeline
@@ -309,7 +310,9 @@ class CaptureMachine(RuleBasedStateMachine):
             Path(f"{copy}{end}").write_bytes(content)
         Path(f"{copy}-shm").unlink(missing_ok=True)
         store = OutboxStore(copy)
-        found = [(m.session, m.seq, m.id) for m in store.unsent(0, 10_000)]
+        found = [
+            (m.session, m.seq, m.id) for m in unsent_of(store.connection, 0, 10_000)
+        ]
         store.close()
         assert found == [(p.session, p.seq, p.id) for p in self.published]
 

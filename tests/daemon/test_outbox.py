@@ -38,7 +38,6 @@ class Bench:
         self.occurrences = []
         self.clock = SetClock()
         self.session = Session(1, "note")
-        self.failing = []
         self.statuses = []
         self.health = HealthReport(self.clock)
         self.outbox = Outbox(
@@ -53,7 +52,6 @@ class Bench:
             events=EventLog(self.clock, self.occurrences.append),
             latencies=self.health.latencies,
             changed=lambda: self.statuses.append(self.outbox.is_ready),
-            failing=self.failing.append,
         )
 
     def take(self):
@@ -198,7 +196,6 @@ async def test_a_commit_that_fails_gives_the_numbers_back(bench):
         execute(bench.path, FULL.format(table))
     keepings = await bench.take_all(3)
     assert all("database or disk is full" in k.trouble.text for k in keepings)
-    assert bench.failing == [3]
     assert bench.session.next_seq == 2
     await until(lambda: bench.codes(True), "it is told")
     assert bench.codes(True) == ["outbox.failed"]

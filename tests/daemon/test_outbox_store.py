@@ -10,9 +10,11 @@ from hypothesis import strategies as st
 
 from daemon.outbox_reading import (
     all_messages_of,
+    extent_of,
     messages_of,
     open_to_read,
     sessions_of,
+    unsent_of,
 )
 from daemon.outbox_store import OutboxStore
 from daemon.outbox_trouble import set_aside, trouble_of
@@ -41,7 +43,7 @@ def forget(store, *, before_ns=0, keep_bytes=10**12, running="", at_most=1000):
 def test_what_was_added_is_there_as_it_was_in_order(store, path):
     assert store.add(entries("a", 2)) == [1, 2]
     assert store.add([entry("b", 0, encoding="json")]) == [3]
-    found = store.unsent(0, 10)
+    found = unsent_of(store.connection, 0, 10)
     assert [(m.number, m.session, m.seq, m.id) for m in found] == [
         (1, "a", 0, "a-0"),
         (2, "a", 1, "a-1"),
@@ -51,7 +53,7 @@ def test_what_was_added_is_there_as_it_was_in_order(store, path):
     assert (found[2].encoding, found[2].topic) == ("json", "traverse/arm/point")
     assert found[0].time_ns == NOW_NS
     assert rows(path) == [("a", 0, 0), ("a", 1, 0), ("b", 0, 0)]
-    assert store.unsent(1, 1) == found[1:2]
+    assert unsent_of(store.connection, 1, 1) == found[1:2]
 
 
 def test_every_commit_of_points_is_synced_and_marks_are_not(store):
@@ -76,7 +78,7 @@ def test_marked_ones_are_not_unsent_any_more(store):
     store.add(entries("a", 6))
     store.mark_sent([(1, 2), (4, 4), (90, 99)])
     store.mark_sent([(1, 2)])
-    assert [m.number for m in store.unsent(0, 10)] == [3, 5, 6]
+    assert [m.number for m in unsent_of(store.connection, 0, 10)] == [3, 5, 6]
     figures = store.figures()
     assert (figures.points, figures.unsent) == (6, 3)
     assert figures.oldest_unsent_ns == NOW_NS
@@ -103,10 +105,10 @@ def test_a_new_one_numbers_after_the_one_that_it_replaces(path):
 
 def test_extents_and_ranges_have_their_ends(store):
     store.add(entries("a", 10, first=5))
-    assert store.extent("a", 7, 9) == Extent(3, 5, 14)
-    assert store.extent("a", 0, 2**53 - 1) == Extent(10, 5, 14)
-    assert store.extent("a", 15, 20) == Extent(0, 5, 14)
-    assert store.extent("nobody", 0, 9) == Extent(0, None, None)
+    assert extent_of(store.connection, "a", 7, 9) == Extent(3, 5, 14)
+    assert extent_of(store.connection, "a", 0, 2**53 - 1) == Extent(10, 5, 14)
+    assert extent_of(store.connection, "a", 15, 20) == Extent(0, 5, 14)
+    assert extent_of(store.connection, "nobody", 0, 9) == Extent(0, None, None)
     found = messages_of(store.connection, "a", 6, 12, 4)
     assert [m.seq for m in found] == [6, 7, 8, 9]
 
@@ -286,7 +288,7 @@ def test_a_killed_process_leaves_all_that_was_committed_and_nothing_else(path):
     )
     assert (done.returncode, done.stdout) == (-9, "40\n")
     store = OutboxStore(path)
-    assert [m.seq for m in store.unsent(0, 99)] == [*range(36, 40)]
+    assert [m.seq for m in unsent_of(store.connection, 0, 99)] == [*range(36, 40)]
     assert store.figures().points == 40
     store.close()
 
@@ -309,7 +311,7 @@ def test_a_log_that_is_cut_anywhere_leaves_whole_groups_in_order(tmp_path_factor
         again = OutboxStore(torn)
     except sqlite3.DatabaseError:
         return  # before its tables were there
-    seqs = [m.seq for m in again.unsent(0, 99)]
+    seqs = [m.seq for m in unsent_of(again.connection, 0, 99)]
     again.close()
     assert seqs == [*range(len(seqs))]
     assert len(seqs) % 4 == 0
