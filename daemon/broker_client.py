@@ -6,6 +6,7 @@ aiomqtt 2.5 takes every PUBACK for a yes; with MQTT 5 its reason code may say no
 example where an access list forbids the topic. Brokers of MQTT 3.1.1 cannot say no.
 """
 
+import asyncio
 import logging
 import threading
 from collections.abc import Callable
@@ -52,6 +53,8 @@ class BrokerClient(aiomqtt.Client):
     Attributes:
         acknowledged: called with the number of each message that the broker has
             answered, and with its reason where it was refused.
+        received: called with each message that comes in; aiomqtt's own queue takes a
+            task for each, and loses what it has no room for.
         writable: called when a socket that took no more takes bytes again.
         most_on_the_way: so many messages may wait for their answers.
         most_payload_bytes: a longer payload is cut to this, so that it costs no memory
@@ -59,6 +62,7 @@ class BrokerClient(aiomqtt.Client):
     """
 
     acknowledged: Callable[[int, str | None], None] | None = None
+    received: Callable[[MQTTMessage], None] | None = None
     writable: Callable[[], None] | None = None
     most_on_the_way = MOST_ON_THE_WAY
     most_payload_bytes: int | None = None
@@ -77,6 +81,16 @@ class BrokerClient(aiomqtt.Client):
             return await super().__aenter__()
         except aiomqtt.MqttError as error:
             raise error from self._faults.last
+
+    async def ended(self) -> None:
+        """Wait until the connection is gone.
+
+        Raises:
+            aiomqtt.MqttError: always; why it went.
+        """
+        await asyncio.wait({self._disconnected})
+        error = self._disconnected.exception()
+        raise aiomqtt.MqttError("the connection was lost") from error
 
     @property
     def is_congested(self) -> bool:
@@ -169,9 +183,10 @@ class BrokerClient(aiomqtt.Client):
         userdata: Any,  # noqa: ANN401
         message: MQTTMessage,
     ) -> None:
-        if self.most_payload_bytes is not None:
+        if self.received is not None:
             message.payload = message.payload[: self.most_payload_bytes]
-        super()._on_message(client, userdata, message)
+            # Not within paho's callback, see `_on_publish`.
+            self._loop.call_soon(self.received, message)
 
     def _on_publish(
         self,

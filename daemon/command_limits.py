@@ -27,12 +27,12 @@ OF_KIND: Final[Mapping[str, Limit]] = {
     "reload": Limit(1.0, 5),
 }
 LOG_LINES: Final = Limit(5.0, 20)
-FLOOD: Final = 500
+FLOOD: Final = 200
 """Commands dropped in one second, after which the broker is to keep them."""
 PAUSE_S: Final = 2.0
 """For so long."""
-CALM_S: Final = 3.0
-"""Without a dropped command: then the flood is over."""
+CALM_S: Final = 5.0
+"""Without a dropped command: then the flood is over. Longer than a pause."""
 
 
 class Bucket:

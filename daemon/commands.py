@@ -14,8 +14,8 @@ from daemon.clock import HostClock
 from daemon.command_answers import Answers
 from daemon.command_limits import PAUSE_S, CommandLimits
 from daemon.events import EventLog
+from daemon.hearing import Incoming
 from daemon.outgoing import Outgoing
-from daemon.publisher import Incoming
 from protocol.encoding import Encoding, decode, encode, parse_args
 from protocol.message_error import MessageError
 from protocol.messages import COMMANDS, Command, Reply, ReplyError

@@ -12,7 +12,6 @@ import os
 import random
 import socket
 from collections.abc import AsyncIterator, Callable
-from dataclasses import dataclass
 from typing import Literal
 
 import aiomqtt
@@ -22,6 +21,7 @@ from paho.mqtt.reasoncodes import ReasonCode
 from daemon.broker_access import Access, AccessError, BrokerAddress, read_access
 from daemon.broker_client import BrokerClient
 from daemon.broker_reasons import reason_of
+from daemon.hearing import Hearing, Incoming
 from daemon.mqtt_properties import connect_properties, publish_properties
 from daemon.outgoing import Outgoing, OutgoingQueue
 from daemon.sending import Sending
@@ -31,23 +31,11 @@ log = logging.getLogger(__name__)
 
 FIRST_RETRY_S = 0.2
 LAST_RETRY_S = 5.0
-MAX_INCOMING = 100
 MAX_PACKET_BYTES = 65_536  # told to a broker of MQTT 5: more it must not send
 UNSUPPORTED_VERSION = (132, 1)  # reason code of MQTT 5, return code of MQTT 3.1.1
 
 
 FAILURES = (aiomqtt.MqttError, OSError, AccessError)
-
-
-@dataclass(frozen=True, slots=True)
-class Incoming:
-    """A command as it came: topic, payload, and where its answer goes."""
-
-    topic: str
-    payload: bytes
-    retained: bool
-    response_topic: str | None
-    correlation: bytes | None
 
 
 class Publisher:
@@ -60,8 +48,7 @@ class Publisher:
         encoding: of the payloads, told as MQTT 5 content type.
         queue: what is to be sent.
         subscription: topic filter of the commands.
-        receive: called with each command; gives the time for which the broker is to
-            keep further ones, mostly none [s].
+        receive: called with each command; see `Hearing`.
         changed: called when the connection is up (True) or lost (False, reason).
     """
 
@@ -83,8 +70,7 @@ class Publisher:
         self._encoding = encoding
         self._usual_properties = publish_properties(encoding)
         self._queue = queue
-        self._subscription = subscription
-        self._receive = receive
+        self._hearing = Hearing(subscription, receive)
         self._changed = changed
         self._version = aiomqtt.ProtocolVersion.V5
         self._access: Access | None = None
@@ -120,11 +106,11 @@ class Publisher:
                 async with self._connection(will=True) as client:
                     self.reconnects += connected_before
                     connected_before, retry_s, told = True, FIRST_RETRY_S, ""
-                    await client.subscribe(self._subscription, qos=1)
+                    await self._hearing.begin(client)
                     self.state = "connected"
                     self._changed(True, f"broker {self.address} connected")
                     await self._serve(client)
-                    continue  # at once: with new certificates
+                    continue  # at once: with new certificates, or deaf to a flood
             except FAILURES as error:
                 reason = reason_of(error, self.address)
                 if self.state == "connected" or reason != told:
@@ -144,7 +130,8 @@ class Publisher:
         )
         tasks: tuple[asyncio.Task[None], ...] = (
             asyncio.create_task(sending.run()),
-            asyncio.create_task(self._take(client)),
+            asyncio.create_task(client.ended()),
+            asyncio.create_task(self._hearing.run(client)),
             asyncio.create_task(self._see_changed_files()),
         )
         try:
@@ -156,27 +143,6 @@ class Publisher:
         for result in results:
             if isinstance(result, Exception):
                 raise result
-
-    async def _take(self, client: aiomqtt.Client) -> None:
-        async for message in client.messages:
-            properties = message.properties
-            payload = message.payload if isinstance(message.payload, bytes) else b""
-            pause_s = self._receive(
-                Incoming(
-                    str(message.topic),
-                    payload,
-                    message.retain,
-                    getattr(properties, "ResponseTopic", None),
-                    getattr(properties, "CorrelationData", None),
-                )
-            )
-            if pause_s:
-                # A flood that is not sent to us cannot keep us from measuring.
-                await client.unsubscribe(self._subscription)
-                await asyncio.sleep(pause_s)
-                while len(client.messages):
-                    await anext(client.messages)
-                await client.subscribe(self._subscription, qos=1)
 
     async def _see_changed_files(self) -> None:
         """Wait until the files that open the broker are others than at connecting."""
@@ -242,7 +208,6 @@ class Publisher:
             if will
             else None,
             timeout=5,
-            max_queued_incoming_messages=MAX_INCOMING,
             socket_options=[(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)],
         )
         client.pending_calls_threshold = 1000

@@ -8,7 +8,7 @@ from daemon.clock import HostClock
 from daemon.command_answers import MAX_REMEMBERED, MAX_REMEMBERED_BYTES
 from daemon.commands import MAX_RUNNING, CommandDesk, CommandError
 from daemon.events import EventLog
-from daemon.publisher import Incoming
+from daemon.hearing import Incoming
 from protocol.encoding import decode
 from protocol.messages import PointArgs, Reply
 from tests.drivers.taken import until

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from daemon.commands import MAX_COMMAND_BYTES, CommandDesk
 from daemon.events import EventLog
-from daemon.publisher import Incoming
+from daemon.hearing import Incoming
 from protocol.encoding import MAX_BYTES, MessageError, decode
 from protocol.messages import COMMANDS, Command, Reply
 from tests.daemon.test_commands import SteppedClock

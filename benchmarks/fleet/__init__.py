@@ -1,0 +1,1 @@
+"""Many arms into one broker, read by a group of consumers."""

@@ -1,0 +1,194 @@
+"""What the consumers had, held against what was sent, and what it cost."""
+
+import json
+import signal
+import subprocess
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks import rig
+
+Process = subprocess.Popen[bytes]
+
+
+@dataclass
+class Group:
+    """The consumers of one group and the files that they leave."""
+
+    processes: list[Process]
+    files: list[Path]
+
+    def end(self) -> None:
+        """Have them write down what they had."""
+        for process in self.processes:
+            process.send_signal(signal.SIGTERM)
+        for process in self.processes:
+            process.wait(60)
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """CPU time so far, in seconds."""
+
+    broker_s: float
+    consumers_s: float
+
+    @classmethod
+    def of(cls, broker: Process, consumers: Sequence[Process]) -> "Cost":
+        """Now."""
+        return cls(rig.cpu_s(broker), sum(rig.cpu_s(one) for one in consumers))
+
+
+@dataclass(frozen=True, slots=True)
+class Shares:
+    """Shares of one core, over a time."""
+
+    broker: float
+    consumers: float
+
+
+def cost_of(
+    before: Cost, broker: Process, consumers: Sequence[Process], taken_s: float
+) -> Shares:
+    """The shares since ``before``."""
+    now = Cost.of(broker, consumers)
+    return Shares(
+        (now.broker_s - before.broker_s) / taken_s,
+        (now.consumers_s - before.consumers_s) / taken_s,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Sent:
+    """How many numbers each arm has sent of each kind.
+
+    Attributes:
+        expected: by arm and kind; empty: gaps alone tell of losses.
+        latest_s: how late the publisher itself was at most.
+    """
+
+    expected: dict[tuple[str, str], int]
+    latest_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What ran."""
+
+    what: str
+    arms: int
+    rate_hz: float
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Fleet:
+    """One run in figures.
+
+    Attributes:
+        arms: how many.
+        numbers: points, and points of scans, that arrived.
+        missing, doubled: of those.
+        per_consumer: messages that each consumer had.
+        broker_share, consumers_share, daemon_share: of one core; a daemon's is the
+            mean of one.
+        broker_mb: what the broker's memory grew by.
+        daemon_mb, daemon_own_mb: resident of one daemon, and without shared pages.
+    """
+
+    what: str
+    arms: int
+    rate_hz: float
+    seconds: float
+    messages: int
+    numbers: int
+    megabytes: float
+    missing: int
+    doubled: int
+    per_consumer: list[int]
+    broker_share: float
+    consumers_share: float
+    broker_mb: float
+    publisher_latest_s: float = 0.0
+    daemon_share: float = 0.0
+    daemon_mb: float = 0.0
+    daemon_own_mb: float = 0.0
+    boards_share: float = 0.0
+    line_lost: int = 0
+    start_s: float = 0.0
+
+    def lines(self) -> str:
+        """It for people."""
+        text = (
+            f"{self.arms} {self.what} at {self.rate_hz:g} Hz for {self.seconds:g} s: "
+            f"{self.messages} messages, {self.numbers} points, "
+            f"{self.megabytes:.1f} MB; "
+            f"{self.missing} missing, {self.doubled} doubled; "
+            f"consumers {self.per_consumer}\n"
+            f"  mosquitto {self.broker_share:.1%} of a core "
+            f"({self.broker_share / self.arms:.2%} an arm), {self.broker_mb:+.1f} MB; "
+            f"three consumers {self.consumers_share:.1%}"
+        )
+        if self.daemon_share:
+            text += (
+                f"\n  a daemon {self.daemon_share:.1%} of a core, {self.daemon_mb:.0f} "
+                f"MB resident ({self.daemon_own_mb:.0f} MB its own); boards "
+                f"{self.boards_share:.1%}; {self.line_lost} lost or dropped before the "
+                f"broker; started in {self.start_s:.0f} s"
+            )
+        if self.publisher_latest_s:
+            text += f"\n  publisher late by {self.publisher_latest_s * 1e3:.0f} ms most"
+        return text
+
+
+def tally(
+    run: Run, sent: Sent, consumers: Group, *, shares: Shares, broker_mb: float
+) -> Fleet:
+    """The figures that the broker and the consumers tell."""
+    had: dict[tuple[str, str, str], list[tuple[int, int]]] = defaultdict(list)
+    per_consumer, n_bytes, line_lost = [], 0, 0
+    for file in consumers.files:
+        told = json.loads(file.read_text("utf-8"))
+        per_consumer.append(len(told["had"]))
+        n_bytes += told["bytes"]
+        for arm, kind, series, first, n in told["had"]:
+            had[arm, kind, series].append((first, n))
+        line_lost += sum(sum(counts) for counts in told["told"].values())
+    missing = doubled = numbers = 0
+    seen: dict[tuple[str, str], int] = defaultdict(int)
+    for (arm, kind, _), blocks in had.items():
+        reached, gaps, again = gaps_of(blocks)
+        missing, doubled = missing + gaps, doubled + again
+        seen[arm, kind] += reached
+        numbers += sum(n for _, n in blocks)
+    for key, expected in sent.expected.items():
+        missing += max(0, expected - seen[key])
+    return Fleet(
+        run.what,
+        run.arms,
+        run.rate_hz,
+        run.seconds,
+        sum(per_consumer),
+        numbers,
+        n_bytes / 1e6,
+        missing,
+        doubled,
+        per_consumer,
+        shares.broker,
+        shares.consumers,
+        broker_mb,
+        sent.latest_s,
+        line_lost=line_lost,
+    )
+
+
+def gaps_of(blocks: list[tuple[int, int]]) -> tuple[int, int, int]:
+    """Of blocks (first number, how many): reached number, missing, doubled."""
+    reached = missing = doubled = 0
+    for first, n in sorted(blocks):
+        missing += max(0, first - reached)
+        doubled += max(0, min(reached, first + n) - first)
+        reached = max(reached, first + n)
+    return reached, missing, doubled

@@ -1,0 +1,75 @@
+"""`make audit`: known advisories of what requirements.lock names, by pip-audit.
+
+Where its data cannot be reached it says so, and exits with 3: silence is no all-clear.
+Then the review that docs/security.md records is what there is. Standard library only.
+"""
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+CHECKOUT = Path(__file__).parent.parent
+LOCK = CHECKOUT / "requirements.lock"
+TOOL = "pip-audit==2.10.1"
+PATIENCE_S = 300
+SOURCES = ("pypi", "osv")
+
+
+def report(source: str) -> list[dict[str, object]] | None:
+    """What pip-audit says of each dependency; None: it could not be run."""
+    uv = shutil.which("uv", path=str(Path(sys.executable).parent)) or "uv"
+    command = [
+        *(uv, "tool", "run", TOOL, "--requirement", str(LOCK), "--no-deps"),
+        *("--disable-pip", "--progress-spinner", "off", "--timeout", "15"),
+        *("--vulnerability-service", source, "--format", "json"),
+    ]
+    try:
+        done = subprocess.run(
+            command, check=False, capture_output=True, timeout=PATIENCE_S
+        )
+        found = json.loads(done.stdout)["dependencies"]
+    except (OSError, ValueError, KeyError, subprocess.TimeoutExpired):
+        return None
+    return list(found)
+
+
+def lines_of(dependencies: list[dict[str, object]]) -> list[str]:
+    """One line an advisory."""
+    lines = []
+    for one in dependencies:
+        advisories = one.get("vulns", [])
+        assert isinstance(advisories, list)  # noqa: S101 - what pip-audit promises
+        for advisory in advisories:
+            better = ", ".join(advisory["fix_versions"]) or "nothing yet"
+            names = ", ".join((advisory["id"], *advisory.get("aliases", ())))
+            lines.append(f"{one['name']} {one['version']}: {names}; mended in {better}")
+    return lines
+
+
+def main() -> int:
+    """Print what is known; 0: nothing bad, 1: advisories, 3: nobody could be asked."""
+    for source in SOURCES:
+        dependencies = report(source)
+        if dependencies is None:
+            continue
+        skipped = [str(one["name"]) for one in dependencies if "skip_reason" in one]
+        lines = lines_of(dependencies)
+        if len(skipped) == len(dependencies):
+            continue
+        sys.stdout.write("\n".join(lines) + "\n" if lines else "")
+        asked = len(dependencies) - len(skipped)
+        sys.stdout.write(f"{asked} asked about at {source}, {len(lines)} advisories\n")
+        if skipped:
+            sys.stdout.write(f"not to be found there: {', '.join(skipped)}\n")
+        return 1 if lines else 3 if skipped else 0
+    sys.stdout.write(
+        f"nobody could be asked ({', '.join(SOURCES)} not reached from here); "
+        "the last review by hand is in docs/security.md\n"
+    )
+    return 3
+
+
+if __name__ == "__main__":
+    sys.exit(main())
