@@ -9,7 +9,7 @@ FIGURES := build/figures
 # What the kernel in C is built from.
 KERNEL := setup.py $(foreach kind,pyx pxd pxi c h inc,$(wildcard kinematics/kernel/*.$(kind)))
 
-.PHONY: help venv system node demo test lint format schemas lock bench bench-capture bench-drivers bench-identification prove prove-acceptance blind blind-full fuzz soak test-vm install deb clean bench-kernel
+.PHONY: help venv system node demo test lint format schemas lock bench bench-capture bench-drivers bench-identification prove prove-acceptance blind blind-full fuzz soak test-vm install deb clean bench-kernel audit bench-fleet
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -96,6 +96,13 @@ blind: venv  ## 200 hidden effects and what the diagnosis says of them; takes mi
 
 blind-full: venv  ## thousands of them, goes on from its file; takes an hour or two
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.blind --full --out build/blind-full.jsonl
+
+bench-fleet: venv system  ## 50 arms at one broker read by a group, daemons beside each other, a hostile client; takes minutes
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.fleet --daemons 1,4,8,12 --out $(FIGURES)/fleet.json
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.hostile
+
+audit: venv  ## known advisories of the dependencies, where their data can be reached
+	$(BIN)/python deploy/audit.py
 
 fuzz: venv  ## every decoder under atheris; takes about a minute
 	$(BIN)/python -m tests.fuzz --seconds 60
