@@ -48,13 +48,30 @@ class Controls:
                         ui.label(f"key {shown}").classes("key")
                 self._buttons[soft.key] = button
                 button.traverse_label = label  # type: ignore[attr-defined]  # kept with it
-        ui.keyboard(self._pressed, repeating=False)
+        # Space on a button presses that button; letters mean the same everywhere.
+        ui.keyboard(self._space, repeating=False)
+        ui.keyboard(
+            self._letter, repeating=False, ignore=["input", "select", "textarea"]
+        )
+        # A button clicked by hand would else keep the focus, and Space its meaning.
+        ui.add_body_html(
+            "<script>addEventListener('pointerup', () => setTimeout(() =>"
+            " document.activeElement?.closest('button')?.blur()))</script>"
+        )
 
     def name(self, key: str, name: str, *, is_on: bool) -> None:
         """Say anew what a button does, and whether that goes on now."""
         button = self._buttons[key]
         button.traverse_label.set_text(name)  # type: ignore[attr-defined]  # as above
         button.classes(add="on" if is_on else "", remove="" if is_on else "on")
+
+    async def _space(self, event: KeyEventArguments) -> None:
+        if str(event.key) == " ":
+            await self._pressed(event)
+
+    async def _letter(self, event: KeyEventArguments) -> None:
+        if str(event.key) != " ":
+            await self._pressed(event)
 
     async def _pressed(self, event: KeyEventArguments) -> None:
         modifiers = event.modifiers
