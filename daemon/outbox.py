@@ -17,11 +17,12 @@ from daemon.events import EventLog
 from daemon.latencies import Latencies
 from daemon.outbox_feed import OutboxFeed, Told, Work
 from daemon.outbox_folder import alone_in
+from daemon.outbox_jobs import Ask, Condition, Keep, Rules
 from daemon.outbox_keeping import InFlight, Keeping
 from daemon.outbox_marks import OutboxMarks, Range
 from daemon.outbox_resend import OutboxResend
 from daemon.outbox_section import OutboxSection
-from daemon.outbox_thread import Ask, Condition, Keep, OutboxThread, Rules
+from daemon.outbox_thread import OutboxThread
 from daemon.outbox_values import Entry, Held, Trouble
 from daemon.outgoing import OutgoingQueue
 from daemon.sessions import Session

@@ -131,9 +131,9 @@ class OutboxStore:
     ) -> int:
         """Remove the oldest messages that are too old, or too many; gives how many.
 
-        Never what the broker does not have yet. What is too old goes in the order in
-        which it came, up to the first that is not, and never of the running session:
-        the clock may have been wrong.
+        Never what the broker does not have yet, nor what came after that. What is too
+        old goes in the order in which it came, up to the first that is not, and never
+        of the running session: the clock may have been wrong.
 
         Args:
             before_ns: what is older goes [UTC].
@@ -143,9 +143,10 @@ class OutboxStore:
         """
         used_bytes = self._pages_bytes(free=False)
         oldest = self._connection.execute(
-            "SELECT number, session, time_ns FROM messages WHERE sent = 1 "
-            "ORDER BY number LIMIT ?",
-            (at_most,),
+            "SELECT number, session, time_ns FROM messages WHERE number < coalesce("
+            "(SELECT number FROM messages INDEXED BY unsent WHERE sent = 0 "
+            "ORDER BY number LIMIT 1), ?) ORDER BY number LIMIT ?",
+            (self.last_number + 1, at_most),
         ).fetchall()
         if used_bytes <= keep_bytes:
             for place, (_, session, time_ns) in enumerate(oldest):

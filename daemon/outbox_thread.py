@@ -12,61 +12,25 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from daemon.clock import HostClock
+from daemon.outbox_jobs import Ask, Condition, Job, Keep, Rules
 from daemon.outbox_keeper import OutboxKeeper
-from daemon.outbox_section import OutboxSection
 from daemon.outbox_store import DAY_NS, OutboxStore
-from daemon.outbox_values import Entry, Figures, OutboxRefusedError, Trouble
+from daemon.outbox_values import Entry, OutboxRefusedError, Trouble
 from drivers.pulse import Pulse
 
 log = logging.getLogger("daemon.outbox")
 
 LOOK_S = 1.0
+FIGURES_S = 0.2
 MOST_TOGETHER = 500
 FORGOTTEN_TOGETHER = 200
 TURN_S = 30.0  # that a slow disk may take
 
 T = TypeVar("T")
-
-
-@dataclass(frozen=True, slots=True)
-class Keep:
-    """Keep a point; told with its number, or None where that failed.
-
-    Attributes:
-        generation: grows whenever points have failed.
-    """
-
-    generation: int
-    entry: Entry
-
-
-@dataclass(frozen=True, slots=True)
-class Ask:
-    """Do something with the database; told with the result, or the exception."""
-
-    work: Callable[[OutboxStore], Any]
-    told: Callable[[Any], None]
-
-
-@dataclass(frozen=True, slots=True)
-class Rules:
-    """What may be forgotten."""
-
-    section: OutboxSection
-    running: str
-
-
-@dataclass(frozen=True, slots=True)
-class Condition:
-    """How the outbox is, as its thread sees it."""
-
-    trouble: Trouble | None = None
-    figures: Figures = Figures()  # noqa: RUF009 - a frozen value
 
 
 class OutboxThread:
@@ -102,9 +66,10 @@ class OutboxThread:
         self._failed = failed
         self._changed = changed
         self._keeper = OutboxKeeper(path, lambda text: self._tell(replaced, text))
-        self._jobs: queue.SimpleQueue[Keep | Ask | Rules | None] = queue.SimpleQueue()
+        self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
         self._loop = asyncio.get_running_loop()
         self._told = Condition()
+        self._told_s = -FIGURES_S
         self._failed_generation = -1
         self._opened: asyncio.Future[None] = self._loop.create_future()
         self.pulse = Pulse("thread of the outbox")
@@ -117,14 +82,18 @@ class OutboxThread:
             OutboxRefusedError: it must be left alone.
         """
         self._thread.start()
-        await self._opened
+        try:
+            await self._opened
+        except BaseException:
+            self._jobs.put(None)
+            raise
 
     async def close(self) -> None:
         """Do all jobs that have been put, and end."""
         self._jobs.put(None)
         await asyncio.to_thread(self._thread.join)
 
-    def put(self, job: Keep | Ask | Rules) -> None:
+    def put(self, job: Job) -> None:
         """Have something done, after all that was put before."""
         self._jobs.put(job)
 
@@ -146,7 +115,7 @@ class OutboxThread:
             return
         self._look()
         self._tell(self._begun, None)
-        waiting: deque[Keep | Ask | Rules | None] = deque()
+        waiting: deque[Job | None] = deque()
         looked_s = time.monotonic()
         while True:
             self.pulse.beat(TURN_S)
@@ -164,7 +133,7 @@ class OutboxThread:
                 looked_s = time.monotonic()
             self._look()
 
-    def _take_all(self, waiting: deque[Keep | Ask | Rules | None]) -> None:
+    def _take_all(self, waiting: deque[Job | None]) -> None:
         """Wait for a job, then take all that are there."""
         try:
             waiting.append(self._jobs.get(timeout=LOOK_S))
@@ -173,7 +142,7 @@ class OutboxThread:
         except queue.Empty:
             return
 
-    def _do_next(self, waiting: deque[Keep | Ask | Rules | None]) -> None:
+    def _do_next(self, waiting: deque[Job | None]) -> None:
         match waiting[0]:
             case Keep(generation):
                 entries: list[Entry] = []
@@ -234,9 +203,12 @@ class OutboxThread:
             log.debug("nothing forgotten: %s", error)
 
     def _look(self) -> None:
-        """Tell the loop how the outbox is, where that has changed."""
+        """Tell the loop how the outbox is: troubles at once, figures now and then."""
+        trouble, now_s = self._keeper.trouble, time.monotonic()
+        if trouble == self._told.trouble and now_s - self._told_s < FIGURES_S:
+            return
         self._keeper.count()
-        condition = Condition(self._keeper.trouble, self._keeper.figures)
+        condition, self._told_s = Condition(trouble, self._keeper.figures), now_s
         if condition != self._told:
             self._told = condition
             self._tell(self._changed, condition)

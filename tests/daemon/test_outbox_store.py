@@ -152,6 +152,8 @@ def test_what_the_broker_does_not_have_stays_however_old_and_many(store):
     assert forget(store, before_ns=NOW_NS, keep_bytes=0) == 100
     assert forget(store, before_ns=NOW_NS, keep_bytes=0) == 0
     assert store.figures().points == store.figures().unsent == 200
+    store.mark_sent([(150, 160)])  # behind some that the broker does not have
+    assert forget(store, before_ns=NOW_NS, keep_bytes=0) == 0
 
 
 def test_the_running_session_is_not_forgotten_for_its_age(store):
