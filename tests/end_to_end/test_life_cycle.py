@@ -137,6 +137,11 @@ async def test_a_reader_that_is_stuck_stops_the_feeding(
         await until(lambda: manager.has(FED, fed + 1), "it is fed again")
         assert list((bench.folder / "state").glob("cycles-*.json"))
 
+        daemon.process.send_signal(signal.SIGABRT)  # as systemd does
+        assert await daemon.ended() == -signal.SIGABRT
+        assert "Fatal Python error: Aborted" in daemon.log
+        assert "_serve" in daemon.log  # where the reader thread stood
+
 
 @pytest.mark.broker
 async def test_prometheus_reads_what_health_says(bench: Workbench) -> None:
