@@ -12,6 +12,7 @@ ULPS = 4
 LENGTHS = ("xyz_mm", "surface_mm", "part_xyz_mm")
 EXACT = ("counts", "compensation", "samples", "temperature_c", "probe_radius_mm")
 COMPUTED = ("ijk", "angles_rad", "covariance_mm2", "spread_mm")
+Key = tuple[int, ...]
 RELATIVE = 1e-9  # of covariances and spreads, with another kernel
 
 
@@ -56,8 +57,8 @@ class PointMatch:
         self.tolerance_mm = ULPS * float(np.spacing(reach_mm))
         self.sure, self.early = Tally(), Tally()
         self.not_kept = 0
-        self._then: dict[tuple[int, bool], list[Point]] = defaultdict(list)
-        self._now: dict[tuple[int, bool], list[tuple[Point, bool]]] = defaultdict(list)
+        self._then: dict[Key, list[Point]] = defaultdict(list)
+        self._now: dict[Key, list[tuple[Point, bool]]] = defaultdict(list)
 
     def was(self, point: Point) -> None:
         """This was published then."""
@@ -79,7 +80,7 @@ class PointMatch:
         """Points of the replay that were not published."""
         return sum(map(len, self._now.values()))
 
-    def _match(self, key: tuple[int, bool]) -> None:
+    def _match(self, key: Key) -> None:
         if not self._then[key] or not self._now[key]:
             return
         then = self._then[key].pop(0)
@@ -206,8 +207,11 @@ class ScanMatch:
         tally.differing = +tally.differing
 
 
-def _key(point: Point) -> tuple[int, bool]:
-    return point.time_ns, point.retracts is not None
+def _key(point: Point) -> Key:
+    """What is the same then and now: an undo is carried out when its turn comes."""
+    if point.retracts is not None:
+        return point.counts
+    return (point.time_ns,)
 
 
 Numbers = float | tuple[float, ...] | None
