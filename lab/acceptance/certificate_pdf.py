@@ -47,8 +47,11 @@ def certificate_pdf(values: Mapping[str, Any]) -> bytes:
 
 
 def _text_pages(values: Mapping[str, Any]) -> Iterator[list[str]]:
+    title, *rest = figure_lines(values)
     lines = [
-        *figure_lines(values),
+        title,
+        "",
+        *rest,
         "",
         UNCERTAINTY,
         "",
@@ -73,14 +76,14 @@ def _text_page(lines: list[str], number: int) -> Figure:
     left = _MARGIN_MM / _A4_MM[0]
     for row, line in enumerate(lines):
         up = 1.0 - (_MARGIN_MM + row * _LINE_MM) / _A4_MM[1]
-        is_head = bool(line) and not line.startswith(" ")
+        is_title = number == 1 and row == 0
         figure.text(
             left,
             up,
             line.replace("$", r"\$"),
             va="top",
-            fontweight="bold" if is_head and number == 1 and row == 0 else "normal",
-            fontsize=11 if number == 1 and row == 0 else 8,
+            fontweight="bold" if is_title or " mm, U = " in line else "normal",
+            fontsize=11 if is_title else 8,
         )
     figure.text(0.5, 0.03, str(number), ha="center", fontsize=7)
     return figure

@@ -6,7 +6,7 @@ are taken as the daemon gave them.
 """
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from kinematics.arm_file import Arm, FileError, Problem, parse_arm
 from kinematics.effects.arm_effects import effects_of
-from kinematics.effects.pose import corrected_pose
+from kinematics.effects.pose import PoseFlags, corrected_pose
 from kinematics.effects.setting import utc_ns
 from kinematics.geometry import geometry_from_arm
 from lab.acceptance.measured import Measured, sorted_touches
@@ -100,7 +100,7 @@ def measured_campaign(
     )
     try:
         effects = effects_of(arm, own, campaign_span(campaign))
-        places_mm, _, _ = corrected_pose(geometry, effects, block)
+        places_mm, _, flags = corrected_pose(geometry, effects, block)
     except ValueError as error:
         raise FileError(source, [Problem("", str(error))]) from error
     names = [artefact.id for artefact in campaign.artefacts]
@@ -120,7 +120,7 @@ def measured_campaign(
         places_mm = np.array([places_mm[row].mean(axis=0) for row in rows])
         temperature_c = np.array([temperature_c[row].mean() for row in rows])
         tip_mm = tip_mm[: len(rows)]
-    notes = list(campaign.notes)
+    notes = [*campaign.notes, *_flag_notes(flags)]
     if standard:
         notes.append(
             "artefact_length of the arm file is not applied: what a standard is long "
@@ -133,6 +133,22 @@ def measured_campaign(
         np.column_stack([places_mm, temperature_c, tip_mm]),
         notes,
     )
+
+
+def _flag_notes(flags: PoseFlags) -> Iterator[str]:
+    """Say where effects of the arm were applied in part only."""
+    for which, told in (
+        (
+            flags.surface_unknown,
+            "effects of the contact left out: no direction_x, y, z",
+        ),
+        (flags.stale_effect, "a drift is held at its last value: outside its campaign"),
+        (flags.empirical, "a curve without a physical name is applied"),
+        (flags.beyond_knots, "such a curve is held at its end"),
+    ):
+        count = int(np.count_nonzero(which))
+        if count:
+            yield f"{count} of {len(which)} touches: {told}"
 
 
 def _runs(

@@ -74,3 +74,14 @@ def test_files_lie_beside_one_another(tmp_path):
     (folder / "campaign.toml").write_text(head + ARTEFACTS)
     with pytest.raises(FileError, match="put it beside"):
         files_read(folder)
+
+
+def test_effects_that_could_not_be_applied_are_told(tmp_path):
+    effect = '[[effects]]\nkind = "probe_radius"\nradius_error_mm = 0.01\n'
+    found = read_measured(folder_of(tmp_path, TOUCHING), parse_arm(ARM + effect))
+    assert "touches: effects of the contact left out" in found.notes[0]
+    effect = (
+        '[[effects]]\nkind = "artefact_length"\nartefact = "bar"\nerror_ppm = 5.0\n'
+    )
+    found = read_measured(tmp_path, parse_arm(ARM + effect))
+    assert "artefact_length of the arm file is not applied" in found.notes[0]
