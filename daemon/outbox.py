@@ -23,7 +23,7 @@ from daemon.outbox_marks import OutboxMarks, Range
 from daemon.outbox_resend import OutboxResend
 from daemon.outbox_section import OutboxSection
 from daemon.outbox_thread import OutboxThread
-from daemon.outbox_values import Entry, Held, Trouble
+from daemon.outbox_values import Entry, Trouble, held_of
 from daemon.outgoing import OutgoingQueue
 from daemon.sessions import Session
 from drivers.pulse import Pulse
@@ -82,10 +82,11 @@ class Outbox:
         self._in_flight = InFlight()
         self._emptied = asyncio.Event()
         self._entries: deque[tuple[int, Entry]] = deque()  # begun [ns], and what
+        self._rules = Rules(section, "")
         self._thread = OutboxThread(
             path,
             clock,
-            Rules(section, ""),
+            self._rules,
             kept=self._kept,
             failed=self._failed,
             changed=self._changed,
@@ -166,7 +167,10 @@ class Outbox:
 
     def keep_house(self) -> None:
         """Go on with what has been put off; call it a few times a second."""
-        self._thread.put(Rules(self._section, self._session()))
+        rules = Rules(self._section, self._session())
+        if rules != self._rules:
+            self._rules = rules
+            self._thread.put(rules)
         self._marks.flush()
         self._refill()
 
@@ -188,7 +192,7 @@ class Outbox:
             begun_ns, entry = self._entries.popleft()
             taken_ns = self._clock.monotonic_ns() - begun_ns
             self._latencies["point_to_disk"].add(taken_ns)
-            self._feed.kept(_held(number, entry))
+            self._feed.kept(held_of(entry, number))
             self._in_flight.keep()
         self._emptied.set()
 
@@ -233,17 +237,3 @@ class Outbox:
     def _refill(self) -> None:
         self._feed.refill()
         self._resend.refill()
-
-
-def _held(number: int, entry: Entry) -> Held:
-    return Held(
-        number,
-        entry.session,
-        entry.seq,
-        entry.id,
-        entry.time_ns,
-        entry.topic,
-        entry.encoding,
-        entry.payload,
-        is_sent=False,
-    )

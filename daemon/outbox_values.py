@@ -47,6 +47,21 @@ class Held:
     is_sent: bool
 
 
+def held_of(entry: Entry, number: int) -> Held:
+    """What has just been kept, under its number."""
+    return Held(
+        number,
+        entry.session,
+        entry.seq,
+        entry.id,
+        entry.time_ns,
+        entry.topic,
+        entry.encoding,
+        entry.payload,
+        is_sent=False,
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class HeldSession:
     """A session of which the database has points.
