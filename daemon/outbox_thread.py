@@ -26,6 +26,7 @@ log = logging.getLogger("daemon.outbox")
 
 LOOK_S = 1.0
 FIGURES_S = 0.2
+FORGET_S = 0.3
 MOST_TOGETHER = 500
 FORGOTTEN_TOGETHER = 200
 TURN_S = 30.0  # that a slow disk may take
@@ -197,8 +198,10 @@ class OutboxThread:
             return n
 
         try:
+            end_s = time.monotonic() + FORGET_S
             while self._keeper.use(step) and self._jobs.empty():
-                pass
+                if time.monotonic() > end_s:
+                    return
         except Exception as error:  # noqa: BLE001 - the keeper has told it
             log.debug("nothing forgotten: %s", error)
 
