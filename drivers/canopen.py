@@ -22,7 +22,7 @@ from drivers.canopen_sync import HostSync, SyncTrain
 from drivers.canopen_upkeep import Upkeep
 from drivers.canopen_watch import Conditions, NodeWatch
 from drivers.crossing import Crossing
-from drivers.driver import Driver
+from drivers.driver import ASK_S, Driver
 from drivers.values import DeviceUp, StreamStarted
 from protocol import canopen as wire
 from protocol.canopen_errors import ERROR_FLAG
@@ -166,6 +166,7 @@ class CanOpen(Driver):
 
         Also called while a transfer waits for its answer.
         """
+        self.pulse.beat(ASK_S)
         bus, cycles, train = self._bus, self._cycles, self._train
         if bus is None:
             return

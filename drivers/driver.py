@@ -35,6 +35,7 @@ FIRST_RETRY_S = 0.1
 LAST_RETRY_S = 2.0
 COUNTERS_S = 0.5
 CONNECT_S = 60.0  # the longest that any device may need to be found and set up
+ASK_S = 15.0  # one exchange with a device, repetitions included
 CLOSE_S = 10.0
 
 

@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from statistics import median
 
 from drivers.crossing import Crossing
-from drivers.driver import Driver
+from drivers.driver import ASK_S, Driver
 from drivers.miss_log import MissLog
 from drivers.poll_block import PollBlock
 from drivers.poll_schedule import PollSchedule
@@ -209,6 +209,7 @@ class Polled(Driver):
         ]
 
     def _asked(self, number: int) -> Reading | Miss:
+        self.pulse.beat(ASK_S)
         begun_ns = self._now_ns()
         answer = self._read_channel(number)
         if isinstance(answer, Reading):
