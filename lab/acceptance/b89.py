@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from lab.acceptance.budget import fixture_budget
 from lab.acceptance.certified import IncompleteError
+from lab.acceptance.disposition import direction_remarks
 from lab.acceptance.figure import Figure, LengthError, Missing, Part, Scatter
 from lab.acceptance.lengths import budget_of, errors_of
 from lab.acceptance.limits import Limits
@@ -153,6 +154,7 @@ def _bar_remarks(measured: Measured, found: Sequence[LengthError]) -> Iterator[s
                 f"{lengths.max():.0%} of the arm's reach, expected one of {low:.0%} to "
                 f"{high:.0%}"
             )
+    yield from direction_remarks(measured, [error.artefact for error in found])
     places = [measured.of(error.artefact).places_mm.mean(axis=0) for error in found]
     octants = {tuple((place > measured.shoulder_mm).tolist()) for place in places}
     if len(octants) < 4:

@@ -1,6 +1,6 @@
 """Figures of acceptance as values: with definition, uncertainty, limit and decision."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -131,7 +131,7 @@ class Verification:
 
 
 def verification(
-    standard: str, title: str, parts: Iterable[Part], remarks: Iterator[str]
+    standard: str, title: str, parts: Iterable[Part], remarks: Iterable[str]
 ) -> Verification:
     """Sort what the tests of a standard gave."""
     found = list(parts)

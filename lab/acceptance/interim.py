@@ -6,6 +6,7 @@ import numpy as np
 
 from lab.acceptance.certified import IncompleteError
 from lab.acceptance.decision import decision_of
+from lab.acceptance.disposition import direction_remarks
 from lab.acceptance.figure import Figure, LengthError, Missing, Part
 from lab.acceptance.lengths import SET, budget_of, errors_of
 from lab.acceptance.limits import Limits
@@ -71,4 +72,5 @@ def interim_check(measured: Measured, limits: Limits) -> Iterator[Part]:
             ("range of all errors", float(np.ptp(values))),
             ("largest range within a position", max(within)),
         ),
+        tuple(direction_remarks(measured, check_names())),
     )

@@ -18,6 +18,7 @@ from lab.acceptance.decision import (
     rule_text,
     worst,
 )
+from lab.acceptance.disposition import direction_remarks
 from lab.acceptance.figure import Figure, LengthError, Missing, Part
 from lab.acceptance.lengths import SET, budget_of, errors_of
 from lab.acceptance.limits import Limits
@@ -103,7 +104,11 @@ def _figure(
             ("largest error", float(values.max())),
             ("smallest error", float(values.min())),
         ),
-        (*remarks, *_range_remarks(measured, counted, limits)),
+        (
+            *remarks,
+            *_range_remarks(measured, counted, limits),
+            *direction_remarks(measured, [found[0].artefact for found in sets]),
+        ),
     )
 
 

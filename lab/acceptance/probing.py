@@ -22,6 +22,7 @@ from lab.acceptance.certified import (
     warmer_c,
 )
 from lab.acceptance.decision import Decision, decision_of
+from lab.acceptance.disposition import half_sphere_remarks
 from lab.acceptance.figure import Figure, Missing, Part, Scatter
 from lab.acceptance.limits import Limits
 from lab.acceptance.measured import Measured, Touched
@@ -94,7 +95,7 @@ def size_and_form(
     sizes_mm: dict[str, float] = {}
     forms_mm: dict[str, float] = {}
     problems: list[str] = []
-    budget = form_budget(limits.standards)
+    remarks: list[str] = []
     for name in names:
         touched = measured.of(name)
         try:
@@ -110,6 +111,7 @@ def size_and_form(
         sizes_mm[name] = 2.0 * (found.radius_mm - tip_mm) - diameter_mm * grown
         away_mm = np.linalg.norm(touched.places_mm - found.centre_mm, axis=1)
         forms_mm[name] = float(np.ptp(away_mm))
+        remarks += half_sphere_remarks(touched, found.centre_mm, name)
         yield Scatter(name, tuple((away_mm - found.radius_mm).tolist()))
     if problems:
         yield Missing("P_SIZE", tuple(problems))
@@ -133,7 +135,7 @@ def size_and_form(
         budget,
         decided(limits, "p_size", sizes_mm[worst], budget.standard_mm),
         tuple(sizes_mm.items()),
-        tuple(_location_remarks(measured, names)),
+        (*remarks, *_location_remarks(measured, names)),
     )
     form_mm, budget = max(forms_mm.values()), form_budget(limits.standards)
     yield Figure(

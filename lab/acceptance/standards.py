@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 from lab.acceptance.b89 import articulation, volumetric
-from lab.acceptance.figure import Part, Verification, verification
+from lab.acceptance.figure import Figure, Part, Verification, verification
 from lab.acceptance.interim import interim_check
 from lab.acceptance.length_tests import length_test
 from lab.acceptance.limits import NO_LIMITS, Limits
@@ -64,6 +64,24 @@ def verified(
         limits: Maximum permissible errors; without them nothing is decided.
     """
     chosen = STANDARDS[standard]
-    return verification(
-        standard, chosen.title, chosen.tests(measured, limits), iter(measured.notes)
-    )
+    parts = list(chosen.tests(measured, limits))
+    remarks = [*measured.notes, *_without_guard(parts, limits)]
+    return verification(standard, chosen.title, parts, remarks)
+
+
+def _without_guard(parts: list[Part], limits: Limits) -> Iterator[str]:
+    """Say which decisions have no guard band because nothing was stated."""
+    if limits.decision == "simple":
+        return
+    names = [
+        part.name
+        for part in parts
+        if isinstance(part, Figure)
+        and part.decision is not None
+        and part.budget.standard_mm == 0.0
+    ]
+    if names:
+        yield (
+            f"no uncertainty is stated for {', '.join(names)}: decided without a guard "
+            "band; see [standards] of the limits"
+        )
