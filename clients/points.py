@@ -68,6 +68,11 @@ class PointStream:
         return self._limit - len(self._order.ready)
 
     @property
+    def waiting(self) -> int:
+        """So many can be had without waiting."""
+        return len(self._order.ready)
+
+    @property
     def place(self) -> dict[str, int]:
         """Next numbers of the sessions: what the reader is done with does not count.
 

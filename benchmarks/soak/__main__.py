@@ -1,0 +1,147 @@
+"""`make soak`: `python -m benchmarks.soak [--kills N] [--seed N] [--rate HZ]`.
+
+The real daemon with mosquitto and the simulated board; points by the board's button and
+by command, while daemon, broker, board, networks and consumer are killed at random.
+Then disks that are full or read-only. Prints a table; exit status 1 where a point that
+was acknowledged is missing, doubled, out of order, or invented.
+"""
+
+import argparse
+import asyncio
+import random
+import sys
+import tempfile
+import time
+from contextlib import AsyncExitStack, ExitStack
+from pathlib import Path
+
+from benchmarks.rounds import load
+from benchmarks.soak import disk
+from benchmarks.soak.bench import Bench
+from benchmarks.soak.judge import Verdict, judge, outbox_points, stored
+from benchmarks.soak.outages import Outages
+
+READY_S = 60.0
+DRAIN_S = 120.0
+
+
+async def crash(
+    bench: Bench, outages: Outages, kills: int, has_disk: bool
+) -> list[str]:
+    """Let everything happen; gives what was wrong with full and read-only disks."""
+    async with AsyncExitStack() as stack:
+        await stack.enter_async_context(bench.daemons_network)
+        await stack.enter_async_context(bench.consumers_network)
+        bench.write_daemon()
+        keeping = [asyncio.create_task(one.keep()) for one in bench.programs()]
+        try:
+            await _first_points(bench)
+            await outages.happen(kills, lambda text: print(text, flush=True))
+            said = await _disks(bench) if has_disk else []
+            operating = keeping.pop()
+            operating.cancel()
+            await asyncio.sleep(1.0)
+            bench.operator.stop()
+            await _drained(bench)
+        finally:
+            for task in keeping:
+                task.cancel()
+            await asyncio.gather(*keeping, return_exceptions=True)
+            for one in reversed(list(bench.programs())):
+                if one.starts:
+                    one.stop()
+    return said
+
+
+async def _first_points(bench: Bench) -> None:
+    async with asyncio.timeout(READY_S):
+        while not _count(bench):  # noqa: ASYNC110 - a file of another program
+            await asyncio.sleep(0.2)
+
+
+async def _disks(bench: Bench) -> list[str]:
+    """What goes wrong with a full disk, then with one that is read-only."""
+    said = []
+    troubles = {
+        "full disk": disk.full(bench.state),
+        "read-only disk": disk.read_only(bench.state, bench.daemon),
+    }
+    for name, trouble in troubles.items():
+        print(f"     {name}", flush=True)
+        async with disk.arm_for(bench.port) as arm:
+            said += [f"{name}: {text}" for text in await disk.refusal(arm, trouble)]
+    return said
+
+
+async def _drained(bench: Bench) -> None:
+    """Wait until nothing more comes, in the store or in the outbox."""
+    bench.board.stop()  # kept no more: no more presses
+    quiet_since_s, last = time.monotonic(), -1
+    until_s = time.monotonic() + DRAIN_S
+    while time.monotonic() < until_s:
+        now = _count(bench)
+        if now != last:
+            quiet_since_s, last = time.monotonic(), now
+        if time.monotonic() - quiet_since_s > 3.0 and now == _in_outbox(bench):
+            return
+        await asyncio.sleep(0.5)
+
+
+def _count(bench: Bench) -> int:
+    path = bench.folder / "store.db"
+    return len(stored(path)) if path.exists() and path.stat().st_size else 0
+
+
+def _in_outbox(bench: Bench) -> int:
+    return len(outbox_points(bench.state / "outbox.db"))
+
+
+def table(
+    bench: Bench, outages: Outages, verdict: Verdict, seconds: float, disks: str
+) -> str:
+    """The result for people."""
+    rows = [(f"outages: {kind}", n) for kind, n in sorted(outages.counts.items())]
+    rows += [("outages in all", sum(outages.counts.values()))]
+    rows += [(f"starts of {one.name}", one.starts) for one in bench.programs()]
+    rows += list(verdict.figures.items())
+    width = max(len(name) for name, _ in rows)
+    text = [f"{name:{width}}  {n:8d}" for name, n in rows]
+    text.append(f"{'full and read-only disk':{width}}  {disks}")
+    text.append(f"{'seconds':{width}}  {seconds:8.0f}")
+    return "\n".join(text)
+
+
+def main(options: argparse.Namespace) -> int:
+    """Run it all in a folder of its own; the exit status."""
+    begun_s = time.monotonic()
+    print(f"{load()}; seed {options.seed}", flush=True)
+    with ExitStack() as stack:
+        if options.folder is None:
+            name = stack.enter_context(tempfile.TemporaryDirectory(prefix="soak-"))
+            folder = Path(name)
+        else:
+            folder = options.folder
+            folder.mkdir(parents=True)
+        state = folder / "state"
+        has_disk = stack.enter_context(disk.small_disk(state))
+        bench = Bench(folder, state, options.rate)
+        outages = Outages(bench, options.seed)
+        said = asyncio.run(crash(bench, outages, options.kills, has_disk))
+        verdict = judge(folder, state / "outbox.db", bench.lives)
+    faults = said + verdict.faults
+    disks = "refused, told, recovered" if has_disk else "not tried: mounting needs root"
+    disks = "; ".join(said) or disks
+    print(table(bench, outages, verdict, time.monotonic() - begun_s, disks))
+    for fault in faults:
+        print(f"FAULT: {fault}")
+    print("FAILED" if faults else "every acknowledged point is there, once, in order")
+    return 1 if faults else 0
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.soak")
+    parser.add_argument("--kills", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=random.randrange(10_000))
+    parser.add_argument("--rate", type=float, default=10.0, help="commands a second")
+    parser.add_argument("--folder", type=Path, help="keep everything there")
+    sys.exit(main(parser.parse_args()))

@@ -1,0 +1,141 @@
+"""Files and programs of the crash test."""
+
+import os
+import shutil
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from benchmarks import rig
+from benchmarks.network import Network
+from benchmarks.soak.programs import Kept
+
+ARM = "demo-7"
+
+SIMULATION = """\
+schema = "traverse/simulator/1"
+seed = {seed}
+repeat = true
+truth_log = "truth-{life}.jsonl"
+[arm]
+file = "arm.toml"
+noise_rad = 3e-6
+[operator]
+move_s = 0.25
+approach_s = 0.05
+dwell_s = 0.08
+press_s = 0.04
+[[device]]
+id = "base"
+port = "board.pty"
+[[motion]]
+kind = "cone"
+seat_mm = [600.0, -150.0, 60.0]
+postures = 40
+"""
+
+DAEMON = """\
+[arm]
+file = "arm.toml"
+[[device]]
+id = "base"
+driver = "latch-board"
+port = "{folder}/line.pty"
+[broker]
+host = "127.0.0.1"
+port = {port}
+keepalive_s = 5
+[capture]
+inputs = [{{ source = "base/0", trigger = "button" }}]
+[health]
+period_s = 1.0
+"""
+
+BROKER = """\
+listener {port} 127.0.0.1
+allow_anonymous true
+set_tcp_nodelay true
+persistence true
+persistence_location {folder}/
+user root
+"""
+
+
+class Bench:
+    """An arm, its daemon, a broker, networks, an operator, a consumer.
+
+    Args:
+        folder: for everything.
+        state: for the daemon's outbox.
+        rate_hz: of the points that the operator commands.
+
+    Attributes:
+        lives: names of the lives of the board so far.
+    """
+
+    def __init__(self, folder: Path, state: Path, rate_hz: float) -> None:
+        self.folder = folder
+        self.state = state
+        self.port = rig.free_port()
+        self.daemons_network = Network(self.port)
+        self.consumers_network = Network(self.port)
+        self.lives: list[str] = []
+        shutil.copy(rig.ARM, folder / "arm.toml")
+        (folder / "mosquitto.conf").write_text(
+            BROKER.format(port=self.port, folder=folder)
+        )
+        path = os.pathsep.join((os.environ["PATH"], "/usr/sbin"))
+        mosquitto = shutil.which("mosquitto", path=path)
+        if mosquitto is None:
+            raise FileNotFoundError("mosquitto is not installed; try `make system`")
+        self._run = (sys.executable, "-m")
+        self.broker = Kept(
+            "broker", folder, lambda: [mosquitto, "-c", str(folder / "mosquitto.conf")]
+        )
+        self.board = Kept("board", folder, self._board_command)
+        self.daemon = Kept(
+            "daemon",
+            folder,
+            lambda: [*self._run, "traverse", "run", "--config", "daemon.toml"],
+            {"STATE_DIRECTORY": str(state), "OPENBLAS_NUM_THREADS": "1"},
+        )
+        self.tap = Kept("tap", folder, self._tap_command)
+        self.operator = Kept(
+            "operator",
+            folder,
+            lambda: [
+                *(*self._run, "benchmarks.soak.operator", ARM),
+                *(f"127.0.0.1:{self.port}", str(rate_hz), "operator.jsonl"),
+            ],
+        )
+        self.consumer = Kept("consumer", folder, self._consumer_command)
+
+    def programs(self) -> Iterator[Kept]:
+        """All, in the order in which they are started."""
+        yield from (self.broker, self.board, self.tap, self.daemon)
+        yield from (self.consumer, self.operator)
+
+    def write_daemon(self) -> None:
+        """The daemon's configuration; the network must be there."""
+        (self.folder / "daemon.toml").write_text(
+            DAEMON.format(folder=self.folder, port=self.daemons_network.port)
+        )
+
+    def _board_command(self) -> list[str]:
+        life = f"{len(self.lives)}"
+        self.lives.append(life)
+        (self.folder / "board.pty").unlink(missing_ok=True)
+        (self.folder / "life").write_text(life, "ascii")
+        text = SIMULATION.format(seed=len(self.lives), life=life)
+        (self.folder / "simulator.toml").write_text(text)
+        return [*self._run, "traverse", "simulate", "--config", "simulator.toml"]
+
+    def _tap_command(self) -> list[str]:
+        files = ("board.pty", "line.pty", "acknowledged.jsonl")
+        paths = [str(self.folder / file) for file in files]
+        return [*self._run, "benchmarks.soak.tap", *paths]
+
+    def _consumer_command(self) -> list[str]:
+        where = f"127.0.0.1:{self.consumers_network.port}"
+        store = str(self.folder / "store.db")
+        return [*self._run, "benchmarks.soak.consumer", ARM, where, store]

@@ -1,0 +1,161 @@
+"""What must hold at the end of the crash test."""
+
+import json
+import sqlite3
+import tomllib
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from protocol.encoding import decode
+from protocol.messages import Point
+
+MAX_TOLD = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What was found.
+
+    Attributes:
+        figures: names to numbers, for the table.
+        faults: what must not be, in words; empty where all is well.
+    """
+
+    figures: dict[str, int]
+    faults: list[str]
+
+
+def lines(path: Path) -> Iterator[dict[str, Any]]:
+    """Lines of a log whose writer may have been killed in the middle of one."""
+    if not path.exists():
+        return
+    for line in path.read_text("utf-8").splitlines():
+        try:
+            yield json.loads(line)
+        except ValueError:
+            continue
+
+
+def outbox_points(path: Path) -> list[Point]:
+    """What the daemon has on disk, in the order in which it came there."""
+    with sqlite3.connect(f"file:{path}?mode=ro", uri=True) as database:
+        rows = database.execute("SELECT payload FROM messages ORDER BY number")
+        return [decode(Point, payload) for (payload,) in rows]
+
+
+def stored(path: Path) -> list[tuple[str, str, int]]:
+    """Id, session and number of the consumer's points as they arrived."""
+    with sqlite3.connect(path) as database:
+        rows = database.execute("SELECT id, session, seq FROM points ORDER BY arrival")
+        return rows.fetchall()
+
+
+def judge(folder: Path, outbox: Path, lives: list[str]) -> Verdict:
+    """Compare what was told to the operator, what is on disk, and what was received."""
+    faults: list[str] = []
+    points = outbox_points(outbox)
+    received = stored(folder / "store.db")
+    told = list(lines(folder / "operator.jsonl"))
+    acknowledged = {line["id"] for line in told if line["ok"]}
+    ids = [one for one, _, _ in received]
+    held = {point.id for point in points}
+    faults += _some("acknowledged, but not in the store", acknowledged - set(ids))
+    faults += _some("in the store, but not in the outbox", set(ids) - held)
+    faults += _some("in the outbox, but not in the store", held - set(ids))
+    doubled = {one for one, n in Counter(ids).items() if n > 1}
+    faults += _some("twice in the store", doubled)
+    faults += _order(received)
+    turns = _counts_per_turn(folder / "arm.toml")
+    presses, edges = _edges(folder, lives, turns)
+    buttons = [point for point in points if point.trigger == "button"]
+    pressed = [_key(point.counts, turns) for point in buttons]
+    faults += _some("invented: no press has these counts", set(pressed) - presses)
+    twice = {key for key, n in Counter(pressed).items() if n > 1}
+    faults += _some("two points of one press", twice)
+    faults += _some("acknowledged edges without a point", edges - set(pressed))
+    n_commanded = sum(point.trigger == "command" for point in points)
+    if n_commanded > len(told) + 100:
+        faults.append(f"{n_commanded} commanded points, {len(told)} requests")
+    if not acknowledged or not edges:
+        faults.append("nothing was acknowledged: the test has shown nothing")
+    figures = _figures(folder)
+    refused = Counter(line["code"] for line in told if not line["ok"])
+    return Verdict(
+        {
+            "commands sent": len(told),
+            "commands acknowledged": len(acknowledged),
+            "commands refused": sum(refused.values()) - refused["none"],
+            "commands without answer": refused["none"],
+            "edges acknowledged": len(edges),
+            "points in the outbox": len(points),
+            "points in the store": len(received),
+            "sessions": len({session for _, session, _ in received}),
+            "points asked for again": figures["asked_again"],
+            "duplicates removed": figures["duplicates"],
+            "told as lost": figures["lost"],
+            "consumer's connections": figures["connections"],
+        },
+        faults + (["the consumer was told of losses"] if figures["lost"] else []),
+    )
+
+
+def _order(received: list[tuple[str, str, int]]) -> list[str]:
+    """Sessions one after the other, numbers from 0 without gap."""
+    faults, ended, current, expected = [], set(), "", 0
+    for _, session, seq in received:
+        if session != current:
+            ended.add(current)
+            current, expected = session, 0
+            if session in ended:
+                faults.append(f"session {session} goes on after another")
+        if seq != expected:
+            faults.append(f"session {session}: {seq} in the place of {expected}")
+        expected = seq + 1
+    return faults[:MAX_TOLD]
+
+
+def _counts_per_turn(arm: Path) -> tuple[int, ...]:
+    joints = tomllib.loads(arm.read_text("utf-8"))["joints"]
+    return tuple(joint["encoder"]["counts_per_turn"] for joint in joints)
+
+
+def _edges(
+    folder: Path, lives: list[str], turns: tuple[int, ...]
+) -> tuple[set[tuple[int, ...]], set[tuple[int, ...]]]:
+    """Counts of all presses that there were, and of those that were acknowledged."""
+    last: dict[str, int] = {}
+    for line in lines(folder / "acknowledged.jsonl"):
+        last[line["life"]] = max(last.get(line["life"], -1), line["seq"])
+    presses, acknowledged = set(), set()
+    for life in lives:
+        for line in lines(folder / f"truth-{life}.jsonl"):
+            if line["event"] == "edge" and line["level"] == 1:
+                key = _key(line["counts"], turns)
+                presses.add(key)
+                if line["seq"] <= last.get(life, -1):
+                    acknowledged.add(key)
+    return presses, acknowledged
+
+
+def _key(counts: Sequence[int], turns: tuple[int, ...]) -> tuple[int, ...]:
+    """Counts within a turn; noise makes them those of one press only."""
+    return tuple(count % turn for count, turn in zip(counts, turns, strict=True))
+
+
+def _figures(folder: Path) -> Counter[str]:
+    """The consumer's counters, over all its lives."""
+    total: Counter[str] = Counter()
+    with sqlite3.connect(folder / "store.db") as database:
+        for (text,) in database.execute("SELECT text FROM figures"):
+            total.update(json.loads(text))
+    return total
+
+
+def _some(what: str, which: set[Any]) -> list[str]:
+    """One line for all of a kind."""
+    if not which:
+        return []
+    return [f"{len(which)} {what}: {sorted(which)[:3]}"]

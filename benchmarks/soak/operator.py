@@ -1,0 +1,92 @@
+"""`python -m benchmarks.soak.operator ARM BROKER RATE LOG`: commands points for ever.
+
+Writes down what it asked for and what it was told: a point counts as acknowledged when
+the answer says ok.
+"""
+
+import asyncio
+import contextlib
+import json
+import sys
+from pathlib import Path
+from typing import Any, TextIO
+
+from clients.address import BrokerAddress
+from clients.connection import Arrived
+from clients.errors import CommandRefused, NoAnswerError
+from clients.link import Link
+from clients.requests import Requests
+from protocol import topics
+from protocol.encoding import decode
+from protocol.messages import PointArgs, Reply, Status
+
+ANSWER_S = 5.0
+MOST_RUNNING = 8
+
+
+class Operator:
+    """Somebody at the arm who wants points."""
+
+    def __init__(self, arm: str, address: BrokerAddress, log: TextIO) -> None:
+        self._log = log
+        self._link = Link(address, take=self._take, came=self._came, went=self._went)
+        self._link.topics.update(
+            {
+                topics.status_topic(arm): 0,
+                topics.reply_topic(arm, "point"): 0,
+            }
+        )
+        self._requests = Requests(arm, self._link)
+        self._running: set[asyncio.Task[None]] = set()
+
+    async def work(self, rate_hz: float) -> None:
+        """Ask for points at a rate, whatever becomes of them."""
+        connecting = asyncio.create_task(self._link.run())
+        try:
+            while True:
+                await asyncio.sleep(1.0 / rate_hz)
+                if len(self._running) >= MOST_RUNNING:
+                    continue
+                task = asyncio.create_task(self._ask())
+                self._running.add(task)
+                task.add_done_callback(self._running.discard)
+        finally:
+            connecting.cancel()
+
+    async def _ask(self) -> None:
+        try:
+            result = await self._requests.result(PointArgs(), ANSWER_S)
+            self._write({"ok": True, **result})
+        except CommandRefused as error:
+            self._write({"ok": False, "code": error.code, "text": error.text})
+        except NoAnswerError:
+            self._write({"ok": False, "code": "none"})
+
+    def _write(self, line: dict[str, Any]) -> None:
+        self._log.write(json.dumps(line) + "\n")
+        self._log.flush()
+
+    def _take(self, arrived: Arrived) -> None:
+        if "/reply/" in arrived.topic:
+            self._requests.take_reply(decode(Reply, arrived.payload))
+        else:
+            self._requests.take_status(decode(Status, arrived.payload))
+
+    def _came(self) -> None:
+        self._requests.link_came()
+
+    def _went(self) -> None:
+        self._requests.link_lost()
+
+
+async def main(arm: str, broker: str, rate_hz: float, path: Path) -> None:
+    """Work until killed."""
+    with path.open("a", encoding="utf-8") as log:
+        await Operator(arm, BrokerAddress.parse(broker), log).work(rate_hz)
+
+
+if __name__ == "__main__":
+    with contextlib.suppress(KeyboardInterrupt):
+        asyncio.run(
+            main(sys.argv[1], sys.argv[2], float(sys.argv[3]), Path(sys.argv[4]))
+        )
