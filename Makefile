@@ -9,7 +9,7 @@ FIGURES := build/figures
 # What the kernel in C is built from.
 KERNEL := setup.py $(foreach kind,pyx pxd pxi c h inc,$(wildcard kinematics/kernel/*.$(kind)))
 
-.PHONY: help venv system node demo test lint format schemas lock bench bench-capture bench-drivers bench-identification prove prove-acceptance blind blind-full fuzz soak test-vm install deb clean bench-kernel audit bench-fleet
+.PHONY: help venv system node demo test lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance blind blind-full fuzz soak test-vm install deb clean bench-kernel audit bench-fleet
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -82,10 +82,13 @@ bench-capture: venv system  ## filters, and a switching probe's contact; takes t
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.filters
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.touch
 
+bench-recording: venv system  ## what recording costs at 10 kHz, and how fast a replay is; takes two minutes
+	$(BIN)/python -m benchmarks.recording 8 $(FIGURES)/recording.json
+
 bench-identification: venv  ## the adjustment beside scipy's least squares; takes many minutes
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.identification
 
-prove-acceptance: venv  ## a thousand arms accepted or rejected, rightly or not; takes two minutes
+prove-acceptance: venv  ## a thousand arms accepted or rejected, rightly or not; takes minutes
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.acceptance --out build/acceptance.json --pictures docs
 
 prove: venv  ## the statistics of the identification over thousands of campaigns; takes an hour

@@ -13,7 +13,6 @@ import os
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -21,54 +20,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm_file import Arm, read_arm
-from kinematics.forward import probe_centre
-from kinematics.geometry import geometry_from_arm
-from lab.acceptance.decision import decision_of
-from lab.acceptance.figure import Figure, LengthError
-from lab.acceptance.limits import Limits, Standards
-from lab.acceptance.measured import Measured, Touched, reach_of
-from lab.acceptance.standards import verified
-from lab.identification.artefacts import artefact_from_table
-from simulator.campaigns import NoiseTable
-from simulator.campaigns.acceptance import (
-    acceptance_poses,
-    drawn_acceptance,
-    touched_by,
+from benchmarks.acceptance_arms import (
+    FIGURES,
+    N_AGAIN,
+    RULES,
+    Tested,
+    again,
+    limits_of,
+    tested_arm,
 )
-from simulator.campaigns.campaign import SimulatedCampaign, StatedArtefact
-from simulator.campaigns.pose_set import PoseSet
-from simulator.truth import Deviations, true_arm
+from lab.acceptance.decision import decision_of
 
 Floats = NDArray[np.float64]
-
-ARM = Path(__file__).parent.parent / "traverse" / "demo_data" / "arm.toml"
-STANDARD = "iso10360-12"
-STD_MM = 0.0007
-EXPANSION_PER_C = 11.5e-6
-TEMPERATURE_STD_C = 0.1
-NOISE = NoiseTable(encoder_rad=3e-6, contact_mm=0.003)
-LINKS_MM, AXES_RAD = 0.004, 3e-6
-NEAR_U = 3.0  # how far a limit is from the true figure, at most
-N_AGAIN = 200
-FIGURES = ("p_size", "e_uni")
-
-
-@dataclass(frozen=True, slots=True)
-class Tested:
-    """One arm.
-
-    Attributes:
-        true_mm: Its figures by exact standards, by key.
-        found_mm: Its figures as measured.
-        standard_mm: Their stated standard uncertainties.
-        lengths: Every measured length: true error, found error, uncertainty.
-    """
-
-    true_mm: dict[str, float]
-    found_mm: dict[str, float]
-    standard_mm: dict[str, float]
-    lengths: tuple[tuple[float, float, float], ...]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -86,6 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         found = list(pool.map(tested_arm, seeds, chunksize=10))
     report: dict[str, Any] = {"arms": given.arms, "first_seed": given.first}
     report["rates"] = [row for key in FIGURES for row in rates(found, key)]
+    report["procedure"] = list(procedure_rates(found))
     report["agreement"] = [agreement(found, key) for key in FIGURES]
     report["coverage"] = coverage(found)
     report["again"] = again(given.first)
@@ -102,135 +66,55 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0 if all(kept) else 1
 
 
-def tested_arm(seed: int) -> Tested:
-    """Test one arm; its errors are half to one and a half of the usual ones."""
-    arm, poses, exact = _prepared()
-    rng = np.random.default_rng([seed, 0xACC])
-    scale = rng.uniform(0.5, 1.5)
-    deviations = Deviations(scale * LINKS_MM, scale * AXES_RAD, 0.0)
-    mine = touched_by(poses, true_arm(arm, deviations, seed))
-    drawn = drawn_acceptance(mine, seed)
-    warm_c = 20.0 + TEMPERATURE_STD_C * float(rng.standard_normal())
-    true = verified(_measured(arm, drawn, exact, 20.0), STANDARD, _limits())
-    found = verified(
-        _measured(arm, drawn, drawn.campaign.artefacts, warm_c), STANDARD, _limits()
-    )
-    return Tested(
-        _values(true.figures),
-        _values(found.figures),
-        {figure.key: figure.budget.standard_mm for figure in found.figures},
-        tuple(_paired(true.lengths, found.lengths)),
-    )
-
-
-_PREPARED: list[tuple[Arm, PoseSet, tuple[StatedArtefact, ...]]] = []
-
-
-def _prepared() -> tuple[Arm, PoseSet, tuple[StatedArtefact, ...]]:
-    """Find places and postures once a process."""
-    if not _PREPARED:
-        arm = read_arm(ARM)
-        poses = acceptance_poses(arm, STANDARD, 1, noise=NOISE, std_mm=STD_MM)
-        exact = acceptance_poses(arm, STANDARD, 1, noise=NOISE, std_mm=0.0)
-        exact_artefacts = drawn_acceptance(exact, 1).campaign.artefacts
-        _PREPARED.append((arm, poses, exact_artefacts))
-    return _PREPARED[0]
-
-
-def _limits() -> Limits:
-    return Limits(
-        schema="traverse/acceptance-limits/1",
-        standards=Standards(temperature_std_c=TEMPERATURE_STD_C),
-    )
-
-
-def _measured(
-    arm: Arm,
-    drawn: SimulatedCampaign,
-    artefacts: Sequence[StatedArtefact],
-    warm_c: float,
-) -> Measured:
-    """Compute places with the arm file; standards are of steel."""
-    campaign = drawn.campaign
-    places_mm = probe_centre(geometry_from_arm(arm), campaign.readings_rad)
-    tables = {
-        entry.id: artefact_from_table(
-            {
-                "id": entry.id,
-                "kind": entry.kind,
-                **entry.table,
-                "expansion_per_c": EXPANSION_PER_C,
-            }
-        )
-        for entry in artefacts
-    }
-    touched = {}
-    for name in tables:
-        rows = np.flatnonzero(campaign.artefact == name)
-        touched[name] = Touched(
-            places_mm[rows],
-            tuple(campaign.feature[rows].tolist()),
-            np.full(len(rows), warm_c),
-            np.full(len(rows), arm.probe.radius_mm),
-        )
-    shoulder_mm, reach_mm = reach_of(arm)
-    return Measured(tables, touched, arm.name, shoulder_mm, reach_mm)  # type: ignore[arg-type] # made from tables
-
-
-def _values(figures: Sequence[Figure]) -> dict[str, float]:
-    return {figure.key: abs(figure.value_mm) for figure in figures}
-
-
-def _paired(
-    true: Sequence[LengthError], found: Sequence[LengthError]
-) -> Iterator[tuple[float, float, float]]:
-    for one, other in zip(true, found, strict=True):
-        yield one.error_mm, other.error_mm, other.standard_mm
-
-
 def limits_mm(found: Sequence[Tested], key: str) -> Floats:
-    """Draw a limit for every arm, near its true figure."""
-    rng = np.random.default_rng(len(key))
-    near: Floats = rng.uniform(-NEAR_U, NEAR_U, len(found))
-    true = np.array([arm.true_mm[key] for arm in found])
-    return true + near * np.array([arm.standard_mm[key] for arm in found])
+    """Take the limit of every arm, (n_arms,)."""
+    return np.array([arm.limit_mm[key] for arm in found])
 
 
 def verdicts(found: Sequence[Tested], key: str, rule: str) -> NDArray[np.str_]:
-    """Decide on every arm."""
-    limits = _limits()
-    if rule == "simple":
-        limits = limits.model_copy(update={"decision": "simple"})
-    else:
-        limits = limits.model_copy(update={"guard_factor": float(rule)})
+    """Decide on every arm by its figure alone."""
+    limits = limits_of(rule)
     return np.array(
         [
             decision_of(
-                arm.found_mm[key], limit_mm, arm.standard_mm[key], limits
+                arm.found_mm[key], arm.limit_mm[key], arm.standard_mm[key], limits
             ).verdict
-            for arm, limit_mm in zip(found, limits_mm(found, key), strict=True)
+            for arm in found
         ]
     )
 
 
 def rates(found: Sequence[Tested], key: str) -> Iterator[dict[str, Any]]:
     """Count wrong decisions by rule."""
+    for rule in RULES:
+        yield _rates(found, key, rule, verdicts(found, key, rule))
+
+
+def procedure_rates(found: Sequence[Tested]) -> Iterator[dict[str, Any]]:
+    """Count the same of E_UNI with the rule for repeats."""
+    for rule in RULES:
+        verdict = np.array([arm.procedure[rule] for arm in found])
+        row = _rates(found, "e_uni", rule, verdict)
+        yield {**row, "figure": "e_uni with repeats"}
+
+
+def _rates(
+    found: Sequence[Tested], key: str, rule: str, verdict: NDArray[np.str_]
+) -> dict[str, Any]:
     true = np.array([arm.true_mm[key] for arm in found])
     good = true <= limits_mm(found, key)
-    for rule in ("simple", "1.65", "2.0"):
-        verdict = verdicts(found, key, rule)
-        yield {
-            "figure": key,
-            "rule": rule,
-            "u_mm": float(np.mean([arm.standard_mm[key] for arm in found])),
-            "good": int(good.sum()),
-            "bad": int((~good).sum()),
-            "false_accept": float(np.mean(verdict[~good] == "accept")),
-            "false_reject": float(np.mean(verdict[good] == "reject")),
-            "accepted_good": float(np.mean(verdict[good] == "accept")),
-            "rejected_bad": float(np.mean(verdict[~good] == "reject")),
-            "neither": float(np.mean(verdict == "neither")),
-        }
+    return {
+        "figure": key,
+        "rule": rule,
+        "u_mm": float(np.mean([arm.standard_mm[key] for arm in found])),
+        "good": int(good.sum()),
+        "bad": int((~good).sum()),
+        "false_accept": float(np.mean(verdict[~good] == "accept")),
+        "false_reject": float(np.mean(verdict[good] == "reject")),
+        "accepted_good": float(np.mean(verdict[good] == "accept")),
+        "rejected_bad": float(np.mean(verdict[~good] == "reject")),
+        "neither": float(np.mean(verdict == "neither")),
+    }
 
 
 def agreement(found: Sequence[Tested], key: str) -> dict[str, Any]:
@@ -261,34 +145,13 @@ def coverage(found: Sequence[Tested]) -> dict[str, float]:
     }
 
 
-def again(seed: int) -> dict[str, Any]:
-    """Test one and the same arm many times, with exact standards."""
-    arm, poses, exact = _prepared()
-    mine = touched_by(poses, true_arm(arm, Deviations(LINKS_MM, AXES_RAD, 0.0), seed))
-    values: dict[str, list[float]] = {}
-    for test in range(N_AGAIN):
-        drawn = drawn_acceptance(mine, 10_000 + test)
-        found = verified(_measured(arm, drawn, exact, 20.0), STANDARD, _limits())
-        for figure in found.figures:
-            values.setdefault(figure.key, []).append(abs(figure.value_mm))
-    return {
-        key: {
-            "mean_mm": float(np.mean(own)),
-            "std_mm": float(np.std(own, ddof=1)),
-            "least_mm": min(own),
-            "largest_mm": max(own),
-        }
-        for key, own in values.items()
-    }
-
-
 def _print(report: dict[str, Any]) -> None:
     print(
         "\n| figure | rule | u [um] | bad arms accepted | good arms "
         "rejected | good accepted | bad rejected | neither |"
     )
     print("|---|---|---|---|---|---|---|---|")
-    for row in report["rates"]:
+    for row in [*report["rates"], *report["procedure"]]:
         cells = [row["figure"], row["rule"]]
         cells += [f"{1e3 * row['u_mm']:.2f}"]
         names = ("false_accept", "false_reject", "accepted_good", "rejected_bad")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from benchmarks import acceptance
+from benchmarks import acceptance, acceptance_arms
 from kinematics.arm_file import read_arm
 from lab.acceptance.certificate_json import sealed
 from lab.acceptance.limits import Limits
@@ -26,7 +26,7 @@ from simulator.campaigns import write_campaign
 from simulator.campaigns.acceptance import acceptance_poses, drawn_acceptance
 
 if TYPE_CHECKING:
-    from benchmarks.acceptance import Tested
+    from benchmarks.acceptance_arms import Tested
 
 SCHEMA = "traverse/acceptance-limits/1"
 EXAMPLE_MPE = {
@@ -53,17 +53,17 @@ def paint(found: "Sequence[Tested]", folder: Path) -> None:
 def example() -> dict[str, Any]:
     """The certificate of the worked example."""
     with tempfile.TemporaryDirectory() as name:
-        folder, arm = Path(name), read_arm(acceptance.ARM)
-        poses = acceptance_poses(arm, acceptance.STANDARD, seed=1)
+        folder, arm = Path(name), read_arm(acceptance_arms.ARM)
+        poses = acceptance_poses(arm, acceptance_arms.STANDARD, seed=1)
         write_campaign(folder, drawn_acceptance(poses, seed=1), arm)
         limits = Limits.model_validate({"schema": SCHEMA, "mpe": EXAMPLE_MPE})
-        found = verified(read_measured(folder, arm), acceptance.STANDARD, limits)
+        found = verified(read_measured(folder, arm), acceptance_arms.STANDARD, limits)
         return sealed(found, arm, limits, {}).values
 
 
 def _truth(found: "Sequence[Tested]", figure: Figure) -> None:
     panels = figure.subplots(1, 2)
-    for axes, key in zip(panels, acceptance.FIGURES, strict=True):
+    for axes, key in zip(panels, acceptance_arms.FIGURES, strict=True):
         true = 1e3 * np.array([arm.true_mm[key] for arm in found])
         measured = 1e3 * np.array([arm.found_mm[key] for arm in found])
         limits = 1e3 * acceptance.limits_mm(found, key)
@@ -78,11 +78,13 @@ def _truth(found: "Sequence[Tested]", figure: Figure) -> None:
 
 def _decisions(found: "Sequence[Tested]", figure: Figure) -> None:
     panels = figure.subplots(1, 2, sharey=True)
-    for axes, key in zip(panels, acceptance.FIGURES, strict=True):
+    for axes, key in zip(panels, acceptance_arms.FIGURES, strict=True):
         true_mm = np.array([arm.true_mm[key] for arm in found])
         standard_mm = np.array([arm.standard_mm[key] for arm in found])
         off_u = (true_mm - acceptance.limits_mm(found, key)) / standard_mm
-        edges = np.linspace(-acceptance.NEAR_U, acceptance.NEAR_U, _N_BINS + 1)
+        edges = np.linspace(
+            -acceptance_arms.NEAR_U, acceptance_arms.NEAR_U, _N_BINS + 1
+        )
         middles = 0.5 * (edges[1:] + edges[:-1])
         bins = np.digitize(off_u, edges) - 1
         for rule, verdict, colour, style, label in (
