@@ -16,7 +16,7 @@ def written() -> str:
 def test_every_command_and_group_has_its_part() -> None:
     parts = set(re.findall(r"^\.SS traverse (\S+)$", written(), re.MULTILINE))
     names = {
-        (one.name or getattr(one.callback, "__name__", "")).replace("_", "\\-")
+        str(one.name or getattr(one.callback, "__name__", "")).replace("_", "\\-")
         for one in app.registered_commands
     }
     assert names | {one.name for one in app.registered_groups} <= parts

@@ -9,7 +9,7 @@ import aiomqtt
 from clients.subscription import received, subscribe
 from tests.end_to_end.listener import Listener
 from tests.end_to_end.programs import until
-from tests.vm.system.preparation import PASSWORDS
+from tests.vm.system.preparation import OPERATOR, PASSWORDS
 from tests.vm.system.unit import ARM
 
 START_S = 60.0
@@ -25,8 +25,8 @@ async def following() -> AsyncIterator[Listener]:
             try:
                 async with aiomqtt.Client(
                     "127.0.0.1",
-                    username="consumer",
-                    password=PASSWORDS["consumer"],
+                    username=OPERATOR,
+                    password=PASSWORDS[OPERATOR],
                     timeout=20,
                 ) as client:
                     await subscribe(client, ARM)

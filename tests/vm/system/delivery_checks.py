@@ -10,7 +10,7 @@ from tests.end_to_end.programs import until
 from tests.vm.system import unit
 from tests.vm.system.pedal import Pedal
 
-SOON_S = 60.0
+SOON_S = 150.0
 N_POINTS = 3
 TRIES = 5  # emulated encoders answer late now and then
 

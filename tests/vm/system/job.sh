@@ -24,9 +24,10 @@ echo $? >/run/status
 cp -r /var/lib/traverse "$out/state" 2>/dev/null
 journalctl --no-pager --output=short-precise >"$out/journal.txt"
 cp /var/log/mosquitto/mosquitto.log "$out/" 2>/dev/null
-rm -rf /etc/systemd/network/80-vcan0.* /etc/mosquitto/conf.d/traverse.conf \
-    /etc/mosquitto/traverse.* /etc/systemd/system/arm-simulator.service /srv/arm
 systemctl --quiet stop arm-simulator mosquitto
+rm -rf /etc/udev/rules.d/71-check.rules /etc/systemd/network/80-vcan0.* /etc/mosquitto/conf.d/traverse.conf \
+    /etc/mosquitto/traverse.* /etc/systemd/system/arm-simulator.service /srv/arm
+systemctl daemon-reload
 systemctl --quiet disable --now systemd-networkd
 export PYTHONDONTWRITEBYTECODE=1
 /usr/bin/python3 -m tests.vm.system.removal

@@ -12,7 +12,7 @@ from tests.end_to_end.programs import until
 from tests.vm.system import unit
 from tests.vm.system.preparation import FOLDER
 
-SOON_S = 60.0
+SOON_S = 150.0
 
 
 class Life:

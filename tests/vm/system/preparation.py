@@ -9,13 +9,14 @@ import subprocess
 from pathlib import Path
 
 from tests.vm.system.pedal import PORT, RULE, RULES
-from tests.vm.system.unit import ARM
+from tests.vm.system.unit import ARM, NAME
 
 EXAMPLES = Path("/usr/share/doc/traverse/examples")
 FOLDER = Path("/etc/traverse") / ARM
 SIMULATED = Path("/srv/arm")
 MOSQUITTO = Path("/etc/mosquitto")
-PASSWORDS = {ARM: "correct-horse-7", "consumer": "battery-staple"}
+OPERATOR = f"{ARM}-operator"  # of the example of rights
+PASSWORDS = {ARM: "correct-horse-7", OPERATOR: "battery-staple"}
 TRACKING_HZ = 10.0  # what an emulated processor can do
 
 _DAEMON = f"""\
@@ -35,6 +36,15 @@ inputs = [{{ source = "pedal/0", trigger = "button" }}]
 [assembly]
 wait_s = 1.0
 point_wait_s = 5.0
+
+[recording]
+flight_s = 20.0
+"""
+# An emulated processor on a busy computer: what takes a second takes half a minute.
+_SLOW = """\
+[Service]
+WatchdogSec=30
+TimeoutStartSec=300
 """
 _SIMULATOR_UNIT = f"""\
 [Unit]
@@ -64,6 +74,13 @@ def write_daemon() -> None:
     secret.write_text(PASSWORDS[ARM] + "\n", "utf-8")
 
 
+def write_drop_in() -> None:
+    """What `systemctl edit` would write: more patience."""
+    folder = Path(f"/etc/systemd/system/{NAME}.d")
+    folder.mkdir()
+    (folder / "slow.conf").write_text(_SLOW, "utf-8")
+
+
 def write_arm(folder: Path) -> None:
     """The arm file of the examples, named as this arm is."""
     text = (EXAMPLES / "arm.toml").read_text("utf-8")
@@ -85,8 +102,7 @@ def write_broker() -> None:
     passwords.write_text("".join(f"{n}:{word}\n" for n, word in PASSWORDS.items()))
     subprocess.run(["mosquitto_passwd", "-U", str(passwords)], check=True)
     acl = MOSQUITTO / "traverse.acl"
-    rights = [f"user {name}\ntopic readwrite traverse/#\n" for name in PASSWORDS]
-    acl.write_text("".join(rights))
+    shutil.copy(EXAMPLES / "mosquitto/acl", acl)
     for path in (passwords, acl):
         shutil.chown(path, "root", "mosquitto")
         path.chmod(0o640)
@@ -95,6 +111,7 @@ def write_broker() -> None:
 if __name__ == "__main__":
     os.umask(0o022)
     write_daemon()
+    write_drop_in()
     write_simulator()
     write_broker()
     Path(RULES).write_text(RULE, "utf-8")
