@@ -24,7 +24,7 @@ from drivers.pulse import Pulse
 
 log = logging.getLogger("daemon.outbox")
 
-LOOK_S = 1.0
+LOOK_S = 0.5
 FIGURES_S = 0.2
 FORGET_S = 0.3
 MOST_TOGETHER = 500
