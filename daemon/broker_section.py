@@ -59,7 +59,7 @@ def broker_table_problems(raw: object) -> Iterator[Problem]:
             yield Problem(f"broker.{other}", text)
     if "password_file" in raw and "username" not in raw:
         text = "is missing; password_file is given, and a password needs a name"
-        yield Problem("broker.username", text)
+        yield Problem(".".join(("broker", "username")), text)
     yield from _filter_problems(raw.get("response_topics"))
 
 
