@@ -44,7 +44,15 @@ def extensions() -> list[Extension]:
         ],
         # Strict IEEE: no contraction into fused operations, no -ffast-math; and no
         # instructions beyond the baseline but in the variants chosen at import.
-        extra_compile_args=["-O3", "-ffp-contract=off", "-fno-math-errno"],
+        # Loops begin where the processor fetches: else the same code is a tenth slower
+        # or not, as whatever stands before it happens to be long.
+        extra_compile_args=[
+            "-O3",
+            "-ffp-contract=off",
+            "-fno-math-errno",
+            "-falign-functions=64",
+            "-falign-loops=64",
+        ],
         libraries=["m"],
     )
     found: list[Extension] = cythonize([kernel], build_dir="build/cython", quiet=True)
