@@ -52,27 +52,24 @@ def open_to_read(path: Path) -> sqlite3.Connection:
 def sessions_of(connection: sqlite3.Connection, at_most: int) -> list[HeldSession]:
     """Sessions of which there are points, oldest first, the latest of them."""
     rows: list[tuple[Any, ...]] = connection.execute(
-        "SELECT session, begun_ns, note, first_seq, last_seq, points FROM ("
+        "SELECT session, begun_ns, note, first_seq, last_seq FROM ("
         " SELECT rowid AS place, session, begun_ns, note,"
         "  (SELECT min(seq) FROM messages m WHERE m.session = s.session) AS first_seq,"
-        "  (SELECT max(seq) FROM messages m WHERE m.session = s.session) AS last_seq,"
-        "  (SELECT count(*) FROM messages m WHERE m.session = s.session) AS points"
+        "  (SELECT max(seq) FROM messages m WHERE m.session = s.session) AS last_seq"
         " FROM sessions s ORDER BY place DESC LIMIT ?"
         ") WHERE first_seq IS NOT NULL ORDER BY place",
         (at_most,),
     ).fetchall()
-    unsent = dict(
-        connection.execute(
-            "SELECT session, count(*) FROM messages INDEXED BY unsent WHERE sent = 0 "
-            "GROUP BY session"
-        ).fetchall()
-    )
-    return [
-        HeldSession(
-            session, begun_ns, note, first, last, points, unsent.get(session, 0)
-        )
-        for session, begun_ns, note, first, last, points in rows
-    ]
+    return [HeldSession(*row) for row in rows]
+
+
+def counts_of(connection: sqlite3.Connection, session: str) -> tuple[int, int]:
+    """How many points of a session there are, and how many the broker lacks."""
+    points, unsent = connection.execute(
+        "SELECT count(*), coalesce(sum(sent = 0), 0) FROM messages WHERE session = ?",
+        (session,),
+    ).fetchone()
+    return points, unsent
 
 
 def unsent_of(connection: sqlite3.Connection, after: int, at_most: int) -> list[Held]:

@@ -28,7 +28,7 @@ LOOK_S = 0.5
 FIGURES_S = 0.2
 FORGET_S = 0.3
 MOST_TOGETHER = 500
-FORGOTTEN_TOGETHER = 200
+FORGOTTEN_TOGETHER = 50
 TURN_S = 30.0  # that a slow disk may take
 
 T = TypeVar("T")

@@ -68,8 +68,7 @@ class HeldSession:
 
     Attributes:
         begun_ns: when it began [UTC].
-        points: how many there are, retractions included.
-        unsent: how many of them the broker does not have yet.
+        first_seq, last_seq: the numbers held.
     """
 
     session: str
@@ -77,8 +76,6 @@ class HeldSession:
     note: str
     first_seq: int
     last_seq: int
-    points: int
-    unsent: int
 
 
 @dataclass(frozen=True, slots=True)

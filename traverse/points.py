@@ -45,14 +45,19 @@ def list_points(
 
     Exit status 2: the file cannot be read, or has no such session.
     """
-    from daemon.outbox_reading import all_messages_of, sessions_of  # noqa: PLC0415
+    from daemon.outbox_reading import (  # noqa: PLC0415 - keeps --help quick
+        all_messages_of,
+        counts_of,
+        sessions_of,
+    )
     from traverse.points_lines import point_line, session_line  # noqa: PLC0415
 
     command = "points list"
     with _opened(command, db, config) as connection:
         if session is None:
             for one in sessions_of(connection, LAST):
-                typer.echo(session_line(one, as_json=as_json))
+                n, unsent = counts_of(connection, one.session)
+                typer.echo(session_line(one, n, unsent, as_json=as_json))
             return
         _check(command, connection, session)
         last = LAST if to_seq is None else to_seq

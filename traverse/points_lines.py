@@ -9,8 +9,10 @@ from protocol.message_error import MessageError
 from protocol.messages import Point
 
 
-def session_line(session: HeldSession, *, as_json: bool) -> str:
-    """One session."""
+def session_line(
+    session: HeldSession, points: int, unsent: int, *, as_json: bool
+) -> str:
+    """One session, with how many points there are and the broker lacks."""
     if as_json:
         return json.dumps(
             {
@@ -19,16 +21,16 @@ def session_line(session: HeldSession, *, as_json: bool) -> str:
                 "note": session.note,
                 "first_seq": session.first_seq,
                 "last_seq": session.last_seq,
-                "points": session.points,
-                "unsent": session.unsent,
+                "points": points,
+                "unsent": unsent,
             }
         )
     begun = datetime.fromtimestamp(session.begun_ns // 10**9, UTC)
-    unsent = f", {session.unsent} not sent yet" if session.unsent else ""
+    left = f", {unsent} not sent yet" if unsent else ""
     note = f"  {session.note}" if session.note else ""
     return (
         f"{session.session}  {begun:%Y-%m-%d %H:%M:%S} UTC  {session.first_seq} to "
-        f"{session.last_seq}{unsent}{note}"
+        f"{session.last_seq}{left}{note}"
     )
 
 

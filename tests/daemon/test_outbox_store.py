@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from daemon.outbox_reading import (
     all_messages_of,
+    counts_of,
     extent_of,
     messages_of,
     open_to_read,
@@ -118,9 +119,11 @@ def test_sessions_are_listed_oldest_first_the_latest_of_them(store):
         store.add(entries(session, 3))
     store.mark_sent([(4, 5)])
     assert sessions_of(store.connection, 2) == [
-        HeldSession("a", NOW_NS, "note of a", 0, 2, 3, 1),
-        HeldSession("b", NOW_NS, "note of b", 0, 2, 3, 3),
+        HeldSession("a", NOW_NS, "note of a", 0, 2),
+        HeldSession("b", NOW_NS, "note of b", 0, 2),
     ]
+    assert counts_of(store.connection, "a") == (3, 1)
+    assert counts_of(store.connection, "nobody") == (0, 0)
 
 
 def test_a_reader_beside_reads_all_in_pieces_and_writes_nothing(store, path):
