@@ -1,13 +1,23 @@
 """The line that `systemctl status` shows: how the daemon is, for people."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+
+
+def local_time() -> str:
+    """Hours, minutes and seconds, as in the log."""
+    return time.strftime("%H:%M:%S")
 
 
 class StatusLine:
-    """Makes the line; remembers since when something has been as it is."""
+    """Makes the line; remembers since when something has been as it is.
 
-    def __init__(self) -> None:
+    Args:
+        now: tells the time of day.
+    """
+
+    def __init__(self, now: Callable[[], str] = local_time) -> None:
+        self._now = now
         self._since: dict[str, tuple[str, str]] = {}
 
     def text(
@@ -38,6 +48,6 @@ class StatusLine:
         """Local time at which a state was first told."""
         before, since = self._since.get(name, ("", ""))
         if before != state:
-            since = time.strftime("%H:%M:%S")
+            since = self._now()
             self._since[name] = state, since
         return since

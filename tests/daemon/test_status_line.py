@@ -1,0 +1,36 @@
+"""What `systemctl status` shows."""
+
+import re
+
+from daemon.status_line import StatusLine
+
+
+def test_what_is_well_is_short():
+    line = StatusLine()
+    assert line.text("measuring", {"base": "ready"}, "connected", 0) == (
+        "measuring: 1 device"
+    )
+    two = {"base": "ready", "wrist": "ready"}
+    assert line.text("measuring", two, "connected", 1) == (
+        "measuring: 2 devices, 1 point waits"
+    )
+
+
+def test_what_is_missing_is_told_with_the_time_since_when():
+    line = StatusLine()
+    devices = {"base": "ready", "wrist": "lost"}
+    first = line.text("measuring", devices, "lost", 12)
+    time = r"\d\d:\d\d:\d\d"
+    told = rf"measuring: 1 device, wrist lost since {time}, broker lost since {time}, "
+    assert re.fullmatch(f"{told}12 points wait", first)
+
+
+def test_the_time_is_that_of_the_change():
+    times = iter(["12:00:00", "12:00:07", "12:00:09"])
+    line = StatusLine(lambda: next(times))
+    for _ in range(3):
+        text = line.text("measuring", {"base": "lost"}, "connected", 0)
+        assert text == "measuring: 0 devices, base lost since 12:00:00"
+    line.text("measuring", {"base": "failed"}, "connected", 0)
+    text = line.text("measuring", {"base": "lost"}, "connected", 0)
+    assert text.endswith("base lost since 12:00:09")
