@@ -4,7 +4,8 @@
 set -eu
 case "$1" in
     python) python3 -c 'import ensurepip, venv' 2>/dev/null && exit 0; packages="python3-venv" ;;
-    mosquitto) PATH="$PATH:/usr/sbin"; command -v mosquitto >/dev/null && exit 0; packages="mosquitto" ;;
+    mosquitto) PATH="$PATH:/usr/sbin"; command -v mosquitto >/dev/null && command -v openssl >/dev/null && exit 0
+        packages="mosquitto openssl" ;;
     chromium) command -v chromium >/dev/null && exit 0; packages="chromium" ;;
     node) command -v npm >/dev/null && exit 0; packages="nodejs npm" ;;
     pykdl) ls /usr/lib/python3/dist-packages/PyKDL.*.so >/dev/null 2>&1 && exit 0; packages="python3-pykdl" ;;

@@ -71,8 +71,8 @@ per `id`. A consumer that sees a gap in (session, seq), or starts late,
 asks `cmd/resend`.
 """
 COMMAND_HEAD = """\
-A command is answered on the MQTT 5 response topic if it has one, else on
-`reply/<name>`; a repeated `request` gets the first answer again. What `args` holds
+A command is answered on the MQTT 5 response topic if it has one, which has to be below
+`reply/` ([why](../security.md#answers)), else on `reply/<name>`; a repeated `request` gets the first answer again. What `args` holds
 depends on the name:
 """
 

@@ -15,6 +15,7 @@ from kinematics.raw_values import tables_in, vector_in
 
 _JOINT_NAME = re.compile(r"[A-Za-z0-9_-]+")
 _SOURCE = re.compile(r"[^/\s]+/(0|[1-9][0-9]*)")
+MAX_NAME_LENGTH = 64
 _NOT_IN_TOPIC = re.compile(r"[/+#\x00-\x1f\x7f-\x9f]")
 
 
@@ -39,11 +40,12 @@ def arm_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
 def _name_problems(name: object) -> Iterator[Problem]:
     if not isinstance(name, str):
         return
-    if not name.strip() or _NOT_IN_TOPIC.search(name):
+    is_long = len(name) > MAX_NAME_LENGTH
+    if not name.strip() or is_long or _NOT_IN_TOPIC.search(name):
         yield Problem(
             "name",
             f"{shown(name)} cannot be a level of an MQTT topic; "
-            "use letters, digits, '-' and '_', without / + #",
+            f"use 1 to {MAX_NAME_LENGTH} letters, digits, '-' and '_', not / + #",
         )
 
 

@@ -174,7 +174,7 @@ def test_messages_say_what_was_found_and_what_was_expected(where, message):
 
 
 @pytest.mark.parametrize(
-    "name", ["", "  ", "a/b", "a+", "#", "a\\u0000", "a\\u009f", "\\n"]
+    "name", ["", "  ", "a/b", "a+", "#", "a\\u0000", "a\\u009f", "\\n", "x" * 65]
 )
 def test_arm_names_that_break_topics_are_refused(name):
     assert list(problems_of(ARM_TEXT.replace("bench-7", name))) == ["name"]
