@@ -32,14 +32,16 @@ class StatusLine:
             waiting: points that the broker does not have yet.
         """
         ready = sum(state == "ready" for state in devices.values())
+        since = {name: self._time(name, state) for name, state in devices.items()}
+        broker_since = self._time("broker/", broker)
         parts = [f"{ready} device{'s' * (ready != 1)}"]
         parts += [
-            f"{name} {state} since {self._time(name, state)}"
+            f"{name} {state} since {since[name]}"
             for name, state in devices.items()
             if state != "ready"
         ]
-        since = self._time("broker/", broker)
-        parts += [f"broker {broker} since {since}"] if broker != "connected" else []
+        if broker != "connected":
+            parts.append(f"broker {broker} since {broker_since}")
         if waiting:
             parts.append("1 point waits" if waiting == 1 else f"{waiting} points wait")
         return f"{doing}: {', '.join(parts)}"

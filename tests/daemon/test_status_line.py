@@ -26,11 +26,14 @@ def test_what_is_missing_is_told_with_the_time_since_when():
 
 
 def test_the_time_is_that_of_the_change():
-    times = iter(["12:00:00", "12:00:07", "12:00:09"])
-    line = StatusLine(lambda: next(times))
-    for _ in range(3):
-        text = line.text("measuring", {"base": "lost"}, "connected", 0)
-        assert text == "measuring: 0 devices, base lost since 12:00:00"
-    line.text("measuring", {"base": "failed"}, "connected", 0)
-    text = line.text("measuring", {"base": "lost"}, "connected", 0)
-    assert text.endswith("base lost since 12:00:09")
+    now = ["12:00:00"]
+    line = StatusLine(lambda: now[0])
+
+    def told(state: str) -> str:
+        return line.text("measuring", {"base": state}, "connected", 0)
+
+    assert told("lost") == "measuring: 0 devices, base lost since 12:00:00"
+    now[0] = "12:00:07"
+    assert told("lost") == "measuring: 0 devices, base lost since 12:00:00"
+    assert told("ready") == "measuring: 1 device"
+    assert told("lost") == "measuring: 0 devices, base lost since 12:00:07"
