@@ -26,6 +26,7 @@ from daemon.life import Life
 from daemon.live import LiveView
 from daemon.measuring import Measuring
 from daemon.model import ArmModel
+from daemon.model_told import tell_model
 from daemon.notify import Notifier
 from daemon.outbox import Outbox
 from daemon.outgoing import OutgoingQueue
@@ -254,7 +255,8 @@ class Service:
                     running.append(tasks.create_task(self._reload_at_signals()))
                     self._publish_status()
                     self._requests.track()
-                    self._tell_model()
+                    settings = self._configuration.capture
+                    tell_model(self._measuring.model, settings.compensation)
                     await self._arrival.broker(self._stopping)
                     self._life.ready()
                     await self._stopping.wait()
@@ -279,28 +281,13 @@ class Service:
         tell_reloaded(self._recorder, self._path, configuration)
         self._publisher.renew()
         self._publish_status()
-        self._tell_model()
+        tell_model(inputs.model, configuration.capture.compensation)
 
     async def _reload_at_signals(self) -> None:
         while True:
             await self._hang_up.wait()
             self._hang_up.clear()
             await self._reload.on_signal()
-
-    def _tell_model(self) -> None:
-        model = self._measuring.model
-        log.info("arm %s, model %s", self._arm, model.digest[:12])
-        if names := model.effect_names:
-            log.info("effects applied: %s", ", ".join(names))
-        if model.effects.contacts and self._configuration.capture.compensation in (
-            "none",
-            "shank",
-        ):
-            log.warning(
-                "effects of the contact are left out: `compensation` in [capture] is "
-                "not one that finds the direction of the surface (pretouch, pulled, "
-                "inside, outside); every point is flagged surface_unknown"
-            )
 
     async def _drain(self) -> None:
         self._measuring.stop_scan()
