@@ -8,6 +8,7 @@ from lab.acceptance.certificate_check import DATA
 from lab.acceptance.certificate_json import Sealed
 from lab.acceptance.certificate_page import certificate_page
 from lab.acceptance.certificate_pdf import certificate_pdf
+from lab.acceptance.pdf_attachments import with_attachments
 
 CERTIFICATE = "certificate.json"
 
@@ -25,7 +26,10 @@ def write_certificate(certificate: Sealed, folder: Path) -> None:
     for name, content in certificate.files.items():
         (data / name).write_bytes(content)
     values = certificate.values
+    lines = json.dumps(values, indent=1, allow_nan=False, ensure_ascii=False)
+    text = f"{lines}\n".encode()
     write_whole(folder / "certificate.html", certificate_page(certificate))
-    (folder / "certificate.pdf").write_bytes(certificate_pdf(values))
-    text = json.dumps(values, indent=1, allow_nan=False, ensure_ascii=False)
-    write_whole(folder / CERTIFICATE, text + "\n")
+    document = certificate_pdf(values)
+    document = with_attachments(document, {**certificate.files, CERTIFICATE: text})
+    (folder / "certificate.pdf").write_bytes(document)
+    write_whole(folder / CERTIFICATE, text.decode())
