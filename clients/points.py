@@ -28,6 +28,7 @@ ARRIVAL_S = 2.0
 TAIL_S = 30.0
 READER_S = 10.0
 MAX_PLACES = 16
+MAX_SILENCES = 2
 CANNOT = ("command.not_available", "command.bad_args")
 
 
@@ -60,6 +61,7 @@ class PointStream:
         self._taken: dict[str, int] = {}
         self._error: BaseException | None = None
         self._is_closed = False
+        self._silences = 0
         self.lost = 0
 
     @property
@@ -153,8 +155,10 @@ class PointStream:
         while True:
             ask = await self._next_ask()
             progress = self._order.next_seq_of(ask.session or "")
+            before = (self._order.n_taken, self._link.connections)
             try:
                 await self._carry_out(ask, ARRIVAL_S + wait_s)
+                self._silences = 0
                 if ask.session and progress == self._order.next_seq_of(ask.session):
                     wait_s = min(2 * wait_s, LAST_WAIT_S)
                 else:
@@ -170,8 +174,22 @@ class PointStream:
             except ClientError as error:
                 self._order.unanswered(ask)
                 log.info("points may be missing: %s", error)
+                self._count_silence(before, str(error))
             await asyncio.sleep(wait_s)
             wait_s = min(2 * wait_s, LAST_WAIT_S)
+
+    def _count_silence(self, before: tuple[int, int], reason: str) -> None:
+        """Points that come while nobody answers: this client may read, not command."""
+        n_taken, connections = before
+        is_speaking = self._order.n_taken > n_taken
+        if is_speaking and self._link.is_up and self._link.connections == connections:
+            self._silences += 1
+        else:
+            self._silences = 0
+        if self._silences >= MAX_SILENCES:
+            self._silences = 0
+            self._order.refuse(f"the arm does not answer this client: {reason}")
+            self._tell_all()
 
     async def _next_ask(self) -> Ask:
         """Wait until something is missing, or nothing has come for long."""

@@ -9,6 +9,7 @@ was acknowledged is missing, doubled, out of order, or invented.
 import argparse
 import asyncio
 import random
+import shutil
 import sys
 import tempfile
 import time
@@ -21,7 +22,7 @@ from benchmarks.soak.bench import Bench
 from benchmarks.soak.judge import Verdict, judge, outbox_points, stored
 from benchmarks.soak.outages import Outages
 
-READY_S = 60.0
+READY_S = 180.0
 DRAIN_S = 120.0
 
 
@@ -38,10 +39,12 @@ async def crash(
             await _first_points(bench)
             await outages.happen(kills, lambda text: print(text, flush=True))
             said = await _disks(bench) if has_disk else []
-            operating = keeping.pop()
-            operating.cancel()
-            await asyncio.sleep(1.0)
+            for one, task in zip(bench.programs(), list(keeping), strict=True):
+                if one in (bench.operator, bench.board):
+                    task.cancel()
             bench.operator.stop()
+            await asyncio.sleep(2.0)  # so that the last edges are acknowledged
+            bench.board.stop()
             await _drained(bench)
         finally:
             for task in keeping:
@@ -75,7 +78,6 @@ async def _disks(bench: Bench) -> list[str]:
 
 async def _drained(bench: Bench) -> None:
     """Wait until nothing more comes, in the store or in the outbox."""
-    bench.board.stop()  # kept no more: no more presses
     quiet_since_s, last = time.monotonic(), -1
     until_s = time.monotonic() + DRAIN_S
     while time.monotonic() < until_s:
@@ -128,6 +130,8 @@ def main(options: argparse.Namespace) -> int:
         outages = Outages(bench, options.seed)
         said = asyncio.run(crash(bench, outages, options.kills, has_disk))
         verdict = judge(folder, state / "outbox.db", bench.lives)
+        if has_disk and options.folder is not None:
+            shutil.copytree(state, folder / "kept")  # the disk itself goes away
     faults = said + verdict.faults
     disks = "refused, told, recovered" if has_disk else "not tried: mounting needs root"
     disks = "; ".join(said) or disks
