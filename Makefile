@@ -65,10 +65,10 @@ bench-kernel: $(PEERS)/.ready  ## kernel and measurement path beside others; tak
 	OPENBLAS_NUM_THREADS=1 $(PEERS)/bin/python -m benchmarks.kinematics $(FIGURES)/kinematics.json
 	OPENBLAS_NUM_THREADS=1 $(PEERS)/bin/python -m benchmarks.path $(FIGURES)/path.json
 
-bench: venv system bench-kernel  ## the figures of docs/performance.md; takes minutes
-	$(BIN)/python -m benchmarks 20 $(FIGURES)
+bench: venv system bench-kernel  ## the figures of docs/performance.md; takes six minutes
+	$(BIN)/python -m benchmarks 6 $(FIGURES)
 	$(BIN)/python -m benchmarks.latency $(FIGURES)/latency.json
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.effects 8 $(FIGURES)/effects.json
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.effects 4 $(FIGURES)/effects.json
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.gil $(FIGURES)/gil.json
 	$(BIN)/python -m benchmarks.plots $(FIGURES)
 

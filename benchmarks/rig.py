@@ -20,6 +20,7 @@ seed = 3
 repeat = true
 [arm]
 file = "arm.toml"
+{arm}
 [[device]]
 id = "base"
 port = "board.pty"
@@ -116,12 +117,12 @@ def mosquitto(folder: Path, port: int) -> Iterator["subprocess.Popen[bytes]"]:
 
 @contextlib.contextmanager
 def simulator(
-    folder: Path, device: str = "", faults: str = ""
+    folder: Path, device: str = "", faults: str = "", arm: str = ""
 ) -> Iterator["subprocess.Popen[bytes]"]:
     """The simulated board on ``folder``/board.pty."""
     shutil.copy(ARM, folder / "arm.toml")
     config = folder / "simulator.toml"
-    config.write_text(SIMULATION.format(device=device, faults=faults))
+    config.write_text(SIMULATION.format(arm=arm, device=device, faults=faults))
     run = (sys.executable, "-m", "traverse", "simulate", "--config", str(config))
     with program(folder / "simulator.log", *run) as process:
         wait_for((folder / "board.pty").exists, "the simulated board")
@@ -129,11 +130,13 @@ def simulator(
 
 
 @contextlib.contextmanager
-def daemon(folder: Path, port: int) -> Iterator["subprocess.Popen[bytes]"]:
-    """The daemon on that board and a broker."""
+def daemon(
+    folder: Path, port: int, more: str = ""
+) -> Iterator["subprocess.Popen[bytes]"]:
+    """The daemon on that board and a broker; ``more`` tables of its configuration."""
     shutil.copy(ARM, folder / "arm.toml")
     config = folder / "daemon.toml"
-    config.write_text(DAEMON.format(folder=folder, port=port))
+    config.write_text(DAEMON.format(folder=folder, port=port) + more)
     run = (sys.executable, "-m", "traverse", "run", "--config", str(config))
     log = folder / "daemon.log"
     with program(log, *run) as process:

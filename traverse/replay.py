@@ -1,6 +1,7 @@
 """`traverse replay`: a recording through the same pipeline again."""
 
 import asyncio
+import logging
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -49,6 +50,7 @@ def replay(
     from recording.run_reader import RunReader  # noqa: PLC0415 - quick help
     from traverse.replay_report import report_of, report_text  # noqa: PLC0415
 
+    logging.getLogger("daemon").setLevel(logging.CRITICAL)  # what happened then
     points: list[Point] = []
     try:
         lines = None if out is None else out.open("w", encoding="utf-8")
