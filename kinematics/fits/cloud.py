@@ -100,8 +100,17 @@ def cloud_of(points_mm: Floats, at_least: int) -> Cloud:
 
 def across(direction: Floats) -> tuple[Floats, Floats]:
     """Find two unit vectors across a unit vector (3,), and across each other."""
-    least = np.eye(3)[int(np.argmin(np.abs(direction)))]
-    first = least - (least @ direction) * direction
-    first /= np.linalg.norm(first)
-    second: Floats = np.cross(direction, first)
-    return first, second
+    frame = frames_across(direction[np.newaxis])[0]
+    return frame[:, 0], frame[:, 1]
+
+
+def frames_across(directions: Floats) -> Floats:
+    """Find two unit vectors across each of many, (n, 3), as columns: (n, 3, 2)."""
+    least = np.eye(3)[np.argmin(np.abs(directions), axis=1)]
+    along = np.einsum("ni,ni->n", least, directions)
+    first = least - along[:, np.newaxis] * directions
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    x, y, z = directions.T
+    u, v, w = first.T
+    second = np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=1)
+    return np.stack([first, second], axis=2)

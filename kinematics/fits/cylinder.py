@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.fits.adjustment import Precision, adjusted, inverse_normal
-from kinematics.fits.cloud import FLAT, Cloud, across, cloud_of
+from kinematics.fits.cloud import FLAT, Cloud, across, cloud_of, frames_across
 
 Floats = NDArray[np.float64]
 
@@ -95,8 +95,7 @@ def _starts(cloud: Cloud) -> list[_State]:
     radii = np.sqrt(1.0 - heights**2)
     even = np.column_stack([radii * np.cos(turns), radii * np.sin(turns), heights])
     axes = np.concatenate([cloud.axes, even])
-    seen = [np.column_stack(across(axis)) for axis in axes]
-    frames = np.stack(seen)  # (n_directions, 3, 2)
+    frames = frames_across(axes)  # (n_directions, 3, 2)
     flat = cloud.points @ frames
     squares = np.einsum("dni,dni->dn", flat, flat)
     # |f - c|^2 = r^2 with sums of f and of squares about their means.

@@ -13,7 +13,7 @@ from kinematics.fits import (
 )
 from tests.kinematics.test_fits_shapes import tilted, tube
 
-N_DRAWS = 1200
+N_DRAWS = 600
 STD_MM = 0.01
 
 
