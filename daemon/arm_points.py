@@ -78,7 +78,7 @@ class ArmPoints:
 
     @property
     def is_idle(self) -> bool:
-        """No point is being taken, and no press waits to be told apart."""
+        """No point is being taken or kept, and no press waits to be told apart."""
         return not (self._pending or self._answers) and self._buttons.are_decided
 
     def use(self, stage: Stage, triggers: Triggers, settings: CaptureSection) -> None:
@@ -193,21 +193,17 @@ class ArmPoints:
         if isinstance(outcome, CaptureRefusedError):
             self._capture.refused += request.captures
             self.events.refused(outcome)
-        elif isinstance(outcome, Point):
-            self._note(request, outcome)
+        elif isinstance(outcome, Point) and outcome.retracts is None:
+            now_ns = self._stage.clock.running.monotonic_ns()
+            taken = self._health.latencies["capture_to_publish"]
+            taken.add(now_ns - request.received_ns)
+        elif isinstance(outcome, Point) and request.device is not None:
+            self.events.undone(outcome)
         request.answer_with(outcome)
         if request.device is not None and request.latch is not None:
             self.events.edge(request, request.device, request.latch)
             # Only now may the device forget it.
             request.device.driver.acknowledge(request.latch.token)
-
-    def _note(self, request: Request, point: Point) -> None:
-        if point.retracts is None:
-            now_ns = self._stage.clock.running.monotonic_ns()
-            taken = self._health.latencies["capture_to_publish"]
-            taken.add(now_ns - request.received_ns)
-        elif request.device is not None:
-            self.events.undone(point)
 
     def _outcome(self, request: Request, is_last_chance: bool) -> object:
         """What comes of a request; None while that has to be waited for.
