@@ -26,6 +26,7 @@ CLOUD_FIELDS = (
     *((name, FLOAT64) for name in ("x_mm", "y_mm", "z_mm", "i", "j", "k")),
     ("number", UINT32),
     ("quality", UINT32),
+    ("after_s", FLOAT64),
 )
 """Of a point of a cloud: name and type, packed without gaps."""
 CLOUD_TYPE = np.dtype([(name, _TYPES[kind]) for name, kind in CLOUD_FIELDS])
@@ -76,6 +77,7 @@ def cloud_to_bytes(scan: Scan) -> bytes:
         packed[axis] = scan.ijk[:, column]
     packed["number"] = np.arange(scan.seq, scan.seq + n)
     packed["quality"] = scan.quality
+    packed["after_s"] = np.asarray(scan.dtime_ns) * 1e-9
     fields = [
         {"name": name, "offset": CLOUD_TYPE.fields[name][1], "type": kind}  # type: ignore[index] # it has names
         for name, kind in CLOUD_FIELDS
@@ -92,6 +94,7 @@ def cloud_to_bytes(scan: Scan) -> bytes:
         "data": base64.b64encode(packed.tobytes()).decode(),
         "scan": scan.scan,
         "session": scan.session,
+        "time_ns": str(scan.time_ns),
     }
     return json.dumps(table).encode()
 
@@ -102,10 +105,21 @@ def bytes_to_cloud(content: bytes) -> tuple[str, NDArray[np.void]]:
     Raises:
         ValueError: It is none.
     """
+    scan, _, points = bytes_to_timed_cloud(content)
+    return scan, points
+
+
+def bytes_to_timed_cloud(content: bytes) -> tuple[str, int, NDArray[np.void]]:
+    """Read a cloud: the scan's id, the instant that `after_s` counts from, its points.
+
+    Raises:
+        ValueError: It is none.
+    """
     try:
         table = json.loads(content)
         data = base64.b64decode(table["data"], validate=True)
-        return str(table["scan"]), np.frombuffer(data, CLOUD_TYPE)
+        points = np.frombuffer(data, CLOUD_TYPE)
+        return str(table["scan"]), int(table["time_ns"]), points
     except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise ValueError(f"no cloud of a scan: {error!r}") from error
 

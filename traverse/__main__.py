@@ -1,6 +1,7 @@
 """Entry point: the console script `traverse`, and `python -m traverse`."""
 
 import sys
+from collections.abc import Callable
 from importlib.metadata import version
 from typing import Annotated
 
@@ -19,6 +20,7 @@ from traverse.check import check
 from traverse.collect import collect
 from traverse.demo import demo
 from traverse.diagnose import diagnose
+from traverse.export import export
 from traverse.identify import identify
 from traverse.microscribe import microscribe
 from traverse.page import page
@@ -38,12 +40,12 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (demo, run, simulate, watch, check, collect, identify, diagnose, blind):
+COMMANDS: tuple[Callable[..., None], ...] = (
+    *(demo, run, simulate, watch, page, check, collect, identify, diagnose, blind),
+    *(verify, record, replay, export),
+)
+for command in COMMANDS:
     app.command()(command)
-for command in (record, replay):
-    app.command()(command)
-app.command()(verify)
-app.command()(page)
 app.add_typer(arm, name="arm")
 app.add_typer(amt21, name="amt21")
 app.add_typer(can, name="can")

@@ -9,7 +9,7 @@ import csv
 import io
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -114,6 +114,11 @@ class Collection:
         self._keep(asdict(touch))
         return True
 
+    def take_all(self, touches: Iterable[Touch]) -> None:
+        """Keep many points that were captured before."""
+        entries = [asdict(touch) for touch in touches if touch.id not in self.touches]
+        self._keep(*entries)
+
     def retract(self, point_id: str) -> bool:
         """Take a point back; False where it is not of this collection."""
         if point_id not in self.touches:
@@ -144,13 +149,14 @@ class Collection:
             (t for t in self.targets if (t.artefact, t.feature) == wanted), None
         )
 
-    def _keep(self, entry: Mapping[str, Any]) -> None:
-        line = json.dumps(entry, allow_nan=False) + "\n"
+    def _keep(self, *entries: Mapping[str, Any]) -> None:
+        lines = [json.dumps(entry, allow_nan=False) + "\n" for entry in entries]
         with (self.folder / JOURNAL).open("a", encoding="utf-8") as file:
-            file.write(line)
+            file.write("".join(lines))
             file.flush()
             os.fsync(file.fileno())
-        self._apply(entry)
+        for entry in entries:
+            self._apply(entry)
         self._write_table()
 
     def _apply(self, entry: Mapping[str, Any]) -> None:

@@ -42,7 +42,7 @@ def page(
         Path | None, typer.Option(help="Certificate of this page, PEM.")
     ] = None,
     key: Annotated[Path | None, typer.Option(help="Its key, PEM.")] = None,
-    show: Annotated[bool, typer.Option(help="Open a browser.")] = False,
+    show: Annotated[bool, typer.Option("--show", help="Open a browser.")] = False,
 ) -> None:
     """Show an arm in a browser: read-out, 3D view, points, scans, health.
 
@@ -54,8 +54,8 @@ def page(
     from clients.address import BrokerAddress  # noqa: PLC0415 - keeps --help quick
 
     try:
+        from clients.exports.formats import points_as  # noqa: PLC0415
         from clients.page.access import read_token  # noqa: PLC0415
-        from clients.page.files import points_as  # noqa: PLC0415
         from clients.page.follower import Follower  # noqa: PLC0415
         from clients.page.server import serve  # noqa: PLC0415
     except ModuleNotFoundError as error:

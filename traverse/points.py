@@ -4,7 +4,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import IO, TYPE_CHECKING, Annotated
 
 import typer
 
@@ -97,10 +97,10 @@ def export(
         connection = stack.enter_context(_opened(command, db, config))
         if session is not None:
             _check(command, connection, session)
-        file = sys.stdout
+        file: IO[bytes] = sys.stdout.buffer
         if out is not None:
             try:
-                file = stack.enter_context(out.open("w", encoding="utf-8", newline=""))
+                file = stack.enter_context(out.open("wb"))
             except OSError as error:
                 refuse(command, f"{out}: {error.strerror}; name another file")
         names = [s.session for s in sessions_of(connection, LAST)]

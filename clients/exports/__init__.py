@@ -1,0 +1,1 @@
+"""Points and scans as files that other software reads."""
