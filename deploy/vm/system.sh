@@ -20,6 +20,7 @@ status=0
 emulate "$limit_s" -initrd "$build/initial-system.gz" \
     -append "console=ttyS0 quiet panic=-1 systemd.show_status=0 mitigations=off" \
     -drive "file=$disk,format=raw,if=virtio,snapshot=on,cache=unsafe" \
+    -device qemu-xhci -chardev null,id=line -device usb-serial,chardev=line,always-plugged=on \
     -fsdev "local,id=tests,path=$checkout/tests,security_model=none,readonly=on" \
     -device virtio-9p-pci,fsdev=tests,mount_tag=tests \
     -fsdev "local,id=out,path=$out,security_model=none" \

@@ -27,6 +27,7 @@ async def run(table: Table) -> int:
             await table.check("nothing of ours runs as root", guard_checks.be_nobody)
             await table.check("exposure by systemd-analyze", guard_checks.be_shut)
             await table.check("where the daemon can write", guard_checks.stay_inside)
+            await table.check("devices it can reach", guard_checks.reach_devices)
             await table.check("the password", guard_checks.keep_secret)
             await table.check("systemctl reload", life.reload)
             await table.check("systemctl reload, bad arm file", life.refuse)

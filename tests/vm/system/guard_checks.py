@@ -48,6 +48,24 @@ def stay_inside() -> str:
     return f"writes to {STATE} alone, of {len(places) + 1} places"
 
 
+def reach_devices() -> str:
+    """A serial adapter on USB by its name that stays, and no disk."""
+    links = sorted(Path("/dev/traverse").glob("serial-*"))
+    assert len(links) == 1, f"names of serial adapters: {links}"
+    port = links[0].resolve()
+    assert port.group() == "dialout"
+    timer = Path(f"/sys/class/tty/{port.name}/device/latency_timer").read_text().strip()
+    assert timer == "1", f"latency timer {timer} ms"
+    group = Path("/sys/fs/cgroup") / unit.shown("ControlGroup").lstrip("/")
+    script = f"echo $$ > {group}/cgroup.procs; exec 3<$0"
+    for path, may in ((links[0], True), (Path("/dev/vda"), False)):
+        ran = subprocess.run(
+            ["sh", "-c", script, path], capture_output=True, text=True, check=False
+        )
+        assert (ran.returncode == 0) == may, f"{path}: {ran.returncode} {ran.stderr}"
+    return f"{links[0].name} is {port}, latency timer 1 ms; /dev/vda is refused"
+
+
 def keep_secret() -> str:
     """The password: not in the journal, the command line or the environment."""
     password = PASSWORDS["bench-7"]

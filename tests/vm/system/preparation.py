@@ -1,9 +1,11 @@
 """Files of an arm on vcan0: as an administrator writes them, from the examples.
 
-Seven simulated encoders, and a pedal that takes points.
+Three simulated encoders, because the processor is emulated, and a pedal that takes
+points.
 """
 
 import os
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -18,9 +20,10 @@ MOSQUITTO = Path("/etc/mosquitto")
 OPERATOR = f"{ARM}-operator"  # of the example of rights
 PASSWORDS = {ARM: "correct-horse-7", OPERATOR: "battery-staple"}
 TRACKING_HZ = 10.0  # what an emulated processor can do
+N_JOINTS = 3
 
 _DAEMON = f"""\
-answer_s = 3.0
+answer_s = 5.0
 
 [[device]]
 id = "pedal"
@@ -38,7 +41,7 @@ wait_s = 1.0
 point_wait_s = 5.0
 
 [recording]
-flight_s = 20.0
+flight = false
 """
 # An emulated processor on a busy computer: what takes a second takes half a minute.
 _SLOW = """\
@@ -52,7 +55,7 @@ After=sys-subsystem-net-devices-vcan0.device
 Wants=sys-subsystem-net-devices-vcan0.device
 
 [Service]
-User=nobody
+DynamicUser=yes
 WorkingDirectory={SIMULATED}
 ExecStart=/usr/bin/traverse simulate --config simulator.toml
 
@@ -65,7 +68,9 @@ def write_daemon() -> None:
     """Configuration, arm file and password of the daemon."""
     FOLDER.mkdir()
     text = (EXAMPLES / "traverse.toml").read_text("utf-8")
-    text = text.replace("can0", "vcan0").replace("#username", "username")
+    text = (
+        with_few_nodes(text).replace("can0", "vcan0").replace("#username", "username")
+    )
     text = text.replace("#password_file", "password_file") + _DAEMON
     (FOLDER / "traverse.toml").write_text(text, "utf-8")
     write_arm(FOLDER)
@@ -82,15 +87,24 @@ def write_drop_in() -> None:
 
 
 def write_arm(folder: Path) -> None:
-    """The arm file of the examples, named as this arm is."""
+    """The arm file of the examples: the first joints, and this arm's name."""
     text = (EXAMPLES / "arm.toml").read_text("utf-8")
-    (folder / "arm.toml").write_text(text.replace("demo-7", ARM), "utf-8")
+    head, *joints = text.replace("demo-7", ARM).split("[[joints]]")
+    tail = joints[-1][joints[-1].index("[probe]") :]
+    text = "[[joints]]".join([head, *joints[:N_JOINTS]]) + tail
+    (folder / "arm.toml").write_text(text, "utf-8")
+
+
+def with_few_nodes(text: str) -> str:
+    """A configuration of the examples, with the first encoders only."""
+    return re.sub(r"(?m)^nodes = .*$", f"nodes = {[*range(11, 11 + N_JOINTS)]}", text)
 
 
 def write_simulator() -> None:
     """Configuration of the simulated hardware, and its unit."""
     SIMULATED.mkdir(parents=True)
-    shutil.copy(EXAMPLES / "simulator.toml", SIMULATED)
+    text = (EXAMPLES / "simulator.toml").read_text("utf-8")
+    (SIMULATED / "simulator.toml").write_text(with_few_nodes(text), "utf-8")
     write_arm(SIMULATED)
     Path("/etc/systemd/system/arm-simulator.service").write_text(_SIMULATOR_UNIT)
 
