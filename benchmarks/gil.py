@@ -38,7 +38,7 @@ from protocol.latch_board import Decoder, SampleBlock
 
 N_POSES = 100_000
 N_PLAIN = 200
-SECONDS = 1.5
+SECONDS = 1.0
 ROUNDS = 3
 BLOCK_S = 0.02
 # Of the reader's program: a time in ns every 2 ms.

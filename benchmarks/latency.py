@@ -29,7 +29,7 @@ RAW = "raw"
 # Presses, and timed samples beside them.
 RATES_HZ = ((100.0, 0.0), (100.0, 1000.0), (1000.0, 0.0))
 ROUNDS = 3
-SECONDS = 8.0
+SECONDS = 3.0
 
 
 @contextlib.contextmanager

@@ -90,7 +90,9 @@ def latency(found: dict[str, list[dict]], path: Path) -> None:
                 marker = "o" if name == "p50_us" else "^"
                 axes.plot(at, values, marker, color=colour, linestyle="none")
         axes.set_xticks((0, 1), ("bare sockets", "points"))
-        axes.set_title(f"{rate['rate_hz']:.0f} a second", fontsize=9, loc="left")
+        beside = f", beside {rate['stream_hz']:.0f} Hz" if rate["stream_hz"] else ""
+        title = f"{rate['rate_hz']:.0f} a second{beside}"
+        axes.set_title(title, fontsize=8, loc="left")
         axes.set_yscale("log")
         axes.spines[["top", "right"]].set_visible(False)
     np.atleast_1d(places)[0].set_ylabel("us; dots median, triangles 99 %", fontsize=8)
