@@ -225,6 +225,7 @@ class Outbox:
             remedy="points that only the old file has can be taken out of it with "
             "`traverse points export --db`, as far as it can be read",
         )
+        self._feed.look_again()
 
     # -- what the thread is asked ---------------------------------------------
 

@@ -65,6 +65,11 @@ class OutboxFeed:
         if not self._is_behind:
             self._is_behind = not self._offer(message)
 
+    def look_again(self) -> None:
+        """The database may hold messages that nobody has told of."""
+        self._is_behind = True
+        self.refill()
+
     def refill(self) -> None:
         """Read on, where messages wait on the disk and there is room for them."""
         if (

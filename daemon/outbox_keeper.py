@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeVar
 
+from daemon.outbox_salvage import salvaged
 from daemon.outbox_store import OutboxStore
 from daemon.outbox_trouble import (
     is_damage,
@@ -128,9 +129,15 @@ class OutboxKeeper:
         return self._store
 
     def _begin_anew(self, error: sqlite3.Error) -> None:
+        """Set a damaged database aside; a new one gets what can be taken over."""
         self.close()
         name = set_aside(self._path)
+        store, entries = self._opened(), []
+        with contextlib.suppress(sqlite3.Error):
+            entries = salvaged(name)
+            if entries:
+                store.add(entries)
         self._replaced(
             f"{self._path} is damaged ({error}); it is now {name}, and a new one has "
-            "been begun"
+            f"been begun, with {len(entries)} points that had not been sent"
         )

@@ -259,6 +259,56 @@ async def test_a_damaged_file_is_set_aside_and_measuring_goes_on(tmp_path):
     assert aside.read_bytes().startswith(b"no database at all")
 
 
+async def test_unsent_points_of_a_damaged_file_are_taken_over(tmp_path):
+    first = Bench(tmp_path)
+    async with first.outbox.running():
+        await first.take_all(60)
+        first.send(20)
+    damage(first.path)
+    second = Bench(tmp_path)
+    async with second.outbox.running():
+        keeping = second.take()
+        await until(lambda: keeping.is_settled, "a new one")
+        assert await second.send_until(41) == numbers("point", *range(20, 60), 0)
+        (told,) = second.occurrences
+        assert told.code == "outbox.replaced"
+        assert "with 40 points that had not been sent" in told.text
+        answer = await second.outbox.resend(ResendArgs())
+        assert [s["begun_ns"] for s in answer["sessions"]] == ["1", "1"]
+        assert answer["sessions"][0]["first_seq"] == 20
+
+
+async def test_damage_while_it_runs_loses_no_number(bench):
+    """Points that had been kept go on to the broker; new ones go to a new file."""
+    await bench.take_all(30)
+    bench.outbox._ask(
+        lambda store: store.connection.execute("PRAGMA wal_checkpoint(TRUNCATE)"),
+        lambda _: damage(bench.path),
+    )
+    await until(lambda: "outbox.replaced" in _after_a_point(bench), "it is noticed")
+    n = bench.session.next_seq
+    await bench.outbox.idle()
+    sent = {seq for _, seq in await bench.send_until(n)}
+    assert sent == set(range(n))
+
+
+def _after_a_point(bench):
+    bench.take()
+    return bench.codes()
+
+
+def damage(path):
+    """Overwrite the first rows, and the pages of an index, but not the header."""
+    content = bytearray(path.read_bytes())
+    tables = sqlite3.connect(path)
+    (root,) = tables.execute(
+        "SELECT rootpage FROM sqlite_master WHERE name = 'sqlite_autoindex_messages_1'"
+    ).fetchone()
+    tables.close()
+    content[(root - 1) * 4096 : (root - 1) * 4096 + 64] = b"\xa5" * 64
+    path.write_bytes(content)
+
+
 async def test_a_file_that_is_removed_is_replaced_and_numbers_go_on(bench):
     await bench.take_all(3)
     for end in ("", "-wal", "-shm"):
