@@ -1,0 +1,183 @@
+"""A recording instead of a device: what it delivered, at the times of now."""
+
+import asyncio
+import time
+
+import numpy as np
+import pytest
+
+from drivers.crossing import Crossing
+from drivers.delivery_maps import delivery_of, map_of
+from drivers.replay import Replay
+from drivers.values import (
+    CountSamples,
+    DeviceAlarm,
+    DeviceCounters,
+    DeviceFault,
+    DeviceLost,
+    DeviceTemperatures,
+    DeviceUp,
+    Identity,
+    LatchedCounts,
+    StreamStarted,
+)
+from recording.maps import bytes_to_map, map_to_bytes
+from recording.run_writer import Entry, RunHead, RunWriter
+
+BOARD = Identity("board 1", "7", (1 << 20, 1 << 16), 2, 1000.0, True, (None, 65536), 9)
+BEGIN_NS = 5 * 10**12
+
+
+def samples(first, n=10, skew=None):
+    seq = np.arange(first, first + n)
+    return CountSamples(
+        "base",
+        1,
+        seq,
+        seq * 10,
+        BEGIN_NS + (first + n) * 1_000_000 + 300,
+        BEGIN_NS + seq * 1_000_000,
+        (seq % 2).astype(np.uint8),
+        np.stack([seq * 3, 70_000 - seq], axis=1).astype(np.uint32),
+        np.zeros((n, 2), np.uint8),
+        None if skew is None else np.full((n, 2), skew, np.int32),
+    )
+
+
+EDGE = LatchedCounts(
+    "base", 1, True, 4, 77, BEGIN_NS + 21_000_000, BEGIN_NS + 20_500_000, (1, 2), (0, 0)
+)
+ASKED = LatchedCounts(
+    "base",
+    None,
+    False,
+    5,
+    77,
+    BEGIN_NS + 22_000_000,
+    BEGIN_NS + 21_500_000,
+    (1, 2),
+    (0, 0),
+)
+DELIVERIES = (
+    DeviceUp("base", BOARD, True),
+    StreamStarted("base", 1, 1000.0),
+    samples(0),
+    samples(10, skew=2000),
+    EDGE,
+    ASKED,
+    DeviceTemperatures("base", (None, 21.5)),
+    DeviceAlarm("base", None, True, "worn", "worn", 3),
+    DeviceAlarm("base", 1, False, 6, "slow", 0),
+    DeviceFault("base", "samples_lost", "text", "remedy", 2),
+    DeviceCounters("base", {"samples_received": 3}),
+    DeviceLost("base", "cable", "plug it in"),
+)
+
+
+def same(one, other):
+    """Equal, arrays bit by bit."""
+    tables = [map_of(delivery) for delivery in (one, other)]
+    return all(
+        np.array_equal(value, tables[1][name])
+        and getattr(value, "dtype", None) == getattr(tables[1][name], "dtype", None)
+        if isinstance(value, np.ndarray)
+        else value == tables[1][name]
+        for name, value in tables[0].items()
+    )
+
+
+@pytest.mark.parametrize("delivery", DELIVERIES, ids=lambda d: type(d).__name__)
+def test_deliveries_come_back_from_their_bytes(delivery):
+    found = delivery_of(bytes_to_map(map_to_bytes(map_of(delivery))))
+    assert type(found) is type(delivery)
+    assert same(found, delivery)
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"kind": "sample"}, "expected samples, latch"),
+        ({"kind": ["samples"]}, "expected samples, latch"),
+        ({"counts": np.zeros((0, 2), np.uint32)}, "not empty"),
+        ({"counts": np.zeros(10, np.uint32)}, "two dimensions"),
+        ({"counts": np.zeros((10, 2), np.int64)}, "is of int64, expected uint32"),
+        ({"seq": np.arange(9)}, r"seq is no array of shape \(10,\)"),
+        ({"received_ns": "now"}, "received_ns is 'now'"),
+    ],
+)
+def test_maps_that_tell_of_no_delivery_are_refused(changes, told):
+    with pytest.raises(ValueError, match=told):
+        delivery_of({**map_of(samples(0)), **changes})
+    with pytest.raises(ValueError, match="that is none"):
+        delivery_of({"kind": "latch", "device": "base"})
+
+
+def recording(path):
+    with RunWriter(path, RunHead({})) as writer:
+        state = {"devices": [map_of(DELIVERIES[0]), map_of(DELIVERIES[1])]}
+        table = {"is": "state", "at_ns": BEGIN_NS, "value": state}
+        writer.add(Entry("steps", 1, map_to_bytes(table)))
+        for number, delivery in enumerate(DELIVERIES[2:]):
+            table = {"at_ns": BEGIN_NS + number * 10_000_000, **map_of(delivery)}
+            topic = f"device/base/{table['kind']}"
+            writer.add(Entry(topic, 1, map_to_bytes(table)))
+            other = {**table, "device": "other"}
+            writer.add(Entry("device/other/x", 1, map_to_bytes(other)))
+    return path
+
+
+async def taken(driver, crossing, n_lost):
+    found = []
+    with driver:
+        async with asyncio.timeout(10):
+            while sum(isinstance(d, DeviceLost) for d in found) < n_lost:
+                found += await crossing.take()
+    return found
+
+
+async def test_a_device_delivers_what_it_did_then_at_the_times_of_now(tmp_path):
+    crossing = Crossing(asyncio.get_running_loop())
+    path = recording(tmp_path / "a.mcap")
+    driver = Replay("arm", crossing, file=str(path), source="base", speed=2.0)
+    begun_ns = time.monotonic_ns()
+    found = await taken(driver, crossing, 2)
+    ended_ns = time.monotonic_ns()
+    assert {d.device for d in found} == {"arm"}
+    up, stream = (d for d in found[:3] if not isinstance(d, DeviceCounters))
+    assert isinstance(up, DeviceUp)
+    assert (up.identity.latches, up.identity.max_rate_hz) == (False, 2000.0)
+    assert stream == StreamStarted("arm", 1, 2000.0)
+    blocks = [d for d in found if isinstance(d, CountSamples)]
+    counts = np.concatenate([b.counts for b in blocks])
+    assert (counts == np.concatenate([samples(0).counts, samples(10).counts])).all()
+    times_ns = np.concatenate([b.sample_time_ns for b in blocks])
+    assert (np.diff(times_ns) == 500_000).all()
+    assert begun_ns <= times_ns[0] <= ended_ns
+    (edge,) = [d for d in found if isinstance(d, LatchedCounts)]
+    assert (edge.input, edge.token, edge.counts) == (1, 4, (1, 2))
+    assert edge.sample_time_ns - times_ns[0] == 20_500_000 // 2
+    assert any(isinstance(d, DeviceAlarm) and d.code == "worn" for d in found)
+    lost = [d.reason for d in found if isinstance(d, DeviceLost)]
+    assert lost[0] == "cable"
+    assert "has ended" in lost[1]
+
+
+async def test_it_begins_anew_where_it_is_wanted(tmp_path):
+    crossing = Crossing(asyncio.get_running_loop())
+    path = recording(tmp_path / "a.mcap")
+    driver = Replay("base", crossing, file=str(path), speed=100.0, repeat=True)
+    found = await taken(driver, crossing, 4)
+    assert sum(isinstance(d, DeviceUp) for d in found) >= 2
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [(None, "cannot be read: No such file"), (b"no recording", "no MCAP file")],
+)
+async def test_a_file_that_cannot_be_played_is_told(tmp_path, content, told):
+    path = tmp_path / "a.mcap"
+    if content is not None:
+        path.write_bytes(content)
+    crossing = Crossing(asyncio.get_running_loop())
+    (lost,) = await taken(Replay("base", crossing, file=str(path)), crossing, 1)
+    assert told in lost.reason
