@@ -9,7 +9,7 @@ from typing import Self
 
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata
 
-from recording.run_writer import SCHEMA, Entry
+from recording.run_writer import OF_FILE, SCHEMA, Entry
 from recording.torn import TornRecords
 
 
@@ -98,7 +98,7 @@ class RunReader:
             self.files[record.name] = record.data
         elif isinstance(record, Metadata) and record.name == "traverse":
             self.about = dict(record.metadata)
-        elif isinstance(record, Metadata) and record.name == "file":
+        elif isinstance(record, Metadata) and record.name.startswith(OF_FILE):
             name = record.metadata.get("name", "")
             digest = hashlib.sha256(self.files.get(name, b"")).hexdigest()
             if digest != record.metadata.get("sha256"):

@@ -19,6 +19,8 @@ from recording.torn import PROFILE
 from recording.views import VIEW_NAMES, VIEW_SCHEMAS
 
 SCHEMA = "traverse/run/1"
+OF_FILE = "file "
+"""Beginning of the names of metadata with the digests of attachments."""
 CHUNK_BYTES = 1 << 20
 OWNER_ONLY = 0o600
 
@@ -143,7 +145,7 @@ class RunWriter:
     def _attach(self, name: str, content: bytes) -> None:
         self._writer.add_attachment(0, 0, name, "application/octet-stream", content)
         digest = hashlib.sha256(content).hexdigest()
-        self._writer.add_metadata("file", {"name": name, "sha256": digest})
+        self._writer.add_metadata(f"{OF_FILE}{name}", {"name": name, "sha256": digest})
 
     def _channel(self, topic: str) -> int:
         schema = VIEW_SCHEMAS.get(topic)
