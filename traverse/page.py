@@ -54,9 +54,9 @@ def page(
     from clients.address import BrokerAddress  # noqa: PLC0415 - keeps --help quick
 
     try:
+        from clients.display.follower import Follower  # noqa: PLC0415
         from clients.exports.formats import points_as  # noqa: PLC0415
         from clients.page.access import read_token  # noqa: PLC0415
-        from clients.page.follower import Follower  # noqa: PLC0415
         from clients.page.server import serve  # noqa: PLC0415
     except ModuleNotFoundError as error:
         typer.echo(

@@ -1,14 +1,19 @@
-"""`traverse watch`: what an arm says, line by line."""
+"""`traverse watch`: what an arm says, as a display or line by line."""
 
 import asyncio
+import contextlib
+import sys
 from typing import Annotated
 
 import typer
 
+FIND_S = 2.0
+DISPLAY_S = 0.1
 KINDS = ("status", "point", "scan", "event", "health", "live")
 
 
 def watch(
+    *,
     broker: Annotated[str, typer.Option(help="Host of the MQTT broker.")] = "localhost",
     port: Annotated[int, typer.Option(min=1, max=65535, help="Its port.")] = 1883,
     arm: Annotated[str, typer.Option(help="Name of the arm; + for all.")] = "+",
@@ -18,11 +23,15 @@ def watch(
     as_json: Annotated[
         bool, typer.Option("--json", help="One JSON message a line.")
     ] = False,
+    lines: Annotated[
+        bool, typer.Option("--lines", help="Lines on a terminal, too.")
+    ] = False,
 ) -> None:
-    """Follow an arm: points, scans, events and health as they come.
+    """Follow an arm: a live display on a terminal, else a line a message.
 
-    Comes back by itself when the broker has been away. Ends on Ctrl-C. Exit status 3:
-    the broker could not be reached at the start.
+    The display is of one arm: the one of --arm, or the only one on the broker; of
+    several there are lines. Comes back by itself when the broker has been away. Ends
+    on Ctrl-C. Exit status 3: the broker could not be reached at the start.
     """
     wanted = [kind.strip() for kind in kinds.split(",") if kind.strip()]
     unknown = [kind for kind in wanted if kind not in KINDS]
@@ -32,9 +41,44 @@ def watch(
             param_hint="--kinds",
         )
     try:
+        if sys.stdout.isatty() and not (lines or as_json):
+            name = _only_arm(broker, port) if arm == "+" else arm
+            if name is not None:
+                asyncio.run(_display(broker, port, name))
+                return
         asyncio.run(_follow(broker, port, arm, wanted, as_json))
     except KeyboardInterrupt:
         raise typer.Exit(0) from None
+
+
+def _only_arm(broker: str, port: int) -> str | None:
+    """The one arm on a broker; None where there are several, or none."""
+    from clients.address import BrokerAddress  # noqa: PLC0415 - keeps --help quick
+    from clients.errors import BrokerUnreachableError  # noqa: PLC0415
+    from clients.finding import arms_on  # noqa: PLC0415
+
+    try:
+        arms = asyncio.run(arms_on(BrokerAddress(broker, port), FIND_S))
+    except BrokerUnreachableError as error:
+        typer.echo(str(error), err=True)
+        raise typer.Exit(3) from error
+    return arms[0] if len(arms) == 1 else None
+
+
+async def _display(broker: str, port: int, arm: str) -> None:
+    from rich.live import Live  # noqa: PLC0415 - keeps --help quick
+
+    from clients.address import BrokerAddress  # noqa: PLC0415
+    from clients.display.follower import Follower, following  # noqa: PLC0415
+    from traverse.watch_view import picture  # noqa: PLC0415
+
+    follower = Follower(arm, BrokerAddress(broker, port))
+    with contextlib.suppress(asyncio.CancelledError):  # Ctrl-C
+        async with following(follower):
+            with Live(picture(arm, follower.sight), auto_refresh=False) as display:
+                while True:
+                    await asyncio.sleep(DISPLAY_S)
+                    display.update(picture(arm, follower.sight), refresh=True)
 
 
 async def _follow(

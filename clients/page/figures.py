@@ -5,7 +5,7 @@ from html import escape
 import numpy as np
 from nicegui import ui
 
-from clients.page.sight import ArmSight
+from clients.display.sight import ArmSight
 from protocol.messages import Live, Point
 
 DIAGONAL = (0, 3, 5)  # of xx, xy, xz, yy, yz, zz

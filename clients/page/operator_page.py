@@ -6,14 +6,14 @@ from pathlib import Path
 from nicegui import ui
 
 from clients.arm import Arm
+from clients.display.follower import Follower
+from clients.display.guided import GuidedCheck
+from clients.display.sight import Change
+from clients.display.verdict import Verdict, verdict
 from clients.page.arm_scene import ArmScene
 from clients.page.controls import Controls, Soft
 from clients.page.figures import Figures, point_rows
-from clients.page.follower import Follower
-from clients.page.guided import GuidedCheck
-from clients.page.sight import Change
 from clients.page.tables import alarm_list, coverage_bars, health_table
-from clients.page.verdict import Verdict, verdict
 from protocol.messages import Point
 
 HERE = Path(__file__).parent

@@ -8,8 +8,8 @@ from pathlib import Path
 from fastapi import Response
 from nicegui import app, ui
 
+from clients.display.follower import Follower
 from clients.page.access import Guard
-from clients.page.follower import Follower
 from clients.page.operator_page import OperatorPage
 from protocol.messages import Point
 

@@ -5,7 +5,7 @@ from html import escape
 
 import numpy as np
 
-from clients.page.sight import SECTORS, ArmSight
+from clients.display.sight import SECTORS, ArmSight
 
 WORDS = {"ready": "good", "connected": "good", "starting": "warning"}
 

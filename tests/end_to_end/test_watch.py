@@ -1,6 +1,8 @@
 """`traverse watch` with its output in a pipe or file: whole lines, at once."""
 
 import asyncio
+import contextlib
+import os
 import shlex
 import signal
 import subprocess
@@ -11,7 +13,7 @@ import pytest
 from protocol.encoding import decode
 from protocol.messages import Point, PointArgs, Status
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.programs import PATIENCE_S, Program
+from tests.end_to_end.programs import PATIENCE_S, Program, until
 from tests.end_to_end.workbench import REST, Workbench
 from tests.mosquitto import HOST, free_port
 
@@ -97,3 +99,36 @@ async def test_it_ends_when_nobody_reads_its_lines_any_more(
         out, err = await asyncio.to_thread(watched_by_head, resting)
     assert len(out.splitlines()) == 1
     assert err == ""
+
+
+@pytest.mark.broker
+async def test_on_a_terminal_it_is_a_display(resting: Workbench) -> None:
+    where = ("--broker", resting.host, "--port", str(resting.port))
+    command = [sys.executable, "-m", "traverse", "watch", *where, "--arm", resting.arm]
+    ours, theirs = os.openpty()
+    said = b""
+    async with measuring(resting) as (listener, _, _):
+        process = await asyncio.create_subprocess_exec(
+            *command, stdout=theirs, stderr=theirs
+        )
+        try:
+            os.close(theirs)
+            os.set_blocking(ours, False)
+
+            def shows(text: bytes) -> bool:
+                nonlocal said
+                with contextlib.suppress(OSError):
+                    said += os.read(ours, 1 << 20)
+                return text in said
+
+            await until(lambda: shows(b"Ready to measure."), "a display")
+            await listener.command(PointArgs())
+            await until(lambda: shows(b"1 points"), "the point on the display")
+            process.send_signal(signal.SIGINT)
+            await until(lambda: shows(b"") and process.returncode is not None, "its end")
+            assert process.returncode == 0
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                process.kill()
+            await process.wait()
+    os.close(ours)

@@ -17,7 +17,7 @@ from clients.exports.tables import PointTable, standing, table_of
 from clients.exports.text import Template
 from protocol.encoding import decode
 from protocol.messages import Point
-from tests.clients.page.values import point, retraction
+from tests.clients.display.values import point, retraction
 
 PLACES = [(1.25, -2.5, 3.0), (0.1, 0.2, 0.3), (1234.56789, -9.0, 1e-4)]
 POINTS = [

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from clients.page.guided import GuidedCheck
-from tests.clients.page.values import point
+from clients.display.guided import GuidedCheck
+from tests.clients.display.values import point
 
 
 def taken(kind: str, places: list[tuple[float, float, float]]) -> GuidedCheck:

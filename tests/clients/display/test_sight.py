@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from clients.page.sight import MAX_POINTS, ArmSight, Change
-from clients.page.verdict import verdict
-from tests.clients.page.values import event, health, live, point, retraction, status
+from clients.display.sight import MAX_POINTS, ArmSight, Change
+from clients.display.verdict import verdict
+from tests.clients.display.values import event, health, live, point, retraction, status
 
 
 class Clock:

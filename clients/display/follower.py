@@ -8,9 +8,9 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 
 from clients.address import BrokerAddress
 from clients.arm import Arm
+from clients.display.clouds import Cloud
+from clients.display.sight import ArmSight, Change
 from clients.errors import BrokerUnreachableError, ClientError, CommandRefused
-from clients.page.clouds import Cloud
-from clients.page.sight import ArmSight, Change
 
 log = logging.getLogger(__name__)
 

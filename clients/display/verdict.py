@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from clients.page.sight import ArmSight
+from clients.display.sight import ArmSight
 
 Level = Literal["good", "warning", "bad"]
 UNSENT_WARNING = 100

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clients.page.clouds import Cloud
+from clients.display.clouds import Cloud
 
 
 def kept(cloud: Cloud) -> np.ndarray:

@@ -1,0 +1,1 @@
+"""What displays of an arm show, whatever they show it on."""
