@@ -18,7 +18,7 @@ from protocol.messages import Point
 from recording.run_writer import Entry as Recorded
 from recording.run_writer import RunHead, RunWriter
 from recording.views import cloud_to_bytes, point_to_bytes
-from tests.clients.page.values import point
+from tests.clients.display.values import point
 from tests.protocol.message_examples import SCAN
 from traverse.__main__ import app
 
