@@ -5,16 +5,17 @@ dropped and counted, and the files say that something is missing.
 """
 
 import asyncio
-import contextlib
 from collections.abc import Callable, Mapping
-from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Self, TypeVar
+from typing import Self
 
 from daemon.clock import HostClock
 from daemon.events import EventLog
 from daemon.outbox_keeping import Keeping
+from daemon.recorder_events import RecorderEvents
+from daemon.recorder_faults import FaultWatch
+from daemon.recorder_jobs import RecorderJobs
 from daemon.recorder_named import Recorded
 from daemon.recorder_queue import Item, RecorderQueue
 from daemon.recorder_state import LastTold, MeasuringState
@@ -30,12 +31,6 @@ from protocol.messages.recording_health import RecordingHealth
 
 STATE_NS = 6_000_000_000
 PATIENCE_NS = 3_000_000_000  # a state is told of a quiet moment, if one comes
-AFTERMATH_NS = 2_000_000_000  # what follows a fault is kept with it
-CALM_NS = 30_000_000_000  # after a file was kept, none is for so long
-FAULTS = ("alarm.", "device.", "outbox.", "daemon.", "watchdog.", "realtime.")
-"""Beginnings of the codes of errors after which the last minutes are kept."""
-
-T = TypeVar("T")
 Keep = Callable[[Session, Point], Keeping | None]
 
 
@@ -65,17 +60,16 @@ class Recorder(Tape):
         events: EventLog,
     ) -> None:
         self._section = section
-        self._events = events
+        self._events = RecorderEvents(events)
         self._clock = clock
-        self._loop = asyncio.get_running_loop()
         self._queue = RecorderQueue()
+        self._jobs = RecorderJobs(self._queue)
+        self._faults = FaultWatch()
         self._told = LastTold()
         self.state: MeasuringState | None = None
         self._is_on = section.flight
         self._due_ns = 0
         self._missing = 0
-        self._keep_at: tuple[int, str] | None = None
-        self._calm_ns = 0
         self._failed = ""
         self._thread = RecorderThread(
             self._queue,
@@ -103,7 +97,7 @@ class Recorder(Tape):
         trace: TracebackType | None,
     ) -> None:
         self._is_on = False
-        self._do(self._thread.end)
+        self._jobs.do(self._thread.end)
         await asyncio.to_thread(self._thread.join)
 
     # -- the tape -------------------------------------------------------------
@@ -133,8 +127,8 @@ class Recorder(Tape):
     def published(self, now_ns: int, message: Message) -> None:
         """A message has been handed on to be published."""
         self._put(Item("published", now_ns, value=message))
-        if isinstance(message, Event) and _is_fault(message):
-            self._note_fault(now_ns, message.code)
+        if isinstance(message, Event) and self._section.flight:
+            self._faults.note(now_ns, message)
 
     def following(self, keep: Keep) -> Keep:
         """What sends points to the disk, followed: those that arrive are recorded."""
@@ -148,7 +142,6 @@ class Recorder(Tape):
         return kept
 
     def _follow(self, keeping: Keeping) -> None:
-
         def settled() -> None:
             now_ns = self._clock.running.monotonic_ns()
             if keeping.trouble is None:
@@ -179,11 +172,10 @@ class Recorder(Tape):
         Raises:
             OSError: it cannot be written.
         """
-        path = await self._done(lambda: self._thread.begin(name, note))
+        path = await self._jobs.done(lambda: self._thread.begin(name, note))
         if not self._is_on:
             self._is_on, self._due_ns = True, 0
-        text = f"{path} is being recorded"
-        self._events.report("info", "recording.started", text, source="recording")
+        self._events.started(path)
         return path
 
     async def finish(self) -> Recorded:
@@ -192,9 +184,9 @@ class Recorder(Tape):
         Raises:
             OSError: there is none, or its end cannot be written.
         """
-        recorded = await self._done(self._thread.finish)
+        recorded = await self._jobs.done(self._thread.finish)
         self._is_on = self._section.flight
-        self._tell_stopped(recorded, "it was asked for")
+        self._events.stopped(recorded, "it was asked for", by_itself=False)
         return recorded
 
     def health(self) -> RecordingHealth:
@@ -219,6 +211,10 @@ class Recorder(Tape):
             kept_dropped=flight.dropped,
         )
 
+    def keep_house(self) -> None:
+        """See whether a fault is to be kept, also where no device delivers any more."""
+        self._keep_if_due(self._clock.running.monotonic_ns())
+
     # -- inside ---------------------------------------------------------------
 
     def _put(self, item: Item) -> None:
@@ -233,21 +229,16 @@ class Recorder(Tape):
             self._due_ns = 0
         if not self._queue.put(item):
             self._missing += 1
-            self._events.report(
-                "warning",
-                "recording.overflow",
-                "the disk does not keep up with what is to be recorded; a part of it "
-                "is left out",
-                source="recording",
-                remedy="record to a faster disk, or at a lower rate",
-            )
+            self._events.overflow()
+
+    def _keep_if_due(self, now_ns: int) -> None:
+        why = self._faults.due(now_ns)
+        if why is not None:
+            self._jobs.do(lambda: self._thread.keep(why))
 
     def _look(self, now_ns: int) -> None:
         """Before a step: is it time to tell the state, or to keep what was?"""
-        if self._keep_at is not None and now_ns >= self._keep_at[0]:
-            why, self._keep_at = self._keep_at[1], None
-            self._calm_ns = now_ns + CALM_NS
-            self._do(lambda: self._thread.keep(why))
+        self._keep_if_due(now_ns)
         if not self._is_on or now_ns < self._due_ns or self.state is None:
             return
         is_patient = self._due_ns and now_ns < self._due_ns + PATIENCE_NS
@@ -258,88 +249,16 @@ class Recorder(Tape):
         state = {**self.state.state(), "devices": told, "fresh": not told}
         self._put(Item("state", now_ns, value=state))
 
-    def _note_fault(self, now_ns: int, code: str) -> None:
-        if self._section.flight and self._keep_at is None and now_ns >= self._calm_ns:
-            self._keep_at = now_ns + AFTERMATH_NS, code
-
-    def _do(self, job: Callable[[], object]) -> None:
-        self._queue.put(Item("job", 0, value=job))
-        self._queue.wake()
-
-    async def _done(self, job: Callable[[], T]) -> T:
-        """What comes of a job of the thread."""
-        answer: asyncio.Future[T] = self._loop.create_future()
-
-        def carry_out() -> None:
-            try:
-                result = job()
-            except Exception as error:  # noqa: BLE001 - whoever asked is told
-                self._on_loop(partial(_fail, answer, error))
-            else:
-                self._on_loop(lambda: _tell(answer, result))
-
-        self._do(carry_out)
-        return await answer
-
     def _hear(self, told: Told) -> None:
-        self._on_loop(lambda: self._heard(told))
-
-    def _on_loop(self, act: Callable[[], object]) -> None:
-        with contextlib.suppress(RuntimeError):  # the loop is closed: nobody listens
-            self._loop.call_soon_threadsafe(act)
+        self._jobs.on_loop(lambda: self._heard(told))
 
     def _heard(self, told: Told) -> None:
         if told.flight_failed is not None:
             self._failed = told.flight_failed
             self._due_ns = 0
-            self._events.change(
-                bool(told.flight_failed),
-                "error",
-                "recording.failed",
-                f"the flight recorder cannot write: {told.flight_failed}"
-                if told.flight_failed
-                else "the flight recorder tries again",
-                source="recording",
-                remedy="make room on the disk; measuring goes on without it",
-            )
+            self._events.flight_failed(told.flight_failed)
         if told.kept is not None:
-            text = f"the last minutes are kept in {told.kept}"
-            self._events.report(
-                "info", "recording.kept", text, source="recording", distinct=True
-            )
+            self._events.kept(told.kept)
         if told.stopped is not None:
             self._is_on = self._section.flight
-            self._tell_stopped(*told.stopped, by_itself=True)
-
-    def _tell_stopped(
-        self, recorded: Recorded | None, why: str, *, by_itself: bool = False
-    ) -> None:
-        what = "the recording" if recorded is None else str(recorded.path)
-        self._events.report(
-            "error" if by_itself else "info",
-            "recording.stopped",
-            f"{what} has ended: {why}",
-            source="recording",
-            remedy="what is in it can be read; make room, then record again"
-            if by_itself
-            else "",
-            distinct=True,
-        )
-
-
-def _is_fault(event: Event) -> bool:
-    return (
-        event.severity == "error"
-        and event.active is not False
-        and event.code.startswith(FAULTS)
-    )
-
-
-def _tell(answer: asyncio.Future[T], result: T) -> None:
-    if not answer.done():
-        answer.set_result(result)
-
-
-def _fail(answer: asyncio.Future[T], error: Exception) -> None:
-    if not answer.done():
-        answer.set_exception(error)
+            self._events.stopped(*told.stopped, by_itself=True)

@@ -325,6 +325,7 @@ class Service:
             self._life.tell()
             self._commands.see_calm()
             self._outbox.keep_house()
+            self._recorder.keep_house()
             if loop.time() >= due_s:
                 due_s = loop.time() + period_s
                 self._publish_health()
