@@ -71,8 +71,10 @@ async def _disks(bench: Bench) -> list[str]:
     }
     for name, trouble in troubles.items():
         print(f"     {name}", flush=True)
+        bench.note_disk(is_sound=False)
         async with disk.arm_for(bench.port) as arm:
             said += [f"{name}: {text}" for text in await disk.refusal(arm, trouble)]
+        bench.note_disk(is_sound=True)
     return said
 
 

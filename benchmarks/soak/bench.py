@@ -1,8 +1,10 @@
 """Files and programs of the crash test."""
 
+import json
 import os
 import shutil
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -114,6 +116,12 @@ class Bench:
         """All, in the order in which they are started."""
         yield from (self.broker, self.board, self.tap, self.daemon)
         yield from (self.consumer, self.operator)
+
+    def note_disk(self, *, is_sound: bool) -> None:
+        """Say among the acknowledgements whether points can be kept."""
+        with (self.folder / "acknowledged.jsonl").open("a", encoding="utf-8") as log:
+            line = {"time_s": round(time.time(), 3), "disk": is_sound}
+            log.write(json.dumps(line) + "\n")
 
     def write_daemon(self) -> None:
         """The daemon's configuration; the network must be there."""

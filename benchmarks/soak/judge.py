@@ -126,16 +126,18 @@ def _edges(
     folder: Path, lives: list[str], turns: tuple[int, ...]
 ) -> tuple[set[tuple[int, ...]], set[tuple[int, ...]]]:
     """Counts of all presses that there were, and of those that were acknowledged."""
-    last: dict[str, int] = {}
+    told, is_sound = set(), True
     for line in lines(folder / "acknowledged.jsonl"):
-        last[line["life"]] = max(last.get(line["life"], -1), line["seq"])
+        is_sound = line.get("disk", is_sound)
+        if is_sound and "seq" in line:  # else the operator is told of a refusal
+            told.add((line["life"], line["seq"]))
     presses, acknowledged = set(), set()
     for life in lives:
         for line in lines(folder / f"truth-{life}.jsonl"):
             if line["event"] == "edge" and line["level"] == 1:
                 key = _key(line["counts"], turns)
                 presses.add(key)
-                if line["seq"] <= last.get(life, -1):
+                if (life, line["seq"]) in told:
                     acknowledged.add(key)
     return presses, acknowledged
 

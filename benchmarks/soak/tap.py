@@ -9,38 +9,75 @@ import json
 import os
 import select
 import sys
+import time
 import tty
 from pathlib import Path
 from typing import TextIO
 
 from protocol.framing import FrameSplitter
-from protocol.latch_board import EDGE_ACK
+from protocol.latch_board import EDGE_ACK, FORGET_EDGES, HELLO, Decoder, Edge
 
 READ_BYTES = 65_536
 LOOK_MS = 50
 
 
-def pass_on(board: int, host: int, life: str, log: TextIO) -> None:
+class Edges:
+    """Edges that the board has sent and the daemon has not acknowledged.
+
+    Args:
+        life: of the board.
+        log: takes a line for each edge that is acknowledged.
+    """
+
+    def __init__(self, life: str, log: TextIO) -> None:
+        self._life = life
+        self._log = log
+        self._waiting: set[int] = set()
+        self._from_board = Decoder()
+        self._from_host = FrameSplitter()
+
+    def sent(self, data: bytes) -> None:
+        """The board has said this."""
+        for message in self._from_board.feed(data):
+            if isinstance(message, Edge):
+                self._waiting.add(message.seq)
+
+    def answered(self, data: bytes) -> None:
+        """The daemon has said this."""
+        for body in self._from_host.feed(data):
+            if body[0] == HELLO and body[3] & FORGET_EDGES:
+                self._waiting.clear()  # a new daemon: they came before its time
+                self._write({"hello": self._life})
+            elif body[0] == EDGE_ACK:
+                last = int.from_bytes(body[1:5], "little")
+                for seq in sorted(self._waiting):
+                    if seq <= last:
+                        self._waiting.remove(seq)
+                        self._write({"life": self._life, "seq": seq})
+
+    def _write(self, line: dict[str, object]) -> None:
+        line = {"time_s": round(time.time(), 3), **line}
+        self._log.write(json.dumps(line) + "\n")
+        self._log.flush()
+
+
+def pass_on(board: int, host: int, edges: Edges) -> None:
     """Pass bytes until the board is gone."""
-    splitter = FrameSplitter()
     poll = select.poll()
     for descriptor in (board, host):
         poll.register(descriptor, select.POLLIN)
     while True:
-        ready = dict(poll.poll(LOOK_MS * 10))
+        ready = dict(poll.poll(10 * LOOK_MS))
         if ready.get(board, 0) & (select.POLLHUP | select.POLLERR):
             return
         if ready.get(board, 0) & select.POLLIN:
             data = os.read(board, READ_BYTES)
+            edges.sent(data)
             with contextlib.suppress(BlockingIOError):  # nobody reads: as on a line
                 os.write(host, data)
         if ready.get(host, 0) & select.POLLIN:
             data = os.read(host, READ_BYTES)
-            for body in splitter.feed(data):
-                if body[0] == EDGE_ACK:
-                    seq = int.from_bytes(body[1:5], "little")
-                    log.write(json.dumps({"life": life, "seq": seq}) + "\n")
-                    log.flush()
+            edges.answered(data)
             with contextlib.suppress(BlockingIOError):
                 os.write(board, data)
 
@@ -65,7 +102,7 @@ def main(board_link: Path, host_link: Path, log_path: Path) -> None:
             fresh.rename(host_link)
             life = (board_link.parent / "life").read_text("ascii")
             try:
-                pass_on(board, host, life, log)
+                pass_on(board, host, Edges(life, log))
             except OSError:
                 pass  # the board went in the middle of it
             finally:
