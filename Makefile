@@ -9,7 +9,7 @@ FIGURES := build/figures
 # What the kernel in C is built from.
 KERNEL := setup.py $(foreach kind,pyx pxd pxi c h inc,$(wildcard kinematics/kernel/*.$(kind)))
 
-.PHONY: help venv system node demo test lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance blind blind-full fuzz soak test-vm install deb clean bench-kernel audit bench-fleet
+.PHONY: help venv system node demo test lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance blind blind-full fuzz soak endurance bench-client test-vm install deb clean bench-kernel audit bench-fleet
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -110,8 +110,14 @@ audit: venv  ## known advisories of the dependencies, where their data can be re
 fuzz: venv  ## every decoder under atheris; takes about a minute
 	$(BIN)/python -m tests.fuzz --seconds 60
 
-soak: venv system  ## a stream through outages of broker and board; takes about a minute
-	$(BIN)/python -m benchmarks.soak
+soak: venv system  ## 200 times daemon, broker, board, networks, consumer killed; half an hour (KILLS=12: a minute or two)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.soak --kills $(or $(KILLS),200)
+
+endurance: venv system  ## a stream at 1 kHz for an hour (MINUTES=5 for less): memory, descriptors, losses
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.endurance $(or $(MINUTES),60)
+
+bench-client: venv system  ## the Python client: points over cut connections, beside bare subscribers
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.client
 
 install: venv  ## into DESTDIR: /usr/lib/traverse, unit, rules; nothing is started
 	sh deploy/package/install.sh '$(DESTDIR)'
