@@ -50,7 +50,6 @@ def replay(
     from recording.run_reader import RunReader  # noqa: PLC0415 - quick help
     from traverse.replay_report import report_of, report_text  # noqa: PLC0415
 
-    logging.getLogger("daemon").setLevel(logging.CRITICAL)  # what happened then
     points: list[Point] = []
     try:
         lines = None if out is None else out.open("w", encoding="utf-8")
@@ -87,7 +86,13 @@ async def _replayed(
 ) -> "ReplayResult":
     from daemon.replay import Replay  # noqa: PLC0415 - keeps --help quick
 
-    return Replay(reader, block, take_point=take).run()
+    log = logging.getLogger("daemon")
+    level = log.level
+    log.setLevel(logging.CRITICAL)  # what happened then is not told as if it were now
+    try:
+        return Replay(reader, block, take_point=take).run()
+    finally:
+        log.setLevel(level)
 
 
 def _publish(points: "list[Point]", broker: str) -> None:
