@@ -67,14 +67,14 @@ def begin_scan(port: int, rate_hz: float) -> None:
     """Have the daemon stream; returns when it does."""
     client = RawClient(port, "scan-starter")
     client.subscribe(f"traverse/{ARM}/health")
-    next(client.payloads())  # it is connected, and hears
     client.subscribe(f"traverse/{ARM}/scan")
     args = ScanArgs(action="start", rate_hz=rate_hz)
     command = Command.carrying(args, request="latency")
-    client.publish(command_topic(ARM, "scan"), 1, encode(command, "json"))
     for _, payload in client.payloads():
         if "dtime_ns" in msgpack.unpackb(payload):
             break
+        # One that tells of itself hears; the first may be of the daemon before.
+        client.publish(command_topic(ARM, "scan"), 1, encode(command, "json"))
     client.close()
 
 

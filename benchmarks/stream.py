@@ -69,7 +69,6 @@ async def follow_scan(
     followed = Followed()
     async with connection("127.0.0.1", port) as client:
         await subscribe(client, ARM, ("scan", "event", "health"))
-        await order_scan(client, "start", rate_hz)
         begun_s, begun_cpu_s = 0.0, 0.0
         async for item in received(client):
             message = item.message
@@ -81,6 +80,10 @@ async def follow_scan(
                     break
             elif isinstance(message, Health):
                 followed.health = message
+                # One that tells of itself hears; the first may be kept by the broker
+                # of the daemon before.
+                if not begun_s:
+                    await order_scan(client, "start", rate_hz)
             elif isinstance(message, Event):
                 followed.events.append(f"{message.code}: {message.text}")
         taken_s = time.monotonic() - begun_s
