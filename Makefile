@@ -85,6 +85,9 @@ bench-capture: venv system  ## filters, and a switching probe's contact; takes t
 bench-recording: venv system  ## what recording costs at 10 kHz, and how fast a replay is; takes two minutes
 	$(BIN)/python -m benchmarks.recording 8 $(FIGURES)/recording.json
 
+bench-page: venv system  ## the operator's page in a browser: latency, a million points, memory; takes 13 minutes
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.page all
+
 bench-identification: venv  ## the adjustment beside scipy's least squares; takes many minutes
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.identification
 

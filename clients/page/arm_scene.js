@@ -10,6 +10,7 @@ const COLOURS = {
 const VIEWS = {
   iso: [1, -1.2, 0.9], top: [0, -0.001, 1], front: [0, -1, 0], right: [1, 0, 0],
 };
+const WHILE_TURNING = 100000; // points
 const UP = new THREE.Vector3(0, 1, 0); // a cylinder's own axis
 
 export default {
@@ -25,7 +26,8 @@ export default {
     this.camera.up.set(0, 0, 1);
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.addEventListener("change", () => (this.dirty = true));
-    this.controls.addEventListener("start", () => (this.follows = false));
+    this.controls.addEventListener("start", () => { this.follows = false; this.thin(true); });
+    this.controls.addEventListener("end", () => this.thin(false));
     this.follows = true; // until somebody turns the view, all that has been seen is in it
     this.seen = new THREE.Box3();
     this.scene.add(new THREE.AmbientLight(0xffffff, 1.4));
@@ -167,24 +169,49 @@ export default {
 
     clear_points() { for (const id of [...this.points.keys()]) this.remove_point(id); },
 
+    // What is wanted while something is fetched is fetched afterwards, the latest alone.
     async update_cloud(version, total, seen) {
+      this.wanted = { version, total, seen };
       if (this.fetching) return;
       this.fetching = true;
       try {
-        if (version !== this.drawn.version) this.drawn = { ...this.drawn, version, n: 0 };
-        if (total > this.drawn.n) {
-          const url = `${this.cloudUrl}?version=${version}&start=${this.drawn.n}`;
-          const answer = await fetch(url);
-          if (answer.ok) {
-            this.append(new Float32Array(await answer.arrayBuffer()));
-            seen = Number(answer.headers.get("x-seen"));
-          }
+        while (this.wanted) {
+          const wanted = this.wanted;
+          this.wanted = null;
+          await this.fetch_cloud(wanted);
         }
-        this.cloudGeometry.setDrawRange(0, this.drawn.n);
-        this.$refs.note.textContent = seen
-          ? `${this.drawn.n.toLocaleString("en")} of ${seen.toLocaleString("en")} scanned points drawn` : "";
-        this.dirty = true;
       } finally { this.fetching = false; }
+    },
+
+    async fetch_cloud({ version, total, seen }) {
+      if (version !== this.drawn.version) this.drawn = { ...this.drawn, version, n: 0 };
+      if (total > this.drawn.n) {
+        const url = `${this.cloudUrl}?version=${version}&start=${this.drawn.n}`;
+        const answer = await fetch(url);
+        if (answer.ok) {
+          this.append(new Float32Array(await answer.arrayBuffer()));
+          seen = Number(answer.headers.get("x-seen"));
+        }
+      }
+      if (!this.cloudGeometry.index) this.cloudGeometry.setDrawRange(0, this.drawn.n);
+      const [drawn, all] = [this.drawn.n.toLocaleString("en"), seen.toLocaleString("en")];
+      this.$refs.note.textContent = seen ? `${drawn} of ${all} scanned points drawn` : "";
+      this.dirty = true;
+    },
+
+    // While the view is turned by hand one point in some is drawn, so that it follows.
+    thin(moves) {
+      const n = this.drawn.n, every = Math.ceil(n / WHILE_TURNING);
+      this.dirty = true;
+      if (!moves || every < 2) {
+        this.cloudGeometry.setIndex(null);
+        this.cloudGeometry.setDrawRange(0, n);
+        return;
+      }
+      const rows = new Uint32Array(Math.floor(n / every));
+      for (let i = 0; i < rows.length; i++) rows[i] = i * every;
+      this.cloudGeometry.setIndex(new THREE.BufferAttribute(rows, 1));
+      this.cloudGeometry.setDrawRange(0, rows.length);
     },
 
     append(values) {

@@ -197,8 +197,8 @@ class OperatorPage:
 
     def _show_cloud(self) -> None:
         cloud = self._follower.cloud
-        if (cloud.version, cloud.n_kept) != self._seen_cloud:
-            self._seen_cloud = (cloud.version, cloud.n_kept)
+        if (cloud.version, cloud.n_seen) != self._seen_cloud:
+            self._seen_cloud = (cloud.version, cloud.n_seen)
             self._scene.show_cloud(cloud.version, cloud.n_kept, cloud.n_seen)
 
     def _show_verdict(self) -> None:
