@@ -1,0 +1,113 @@
+"""The Helmert transformation: to = scale * rotation * from + translation.
+
+A small change of it is told by a vector xi about a centre c in the system that it leads
+to: shift of c (mm), turn (rad), and relative change of scale, which a rigid motion has
+not. A place y moves by J(y) xi, J(y) = [I, -[d]x, d] with d = y - c.
+"""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+N_RIGID = 6
+PARAMETERS = (
+    *("shift_x_mm", "shift_y_mm", "shift_z_mm"),
+    *("turn_x_rad", "turn_y_rad", "turn_z_rad"),
+    "scale",
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Helmert:
+    """A rotation, a shift, a scale.
+
+    Attributes:
+        rotation: Proper, (3, 3).
+        translation_mm: (3,).
+        scale: Above zero.
+    """
+
+    rotation: Floats
+    translation_mm: Floats
+    scale: float = 1.0
+
+    def places_mm(self, from_mm: Floats) -> Floats:
+        """Transform places (n, 3)."""
+        turned: Floats = from_mm @ self.rotation.T
+        return self.scale * turned + self.translation_mm
+
+    def after(self, first: Self) -> "Helmert":
+        """Join with a transformation that comes before."""
+        return Helmert(
+            self.rotation @ first.rotation,
+            self.places_mm(first.translation_mm[np.newaxis])[0],
+            self.scale * first.scale,
+        )
+
+    def inverse(self) -> "Helmert":
+        """Turn round: from what it leads to, back."""
+        back = self.rotation.T
+        return Helmert(back, -(back @ self.translation_mm) / self.scale, 1 / self.scale)
+
+
+def cross_matrices(vectors: Floats) -> Floats:
+    """Write v x as matrices: (n, 3) gives (n, 3, 3)."""
+    x, y, z = vectors.T
+    none = np.zeros(len(vectors))
+    rows = [[none, -z, y], [z, none, -x], [-y, x, none]]
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def rotation_matrix(quaternion: Floats) -> Floats:
+    """Write a unit quaternion, scalar first, (4,), as a matrix (3, 3)."""
+    scalar, vector = quaternion[0], quaternion[1:]
+    cross = cross_matrices(vector[np.newaxis])[0]
+    turned: Floats = np.eye(3) + 2.0 * (scalar * cross + cross @ cross)
+    return turned
+
+
+def turned_by(turn_rad: Floats) -> Floats:
+    """Make the rotation of a rotation vector (3,), as a matrix (3, 3)."""
+    angle_rad = float(np.linalg.norm(turn_rad))
+    # np.sinc(x) is sin(pi x) / (pi x), and right at zero.
+    vector = 0.5 * np.sinc(0.5 * angle_rad / np.pi) * turn_rad
+    return rotation_matrix(np.concatenate([[np.cos(0.5 * angle_rad)], vector]))
+
+
+def motions(from_centre_mm: Floats, n_parameters: int) -> Floats:
+    """Compute J, how places move with xi.
+
+    Args:
+        from_centre_mm: d, (n, 3).
+        n_parameters: 6, or 7 with a scale.
+
+    Returns:
+        (n, 3, n_parameters).
+    """
+    n = len(from_centre_mm)
+    parts = [np.tile(np.eye(3), (n, 1, 1)), -cross_matrices(from_centre_mm)]
+    if n_parameters > N_RIGID:
+        parts.append(from_centre_mm[:, :, np.newaxis])
+    return np.concatenate(parts, axis=2)
+
+
+def moved_centre(
+    covariance: Floats, centre_mm: Floats, new_centre_mm: Floats
+) -> Floats:
+    """Tell the covariance of xi about another centre.
+
+    Args:
+        covariance: About the old one, (n_parameters, n_parameters).
+        centre_mm: The old one, (3,).
+        new_centre_mm: (3,).
+    """
+    n_parameters = len(covariance)
+    change = np.eye(n_parameters)
+    away = (new_centre_mm - centre_mm)[np.newaxis]
+    change[:3] = motions(away, n_parameters)[0]
+    told: Floats = change @ covariance @ change.T
+    return told
