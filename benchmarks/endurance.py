@@ -103,10 +103,8 @@ def faults(sizes: list[Size], followed: Followed) -> list[str]:
         found.append(f"{end.descriptors - early.descriptors} more descriptors")
     if end.threads > early.threads:
         found.append(f"{end.threads - early.threads} more threads")
-    for name in ("lost", "dropped", "missing"):
-        if n := getattr(followed, name):
-            found.append(f"{n} points {name}")
-    return found
+    losses = {name: getattr(followed, name) for name in ("lost", "dropped", "missing")}
+    return found + [f"{n} points {name}" for name, n in losses.items() if n]
 
 
 def main(minutes: float, path: Path | None) -> int:
