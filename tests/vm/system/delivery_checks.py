@@ -49,8 +49,7 @@ class Delivery:
 
     async def lose_broker(self) -> str:
         """mosquitto forgets when it is killed; the outbox does not."""
-        for _ in range(N_POINTS):
-            await self._ask()
+        await self.acknowledge()
         pid = unit.systemctl("show", "mosquitto", "--property=MainPID", "--value")
         self._listener.connected = False
         unit.run("kill", "-9", pid)
@@ -63,6 +62,11 @@ class Delivery:
         missing = self._acknowledged - {p.id for p in self._listener.points}
         assert not missing, f"{len(missing)} of {len(self._acknowledged)} missing"
         return f"{whole}; {len(self._acknowledged)} acknowledged to us, all there"
+
+    async def acknowledge(self) -> None:
+        """Ask for points, so that something happens right after the answer."""
+        for _ in range(N_POINTS):
+            await self._ask()
 
     async def go_on(self) -> str:
         """A start after an orderly end: a new session, and points."""
