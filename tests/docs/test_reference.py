@@ -12,6 +12,7 @@ from pydantic_core import PydanticUndefined
 
 from daemon import configuration, probes
 from daemon.broker_section import BrokerSection
+from daemon.command_limits import Limit
 from daemon.device_section import DeviceSection
 from daemon.filters import section_class
 from daemon.outbox_section import OutboxSection
@@ -133,6 +134,8 @@ def test_bounds_named_in_the_architecture_hold() -> None:
         named = re.fullmatch(r"`([a-z_.]+)\.([A-Z_]+)`", where)
         if named:
             value = getattr(import_module(named[1]), named[2])
+            if isinstance(value, Limit):
+                value = value.rate_hz
             said = re.match(r"[\d ]+", bound)
             assert said is not None
             assert int(said[0].replace(" ", "")) == value, where
