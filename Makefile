@@ -88,6 +88,9 @@ bench-recording: venv system  ## what recording costs at 10 kHz, and how fast a 
 bench-page: venv system  ## the operator's page in a browser: latency, a million points, memory; takes 13 minutes
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.page all
 
+screenshots: venv system  ## pictures of the operator's page in docs/, from a real run
+	$(BIN)/python -m benchmarks.screenshots docs
+
 bench-identification: venv  ## the adjustment beside scipy's least squares; takes many minutes
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.identification
 

@@ -93,7 +93,7 @@ export default {
       this.doubtMaterial.color.set(colours.doubt);
       this.cloudMaterial.color.set(colours.cloud);
       if (this.grid) this.scene.remove(this.grid);
-      this.grid = new THREE.GridHelper(3000, 30, colours.grid, colours.grid);
+      this.grid = new THREE.GridHelper(2400, 24, colours.grid, colours.grid);
       this.grid.rotation.x = Math.PI / 2;
       this.scene.add(this.grid);
       this.dirty = true;
