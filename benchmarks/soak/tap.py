@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TextIO
 
 from protocol.framing import FrameSplitter
-from protocol.latch_board import EDGE_ACK, FORGET_EDGES, HELLO, Decoder, Edge
+from protocol.latch_board import EDGE_ACK, FORGET_EDGES, HELLO, Decoder, Edge, Hello
 
 READ_BYTES = 65_536
 LOOK_MS = 50
@@ -33,20 +33,25 @@ class Edges:
         self._life = life
         self._log = log
         self._waiting: set[int] = set()
+        self._is_forgetting = False
         self._from_board = Decoder()
         self._from_host = FrameSplitter()
 
     def sent(self, data: bytes) -> None:
         """The board has said this."""
         for message in self._from_board.feed(data):
-            if isinstance(message, Edge):
+            if isinstance(message, Hello):
+                self._is_forgetting = False
+            elif isinstance(message, Edge) and not self._is_forgetting:
                 self._waiting.add(message.seq)
 
     def answered(self, data: bytes) -> None:
         """The daemon has said this."""
         for body in self._from_host.feed(data):
             if body[0] == HELLO and body[3] & FORGET_EDGES:
-                self._waiting.clear()  # a new daemon: they came before its time
+                # A new daemon: they came before its time, also those on their way.
+                self._waiting.clear()
+                self._is_forgetting = True
                 self._write({"hello": self._life})
             elif body[0] == EDGE_ACK:
                 last = int.from_bytes(body[1:5], "little")

@@ -1,10 +1,10 @@
 """The examples of the client run, and the pages show them as they are."""
 
-import asyncio
-import signal
 import sqlite3
 import subprocess
 import sys
+from contextlib import AbstractContextManager, closing
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -21,8 +21,8 @@ PAGES = {
 }
 
 
-class Example:
-    """An example as a program of its own, its output in a file."""
+class Example(AbstractContextManager["Example"]):
+    """An example as a program of its own, its output in a file; killed at the end."""
 
     def __init__(self, folder: Path, name: str, *arguments: str) -> None:
         self._out = folder / f"{name}.out"
@@ -38,9 +38,11 @@ class Example:
     def output(self) -> str:
         return self._out.read_text()
 
-    async def stop(self) -> None:
-        self.process.send_signal(signal.SIGKILL)
-        await asyncio.to_thread(self.process.wait, PATIENCE_S)
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
+        self.process.kill()
+        self.process.wait(PATIENCE_S)
+        if kind is not None:  # pytest shows it with the failure
+            print(self.output)  # noqa: T201
 
 
 @pytest.mark.parametrize("name", PAGES)
@@ -55,8 +57,8 @@ async def test_notebook_takes_points_and_looks_at_them(
     virtual: VirtualDaemon, broker: str, tmp_path: Path
 ) -> None:
     async with virtual.running():
-        example = Example(tmp_path, "notebook", virtual.arm, broker)
-        await until(lambda: example.process.poll() is not None)
+        with Example(tmp_path, "notebook", virtual.arm, broker) as example:
+            await until(lambda: example.process.poll() is not None)
         assert example.process.returncode == 0, example.output
         lines = example.output.splitlines()
         assert lines[0].startswith("mean [")
@@ -71,18 +73,16 @@ async def test_follow_goes_on_where_it_stopped(
     place.write_text(
         f'{{"schema": "traverse/place/1", "arm": "{virtual.arm}", "sessions": {{}}}}'
     )
+    what = (virtual.arm, broker, str(place))
     async with virtual.running():
         await virtual.take(3)
-        example = Example(tmp_path, "follow", virtual.arm, broker, str(place))
-        await until(lambda: len(example.output.splitlines()) == 3)
-        await until(lambda: f'"{virtual.session}": 2' in place.read_text())
-        await example.stop()
+        with Example(tmp_path, "follow", *what) as example:
+            await until(lambda: len(example.output.splitlines()) == 3)
+            await until(lambda: f'"{virtual.session}": 3' in place.read_text())
         await virtual.take(1)
-        example = Example(tmp_path, "follow", virtual.arm, broker, str(place))
-        await until(lambda: len(example.output.splitlines()) == 2)
-        await example.stop()
-        seqs = [line.split()[0] for line in example.output.splitlines()]
-        assert seqs == ["2", "3"]  # the one in hand comes again
+        with Example(tmp_path, "follow", *what) as example:
+            await until(lambda: example.output != "")
+        assert [line.split()[0] for line in example.output.splitlines()] == ["3"]
 
 
 @pytest.mark.broker
@@ -90,19 +90,18 @@ async def test_store_has_every_point_once_after_being_killed(
     virtual: VirtualDaemon, broker: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "store.db"
-
-    def stored() -> list[int]:
-        with sqlite3.connect(path) as database:
-            try:
-                rows = database.execute("SELECT seq FROM points ORDER BY rowid")
-                return [seq for (seq,) in rows]
-            except sqlite3.OperationalError:
-                return []
-        return []
-
     async with virtual.running():
         for n in (3, 6):
             await virtual.take(3)
-            example = Example(tmp_path, "store", virtual.arm, broker, str(path))
-            await until(lambda n=n: stored() == list(range(n)))
-            await example.stop()
+            with Example(tmp_path, "store", virtual.arm, broker, str(path)):
+                await until(partial(has_stored, path, n))
+
+
+def has_stored(path: Path, n: int) -> bool:
+    """Whether the first n points are there, in order."""
+    with closing(sqlite3.connect(path)) as database:
+        try:
+            rows = database.execute("SELECT seq FROM points ORDER BY rowid").fetchall()
+        except sqlite3.OperationalError:
+            return False  # it has no tables yet
+    return rows == [(seq,) for seq in range(n)]
