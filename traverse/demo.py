@@ -6,9 +6,11 @@ MQTT like any client, and judges what it received against the certificates.
 
 import asyncio
 import contextlib
+import socket
 import sys
 import tempfile
 from collections.abc import AsyncIterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
     from traverse.demo_round import Round
 
 READY_S = 30.0
+PAGE_PORT = 8080
 STOP_S = 10.0
 ARM = "demo-7"
 
@@ -29,6 +32,7 @@ class DemoError(Exception):
 
 
 def demo(
+    *,
     once: Annotated[
         bool, typer.Option("--once", help="End after one round of measurements.")
     ] = False,
@@ -45,22 +49,35 @@ def demo(
         float,
         typer.Option("--rate", min=1.0, max=10_000.0, help="Rate of the scan in Hz."),
     ] = 1000.0,
+    page: Annotated[
+        bool, typer.Option(help="The page in a browser, too, if its extra is there.")
+    ] = True,
 ) -> None:
     """Watch a simulated arm measure a ball bar, a sphere and a cone.
 
     Prints the points as they come, then length, form and spread beside the
-    certificates. Ends on Ctrl-C, after --for seconds, or after one round with --once.
+    certificates; without --once the operator's page shows the arm in a browser. Ends
+    on Ctrl-C, after --for seconds, or after one round with --once.
     Exit status 3: the simulated arm or the broker did not start.
     """
     try:
-        asyncio.run(_demonstrate(once, for_s, broker, port, rate_hz))
+        with_page = page and not once and find_spec("nicegui") is not None
+        asyncio.run(
+            _demonstrate(once, for_s, broker, port, rate_hz, with_page=with_page)
+        )
     except DemoError as error:
         typer.echo(str(error), err=True)
         raise typer.Exit(3) from error
 
 
 async def _demonstrate(
-    once: bool, for_s: float | None, broker: str | None, port: int, rate_hz: float
+    once: bool,
+    for_s: float | None,
+    broker: str | None,
+    port: int,
+    rate_hz: float,
+    *,
+    with_page: bool,
 ) -> None:
     from daemon.embedded_broker import HOST, free_port  # noqa: PLC0415 - quick --help
     from traverse.demo_round import Round, write_files  # noqa: PLC0415
@@ -77,7 +94,14 @@ async def _demonstrate(
             _program(folder / "simulator.log", *simulator) as hardware,
             _programs_line(hardware, b"ready", folder / "simulator.log"),
             _program(folder / "daemon.log", *daemon) as service,
+            contextlib.AsyncExitStack() as stack,
         ):
+            if with_page:
+                shown = PAGE_PORT if _is_free(PAGE_PORT) else free_port()
+                where = ("--arm", ARM, "--broker", f"{host}:{number}")
+                options = ("page", *where, "--port", str(shown))
+                await stack.enter_async_context(_program(folder / "page.log", *options))
+                typer.echo(f"The operator's page: http://127.0.0.1:{shown}")
             following = asyncio.create_task(
                 _follow(host, number, measured, once, rate_hz)
             )
@@ -102,6 +126,12 @@ async def _demonstrate(
     typer.echo("")
     for text in measured.summary():
         typer.echo(text)
+
+
+def _is_free(port: int) -> bool:
+    """Whether nobody listens on a port of this machine."""
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) != 0
 
 
 @contextlib.asynccontextmanager
