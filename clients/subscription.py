@@ -1,15 +1,16 @@
-"""Messages of arms as they arrive, decoded.
+"""Messages of arms as they arrive, decoded: for displays of one arm or of all.
 
+Nothing is asked for again and nothing is put into order; `clients.Arm` does that.
 Speaks MQTT 3.1.1, which every broker does; nothing in the messages needs more.
 """
 
-import socket
 import time
 from collections.abc import AsyncIterator, Iterable
 from dataclasses import dataclass
 
 import aiomqtt
 
+from clients.address import BrokerAddress
 from protocol import topics
 from protocol.encoding import decode
 from protocol.message_error import MessageError
@@ -46,13 +47,8 @@ class Received:
 
 def connection(host: str, port: int) -> aiomqtt.Client:
     """A connection to a broker, without Nagle's delay; use with `async with`."""
-    client = aiomqtt.Client(
-        host,
-        port,
-        timeout=5,
-        max_queued_incoming_messages=MAX_WAITING,
-        socket_options=[(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)],
-    )
+    options = BrokerAddress(host, port, keepalive_s=60).options()
+    client = aiomqtt.Client(**options, max_queued_incoming_messages=MAX_WAITING)
     client.pending_calls_threshold = MAX_WAITING
     return client
 
