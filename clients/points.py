@@ -10,26 +10,18 @@ import asyncio
 import logging
 from typing import Self
 
-from clients.errors import ClientError, CommandRefused
+from clients.asking import Asking
 from clients.following import Lost
 from clients.link import Link
-from clients.point_order import Ask, PointOrder
+from clients.point_order import PointOrder
 from clients.pulse import Pulse
 from clients.requests import Requests
-from clients.results import HeldSession, Resent
-from protocol.messages import Point, ResendArgs
+from protocol.messages import Point
 
 log = logging.getLogger(__name__)
 
-ASK_S = 5.0
-FIRST_WAIT_S = 0.2
-LAST_WAIT_S = 10.0
-ARRIVAL_S = 2.0
-TAIL_S = 30.0
 READER_S = 10.0
 MAX_PLACES = 16
-MAX_SILENCES = 2
-CANNOT = ("command.not_available", "command.bad_args")
 
 
 class PointStream:
@@ -50,18 +42,16 @@ class PointStream:
     ) -> None:
         self._order = order
         self._link = link
-        self._requests = requests
         self._limit = limit
         self._unacknowledged: list[int] = []
         self._arrived = Pulse()
-        self._questions = Pulse()
+        self._asking = Asking(order, link, requests, self._room_for_more, self._arrived)
         self._is_read = False
         self._read_s = 0.0
         self._in_hand: Point | Lost | None = None
         self._taken: dict[str, int] = {}
         self._error: BaseException | None = None
         self._is_closed = False
-        self._silences = 0
         self.lost = 0
 
     @property
@@ -151,88 +141,16 @@ class PointStream:
 
     async def follow(self) -> None:
         """Ask for what is missing, until cancelled."""
-        wait_s = FIRST_WAIT_S
-        while True:
-            ask = await self._next_ask()
-            progress = self._order.next_seq_of(ask.session or "")
-            before = (self._order.n_taken, self._link.connections)
-            try:
-                await self._carry_out(ask, ARRIVAL_S + wait_s)
-                self._silences = 0
-                if ask.session and progress == self._order.next_seq_of(ask.session):
-                    wait_s = min(2 * wait_s, LAST_WAIT_S)
-                else:
-                    wait_s = FIRST_WAIT_S
-                continue
-            except CommandRefused as error:
-                if error.code in CANNOT:
-                    self._order.refuse(f"the arm cannot send points again: {error}")
-                    self._tell_all()
-                    continue
-                self._order.unanswered(ask)
-                log.warning("points are missing and cannot be had now: %s", error)
-            except ClientError as error:
-                self._order.unanswered(ask)
-                log.info("points may be missing: %s", error)
-                self._count_silence(before, str(error))
-            await asyncio.sleep(wait_s)
-            wait_s = min(2 * wait_s, LAST_WAIT_S)
+        await self._asking.run()
 
-    def _count_silence(self, before: tuple[int, int], reason: str) -> None:
-        """Points that come while nobody answers: this client may read, not command."""
-        n_taken, connections = before
-        is_speaking = self._order.n_taken > n_taken
-        if is_speaking and self._link.is_up and self._link.connections == connections:
-            self._silences += 1
-        else:
-            self._silences = 0
-        if self._silences >= MAX_SILENCES:
-            self._silences = 0
-            self._order.refuse(f"the arm does not answer this client: {reason}")
-            self._tell_all()
-
-    async def _next_ask(self) -> Ask:
-        """Wait until something is missing, or nothing has come for long."""
-        while True:
-            room = self.room
-            ask = self._order.next_ask(room if room >= self._limit // 2 else 0)
-            if ask is not None:
-                return ask
-            before = self._order.n_taken
-            if await self._questions.wait(TAIL_S) or before != self._order.n_taken:
-                continue
-            if self._order.may_ask and room >= self._limit // 2:
-                return self._order.tail_ask()
-
-    async def _carry_out(self, ask: Ask, arrival_s: float) -> None:
-        if ask.session is None:
-            result = await self._requests.result(ResendArgs(), ASK_S)
-            self._order.listed(HeldSession.read_all(result))
-            self._tell_all()
-            return
-        args = ResendArgs(session=ask.session, from_seq=ask.from_seq, to_seq=ask.to_seq)
-        answer = Resent.read(await self._requests.result(args, ASK_S))
-        last = self._order.resent(ask, answer)
-        self._tell_all()
-        if last is not None:
-            await self._arrival(ask.session, last, arrival_s)
-
-    async def _arrival(self, session: str, last: int, seconds: float) -> None:
-        """Wait until points up to a number are here, or for so long none came."""
-        loop = asyncio.get_running_loop()
-        until_s, next_seq = loop.time() + seconds, self._order.next_seq_of(session)
-        while next_seq is not None and next_seq <= last and not self._order.must_list:
-            left_s = until_s - loop.time()
-            if left_s <= 0:
-                return
-            await self._arrived.wait(left_s)
-            if next_seq != (now := self._order.next_seq_of(session)):
-                until_s, next_seq = loop.time() + seconds, now
+    def _room_for_more(self) -> int:
+        """So many points may be asked for: none while many wait."""
+        return self.room if self.room >= self._limit // 2 else 0
 
     def _tell_all(self) -> None:
         self._arrived.beat()
         if self._order.has_questions:
-            self._questions.beat()
+            self._asking.look()
 
     def _hold_back(self, number: int) -> None:
         """Let the broker wait, but not for ever for a reader that has gone away."""
@@ -256,7 +174,7 @@ class PointStream:
         waiting, self._unacknowledged = self._unacknowledged, []
         for number in waiting:
             self._link.acknowledge(number)
-        self._questions.beat()
+        self._asking.look()
 
     def _tell(self, lost: Lost) -> None:
         if lost.to_seq is not None:
