@@ -9,7 +9,7 @@ FIGURES := build/figures
 # What the kernel in C is built from.
 KERNEL := setup.py $(foreach kind,pyx pxd pxi c h inc,$(wildcard kinematics/kernel/*.$(kind)))
 
-.PHONY: help venv system node demo test lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance blind blind-full fuzz soak endurance bench-client test-vm install deb clean bench-kernel audit bench-fleet
+.PHONY: docs help venv system node demo test lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance blind blind-full fuzz soak endurance bench-client test-vm install deb clean bench-kernel audit bench-fleet
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -136,9 +136,12 @@ test-vm: deb system  ## CANopen on SocketCAN, and the package with systemd, in v
 	sh deploy/vm/system.sh 880 "$$(ls -t build/traverse_*.deb | head -n 1)"
 	sh deploy/vm/run.sh 590 $(BIN)/python -m tests.vm
 
+docs: venv  ## the documentation as a site, in site/
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+
 lock: venv  ## requirements.lock anew from pyproject.toml
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --all-extras --no-emit-index-url --no-header \
 	    --output-file requirements.lock pyproject.toml
 
 clean:  ## remove what was built
-	rm -rf $(VENV) $(PEERS) build dist *.egg-info kinematics/kernel/*.so .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(PEERS) build dist site *.egg-info kinematics/kernel/*.so .pytest_cache .mypy_cache .ruff_cache .hypothesis

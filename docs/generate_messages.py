@@ -63,7 +63,12 @@ with a brace). MQTT 5 payloads have the content type `application/msgpack` or
 - Our reader refuses more than {MAX_BYTES} bytes, {MAX_DEPTH} levels of nesting, and
   MessagePack lists or maps of more than {MAX_ELEMENTS} elements.
 
-JSON Schemas of all payloads in JSON are in [schemas/](schemas/).
+JSON Schemas of all payloads in JSON are [files](schemas/README.md).
+"""
+SCHEMAS = """\
+Generated from `protocol/messages` by `make schemas`; do not edit. One file for every
+[message](../mqtt-messages.md) and every command, in JSON Schema 2020-12, for payloads
+in JSON.
 """
 DELIVERY = """\
 `seq` is without gaps per `session`. A point is delivered at least once and counts once
@@ -72,8 +77,8 @@ asks `cmd/resend`.
 """
 COMMAND_HEAD = """\
 A command is answered on the MQTT 5 response topic if it has one, which has to be below
-`reply/` ([why](../security.md#answers)), else on `reply/<name>`; a repeated `request` gets the first answer again. What `args` holds
-depends on the name:
+`reply/` ([why](../security.md#answers)), else on `reply/<name>`; a repeated `request`
+gets the first answer again. What `args` holds depends on the name:
 """
 
 
@@ -86,6 +91,7 @@ def main() -> int:
         REFERENCE / "schemas" / f"{key}.schema.json": json.dumps(schema, indent=2)
         for key, schema in json_schemas().items()
     }
+    files[REFERENCE / "schemas" / "README.md"] = schemas_page()
     files[REFERENCE / "mqtt-messages.md"] = reference_page()
     files[REFERENCE / "asyncapi.json"] = asyncapi.text()
     old = set((REFERENCE / "schemas").glob("*.json")) - set(files)
@@ -97,6 +103,15 @@ def main() -> int:
     for path in old:
         path.unlink()
     return 0
+
+
+def schemas_page() -> str:
+    """What the folder of schemas holds, in Markdown."""
+    lines = ["# JSON Schemas", "", SCHEMAS, "| file | payload |", "|---|---|"]
+    for key, schema in json_schemas().items():
+        file, what = f"{key}.schema.json", schema["description"].splitlines()[0]
+        lines.append(f"| [{file}]({file}) | {what} |")
+    return "\n".join(lines)
 
 
 def reference_page() -> str:

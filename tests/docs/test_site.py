@@ -1,0 +1,88 @@
+"""The documentation as a site: built without a warning, whole, and good off-line."""
+
+import os
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import urldefrag
+
+import pytest
+
+from tests.docs.pages import CHECKOUT, PAGES
+
+END_S = 100.0
+
+
+class Parts(HTMLParser):
+    """What a page of the site loads, and where its navigation leads."""
+
+    def __init__(self, page: Path) -> None:
+        super().__init__()
+        self.loaded: list[str] = []
+        self.navigation: set[str] = set()
+        self.feed(page.read_text("utf-8"))
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        found = {name: value or "" for name, value in attrs}
+        if tag in ("script", "img", "iframe", "source"):
+            self.loaded.append(found.get("src", ""))
+        elif tag == "link":
+            self.loaded.append(found.get("href", ""))
+        elif tag == "a" and "md-nav__link" in found.get("class", ""):
+            self.navigation.add(urldefrag(found.get("href", ""))[0])
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The site, as `make docs` builds it."""
+    folder = tmp_path_factory.mktemp("docs") / "site"
+    ran = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "-q", "--strict", "-d", folder],
+        cwd=CHECKOUT,
+        env={**os.environ, "NO_MKDOCS_2_WARNING": "1"},
+        capture_output=True,
+        text=True,
+        timeout=END_S,
+        check=False,
+    )
+    assert (ran.returncode, ran.stdout + ran.stderr) == (0, "")
+    return folder
+
+
+def page_in(site: Path, page: Path) -> Path:
+    """The file of the site that a page of the checkout has become."""
+    docs = CHECKOUT / "docs"
+    if not page.is_relative_to(docs):
+        page = docs / "checkout" / page.relative_to(CHECKOUT)
+    name = "index" if page.name == "README.md" else page.stem
+    return (site / page.relative_to(docs)).with_name(f"{name}.html")
+
+
+def test_navigation_leads_to_every_page(site: Path) -> None:
+    start = site / "index.html"
+    led = {(site / link).resolve() for link in Parts(start).navigation if link}
+    readme = CHECKOUT / "README.md"  # what index.md is for the site
+    wanted = {page_in(site, page) for page in PAGES if page != readme}
+    assert wanted - led - {start} == set()
+    assert all(page.exists() for page in wanted)
+
+
+def test_nothing_is_fetched_from_elsewhere(site: Path) -> None:
+    pages = sorted(site.rglob("*.html"))
+    assert len(pages) >= len(PAGES)
+    for page in pages:
+        for link in Parts(page).loaded:
+            assert not re.match(r"(https?:)?//", link), f"{page}: {link}"
+    for style in site.rglob("*.css"):
+        assert not re.search(r"url\(\s*['\"]?(https?:)?//", style.read_text("utf-8"))
+
+
+def test_lists_have_become_lists(site: Path) -> None:
+    """Markdown's readers differ: here a list needs an empty line before it."""
+    for page in site.rglob("*.html"):
+        text = re.sub(r"<pre.*?</pre>", "", page.read_text("utf-8"), flags=re.DOTALL)
+        for paragraph in re.findall(r"<p>(.*?)</p>", text, re.DOTALL):
+            assert not re.search(r"^ *([-*]|\d+\.) ", paragraph, re.M), page
+            assert "```" not in paragraph, page
