@@ -1,6 +1,7 @@
 """Latencies: percentiles of the last few thousand, and a histogram of them all."""
 
 from bisect import bisect_left
+from operator import sub
 
 import numpy as np
 
@@ -41,17 +42,20 @@ class Latencies:
         Median and 99th percentile are of the latest 4096, by linear interpolation
         between the two nearest in order; all other figures are of all.
         """
-        if not self._n:
+        # The garbage collector notes its durations in whatever thread it runs, also
+        # between two lines of this: all is read once, and n is that of the histogram.
+        before = self._told_counts
+        histogram = tuple(map(sub, list(self.total_counts), before))
+        if not self._n or not sum(histogram):
             return None
         values_us = self._values_ns[: min(self._n, KEPT)] / 1000.0
         p50_us, p99_us = np.percentile(values_us, [50, 99])
-        counts = zip(self.total_counts, self._told_counts, strict=True)
         return Latency(
             p50_us=float(p50_us),
             p99_us=float(p99_us),
             max_us=self._largest_ns / 1000.0,
-            n=self._n,
-            histogram=tuple(now - before for now, before in counts),
+            n=sum(histogram),
+            histogram=histogram,
         )
 
     def clear(self) -> None:

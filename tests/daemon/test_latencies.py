@@ -1,5 +1,8 @@
 """Percentiles and histogram of latencies, against counting by hand."""
 
+import sys
+import threading
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -58,3 +61,27 @@ def test_histograms_are_those_of_numpy_and_go_on_when_cleared(durations_ns):
         latencies.clear()
     assert latencies.total_counts == list(2 * counts)
     assert latencies.total_ns == 2 * sum(durations_ns)
+
+
+def test_another_thread_that_notes_times_meanwhile_does_no_harm():
+    """The garbage collector runs, and notes its time, in whatever thread needs it."""
+    latencies, end = Latencies(), threading.Event()
+
+    def note():
+        while not end.is_set():
+            latencies.add(1000)
+
+    thread = threading.Thread(target=note)
+    before_s = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    thread.start()
+    try:
+        for n in range(500):
+            latencies.figures()
+            if n % 50 == 0:
+                latencies.clear()
+    finally:
+        end.set()
+        thread.join()
+        sys.setswitchinterval(before_s)
+    assert latencies.total_ns >= 1000
