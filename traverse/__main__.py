@@ -12,6 +12,7 @@ try:  # before everything else that computes
 except ValueError as error:
     sys.stderr.write(f"traverse: {error}\n")
     sys.exit(2)
+from traverse.align import align
 from traverse.amt21 import amt21
 from traverse.arm import arm
 from traverse.blind import blind
@@ -42,7 +43,7 @@ app = typer.Typer(
 )
 COMMANDS: tuple[Callable[..., None], ...] = (
     *(demo, run, simulate, watch, page, check, collect, identify, diagnose, blind),
-    *(verify, record, replay, export),
+    *(verify, align, record, replay, export),
 )
 for command in COMMANDS:
     app.command()(command)
