@@ -11,7 +11,7 @@ from clients.errors import (
     NoAnswerError,
 )
 from clients.following import Lost
-from clients.results import HeldSession, Resent, StartedScan
+from clients.results import HeldSession, Resent, ResentScan, StartedScan
 
 __all__ = [
     "Arm",
@@ -25,5 +25,6 @@ __all__ = [
     "Lost",
     "NoAnswerError",
     "Resent",
+    "ResentScan",
     "StartedScan",
 ]

@@ -18,7 +18,7 @@ from clients.arm import Arm
 from clients.counters import Counters
 from clients.following import Lost
 from clients.loop_thread import Items, LoopThread, Source
-from clients.results import HeldSession, Resent
+from clients.results import HeldSession, Resent, ResentScan
 from protocol.messages import Args, Event, Health, Live, Point, Scan, Status
 from protocol.messages.scan import ScanMode
 
@@ -206,6 +206,12 @@ class BlockingArm:
     ) -> Resent:
         """Have points sent again, to everybody who follows the arm."""
         return self._do(self._arm.resend(session, from_seq, to_seq))
+
+    def resend_scan(
+        self, scan: str, from_seq: int = 0, to_seq: int | None = None
+    ) -> ResentScan:
+        """Have blocks of a scan sent again, to everybody who follows the scans."""
+        return self._do(self._arm.resend_scan(scan, from_seq, to_seq))
 
     def result(self, args: Args) -> Mapping[str, Any]:
         """Have any command carried out; gives what came of it."""

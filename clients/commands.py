@@ -6,7 +6,7 @@ from typing import Any
 
 from clients.errors import NoAnswerError
 from clients.points_by_id import PointsById
-from clients.results import HeldSession, Resent, StartedScan, Taken
+from clients.results import HeldSession, Resent, ResentScan, StartedScan, Taken
 from protocol.messages import (
     AlignArgs,
     Args,
@@ -159,6 +159,16 @@ class ArmCommands(ABC):
         """
         args = ResendArgs(session=session, from_seq=from_seq, to_seq=to_seq)
         return Resent.read(await self.result(args))
+
+    async def resend_scan(
+        self, scan: str, from_seq: int = 0, to_seq: int | None = None
+    ) -> ResentScan:
+        """Have blocks of a scan sent again, to everybody who follows the arm's scans.
+
+        The arm has them where its configuration delivers scans completely.
+        """
+        args = ResendArgs(scan=scan, from_seq=from_seq, to_seq=to_seq)
+        return ResentScan.read(await self.result(args))
 
     async def _point(self, result: Mapping[str, Any]) -> Point:
         """The point that an answer tells of; asked for again where it fails to come."""

@@ -80,6 +80,38 @@ class Resent:
 
 
 @dataclass(frozen=True, slots=True)
+class ResentScan:
+    """What the arm will send again of a scan, and what it holds of it.
+
+    Attributes:
+        session: in which it was made; None where the arm holds nothing of it.
+        blocks: so many will come.
+        first_seq, last_seq: points held; None where none is.
+        total: points of the scan; None before its end, or where that is not held.
+    """
+
+    scan: str
+    session: str | None
+    blocks: int
+    first_seq: int | None
+    last_seq: int | None
+    total: int | None
+
+    @classmethod
+    def read(cls, result: Mapping[str, Any]) -> Self:
+        """From the answer to `resend` with a scan."""
+        session = result.get("session")
+        return cls(
+            _text(result, "scan"),
+            None if session is None else _text(result, "session"),
+            _count(result, "blocks"),
+            _count_or_none(result, "first_seq"),
+            _count_or_none(result, "last_seq"),
+            _count_or_none(result, "total"),
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class StartedScan:
     """A scan that has begun.
 

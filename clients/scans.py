@@ -13,7 +13,8 @@ class ScanBlocks:
     """Blocks of a scan that runs while the `async with` does; use with `async for`.
 
     Iteration ends with the scan: at the end of the block, when somebody else stops it,
-    or when another scan replaces it.
+    or when another scan replaces it. A block that comes once more, as may be after an
+    outage, is left out.
 
     Args:
         follow: asks for blocks of scans, and gives them.
@@ -68,6 +69,8 @@ class ScanBlocks:
             raise StopAsyncIteration
         async for block in self._feed:
             if block.scan != self.scan.scan:
+                continue
+            if block.seq < self._next_seq:
                 continue
             self._has_ended = block.last
             self.missing += block.seq - self._next_seq

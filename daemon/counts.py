@@ -6,6 +6,7 @@ from daemon.filters import removed_counters
 from daemon.live import LiveView
 from daemon.outgoing import OutgoingQueue
 from daemon.publisher import Publisher
+from daemon.scan_spool import ScanSpool
 from daemon.scanner import Scanner
 from protocol.messages import BrokerHealth
 
@@ -19,7 +20,8 @@ def broker_health(publisher: Publisher, queue: OutgoingQueue) -> BrokerHealth:
         port=publisher.address.port,
         reconnects=publisher.reconnects,
         queued=sum(
-            queue.waiting(kind) for kind in ("point", "event", "resend", "scan")
+            queue.waiting(kind)
+            for kind in ("point", "event", "resend", "spooled", "scan")
         ),
         queue_limit=queue.limit,
         unacknowledged=queue.waiting("point"),
@@ -31,6 +33,7 @@ def counters_of(
     *,
     capture: Capture,
     scanner: Scanner,
+    spool: ScanSpool,
     live: LiveView,
     commands: CommandDesk,
     publisher: Publisher,
@@ -45,6 +48,9 @@ def counters_of(
         "points_resent": queue.sent["resend"],
         "scan_points_published": scanner.published_points,
         "scan_points_dropped": scanner.dropped_points,
+        "scan_blocks_kept": spool.counted["kept"],
+        "scan_blocks_unkept": spool.counted["unkept"],
+        "scan_blocks_dropped": spool.counted["dropped"] + queue.dropped["scan"],
         "live_published": queue.sent["live"],
         "live_thinned": live.thinned + queue.dropped["live"],
         "events_published": queue.sent["event"],

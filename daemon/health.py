@@ -10,7 +10,13 @@ from daemon.clock import HostClock
 from daemon.device import Device
 from daemon.latencies import Latencies
 from kinematics.kernel.choice import KERNEL
-from protocol.messages import BrokerHealth, Health, OutboxHealth, RecordingHealth
+from protocol.messages import (
+    BrokerHealth,
+    Health,
+    OutboxHealth,
+    RecordingHealth,
+    SpoolHealth,
+)
 from protocol.messages.health import LATENCIES
 
 SUMMED = (
@@ -49,6 +55,7 @@ class HealthReport:
         devices: Sequence[Device],
         broker: BrokerHealth,
         outbox: OutboxHealth,
+        spool: SpoolHealth | None,
         recording: RecordingHealth,
         counters: Mapping[str, int],
         temperature_c: float | None,
@@ -64,6 +71,7 @@ class HealthReport:
             devices: all of the configuration.
             broker: the connection to it.
             outbox: the points on disk.
+            spool: the scans on disk.
             recording: recordings on disk.
             counters: of everything but devices.
             temperature_c: of the arm.
@@ -102,6 +110,7 @@ class HealthReport:
             skew_mm=skew_mm,
             broker=broker,
             outbox=outbox,
+            spool=spool,
             recording=recording,
             devices=tuple(
                 device.health(

@@ -10,6 +10,11 @@ from protocol.messages.health import COUNTERS, LATENCIES, LATENCY_BOUNDS_US
 STATES = ("starting", "ready", "lost", "failed", "stopped")
 CONNECTION = ("connecting", "connected", "lost")
 OUTBOX = ("ready", "failed")
+SPOOL = {
+    "blocks": "blocks of scans kept on the disk",
+    "unsent": "blocks on the disk that the broker does not have yet",
+    "bytes": "size of the spool",
+}
 RECORDING = ("off", "flight", "recording", "failed")
 BOUNDS_S = [bound_us / 1e6 for bound_us in LATENCY_BOUNDS_US]
 
@@ -66,6 +71,7 @@ def exposition(
             *_counters(health),
             *_broker(health),
             *_outbox(health),
+            *_spool(health),
             *_recording(health),
             *_devices(health),
             histogram(
@@ -151,6 +157,24 @@ def _outbox(health: Health) -> Iterable[str]:
         "age of the first point that the broker does not have yet",
         [] if oldest_ns is None else [({}, (health.time_ns - oldest_ns) * 1e-9)],
     )
+
+
+def _spool(health: Health) -> Iterable[str]:
+    spool = health.spool
+    yield family(
+        "traverse_spool_state",
+        "gauge",
+        "1 for the state that the spool of scans is in; none while it is not used",
+        [] if spool is None else [({"state": s}, s == spool.state) for s in OUTBOX],
+    )
+    for name, text in SPOOL.items():
+        value = None if spool is None else spool.model_dump()[name]
+        yield family(
+            f"traverse_spool_{name}",
+            "gauge",
+            text,
+            [] if value is None else [({}, value)],
+        )
 
 
 def _recording(health: Health) -> Iterable[str]:

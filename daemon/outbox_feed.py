@@ -41,6 +41,11 @@ class OutboxFeed:
         mark: called with the number of each that the broker has.
         clock: the host's.
         latency: told how long the broker took for each.
+        kind: under which they wait in the queue.
+        together: so many are read at once, when no more than that wait.
+
+    Attributes:
+        is_behind: messages wait on the disk, or may.
     """
 
     def __init__(
@@ -50,38 +55,44 @@ class OutboxFeed:
         mark: Callable[[int], None],
         clock: HostClock,
         latency: Latencies,
+        *,
+        kind: str = "point",
+        together: int = TOGETHER,
     ) -> None:
         self._queue = queue
         self._ask = ask
         self._mark = mark
         self._clock = clock
         self._latency = latency
+        self._kind = kind
+        self._together = together
         self._last_number = 0  # of those that are, or were, in the queue
-        self._is_behind = True  # at the start: an earlier run may have left some
+        self.is_behind = True  # at the start: an earlier run may have left some
         self._is_reading = False
 
     def kept(self, message: Held) -> None:
         """A new message is on the disk."""
-        if not self._is_behind:
-            self._is_behind = not self._offer(message)
+        if not self.is_behind:
+            self.is_behind = not self._offer(message)
 
     def look_again(self) -> None:
         """The database may hold messages that nobody has told of."""
-        self._is_behind = True
+        self.is_behind = True
         self.refill()
 
     def refill(self) -> None:
         """Read on, where messages wait on the disk and there is room for them."""
         if (
-            not self._is_behind
+            not self.is_behind
             or self._is_reading
-            or self._queue.waiting("point") > TOGETHER
+            or self._queue.waiting(self._kind) > self._together
         ):
             return
         self._is_reading = True
         after = self._last_number
         self._ask(
-            lambda store: unsent_of(store.connection, after, TOGETHER), self._read
+            lambda store: unsent_of(store.connection, after, self._together),
+            self._read,
         )
 
     def _read(self, found: object) -> None:
@@ -89,10 +100,10 @@ class OutboxFeed:
         if not isinstance(found, Sequence):
             return  # it cannot be read now; somebody calls `refill` again
         # What was kept after this was read is told after it: nothing is missed.
-        self._is_behind = len(found) == TOGETHER
+        self.is_behind = len(found) == self._together
         for message in found:
             if not self._offer(message):
-                self._is_behind = True
+                self.is_behind = True
                 return
 
     def _offer(self, message: Held) -> bool:
@@ -102,7 +113,7 @@ class OutboxFeed:
             self._latency.add(self._clock.monotonic_ns() - begun_ns)
             self._mark(number)
 
-        there = self._queue.offer("point", outgoing(message, sent))
+        there = self._queue.offer(self._kind, outgoing(message, sent))
         if there:
             self._last_number = number
         return there

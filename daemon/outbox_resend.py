@@ -30,11 +30,18 @@ class OutboxResend:
     Args:
         queue: of what is to be published.
         ask: has something done with the database.
+        together: so many messages are read at once.
     """
 
-    def __init__(self, queue: OutgoingQueue, ask: Callable[[Work, Told], None]) -> None:
+    def __init__(
+        self,
+        queue: OutgoingQueue,
+        ask: Callable[[Work, Told], None],
+        together: int = TOGETHER,
+    ) -> None:
         self._queue = queue
         self._ask = ask
+        self._together = together
         self._ranges: deque[tuple[str, int, int]] = deque()
         self._is_reading = False
 
@@ -46,7 +53,7 @@ class OutboxResend:
         """
         session = args.session
         if session is None:
-            found = await self._asked(
+            found = await self.asked(
                 lambda store: sessions_of(store.connection, MAX_SESSIONS)
             )
             return {
@@ -60,20 +67,14 @@ class OutboxResend:
                     for one in found
                 ]
             }
-        if len(self._ranges) >= MAX_RANGES:
-            raise CommandError(
-                "resend.busy",
-                f"{MAX_RANGES} ranges are being sent again already",
-                "wait until they have come, then ask again as a new request",
-            )
+        self.check_room()
         to_seq = LAST if args.to_seq is None else args.to_seq
-        extent: Extent = await self._asked(
+        extent: Extent = await self.asked(
             lambda store: extent_of(store.connection, session, args.from_seq, to_seq)
         )
         if extent.points and extent.last_seq is not None:
             # Not what comes later: that is sent anyway.
-            self._ranges.append((session, args.from_seq, min(to_seq, extent.last_seq)))
-            self.refill()
+            self.send(session, args.from_seq, min(to_seq, extent.last_seq))
         return {
             "session": session,
             "from_seq": args.from_seq,
@@ -83,19 +84,37 @@ class OutboxResend:
             "last_seq": extent.last_seq,
         }
 
+    def check_room(self) -> None:
+        """See that another range may wait.
+
+        Raises:
+            CommandError: too many do.
+        """
+        if len(self._ranges) >= MAX_RANGES:
+            raise CommandError(
+                "resend.busy",
+                f"{MAX_RANGES} ranges are being sent again already",
+                "wait until they have come, then ask again as a new request",
+            )
+
+    def send(self, session: str, from_seq: int, to_seq: int) -> None:
+        """Begin to send a range again."""
+        self._ranges.append((session, from_seq, to_seq))
+        self.refill()
+
     def refill(self) -> None:
         """Read on, where there is something to read and room for it."""
         if (
             not self._ranges
             or self._is_reading
-            or self._queue.waiting("resend") > TOGETHER
+            or self._queue.waiting("resend") > self._together
         ):
             return
         self._is_reading = True
         session, from_seq, to_seq = self._ranges[0]
         self._ask(
             lambda store: messages_of(
-                store.connection, session, from_seq, to_seq, TOGETHER
+                store.connection, session, from_seq, to_seq, self._together
             ),
             self._read,
         )
@@ -108,11 +127,16 @@ class OutboxResend:
             return  # who misses the points sees a gap, and asks again
         for message in found:
             self._queue.offer("resend", outgoing(message))
-        if len(found) == TOGETHER and found[-1].seq < to_seq:
+        if len(found) == self._together and found[-1].seq < to_seq:
             self._ranges.appendleft((session, found[-1].seq + 1, to_seq))
         self.refill()
 
-    async def _asked(self, work: Callable[[OutboxStore], T]) -> T:
+    async def asked(self, work: Callable[[OutboxStore], T]) -> T:
+        """What comes of something done with the database.
+
+        Raises:
+            CommandError: it cannot be done.
+        """
         waiting: asyncio.Future[T] = asyncio.get_running_loop().create_future()
 
         def told(outcome: object) -> None:

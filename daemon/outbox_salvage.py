@@ -7,9 +7,10 @@ from urllib.parse import quote
 
 from daemon.outbox_reading import COLUMNS, held
 from daemon.outbox_values import Entry, Held
+from daemon.scan_reading import block_id
 from protocol.encoding import decode
 from protocol.message_error import MessageError
-from protocol.messages import Point
+from protocol.messages import Point, Scan
 
 # By the index first: it leaves the pages alone that only hold what has been sent.
 WAYS = ("INDEXED BY unsent", "NOT INDEXED")
@@ -40,12 +41,15 @@ def salvaged(path: Path) -> list[Entry]:
 
 
 def _is_whole(message: Held) -> bool:
-    """Whether the payload is the point that the row says."""
+    """Whether the payload is the point, or the block of a scan, that the row says."""
+    told = (message.session, message.seq, message.id)
     try:
+        if message.topic.endswith("/scan"):
+            block = decode(Scan, message.payload, message.encoding)
+            return (block.scan, block.seq, block_id(block)) == told
         point = decode(Point, message.payload, message.encoding)
     except MessageError:
         return False
-    told = (message.session, message.seq, message.id)
     return (point.session, point.seq, point.id) == told
 
 

@@ -206,6 +206,7 @@ class OutboxStore:
             self._points,
             self._unsent,
             self._pages_bytes(free=True),
+            self._pages_bytes(free=False),
             oldest[0] if oldest else None,
         )
 

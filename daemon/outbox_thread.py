@@ -45,6 +45,7 @@ class OutboxThread:
         failed: told the generation of which no more points will be kept.
         changed: told how the outbox is, whenever that is another.
         replaced: told in words when a new database has been begun.
+        name: of the thread.
 
     Attributes:
         pulse: the thread's signs of life.
@@ -60,6 +61,7 @@ class OutboxThread:
         failed: Callable[[int, Trouble], None],
         changed: Callable[[Condition], None],
         replaced: Callable[[str], None],
+        name: str = "outbox",
     ) -> None:
         self._clock = clock
         self._rules = rules
@@ -73,8 +75,8 @@ class OutboxThread:
         self._told_s = -FIGURES_S
         self._failed_generation = -1
         self._opened: asyncio.Future[None] = self._loop.create_future()
-        self.pulse = Pulse("thread of the outbox")
-        self._thread = threading.Thread(target=self._run, name="outbox")
+        self.pulse = Pulse(f"thread of the {name}")
+        self._thread = threading.Thread(target=self._run, name=name)
 
     async def start(self) -> None:
         """Open the database; where that fails for now, it is tried again and again.

@@ -100,12 +100,14 @@ class Figures:
         points: messages in it.
         unsent: those that the broker does not have yet.
         size_bytes: of the file, without its log.
+        used_bytes: of those, what messages take.
         oldest_unsent_ns: time of the oldest of those [UTC].
     """
 
     points: int = 0
     unsent: int = 0
     size_bytes: int = 0
+    used_bytes: int = 0
     oldest_unsent_ns: int | None = None
 
 

@@ -1,9 +1,10 @@
 """What waits to be published: bounded, by kind, each with its own way to overflow.
 
-Points are never dropped: those for which there is no room here are on the disk, and
-the outbox puts them in later. Live poses and health are only worth their latest. Scan
-blocks and events are dropped newest first, and counted. Order of sending: status,
-replies, points, events, points that somebody wants again, scan blocks, live, health.
+Points and spooled blocks of scans are never dropped: those for which there is no room
+here are on the disk, and are put in later. Live poses and health are only worth their
+latest. Scan blocks and events are dropped newest first, and counted. Order of sending:
+status, replies, points, events, what somebody wants again, spooled scan blocks, scan
+blocks, live, health.
 """
 
 import asyncio
@@ -17,7 +18,9 @@ MAX_POINTS = 1000
 MAX_REPLIES = 100
 MAX_EVENTS = 200
 MAX_RESENT = 200
+MAX_SPOOLED = 100
 MAX_SCAN_BLOCKS = 400
+ON_DISK = frozenset({"point", "spooled"})  # what finds no room is there
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +63,7 @@ class OutgoingQueue:
             "point": max_points,
             "event": MAX_EVENTS,
             "resend": MAX_RESENT,
+            "spooled": MAX_SPOOLED,
             "scan": max_scan_blocks,
         }
         # In the order of sending; a kind without a limit keeps its latest only.
@@ -69,6 +73,7 @@ class OutgoingQueue:
             "point",
             "event",
             "resend",
+            "spooled",
             "scan",
             "live",
             "health",
@@ -99,7 +104,7 @@ class OutgoingQueue:
                 self.dropped[kind] += 1  # thinned: a newer pose replaces it
             queue.clear()
         elif self.waiting(kind) >= limit:
-            self.dropped[kind] += kind != "point"  # that is on the disk
+            self.dropped[kind] += kind not in ON_DISK
             return False
         queue.append(message)
         self._emptied.clear()

@@ -147,6 +147,13 @@ class Scanner:
         self.plan = None
         return self._messages.next
 
+    def take_back(self, scan: str, n: int) -> None:
+        """So many points of a scan that had been handed on are dropped after all."""
+        self.published_points -= n
+        self.dropped_points += n
+        if self.plan is not None and self.plan.id == scan:
+            self._messages.dropped += n
+
     def _instants(self, plan: ScanPlan, poses: PoseBlock) -> PointBlock:
         """The samples that may be points, numbered from the scan's start."""
         numbers = poses.seq // plan.every

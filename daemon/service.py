@@ -39,9 +39,11 @@ from daemon.record_requests import RecordRequests, recorder_of, tell_reloaded
 from daemon.recorder_state import MeasuringState
 from daemon.reload import Inputs, Reload
 from daemon.requests import Requests
+from daemon.resend_requests import ResendRequests
+from daemon.scan_spool import ScanSpool
 from daemon.scanner import Scanner
 from daemon.startup import StartupError
-from daemon.state_folder import OUTBOX, state_path
+from daemon.state_folder import OUTBOX, SCANS, state_path
 from daemon.step_clock import StepClock
 from daemon.uncertainty import Uncertainty
 from kinematics.kernel.choice import KERNEL
@@ -110,13 +112,24 @@ class Service:
         self._capture = Capture(
             self._steps, self._recorder.following(self._outbox.keep), self._part
         )
+        self._spool = ScanSpool(
+            state_path(path) / SCANS,
+            arm=self._arm,
+            encoding=self._encoding,
+            clock=self._clock,
+            section=configuration.scan,
+            outlet=self._outlet,
+            queue=self._queue,
+            events=self._events,
+        )
         self._scanner = Scanner(
             self._steps,
-            lambda scan: self._outlet.publish("scan", scan),
+            self._spool.offer,
             settings.scan_block_s,
             configuration.scan,
             self._part,
         )
+        self._spool.taken_back = self._scanner.take_back
         self._live = LiveView(self._steps, settings.live_rate_hz, self._part)
         loop = asyncio.get_running_loop()
         self._devices = [open_device(d, loop) for d in configuration.device]
@@ -195,7 +208,7 @@ class Service:
                 "scan": self._requests.change_scan,
                 "align": align.change,
                 "reload": self._reload.carry_out,
-                "resend": self._outbox.resend,
+                "resend": ResendRequests(self._outbox.resend, self._spool).carry_out,
                 "record": RecordRequests(self._recorder).carry_out,
             },
         )
@@ -223,7 +236,11 @@ class Service:
             publisher=self._publisher,
             figures=lambda: self._health_message(anew=False),
             waiting=lambda: self._outbox.health().unsent,
-            pulses=lambda: (self._outbox.pulse, self._recorder.pulse),
+            pulses=lambda: (
+                self._outbox.pulse,
+                self._recorder.pulse,
+                *self._spool.pulses,
+            ),
         )
 
     async def run(self) -> None:
@@ -240,6 +257,7 @@ class Service:
         async with (
             running_drivers(self._devices),
             self._outbox.running(),
+            self._spool.running(),
             self._recorder,
             self._life,
             asyncio.TaskGroup() as tasks,
@@ -278,6 +296,7 @@ class Service:
         self._requests.use(configuration.capture, configuration.scan)
         self._point_requests.use(configuration.capture)
         self._outbox.use(configuration.outbox)
+        self._spool.use(configuration.scan)
         tell_reloaded(self._recorder, self._path, configuration)
         self._publisher.renew()
         self._publish_status()
@@ -297,6 +316,7 @@ class Service:
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(DRAIN_S):
                 await self._outbox.idle()
+                await self._spool.idle()
                 await self._queue.empty()
 
     async def _consume(self, device: Device) -> None:
@@ -325,6 +345,7 @@ class Service:
             self._life.tell()
             self._commands.see_calm()
             self._outbox.keep_house()
+            self._spool.keep_house()
             self._recorder.keep_house()
             if loop.time() >= due_s:
                 due_s = loop.time() + period_s
@@ -366,10 +387,12 @@ class Service:
             devices=self._devices,
             broker=broker_health(self._publisher, self._queue),
             outbox=self._outbox.health(),
+            spool=self._spool.health(),
             recording=self._recorder.health(),
             counters=counters_of(
                 capture=self._capture,
                 scanner=self._scanner,
+                spool=self._spool,
                 live=self._live,
                 commands=self._commands,
                 publisher=self._publisher,

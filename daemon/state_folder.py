@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 OUTBOX = "outbox.db"
+SCANS = "scans.db"
 RECORDINGS = "recordings"
 OWNER_ONLY = 0o700
 

@@ -29,6 +29,9 @@ def resend(
         str | None, typer.Argument(help="Of the points; without it, list sessions.")
     ] = None,
     *,
+    scan: Annotated[
+        str | None, typer.Option(help="Blocks of this scan instead of points.")
+    ] = None,
     arm: Annotated[str, typer.Option(help="Name of the arm.")],
     broker: Annotated[
         str, typer.Option(help="MQTT broker: host, host:port or mqtts://host:port.")
@@ -48,7 +51,9 @@ def resend(
 ) -> None:
     """Have the daemon publish points again, with the same ids, to all who listen.
 
-    Exit status 1: its outbox has none of them; 2: refused; 3: daemon or broker could
+    Or, with --scan, the blocks of a scan that points from --from to --to are in.
+
+    Exit status 1: it has none of them; 2: refused; 3: daemon or broker could
     not be reached.
     """
     from dataclasses import replace  # noqa: PLC0415 - keeps --help quick
@@ -58,10 +63,12 @@ def resend(
     from protocol.messages import ResendArgs  # noqa: PLC0415
 
     try:
-        args = ResendArgs(session=session, from_seq=from_seq, to_seq=to_seq)
+        args = ResendArgs(session=session, scan=scan, from_seq=from_seq, to_seq=to_seq)
     except ValueError:
         refuse(
-            COMMAND, f"--to {to_seq} is below --from {from_seq}, or an option is bad"
+            COMMAND,
+            f"--to {to_seq} is below --from {from_seq}, --scan stands beside a "
+            "session, or an option is bad",
         )
     try:
         address = replace(
@@ -77,7 +84,8 @@ def resend(
         typer.echo(f"traverse {COMMAND}: {error}", err=True)
         raise typer.Exit(UNREACHABLE) from error
     typer.echo(json.dumps(answer) if as_json else "\n".join(_lines(answer)))
-    if session is not None and not answer["points"]:
+    asked = "points" if session is not None else "blocks" if scan is not None else ""
+    if asked and not answer[asked]:
         raise typer.Exit(NO)
 
 
@@ -93,9 +101,19 @@ async def _answer(
 def _lines(answer: dict[str, Any]) -> list[str]:
     """The answer in words."""
     if "sessions" in answer:
-        return [
+        sessions = [
             f"{one['session']}  {one['first_seq']} to {one['last_seq']}"
             for one in answer["sessions"]
+        ]
+        return sessions + [
+            f"{one['session']}  scan {one['scan']}" for one in answer["scans"]
+        ]
+    if "scan" in answer:
+        if not answer["blocks"]:
+            return [f"the daemon has nothing of that of scan {answer['scan']}"]
+        return [
+            f"{answer['blocks']} blocks of scan {answer['scan']} are sent again; the "
+            f"daemon has points {answer['first_seq']} to {answer['last_seq']}"
         ]
     if answer["last_seq"] is None:
         return [f"the outbox has no points of session {answer['session']}"]

@@ -25,6 +25,7 @@ from protocol.messages.health import (
     Health,
     Latency,
     OutboxHealth,
+    SpoolHealth,
 )
 from protocol.messages.live import Live
 from protocol.messages.point import Label, Point
@@ -87,6 +88,7 @@ __all__ = [
     "Scan",
     "ScanArgs",
     "SessionArgs",
+    "SpoolHealth",
     "Status",
     "UndoArgs",
     "Value",

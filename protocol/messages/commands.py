@@ -154,14 +154,24 @@ class ResendArgs(Args):
 
     They come on `point` as new ones do. The result is `{session, from_seq, to_seq,
     points, first_seq, last_seq}`: how many will be sent, and which numbers of the
-    session are held at all, null where there are none. Without a session nothing is
-    sent, and the result is `{sessions: [{session, begun_ns, first_seq, last_seq}]}`,
-    oldest first, the latest 1000; the time as a string of digits.
+    session are held at all, null where there are none.
+
+    With a scan, blocks come on `scan` again: those that the numbers from from_seq to
+    to_seq touch. Only scans with `delivery = "complete"` are held. The result is
+    `{scan, session, from_seq, to_seq, blocks, first_seq, last_seq, total}`: how many
+    will be sent, which points are held, and how many the scan has, null before its end.
+
+    With neither nothing is sent, and the result is `{sessions: [{session, begun_ns,
+    first_seq, last_seq}], scans: [{scan, session, begun_ns, first_seq,
+    last_block_seq}]}`, oldest first, the latest 1000 of each; the times as strings of
+    digits.
     """
 
     command = "resend"
     session: Name | None = None
-    """Session of the points; null: only tell which there are."""
+    """Session of the points."""
+    scan: Name | None = None
+    """Scan of the blocks; not beside a session."""
     from_seq: Count = 0
     """First number."""
     to_seq: Count | None = None
@@ -171,6 +181,9 @@ class ResendArgs(Args):
     def _goes_upwards(self) -> Self:
         if self.to_seq is not None and self.to_seq < self.from_seq:
             message = "to_seq not below from_seq"
+            raise ValueError(message)
+        if self.session is not None and self.scan is not None:
+            message = "a session or a scan, not both"
             raise ValueError(message)
         return self
 

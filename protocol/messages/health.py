@@ -32,6 +32,10 @@ COUNTERS = {
     "points_resent": "points acknowledged that somebody had wanted again",
     "scan_points_published": "points of scans handed to the broker",
     "scan_points_dropped": "points of scans dropped because a queue was full",
+    "scan_blocks_kept": "blocks of scans kept on the disk before they were sent",
+    "scan_blocks_unkept": "blocks of scans sent without that: the disk refused them",
+    "scan_blocks_dropped": "blocks of scans dropped because a queue or the spool was "
+    "full",
     "scan_filter_n_kind": "points of scans held back by filter n of that kind",
     "live_published": "live poses handed to the broker",
     "live_thinned": "live poses left out to keep to the display rate",
@@ -130,6 +134,19 @@ class OutboxHealth(Value):
     """Time of the first point that the broker does not have; null: it has all. [UTC]"""
 
 
+class SpoolHealth(Value):
+    """The scans on the daemon's disk."""
+
+    state: Literal["ready", "failed"]
+    """"failed": blocks are sent without having been kept; an event tells why."""
+    blocks: Count
+    """Blocks kept."""
+    unsent: Count
+    """Those of them that the broker has not acknowledged yet."""
+    bytes: Count
+    """Size of the file."""
+
+
 class DeviceHealth(Value):
     """One device."""
 
@@ -187,6 +204,8 @@ class Health(Message):
     """The connection to the broker."""
     outbox: OutboxHealth
     """The points on disk."""
+    spool: SpoolHealth | None
+    """The scans on disk; null while none has been kept there."""
     recording: RecordingHealth
     """Recordings on disk."""
     devices: Annotated[tuple[DeviceHealth, ...], Field(max_length=64, fail_fast=True)]

@@ -342,6 +342,7 @@ def health(bench) -> Health:
         outbox=OutboxHealth(
             state="ready", points=0, unsent=0, bytes=0, oldest_unsent_ns=None
         ),
+        spool=None,
         recording=RecordingHealth(
             state="off",
             name=None,

@@ -37,6 +37,7 @@ from protocol.messages import (
     Scan,
     ScanArgs,
     SessionArgs,
+    SpoolHealth,
     Status,
     UndoArgs,
 )
@@ -203,6 +204,7 @@ HEALTH = Health(
         bytes=104_857_600,
         oldest_unsent_ns=TIME_NS,
     ),
+    spool=SpoolHealth(state="ready", blocks=72_000, unsent=20, bytes=760_217_600),
     recording=RecordingHealth(
         state="recording",
         name="bumps",
