@@ -76,3 +76,29 @@ def tables(name: str) -> dict[str, list[list[str]]]:
 def code_words(cell: str) -> list[str]:
     """What stands in code style in a cell."""
     return re.findall(r"`([^`]+)`", cell)
+
+
+_SHELL = re.compile(
+    r"^(?P<indent> *)```(?P<language>console|sh)\n(?P<text>.*?)^ *```$",
+    re.DOTALL | re.M,
+)
+
+
+def commands(name: str) -> list[str]:
+    """The shell commands that a page shows, in order; comments taken off.
+
+    In a block of `console` they stand behind "$ ", in one of `sh` on every line.
+    """
+    found = []
+    for block in _SHELL.finditer(text_of(name)):
+        lines = [line[len(block["indent"]) :] for line in block["text"].splitlines()]
+        while lines:
+            line = lines.pop(0)
+            if block["language"] == "console":
+                if not line.startswith("$ "):
+                    continue
+                line = line[2:]
+            while line.endswith("\\"):
+                line = line[:-1] + lines.pop(0).strip()
+            found.append(re.sub(r"\s+# .*$", "", line))
+    return found

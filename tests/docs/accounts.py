@@ -1,0 +1,70 @@
+"""Where each command that the documentation shows is run, or why it is not.
+
+A page that a test runs from the page itself stands in ``RUN``: what is added there is
+run, too. Single commands stand in ``ELSEWHERE``, with the test that runs the same, and
+in ``NOT_RUN``, with the reason.
+"""
+
+import re
+from typing import Final
+
+RUN: Final = {
+    "docs/tutorial/first-light.md": "tests/docs/test_first_light.py",
+    "docs/tutorial/identify-an-arm.md": "tests/docs/test_identify_tutorial.py",
+    "docs/tutorial/a-detective-story.md": "tests/docs/test_detective_story.py",
+    "docs/how-to/connect-a-board.md": "tests/docs/test_bench_guides.py",
+    "docs/how-to/read-points-in-your-program.md": "tests/docs/test_bench_guides.py",
+    "docs/how-to/record-and-replay.md": "tests/docs/test_bench_guides.py",
+    "docs/how-to/points-after-an-outage.md": "tests/docs/test_bench_guides.py",
+    "docs/how-to/export-points.md": "tests/docs/test_bench_guides.py",
+    "docs/mqtt.md": "tests/docs/test_bench_guides.py",
+    "docs/how-to/arm-file-from-dh-or-urdf.md": "tests/docs/test_office_guides.py",
+    "docs/how-to/secure-the-broker.md": "tests/docs/test_office_guides.py",
+    "docs/how-to/campaign-from-a-table.md": "tests/traverse/test_identify_table.py",
+    "docs/tutorial/old-microscribe.md": "tests/docs/test_old_microscribe.py",
+}
+"""Pages of which a test runs every command but those named below."""
+_MICROSCRIBE = "tests/docs/test_old_microscribe.py"
+_VM = "deploy/vm/system.sh"
+ELSEWHERE: Final = {
+    r"traverse microscribe arm-file --port /dev/ttyUSB0 ": _MICROSCRIBE,
+    r"traverse run --config traverse.toml --embedded-broker": _MICROSCRIBE,
+    r"traverse diagnose ": "tests/traverse/test_diagnose.py",
+    r"traverse verify ": "tests/traverse/test_verify.py",
+    r"traverse check limits.toml": "tests/traverse/test_check.py",
+    r"python -m simulator.campaigns.dense ": "tests/simulator/test_dense_scans.py",
+    r"traverse amt21 ": "tests/traverse/test_amt21_command.py",
+    r"traverse can ": "tests/traverse/test_can_command.py",
+    r"traverse check bad.toml": "tests/traverse/test_check.py",
+    r"traverse collect ": "tests/end_to_end/test_collect.py",
+    r"traverse page ": "tests/browser/test_operator_page.py",
+    r"(traverse|make) demo": "tests/end_to_end/test_demo.py",
+    r"mosquitto_(sub|pub) -h broker.lab": "tests/end_to_end/test_tls.py",
+    r"mosquitto_passwd ": "tests/deploy/test_mosquitto_configuration.py",
+    r"sudo systemctl stop mosquitto; ": "tests/end_to_end/test_broker_outages.py",
+    r"sudo apt-get (install|remove|purge) ": _VM,
+    r"make deb": _VM,
+}
+_ROOT = "changes a computer; `make test-vm` installs, starts, upgrades and removes"
+NOT_RUN: Final = {
+    r"git clone ": "there is no address yet; the tests run in a checkout",
+    r"(mkdir|CHECKOUT=|export PATH=)": "the reader's folder; tests have their own",
+    r"ls -l /dev/serial/": "no adapter here",
+    r"cat /sys/bus/usb-serial/": "no adapter here",
+    r"(sudo|journalctl|systemctl|chown|cp deploy|install -m|ip -details) ": _ROOT,
+    r"make test$": "runs this",
+    r"\.venv/bin/(ruff|mypy|lint-imports|pytest)": "what .ci/run does",
+    r"openssl rand ": "a random number",
+}
+
+
+def elsewhere(page: str, command: str) -> str | None:
+    """The test that runs what a command of a page does, other than from the page."""
+    found = (test for p, test in ELSEWHERE.items() if re.match(p, command))
+    return next(found, None) if page not in RUN else None
+
+
+def why_not_run(command: str) -> str | None:
+    """Why no test runs a command; None: one has to."""
+    reasons = (reason for p, reason in NOT_RUN.items() if re.match(p, command))
+    return next(reasons, None)

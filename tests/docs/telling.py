@@ -1,0 +1,81 @@
+"""Tutorials that show what their commands print: run, and compared with it."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.docs.pages import CHECKOUT, text_of
+
+END_S = 120.0
+# Of figures that are shown: other processors round sums otherwise.
+TOLERANCE = 0.05
+_BLOCK = re.compile(r"^```(?P<language>\w+)\n(?P<text>.*?)^```$", re.DOTALL | re.M)
+_NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?")
+_OURS = ("python ", "traverse ", "sed ")
+
+
+def blocks(page: str, language: str) -> list[str]:
+    """All blocks of a page in a language."""
+    found = _BLOCK.finditer(text_of(page))
+    return [match["text"] for match in found if match["language"] == language]
+
+
+def told(page: str) -> list[tuple[str, list[str]]]:
+    """A page's commands after the preparations, each with the lines it shows."""
+    found: list[tuple[str, list[str]]] = []
+    for match in _BLOCK.finditer(text_of(page)):
+        if match["language"] == "console":
+            for line in match["text"].splitlines():
+                if line.startswith("$ "):
+                    found.append((line[2:], []))
+                elif found:
+                    found[-1][1].append(line)
+        elif match["language"] == "text" and found:
+            found[-1][1].extend(match["text"].splitlines())
+    return [(line, shown) for line, shown in found if line.startswith(_OURS)]
+
+
+def output_of(command: str, folder: Path) -> str:
+    """Run a line of a page."""
+    python = f"{sys.executable} -m"
+    line = command.replace("python -m", python).replace(
+        "traverse ", f"{python} traverse ", 1
+    )
+    ran = subprocess.run(
+        ["/bin/sh", "-c", line],
+        cwd=folder,
+        env={
+            "PYTHONPATH": str(CHECKOUT),
+            "PATH": "/usr/bin:/bin",
+            "OPENBLAS_NUM_THREADS": "1",  # small matrices: more threads only wait
+        },
+        capture_output=True,
+        text=True,
+        timeout=END_S,
+        check=False,
+    )
+    assert ran.returncode == 0, ran.stderr
+    return ran.stdout
+
+
+def assert_printed(printed: str, shown: list[str], command: str) -> None:
+    """Every line that a page shows is among those printed, figures nearly so."""
+    lines = printed.splitlines()
+    for line in shown:
+        same = [one for one in lines if words_of(one) == words_of(line)]
+        values = [numbers_of(one) for one in same]
+        expected = pytest.approx(numbers_of(line), rel=TOLERANCE)
+        assert expected in values, f"{command}: not printed: {line}\n{printed}"
+
+
+def words_of(line: str) -> str:
+    """A line without its numbers."""
+    return _NUMBER.sub("#", line)
+
+
+def numbers_of(line: str) -> list[float]:
+    """A line's numbers."""
+    return [float(number) for number in _NUMBER.findall(line)]

@@ -1,0 +1,71 @@
+"""The first tutorial does what its page says."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.docs.accounts import why_not_run
+from tests.docs.pages import commands, examples
+from tests.docs.shell import Shell, answered, as_run
+from tests.mosquitto import Mosquitto
+
+PAGE = "docs/tutorial/first-light.md"
+
+
+def skipped(line: str) -> bool:
+    """What another test does, or none."""
+    return why_not_run(line) is not None or line == "make demo"
+
+
+@pytest.mark.slow
+@pytest.mark.broker
+async def test_every_part_by_hand(
+    make_mosquitto: Callable[..., Mosquitto], tmp_path: Path
+) -> None:
+    port = make_mosquitto().port
+    for kind in ("simulator", "daemon"):
+        ((_, text),) = [found for found in examples(kind) if found[0] == PAGE]
+        text = text.replace("port = 1883", f"port = {port}")
+        (tmp_path / f"{kind}.toml").write_text(text, "utf-8")
+    lines = iter(commands(PAGE))
+
+    def shell(name: str, words: str) -> Shell:
+        """The next command of the page that has these words."""
+        for line in lines:
+            if words in line:
+                return Shell(tmp_path, name, as_run(line, port))
+            assert skipped(line), line
+        raise AssertionError(f"the page has no more {words!r}")
+
+    async def does(words: str) -> str:
+        with shell("command", words) as command:
+            return await command.ends()
+
+    await does("cp ")
+    assert await does("check arm") == "arm.toml: a good arm file\n"
+    assert await does("mosquitto_pub -t test") == "works\n"
+    said = await does("check simulator")
+    assert said == "simulator.toml: a good simulator's configuration\n"
+    with shell("simulate", "traverse simulate") as simulate:
+        await simulate.says("ready base board.pty\n")
+        with shell("run", "traverse run") as run:
+            await run.says("button.pressed: button on")
+            assert "arm demo-7, model a1184e6992cc\n" in run.output
+            with shell("watch", "traverse watch") as watch:
+                await watch.says(" point ")
+                await watch.says(" health ")
+                assert " status ready; base ready" in watch.output
+                topic, _, status = (await does("mosquitto_sub")).partition(" ")
+                assert topic == "traverse/demo-7/status"
+                assert json.loads(status)["state"] == "ready"
+                with shell("replies", "mosquitto_sub") as replies:
+                    for number in (1, 2, 3):
+                        line = as_run(next(lines), port)
+                        assert f'"r-{number}"' in line
+                        await answered(line, replies, f'"r-{number}","ok":true')
+                await watch.says("ended with")
+            await run.interrupt()
+        await simulate.interrupt()
+    assert all(skipped(line) for line in lines)
