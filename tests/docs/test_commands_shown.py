@@ -10,7 +10,7 @@ import pytest
 import typer.main
 
 from tests.docs.accounts import ELSEWHERE, NOT_RUN, RUN, elsewhere, why_not_run
-from tests.docs.pages import CHECKOUT, PAGES, code_words, commands, name_of
+from tests.docs.pages import CHECKOUT, PAGES, code_words, commands, name_of, tables
 from traverse.__main__ import app
 
 CHANGES = CHECKOUT / "CHANGELOG.md"  # tells of what was
@@ -103,3 +103,12 @@ def test_what_runs_them_is_there_and_nothing_is_left_over() -> None:
         assert any(re.match(pattern, line) for _, line in SHOWN), pattern
     for pattern in NOT_RUN:
         assert any(re.match(pattern, line) for _, line in SHOWN), pattern
+
+
+def test_every_target_of_make_is_explained_and_no_other() -> None:
+    text = (CHECKOUT / "Makefile").read_text("utf-8")
+    (targets,) = re.findall(r"^\.PHONY: (.*)$", text, re.M)
+    rows = tables("docs/development.md")["Make targets"]
+    assert {code_words(row[0])[0] for row in rows} == {
+        f"make {target}" for target in targets.split()
+    }
