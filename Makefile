@@ -9,7 +9,7 @@ FIGURES := build/figures
 # What the kernel in C is built from.
 KERNEL := setup.py $(foreach kind,pyx pxd pxi c h inc,$(wildcard kinematics/kernel/*.$(kind)))
 
-.PHONY: docs help venv system node demo test lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance blind blind-full fuzz soak endurance bench-client test-vm install deb clean bench-kernel audit bench-fleet
+.PHONY: docs help venv system node demo test lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance prove-alignment blind blind-full fuzz soak endurance bench-client test-vm install deb clean bench-kernel audit bench-fleet
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -96,6 +96,9 @@ bench-identification: venv  ## the adjustment beside scipy's least squares; take
 
 prove-acceptance: venv  ## a thousand arms accepted or rejected, rightly or not; takes minutes
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.acceptance --out build/acceptance.json --pictures docs
+
+prove-alignment: venv  ## 10 000 dispositions of common points: predicted errors against true ones; takes minutes
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.alignment --out build/alignment.json --pictures docs
 
 prove: venv  ## the statistics of the identification over thousands of campaigns; takes an hour
 	$(BIN)/python -m benchmarks.proofs

@@ -39,7 +39,8 @@ def turn_problem(covariance: Floats, shape: Shape) -> str | None:
 
 def disposition_flags(shape: Shape, index: VolumeError) -> Iterator[Flag]:
     """Flag points nearly on a line, in a plane, or far from the volume."""
-    if shape.straightness < STRAIGHT:
+    nearly_straight = shape.straightness < STRAIGHT
+    if nearly_straight:
         along = shape.axes[0]
         yield Flag(
             "nearly_collinear",
@@ -49,7 +50,7 @@ def disposition_flags(shape: Shape, index: VolumeError) -> Iterator[Flag]:
             "shows it; measure a point far beside the line",
             along,
         )
-    if shape.kind == "plane":
+    if shape.n == 3 or (shape.kind == "plane" and not nearly_straight):
         across = shape.axes[2]
         what = (
             "three points always lie in a plane: no error across it can be revealed"

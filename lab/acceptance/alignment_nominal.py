@@ -43,7 +43,8 @@ class NominalVolume(StrictModel):
     @model_validator(mode="after")
     def _is_one_of_both(self) -> Self:
         box, ball = (self.min_mm, self.max_mm), (self.centre_mm, self.radius_mm)
-        if (None in box) == (None in ball) or (None in box) != (box == (None, None)):
+        missing = [sum(value is None for value in pair) for pair in (box, ball)]
+        if sorted(missing) != [0, 2]:
             raise ValueError("give min_mm and max_mm, or centre_mm and radius_mm")
         if self.min_mm and self.max_mm and not _is_box(self.min_mm, self.max_mm):
             raise ValueError("max_mm is not above min_mm")

@@ -30,7 +30,7 @@ def alignment_paintings(
     if any(point["nominal_mm"] is not None for point in values["points"]):
         yield "Residuals", 65.0, lambda figure: _residuals(values, figure)
     if values["quality"]["places"]:
-        yield "Errors in the volume", 65.0, lambda figure: _ellipsoids(values, figure)
+        yield "Errors in the volume", 65.0, ellipsoids_painting(values)
 
 
 def _views(values: Mapping[str, Any], figure: Figure) -> Iterator[tuple[Axes, Any]]:
@@ -98,12 +98,26 @@ def _residuals(values: Mapping[str, Any], figure: Figure) -> None:
     )
 
 
-def _ellipsoids(values: Mapping[str, Any], figure: Figure) -> None:
+def ellipsoids_painting(
+    values: Mapping[str, Any], factor: float | None = None
+) -> Paint:
+    """Say how to paint the error ellipsoids.
+
+    Args:
+        values: As in alignment.json.
+        factor: So many times as large; None chooses.
+    """
+    return lambda figure: _ellipsoids(values, factor, figure)
+
+
+def _ellipsoids(
+    values: Mapping[str, Any], factor: float | None, figure: Figure
+) -> None:
     places = values["quality"]["places"]
     centres = np.array([place["place_mm"] for place in places])
     errors = np.array([place["covariance_mm2"] for place in places])
     largest = float(np.sqrt(max(np.linalg.eigvalsh(errors)[:, -1].max(), 1e-24)))
-    factor = _ARROW * _extent_mm(values) / largest
+    factor = factor or _ARROW * _extent_mm(values) / largest
     turn = np.linspace(0.0, 2.0 * np.pi, _N_AROUND)
     circle = np.stack([np.cos(turn), np.sin(turn)])
     for axes, view in _views(values, figure):
