@@ -82,7 +82,11 @@ def undetermined(shape: Shape) -> str | None:
 
 def direction_text(direction: Floats) -> str:
     """Write a direction (3,)."""
-    return "(" + ", ".join(f"{part + 0.0:.3f}" for part in direction.tolist()) + ")"
+    return (
+        "("
+        + ", ".join(f"{round(part, 3) + 0.0:.3f}" for part in direction.tolist())
+        + ")"
+    )
 
 
 def _points(n: int) -> str:

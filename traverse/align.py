@@ -102,6 +102,10 @@ def align(
 
         if method not in METHODS:
             refuse(COMMAND, f"--method {method}: one of {', '.join(METHODS)}")
+        if method == "3-2-1" and (scale or spheres):
+            refuse(COMMAND, "--scale and --spheres do not go with --method 3-2-1")
+        if onto is not None and method != "leapfrog":
+            refuse(COMMAND, "--onto goes with --method leapfrog only")
         if nominal is None:
             values = _read(points, send=send)
         else:

@@ -4,8 +4,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
-
 from clients.exports.tables import standing
 from kinematics.arm_file import Arm, FileError, Problem
 from lab.acceptance.alignment_touches import (
@@ -51,10 +49,10 @@ def _of_campaign(folder: Path, coordinates: str, arm: Arm | None) -> list[Touch]
         raise ValueError(f"{folder}: a campaign has centres of the ball only")
     measured = read_measured(folder, arm)
     return [
-        Touch(names_of(name, feature), place, None, None, arm.name)
+        Touch(names_of(name, feature), place, arm=arm.name, off_mm=float(tip_mm))
         for name, touched in measured.touched.items()
-        for feature, place in zip(
-            touched.features, np.asarray(touched.places_mm), strict=True
+        for feature, place, tip_mm in zip(
+            touched.features, touched.places_mm, touched.tip_mm, strict=True
         )
     ]
 

@@ -28,6 +28,7 @@ from lab.acceptance.alignment_nominal import Nominal
 from lab.acceptance.alignment_result import AlignmentResult
 from lab.acceptance.alignment_statistics import global_test
 from lab.acceptance.alignment_touch_results import (
+    centre_flags,
     feature_values,
     plane_flags,
     touch_results,
@@ -112,6 +113,7 @@ def aligned_321(
     )
     flags = [
         *plane_flags(index, on_plane_mm),
+        *centre_flags(everything),
         *revealed_flags(test, points, is_stated=is_stated),
     ]
     return AlignmentResult(
@@ -163,6 +165,7 @@ def _rest(touch: Touch) -> tuple[Any, ...]:
         touch.shank,
         touch.arm,
         touch.flags,
+        touch.off_mm,
     )
 
 

@@ -7,6 +7,7 @@ from typing import Any
 from lab.acceptance.alignment_pictures import alignment_paintings
 from lab.acceptance.alignment_words import (
     METHODS,
+    feature_text,
     index_text,
     predicted_text,
     revealed_text,
@@ -119,6 +120,7 @@ def _points(values: Mapping[str, Any]) -> str:
     return section(
         "points",
         "Points",
+        *(paragraph(f"{feature_text(one)}.") for one in values["features"]),
         table(head, rows, texts=2),
         note(
             f"An error of a point is found with {test['power']:.0%} probability by a "
@@ -146,7 +148,7 @@ def _row(point: Mapping[str, Any]) -> list[str]:
 
 
 def _direction(direction: list[float]) -> str:
-    return " ".join(f"{part + 0.0:.2f}" for part in direction)
+    return " ".join(f"{round(part, 2) + 0.0:.2f}" for part in direction)
 
 
 def _pictures(values: Mapping[str, Any]) -> Iterator[str]:

@@ -13,6 +13,7 @@ from lab.acceptance.alignment_frames import Touched321
 from lab.acceptance.alignment_nominal import Nominal
 from lab.acceptance.alignment_result import Flag, PointResult
 from lab.acceptance.alignment_statistics import FOUND, point_p_value
+from lab.acceptance.alignment_touches import Touch
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -91,6 +92,18 @@ def plane_flags(index: VolumeError, on_plane_mm: Floats) -> Iterator[Flag]:
             f"places in the volume are {index.rms_mm:.1f} times as uncertain as a "
             f"touch, {index.max_mm:.1f} times at its worst place: plane and line are "
             "touched too close together for it",
+        )
+
+
+def centre_flags(touches: Sequence[Touch]) -> Iterator[Flag]:
+    """Flag places that are not on the surfaces that the nominal file tells of."""
+    off_mm = max((touch.off_mm or 0.0 for touch in touches), default=0.0)
+    if off_mm > 0.0:
+        yield Flag(
+            "ball_centres",
+            f"touches are centres of a ball of {off_mm:g} mm radius: nominal plane, "
+            "line and point have to lie so far off the surfaces; else take points with "
+            "compensation, and use --coordinates surface",
         )
 
 

@@ -37,6 +37,8 @@ class Touch:
         shank: Unit vector towards the ball, (3,); None where it is not known.
         arm: Name of the arm; None where it is not known.
         flags: What is doubtful about it.
+        off_mm: How far from the touched surface the place is: the ball's radius for
+            its centre; None where it is not known.
     """
 
     names: tuple[str, ...]
@@ -45,6 +47,7 @@ class Touch:
     shank: Floats | None = None
     arm: str | None = None
     flags: tuple[str, ...] = ()
+    off_mm: float | None = None
 
     def name_among(self, known: Iterable[str]) -> str | None:
         """Say by which of the known names it is called; None by none of them."""
@@ -86,6 +89,7 @@ def _touch_of(point: Point, coordinates: Coordinates) -> Touch:
         np.array(point.ijk),
         point.arm,
         tuple(point.quality.flags),
+        point.probe_radius_mm if coordinates == "centre" else 0.0,
     )
 
 
@@ -155,6 +159,8 @@ def _row_touch(row: dict[str, str], coordinates: Coordinates) -> Touch:
             raise ValueError(f"std_mm is {std_mm[0]:g}, expected a length above zero")
         covariance = std_mm[0] ** 2 * np.eye(3)
     names = names_of(row.get("artefact"), row.get("feature"))
+    radius_mm = _numbers(row, ("probe_radius_mm",))
+    off_mm = None if radius_mm is None else float(radius_mm[0])
     return Touch(
         (row["name"],) if row.get("name") else names,
         place_mm,
@@ -162,6 +168,7 @@ def _row_touch(row: dict[str, str], coordinates: Coordinates) -> Touch:
         _numbers(row, _SHANK),
         None,
         tuple(row.get("flags", "").split()),
+        off_mm if coordinates == "centre" else 0.0,
     )
 
 

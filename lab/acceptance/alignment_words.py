@@ -21,6 +21,7 @@ def alignment_lines(values: Mapping[str, Any]) -> Iterator[str]:
     given = values["alignment"]
     yield f"alignment {given['name']}: {METHODS[values['method']]}"
     yield transformation_text(given)
+    yield from (feature_text(feature) for feature in values["features"])
     yield from (point_text(point) for point in values["points"])
     yield sigma0_text(values)
     revealed = revealed_text(values)
@@ -50,10 +51,20 @@ def transformation_text(given: Mapping[str, Any]) -> str:
 
 def point_text(point: Mapping[str, Any]) -> str:
     """Say the residuals of a point, and what could have been seen of its errors."""
-    x, y, z = point["residual_mm"]
+    # Adding zero takes the sign from what is rounded to nothing.
+    x, y, z = (round(part, 4) + 0.0 for part in point["residual_mm"])
     return (
         f"{point['name']}: residual {x:+.4f} {y:+.4f} {z:+.4f} mm; "
         f"{detectable_text(point)}"
+    )
+
+
+def feature_text(feature: Mapping[str, Any]) -> str:
+    """Say how a feature of 3-2-1 fits."""
+    return (
+        f"{feature['kind']} {feature['feature']}: {feature['touches']} touches, rms "
+        f"{feature['rms_mm']:.4f} mm {feature['counts']}, redundancy "
+        f"{feature['redundancy']}"
     )
 
 
@@ -61,15 +72,21 @@ def detectable_text(point: Mapping[str, Any]) -> str:
     """Say which errors of a point are found."""
     best, worst = point["detectable_mm"]["best"], point["detectable_mm"]["worst"]
     if best is None:
-        return "no error of it can be revealed"
+        return (
+            "no error of it can be revealed; 1 mm moves the volume by "
+            f"{point['hidden_in_volume_per_mm']:.2f} mm"
+        )
     if worst is None:
-        way = ", ".join(f"{part + 0.0:.2f}" for part in point["worst_direction"])
+        way = ", ".join(
+            f"{round(part, 2) + 0.0:.2f}" for part in point["worst_direction"]
+        )
         return (
             f"errors are found from {best:.3f} mm on at best, along ({way}) never; "
             f"1 mm there moves the volume by {point['hidden_in_volume_per_mm']:.2f} mm"
         )
+    sizes = f"{best:.3f} mm on at best, {worst:.3f} mm at worst"
     return (
-        f"errors are found from {best:.3f} mm on at best, {worst:.3f} mm at worst; "
+        f"errors are found from {f'{best:.3f} mm on' if best == worst else sizes}; "
         f"a hidden one moves the volume by {point['hidden_in_volume_mm']:.3f} mm at "
         "most"
     )

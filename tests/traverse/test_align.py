@@ -223,3 +223,40 @@ def test_what_cannot_be_sent_is_told(files, tmp_path):
     assert "is no alignment" in align(nominal, "--send", status=2).output
     nowhere = ["--send", "--arm-name", "x", "--broker", "localhost:1"]
     assert "start it" in align(out, *nowhere, status=3).output
+
+
+def test_plane_line_and_point_of_a_table(tmp_path):
+    nominal = tmp_path / "part.toml"
+    nominal.write_text(
+        'schema = "traverse/nominal/1"\nname = "bracket"\n'
+        '[plane]\nfeature = "top"\npoint_mm = [0, 0, 0]\nnormal = [0, 0, 1]\n'
+        '[line]\nfeature = "front"\npoint_mm = [0, 0, 0]\ndirection = [1, 0, 0]\n'
+        '[point]\nfeature = "left"\npoint_mm = [0, 0, 0]\n'
+        "[volume]\nmin_mm = [0, 0, -50]\nmax_mm = [300, 200, 0]\n"
+    )
+    places = {
+        "top": [(0, 0, 0), (300, 0, 0), (300, 200, 0), (0, 200, 0)],
+        "front": [(10, 0, -10), (150, 0, -10), (290, 0, -10)],
+        "left": [(0, 100, -10)],
+    }
+    down = TRUE.rotation.T @ [0.0, 0.0, -1.0]
+    rows = ["name,x_mm,y_mm,z_mm,i,j,k"]
+    for name, group in places.items():
+        for place in TRUE.inverse().places_mm(np.array(group, dtype=float)):
+            cells = [*place.tolist(), *down.tolist()]
+            rows.append(",".join([name, *map(repr, cells)]))
+    points = tmp_path / "points.csv"
+    points.write_text("\n".join(rows) + "\n")
+    out = tmp_path / "out"
+    given = ["--method", "3-2-1", "--std", 0.02, "-o", out]
+    text = align(points, "--nominal", nominal, *given).stdout
+    assert "left: residual +0.0000 +0.0000 +0.0000 mm; no error" in text
+    values = json.loads((out / "alignment.json").read_text())
+    np.testing.assert_allclose(
+        values["alignment"]["rotation"], TRUE.rotation, atol=1e-9
+    )
+    assert values["alignment"]["name"] == "bracket"
+    assert [f["redundancy"] for f in values["features"]] == [1, 1, 0]
+    assert "Errors in the volume" in (out / "alignment.html").read_text()
+    wanted = ["--nominal", nominal, "--method", "3-2-1", "--scale"]
+    assert "--scale" in align(points, *wanted, status=2).output

@@ -154,3 +154,12 @@ def test_touches_that_nothing_checks_are_blind():
         True,
     ]
     assert "blind_directions" in {flag.code for flag in found.flags}
+
+
+def test_centres_of_a_ball_are_flagged_as_they_are_no_surface():
+    given = [
+        Touch(t.names, t.place_mm, shank=t.shank, off_mm=3.0) for t in touches(drawn())
+    ]
+    flags = {flag.code: flag.text for flag in aligned(given).flags}
+    assert "ball of 3 mm radius" in flags["ball_centres"]
+    assert "ball_centres" not in {flag.code for flag in aligned(touches(drawn())).flags}
