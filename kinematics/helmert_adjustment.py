@@ -103,7 +103,7 @@ def adjusted_helmert(
         HelmertError: The points leave something open, named in the error.
         ValueError: A sum of both covariances is not positive definite.
     """
-    for side in (from_mm, to_mm):
+    for side in (to_mm, from_mm):
         problem = undetermined(shape_of(side))
         if problem is not None:
             raise HelmertError(problem)

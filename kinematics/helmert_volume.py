@@ -53,7 +53,10 @@ class Box:
         """Find where d'Hd + 2 g'd is largest, d from the middle: a corner if H >= 0."""
         away = self.corners_mm - self.mean_mm
         values = np.einsum("ni,ij,nj->n", away, curvature, away) + 2.0 * away @ slope
-        place: Floats = self.corners_mm[int(np.argmax(values))]
+        # Of corners that are alike the first, whatever rounding says.
+        largest = float(np.max(values))
+        alike = np.flatnonzero(values >= largest - 1e-9 * abs(largest))
+        place: Floats = self.corners_mm[int(alike[0])]
         return place
 
 

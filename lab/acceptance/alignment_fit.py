@@ -169,7 +169,7 @@ def _points(
             spread_mm=common.measured[row].spread_mm,
             redundancy=found.shares[row],
             detectable_mm=_detectable(found.seen_per_mm2[row], sigma0),
-            worst_direction=found.directions[row, 0],
+            worst_direction=_towards_positive(found.directions[row, 0]),
             hidden_mm=_hidden_mm(found, row, mean, sigma0),
             hidden_ratio=_hidden_ratio(found, row, mean),
             p_value=point_p_value(
@@ -180,6 +180,13 @@ def _points(
         )
         for row, name in enumerate(common.names)
     )
+
+
+def _towards_positive(direction: Floats) -> Floats:
+    """Turn a direction, of which both senses are alike, the same way each time."""
+    largest = np.flatnonzero(np.abs(direction) > 0.99 * np.max(np.abs(direction)))[0]
+    turned: Floats = direction * np.sign(direction[largest])
+    return turned
 
 
 def _detectable(

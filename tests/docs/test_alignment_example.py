@@ -1,0 +1,76 @@
+"""The worked example of docs/alignment.md prints what the page shows."""
+
+import json
+import re
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from kinematics.arm_file import read_strict
+from lab.acceptance.alignment_nominal import Nominal
+from tests.docs.pages import CHECKOUT, text_of
+from traverse.__main__ import app
+
+PAGE = "docs/alignment.md"
+LEFT_OUT = ("", "CDF", "CDEF")  # of each of the three outputs
+
+
+def blocks(kind: str) -> list[str]:
+    return re.findall(rf"```{kind}\n(.*?)```", text_of(PAGE), re.DOTALL)
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    nominal, touched = blocks("csv")
+    (tmp_path / "part.csv").write_text(nominal)
+    (tmp_path / "touched.csv").write_text(touched)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def aligned(*words: str) -> tuple[int, str]:
+    given = ["align", "touched.csv", "--nominal", "part.csv", "--std", "0.025", *words]
+    result = CliRunner().invoke(app, given)
+    return result.exit_code, result.output
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_the_example_prints_what_the_page_shows(folder, number):
+    touched = (folder / "touched.csv").read_text().splitlines()
+    kept = [line for line in touched if line[0] not in LEFT_OUT[number]]
+    (folder / "touched.csv").write_text("\n".join(kept) + "\n")
+    status, text = aligned()
+    assert status == (2 if number == 2 else 0)
+    assert text == blocks("text")[number]
+
+
+def test_the_nominal_file_shown_is_good(tmp_path):
+    (text,) = blocks("toml")
+    file = tmp_path / "part.toml"
+    file.write_text(text)
+    assert read_strict(file, Nominal).name == "bracket"
+
+
+def keys_of(values: Any) -> set[str]:
+    if isinstance(values, dict):
+        return set(values).union(*map(keys_of, values.values()))
+    if isinstance(values, list):
+        return set().union(*map(keys_of, values))
+    return set()
+
+
+def test_every_key_and_flag_stands_on_the_page(folder):
+    values = json.loads(aligned("--json")[1])
+    page = text_of(PAGE)
+    own = {"schema", "action", "place_mm", "rms_mm", "covariance_mm2", "source"}
+    missing = {key for key in keys_of(values) - own if f"`{key}`" not in page}
+    assert missing <= {"min_mm", "max_mm"}
+    sources = (CHECKOUT / "lab" / "acceptance").glob("alignment_*.py")
+    codes = {
+        code
+        for source in sources
+        for code in re.findall(r'Flag\(\s*"(\w+)"', source.read_text("utf-8"))
+    }
+    assert len(codes) == 9
+    assert {code for code in codes if f"| `{code}` |" not in page} == set()
