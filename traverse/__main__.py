@@ -23,6 +23,7 @@ from traverse.demo import demo
 from traverse.diagnose import diagnose
 from traverse.export import export
 from traverse.identify import identify
+from traverse.interim import interim
 from traverse.microscribe import microscribe
 from traverse.page import page
 from traverse.points import points
@@ -43,7 +44,7 @@ app = typer.Typer(
 )
 COMMANDS: tuple[Callable[..., None], ...] = (
     *(demo, run, simulate, watch, page, check, collect, identify, diagnose, blind),
-    *(verify, align, record, replay, export),
+    *(verify, interim, align, record, replay, export),
 )
 for command in COMMANDS:
     app.command()(command)
