@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.helmert import N_RIGID, Helmert, motions, turned_by
-from kinematics.helmert_shape import shape_of, undetermined
+from kinematics.helmert_shape import Shape, direction_text, shape_of, undetermined
 from kinematics.helmert_start import closed_helmert
 
 Floats = NDArray[np.float64]
@@ -25,6 +25,8 @@ Floats = NDArray[np.float64]
 _MOST_STEPS = 100
 _SMALL_STEP = 1e-12  # of the points' extent
 _SMALL_ENOUGH = 1e-7
+_STRAIGHT = 0.1  # of their length
+_ASTRAY = 3.0  # the start is near: no step is as long as that
 
 
 class HelmertError(ValueError):
@@ -132,15 +134,13 @@ def adjusted_helmert(
         cofactors = _cofactors(state, units)
         change = cofactors @ np.einsum("nip,ni->p", state.design, state.weighted)
         before, size = size, float(np.max(np.abs(change / units))) / extent_mm
+        if not size < _ASTRAY:
+            break
         state = at(_moved(state.transformation, centre_mm, change))
         if size < _SMALL_STEP or (size < _SMALL_ENOUGH and size > 0.5 * before):
             break
     if not size < _SMALL_ENOUGH:
-        raise HelmertError(
-            f"the adjustment does not converge (last step {size:.1g} of the extent of "
-            "the points): their errors are as large as what they span, or names are "
-            "exchanged; look at the names, and measure points farther apart"
-        )
+        raise HelmertError(_astray(shape_of(to_mm), size))
     return AdjustedHelmert(
         transformation=state.transformation,
         centre_mm=centre_mm,
@@ -153,6 +153,20 @@ def adjusted_helmert(
         sum_of_squares=float(np.sum(state.weighted * state.misclosures_mm)),
         steps=steps,
     )
+
+
+def _astray(shape: Shape, size: float) -> str:
+    """Say why an adjustment does not converge."""
+    text = (
+        f"the adjustment does not converge (last step {size:.1g} of the extent of the "
+        "points): their errors are as large as what they span, or names are exchanged"
+    )
+    if shape.straightness < _STRAIGHT:
+        text += (
+            "; they lie so near to one line that the rotation about it, about the "
+            f"direction {direction_text(shape.axes[0])}, is undetermined"
+        )
+    return f"{text}; look at the names, and measure points farther apart"
 
 
 def _state(
@@ -196,7 +210,14 @@ def _cofactors(state: _State, units: Floats) -> Floats:
     normal = np.einsum(
         "nip,niq->pq", design, np.linalg.solve(state.covariance_mm2, design)
     )
-    scaled = units[:, np.newaxis] * np.linalg.inv(normal) * units
+    try:
+        inverse = np.linalg.inv(normal)
+    except np.linalg.LinAlgError as error:
+        raise HelmertError(
+            "the points leave a direction open within rounding; measure points farther "
+            "apart, not on one line"
+        ) from error
+    scaled = units[:, np.newaxis] * inverse * units
     cofactors: Floats = 0.5 * (scaled + scaled.T)
     return cofactors
 

@@ -17,6 +17,7 @@ from kinematics.helmert import N_RIGID, cross_matrices, motions
 Floats = NDArray[np.float64]
 
 _HALVINGS = 200
+_ROUNDING = 1e-14
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,15 +91,19 @@ class Ball:
         largest = float(sizes[-1])
         # |d(m)| falls from m = largest on, so m lies in between these:
         low = largest
-        high = largest + float(np.linalg.norm(along)) / self.radius_mm + 1e-300
+        high = largest + float(np.linalg.norm(along)) / self.radius_mm
+        if not high > 0.0:  # nothing turns: all places are alike
+            first: Floats = self.corners_mm[0]
+            return first
+        floor = _ROUNDING * high
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
-            gaps = np.maximum(middle - sizes, 1e-300)
+            gaps = np.maximum(middle - sizes, floor)
             if float(np.linalg.norm(along / gaps)) > self.radius_mm:
                 low = middle
             else:
                 high = middle
-        away = along / np.maximum(high - sizes, 1e-300)
+        away = along / np.maximum(high - sizes, floor)
         left = self.radius_mm**2 - float(away @ away)
         if left > 1e-12 * self.radius_mm**2:  # no slope along the most curved way
             away[-1] += np.copysign(np.sqrt(left), away[-1])

@@ -104,7 +104,9 @@ def _leapfrog(
 ) -> AlignmentResult:
     before = read_touches(options.nominal, options.coordinates, arm)
     given = {"std_mm": options.std_mm}
-    first, _ = places_by_name(before, None, spheres=options.spheres, **given)
+    first, first_remarks = places_by_name(
+        before, None, spheres=options.spheres, **given
+    )
     second, remarks = places_by_name(
         touches, list(first), spheres=options.spheres, **given
     )
@@ -120,7 +122,7 @@ def _leapfrog(
         source,
         method="leapfrog",
         with_scale=options.scale,
-        remarks=remarks,
+        remarks=[*remarks, *(f"first station: {one}" for one in first_remarks)],
     )
 
 

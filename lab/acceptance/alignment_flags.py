@@ -16,6 +16,7 @@ Floats = NDArray[np.float64]
 UNKNOWN_RAD = 0.1
 STRAIGHT = 0.15
 POOR_INDEX = 3.0
+_MOST_STRETCH = 0.005  # aluminium over 200 K
 
 
 def turn_problem(covariance: Floats, shape: Shape) -> str | None:
@@ -65,6 +66,16 @@ def disposition_flags(shape: Shape, index: VolumeError) -> Iterator[Flag]:
             f"places in the volume are {index.rms_mm:.1f} times as uncertain as a "
             f"common point, {index.max_mm:.1f} times at its worst place: the points "
             "span too little of the volume; measure points at its far ends",
+        )
+
+
+def scale_flags(scale: float) -> Iterator[Flag]:
+    """Flag a scale that no temperature explains."""
+    if abs(scale - 1.0) > _MOST_STRETCH:
+        yield Flag(
+            "unlikely_scale",
+            f"the scale is {scale:.6g}, further from 1 than temperature explains: look "
+            "at the units of both sides, and at names",
         )
 
 

@@ -1,5 +1,7 @@
 """The Helmert transformation against other formulas: Kabsch, Umeyama, differences."""
 
+from contextlib import suppress
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -305,3 +307,20 @@ def test_points_without_errors_are_refused():
     flat = np.tile(np.diag([1.0, 1.0, 0.0]), (4, 1, 1))
     with pytest.raises(ValueError, match="not positive definite"):
         adjusted_helmert(a, a, none, flat)
+
+
+@settings(deadline=None, max_examples=60)
+@given(SEEDS)
+def test_whatever_the_points_are_they_are_adjusted_or_refused(seed):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 7))
+    b = rng.uniform(-1, 1, (n, 3)) * 10.0 ** rng.uniform(-8, 4, 3)
+    size_mm = 10.0 ** rng.uniform(-5, 3)
+    a = drawn_transformation(rng).inverse().places_mm(b)
+    a += rng.normal(0.0, size_mm, a.shape)
+    c = np.tile(size_mm**2 * np.eye(3), (n, 1, 1))
+    with suppress(HelmertError):
+        found = adjusted_helmert(a, b, c, c, with_scale=bool(rng.integers(2)))
+        assert np.all(np.isfinite(found.cofactors))
+        rotation = found.transformation.rotation
+        np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-9)

@@ -99,3 +99,10 @@ def test_the_index_grows_as_points_come_near_to_a_line():
         assert found > last
         last = found
     assert last > 30.0
+
+
+def test_where_nothing_turns_all_places_are_alike():
+    cov = np.diag([1.0, 1, 1, 0, 0, 0])
+    for volume in (Ball(np.zeros(3), 10.0), Box(np.zeros(3), np.ones(3))):
+        found = volume_error(volume, np.zeros(3), cov)
+        assert found.rms_mm == found.max_mm == pytest.approx(np.sqrt(3.0))

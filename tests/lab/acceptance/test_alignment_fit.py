@@ -115,6 +115,21 @@ def test_a_mirrored_system_is_refused():
         fitted_alignment(mirrored, fixed_volume(BOX), "of the test")
 
 
+def test_a_scale_of_other_units_is_flagged():
+    given = common(WIDE)
+    inches = tuple(
+        Place(place.place_mm / 25.4, place.covariance_mm2) for place in given.measured
+    )
+    found = fitted_alignment(
+        CommonPoints(given.names, inches, given.nominal),
+        fixed_volume(BOX),
+        "",
+        with_scale=True,
+    )
+    assert found.transformation.scale == pytest.approx(25.4)
+    assert "unlikely_scale" in codes(found)
+
+
 def test_errors_that_are_not_stated_are_estimated_and_test_nothing():
     found = fitted(WIDE, seed=6, stated=False)
     assert found.test.p_value is None
