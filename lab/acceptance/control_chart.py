@@ -6,7 +6,8 @@ changes, and the values are normal, these are independent standard normal number
 the rules' false alarms are known however short the history is. Values that raised an
 alarm do not count for later ones; after `BASE` of them the base is settled, so that a
 slow drift is not learned. Figures that cannot be negative are charted by their
-logarithm, and judged above alone: an arm that repeats better is no alarm.
+square root, which makes them nearly normal, and judged above alone: an arm that repeats
+better is no alarm.
 """
 
 from collections.abc import Sequence
@@ -16,17 +17,17 @@ import numpy as np
 from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
 from lab.acceptance.control_chart_rates import (
+    BASE,
     EWMA_LIMIT,
     INDIVIDUAL,
     RANGE,
     WEIGHT,
     Side,
-    ewma_rate,
     individual_rate,
     range_rate,
+    settled_ewma_rate,
 )
 
-BASE = 50
 FEWEST = 2  # values that make a first comparison
 
 
@@ -75,7 +76,7 @@ def rules(side: Side) -> tuple[Rule, Rule, Rule]:
         Rule(f"moving range above {RANGE:g} sigma", range_rate(side)),
         Rule(
             f"EWMA (weight {WEIGHT:g}) {beyond} {EWMA_LIMIT:.2f} sigma",
-            ewma_rate(side),
+            settled_ewma_rate(side),
         ),
     )
 
@@ -94,7 +95,7 @@ def charted(values: Sequence[float], *, positive: bool) -> list[Checked]:
     if not np.isfinite(given).all() or (positive and (given <= 0.0).any()):
         raise ValueError("a figure is not finite, or not above zero where it must be")
     side: Side = "above" if positive else "both"
-    scale = np.log(given) if positive else given
+    scale = np.sqrt(given) if positive else given
     base: list[float] = []
     found: list[Checked] = []
     ewma, before = 0.0, None
@@ -147,6 +148,5 @@ def _unusual(
     q = float(np.clip(q, -30.0, 30.0))
     wide = std * float(-special.stdtrit(n - 1, special.ndtr(-INDIVIDUAL)))
     if positive:
-        with np.errstate(over="ignore"):
-            return q, (float(np.exp(mean)), None, float(np.exp(mean + wide)))
+        return q, (mean**2, None, (mean + wide) ** 2)
     return q, (mean, mean - wide, mean + wide)

@@ -17,9 +17,11 @@ Side = Literal["both", "above"]
 INDIVIDUAL = 3.5
 RANGE = 4.9
 WEIGHT = 0.2
-EWMA = 3.4  # in standard deviations of the weighted mean
+EWMA = 3.6  # in standard deviations of the weighted mean
 EWMA_LIMIT = EWMA * float(np.sqrt(WEIGHT / (2.0 - WEIGHT)))
 STATES = 401
+BASE = 50  # values that the mean and the standard deviation are of, in the long run
+NODES = 15
 DEEP = 6.0  # the weighted mean is nearly never so many standard deviations below
 
 
@@ -31,6 +33,19 @@ def individual_rate(side: Side) -> float:
 def range_rate(side: Side) -> float:
     """Of two successive values too far apart."""
     return float(special.ndtr(-RANGE / np.sqrt(2.0))) * (2.0 if side == "both" else 1.0)
+
+
+@cache
+def settled_ewma_rate(side: Side) -> float:
+    """Of the exponentially weighted mean, beside a base that is settled.
+
+    The base's mean is off by chance, by one in `sqrt(BASE)` standard deviations, and
+    stays so: the rate is the mean over what it may be off by. It is more than while
+    the base still grows.
+    """
+    off, weights = np.polynomial.hermite_e.hermegauss(NODES)
+    rates = [ewma_rate(side, float(shift)) for shift in off / np.sqrt(BASE)]
+    return float(np.average(rates, weights=weights))
 
 
 @cache

@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from lab.acceptance.control_chart import BASE, charted, rules
+from lab.acceptance.control_chart import charted, rules
 from lab.acceptance.control_chart_rates import (
+    BASE,
     EWMA_LIMIT,
     INDIVIDUAL,
     RANGE,
@@ -15,6 +16,7 @@ from lab.acceptance.control_chart_rates import (
     ewma_rate,
     individual_rate,
     range_rate,
+    settled_ewma_rate,
 )
 
 
@@ -41,6 +43,21 @@ def test_rates_are_those_of_simulated_checks(side):
         alarms += broken.sum()
         alive &= ~broken
     assert alarms / checks == pytest.approx(ewma_rate(side), rel=0.1)
+
+
+def test_the_rate_beside_a_settled_base_is_that_of_bases_drawn_by_chance():
+    rng = np.random.default_rng(6)
+    n = 60_000
+    off = rng.normal(0.0, 1.0 / np.sqrt(BASE), n)
+    ewma, alive = np.zeros(n), np.ones(n, bool)
+    rates = []
+    for _ in range(60):
+        ewma = (1 - WEIGHT) * ewma + WEIGHT * (rng.standard_normal(n) + off)
+        broken = alive & (np.abs(ewma) > EWMA_LIMIT)
+        rates.append(broken.sum() / alive.sum())
+        alive &= ~broken
+    # Those that are off leave early, so the first checks count; without the run-in.
+    assert np.mean(rates[15:30]) == pytest.approx(settled_ewma_rate("both"), rel=0.15)
 
 
 def test_the_ewma_rate_at_the_usual_width_is_the_published_one():
