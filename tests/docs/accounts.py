@@ -31,7 +31,6 @@ ELSEWHERE: Final = {
     r"traverse run --config traverse.toml --embedded-broker": _MICROSCRIBE,
     r"traverse diagnose ": "tests/traverse/test_diagnose.py",
     r"traverse verify ": "tests/traverse/test_verify.py",
-    r"traverse interim ": "tests/traverse/test_interim_command.py",
     r"traverse check limits.toml": "tests/traverse/test_check.py",
     r"python -m simulator.campaigns.dense ": "tests/simulator/test_dense_scans.py",
     r"traverse align ": "tests/traverse/test_align.py",

@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -9,10 +10,12 @@ from pathlib import Path
 from urllib.parse import urldefrag
 
 import pytest
+from playwright.async_api import async_playwright, expect
 
 from tests.docs.pages import CHECKOUT, PAGES
 
 END_S = 100.0
+CHROMIUM = shutil.which("chromium")
 
 
 class Parts(HTMLParser):
@@ -86,3 +89,39 @@ def test_lists_have_become_lists(site: Path) -> None:
         for paragraph in re.findall(r"<p>(.*?)</p>", text, re.DOTALL):
             assert not re.search(r"^ *([-*]|\d+\.) ", paragraph, re.M), page
             assert "```" not in paragraph, page
+
+
+async def test_search_works_from_files_and_asks_nobody(site: Path) -> None:
+    if CHROMIUM is None:
+        pytest.skip("needs chromium: apt-get install chromium")
+    asked: list[str] = []
+    async with async_playwright() as playwright:
+        browser = await playwright.chromium.launch(
+            executable_path=CHROMIUM, args=["--no-sandbox"]
+        )
+        page = await browser.new_page()
+        page.on("request", lambda request: asked.append(request.url))
+        await page.goto((site / "index.html").as_uri())
+        await page.locator("input.md-search__input").fill("outbox")
+        first = page.locator(".md-search-result__item h1").first
+        await expect(first).to_have_text("Outbox", timeout=20_000)
+        await browser.close()
+    assert all(url.startswith(("file:", "data:", "blob:")) for url in asked), asked
+
+
+async def test_a_console_is_copied_without_prompts_and_answers(site: Path) -> None:
+    if CHROMIUM is None:
+        pytest.skip("needs chromium: apt-get install chromium")
+    async with async_playwright() as playwright:
+        browser = await playwright.chromium.launch(
+            executable_path=CHROMIUM, args=["--no-sandbox"]
+        )
+        page = await browser.new_page()
+        await page.goto((site / "tutorial" / "first-light.html").as_uri())
+        block = page.locator(".highlight code", has_text="mosquitto_pub -t test")
+        # What the site's button does before it takes the text.
+        copied = await block.evaluate(
+            "it => { it.setAttribute('data-md-copying', ''); return it.innerText }"
+        )
+        await browser.close()
+    assert copied.strip() == "mosquitto_pub -t test -m hello && echo works"
