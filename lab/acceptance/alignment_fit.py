@@ -23,6 +23,7 @@ from lab.acceptance.alignment_flags import (
     disposition_flags,
     revealed_flags,
     scale_flags,
+    scatter_flags,
     turn_problem,
 )
 from lab.acceptance.alignment_result import AlignmentResult, Flag, PointResult
@@ -90,6 +91,7 @@ def fitted_alignment(
     points = _points(common, adjusted, volume, None if is_stated else sigma0)
     flags = [
         *disposition_flags(shape, index),
+        *scatter_flags(common),
         *scale_flags(adjusted.transformation.scale),
         *revealed_flags(test, points, is_stated=is_stated),
         *_suspects(points, is_stated=is_stated),

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from kinematics.helmert_shape import Shape, direction_text
 from kinematics.helmert_volume import VolumeError
+from lab.acceptance.alignment_common import CommonPoints
 from lab.acceptance.alignment_result import Flag, PointResult
 from lab.acceptance.alignment_statistics import GlobalTest
 
@@ -17,6 +18,8 @@ UNKNOWN_RAD = 0.1
 STRAIGHT = 0.15
 POOR_INDEX = 3.0
 _MOST_STRETCH = 0.005  # aluminium over 200 K
+_MOST_SCATTER = 5.0  # times the stated error of a place
+_MOST_SCATTER_MM = 0.5  # where none is stated
 
 
 def turn_problem(covariance: Floats, shape: Shape) -> str | None:
@@ -66,6 +69,29 @@ def disposition_flags(shape: Shape, index: VolumeError) -> Iterator[Flag]:
             f"places in the volume are {index.rms_mm:.1f} times as uncertain as a "
             f"common point, {index.max_mm:.1f} times at its worst place: the points "
             "span too little of the volume; measure points at its far ends",
+        )
+
+
+def scatter_flags(common: CommonPoints) -> Iterator[Flag]:
+    """Flag names whose touches are farther apart than their errors explain."""
+    wide = []
+    for name, places in zip(
+        common.names, zip(common.measured, common.nominal, strict=True), strict=True
+    ):
+        for place in places:
+            covariance = place.covariance_mm2
+            limit_mm = _MOST_SCATTER_MM
+            if covariance is not None and np.any(covariance):
+                limit_mm = _MOST_SCATTER * float(np.sqrt(np.trace(covariance)))
+            if place.spread_mm is not None and place.spread_mm > limit_mm:
+                wide.append(f"{name} ({place.spread_mm:.3g} mm)")
+                break  # once is enough
+    if wide:
+        yield Flag(
+            "scattered_touches",
+            f"touches of one name lie far apart: {', '.join(wide)}: a name was given "
+            "twice, or they are touches of a surface; give each point its own name, or "
+            "--spheres where they lie on spheres",
         )
 
 

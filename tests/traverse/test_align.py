@@ -10,10 +10,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
+from kinematics.arm_file import read_arm
 from kinematics.helmert import Helmert
 from protocol.encoding import encode
 from protocol.messages import AlignArgs
 from protocol.messages.point import Label
+from simulator.campaigns import write_campaign
+from simulator.campaigns.acceptance import acceptance_poses, drawn_acceptance
 from tests.clients.virtual_daemon import VirtualDaemon
 from tests.protocol.message_examples import POINT
 from traverse.__main__ import app
@@ -260,3 +263,18 @@ def test_plane_line_and_point_of_a_table(tmp_path):
     assert "Errors in the volume" in (out / "alignment.html").read_text()
     wanted = ["--nominal", nominal, "--method", "3-2-1", "--scale"]
     assert "--scale" in align(points, *wanted, status=2).output
+
+
+def test_a_campaign_is_a_source_and_spheres_touched_all_around_are_no_points(tmp_path):
+    arm = read_arm("traverse/demo_data/arm.toml")
+    folder = tmp_path / "campaign"
+    poses = acceptance_poses(arm, "asme-b89.4.22", seed=1)
+    write_campaign(folder, drawn_acceptance(poses, seed=1), arm)
+    given = [folder, "--nominal", folder, "--method", "leapfrog", "--std", 0.02]
+    given += ["--arm", folder / "arm.toml", "--json"]
+    values = json.loads(align(*given).stdout)
+    np.testing.assert_allclose(values["alignment"]["rotation"], np.eye(3), atol=1e-12)
+    flags = {flag["code"]: flag["text"] for flag in values["flags"]}
+    assert "diameter/1 (14" in flags["scattered_touches"]
+    assert values["arm"] == arm.name
+    align(*given[:-3], status=2)

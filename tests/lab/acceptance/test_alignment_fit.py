@@ -248,6 +248,19 @@ def test_repeated_touches_are_a_mean_whose_error_is_not_divided():
     ]
 
 
+@pytest.mark.parametrize(("stated", "apart_mm"), [(True, 0.8), (False, 1.5)])
+def test_a_name_that_was_given_twice_is_flagged(stated, apart_mm):
+    given = common(WIDE, seed=2, stated=stated)
+    for spread_mm, is_flagged in ((0.1, False), (apart_mm, True)):
+        first = given.measured[0]
+        twice = Place(first.place_mm, first.covariance_mm2, 2, spread_mm)
+        measured = (twice, *given.measured[1:])
+        found = fitted_alignment(
+            CommonPoints(given.names, measured, given.nominal), fixed_volume(BOX), ""
+        )
+        assert ("scattered_touches" in codes(found)) == is_flagged
+
+
 def test_flags_of_touches_are_told():
     given = [touch("A", (0, 0, 0), flags=("fast",)), Touch((), np.zeros(3))]
     _, remarks = places_by_name(given, None, std_mm=None, spheres=False)
