@@ -83,7 +83,7 @@ async def test_every_command_of_the_guides(
                 await answered(as_run(point, bench.port), listener, '"by-hand-1"')
             await first_said(bench, SCAN)
             for page in OTHERS:
-                for line in to_run(page, **{"5c1f...": session, "27f2f4eb": session}):
+                for line in to_run(page, **{"5c1f...": session}):
                     await first_said(bench, line)
             assert await daemon.stop() == 0
     found = {path.suffix for path in (tmp_path / "state").rglob("*")}
