@@ -4,7 +4,7 @@ from collections.abc import Awaitable, Callable
 
 from daemon.commands import Result
 from daemon.outbox_values import HeldSession
-from daemon.scan_spool import ScanSpool
+from daemon.scan_again import ScanAgain
 from protocol.messages import ResendArgs
 
 
@@ -13,11 +13,11 @@ class ResendRequests:
 
     Args:
         points: does so for points, and for what is held.
-        scans: where blocks are.
+        scans: does so for scans.
     """
 
     def __init__(
-        self, points: Callable[[ResendArgs], Awaitable[Result]], scans: ScanSpool
+        self, points: Callable[[ResendArgs], Awaitable[Result]], scans: ScanAgain
     ) -> None:
         self._points = points
         self._scans = scans
@@ -29,11 +29,11 @@ class ResendRequests:
             CommandError: too many ranges wait, or a database cannot be read.
         """
         if args.scan is not None:
-            return await self._scans.resend(args.scan, args.from_seq, args.to_seq)
+            return await self._scans.send(args.scan, args.from_seq, args.to_seq)
         result = await self._points(args)
         if args.session is not None:
             return result
-        return {**result, "scans": [_told(one) for one in await self._scans.scans()]}
+        return {**result, "scans": [_told(one) for one in await self._scans.held()]}
 
 
 def _told(scan: HeldSession) -> Result:

@@ -18,26 +18,24 @@ from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 
 from daemon.clock import HostClock
-from daemon.commands import Result
 from daemon.events import EventLog
 from daemon.latencies import Latencies
 from daemon.outbox_feed import OutboxFeed, Told, Work, outgoing
 from daemon.outbox_jobs import Ask, Condition, Keep, Rules
 from daemon.outbox_marks import OutboxMarks, Range
-from daemon.outbox_reading import sessions_of
-from daemon.outbox_resend import LAST, MAX_SESSIONS, OutboxResend
+from daemon.outbox_resend import OutboxResend
 from daemon.outbox_section import OutboxSection
 from daemon.outbox_thread import OutboxThread
 from daemon.outbox_values import (
     Entry,
-    HeldSession,
     OutboxRefusedError,
     Trouble,
     held_of,
 )
 from daemon.outgoing import OutgoingQueue
 from daemon.outlet import Outlet
-from daemon.scan_reading import ScanExtent, block_id, extent_of_scan
+from daemon.scan_again import ScanAgain
+from daemon.scan_reading import block_id
 from daemon.scan_section import ScanSection
 from drivers.pulse import Pulse
 from protocol.encoding import Encoding, encode
@@ -65,6 +63,7 @@ class ScanSpool:
         events: where troubles are told.
 
     Attributes:
+        again: sends blocks again, and tells what there is.
         taken_back: called with a scan and a number of its points that had been accepted
             and are dropped after all; the service sets it.
         counted: blocks `kept`, `unkept` (sent without having been kept), `dropped`.
@@ -121,6 +120,7 @@ class ScanSpool:
             together=TOGETHER,
         )
         self._again = OutboxResend(queue, self._ask, TOGETHER)
+        self.again = ScanAgain(self._again, lambda: self._is_open)
 
     @property
     def pulses(self) -> tuple[Pulse, ...]:
@@ -211,46 +211,6 @@ class ScanSpool:
             unsent=figures.unsent,
             bytes=figures.size_bytes,
         )
-
-    # -- the command `resend` -------------------------------------------------
-
-    async def scans(self) -> list[HeldSession]:
-        """Scans of which there are blocks, oldest first.
-
-        Raises:
-            CommandError: the database cannot be read.
-        """
-        if not self._is_open:
-            return []
-        return await self._again.asked(
-            lambda store: sessions_of(store.connection, MAX_SESSIONS)
-        )
-
-    async def resend(self, scan: str, from_seq: int, to_seq: int | None) -> Result:
-        """Begin to send the blocks again that a range of points touches.
-
-        Raises:
-            CommandError: too many ranges wait, or the database cannot be read.
-        """
-        extent = ScanExtent()
-        if self._is_open:
-            self._again.check_room()
-            end = LAST if to_seq is None else to_seq
-            extent = await self._again.asked(
-                lambda store: extent_of_scan(store.connection, scan, from_seq, end)
-            )
-            if extent.blocks:  # not what comes later: that is sent anyway
-                self._again.send(scan, extent.from_block, min(end, extent.last_block))
-        return {
-            "scan": scan,
-            "session": extent.session,
-            "from_seq": from_seq,
-            "to_seq": to_seq,
-            "blocks": extent.blocks,
-            "first_seq": extent.first_seq,
-            "last_seq": extent.last_seq,
-            "total": extent.total,
-        }
 
     # -- blocks on their way --------------------------------------------------
 

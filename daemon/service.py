@@ -208,7 +208,9 @@ class Service:
                 "scan": self._requests.change_scan,
                 "align": align.change,
                 "reload": self._reload.carry_out,
-                "resend": ResendRequests(self._outbox.resend, self._spool).carry_out,
+                "resend": ResendRequests(
+                    self._outbox.resend, self._spool.again
+                ).carry_out,
                 "record": RecordRequests(self._recorder).carry_out,
             },
         )
