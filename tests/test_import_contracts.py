@@ -58,7 +58,7 @@ def test_the_untouched_copy_passes(copied: Path) -> None:
     [
         ("daemon/clock.py", "simulator.clock", "the daemon knows neither"),
         ("daemon/live.py", "clients.subscription", "the daemon knows neither"),
-        ("drivers/tick_clock.py", "kinematics.forward", "drivers know bytes and ports"),
+        ("drivers/tick_clock.py", "kinematics.forward", "drivers know bytes, ports"),
         ("simulator/wire.py", "protocol.latch_board", "the simulator shares no code"),
         ("simulator/physics.py", "kinematics.forward", "the simulator shares no code"),
         (

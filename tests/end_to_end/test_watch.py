@@ -125,7 +125,9 @@ async def test_on_a_terminal_it_is_a_display(resting: Workbench) -> None:
             await listener.command(PointArgs())
             await until(lambda: shows(b"1 points"), "the point on the display")
             process.send_signal(signal.SIGINT)
-            await until(lambda: shows(b"") and process.returncode is not None, "its end")
+            await until(
+                lambda: shows(b"") and process.returncode is not None, "its end"
+            )
             assert process.returncode == 0
         finally:
             with contextlib.suppress(ProcessLookupError):
