@@ -4,7 +4,6 @@ import asyncio
 import contextlib
 import logging
 import signal
-from importlib.metadata import version
 from pathlib import Path
 
 from daemon.align_requests import AlignRequests
@@ -18,7 +17,6 @@ from daemon.capture import Capture, triggers_of
 from daemon.clock import HostClock
 from daemon.commands import CommandDesk
 from daemon.configuration import Configuration
-from daemon.counts import broker_health, counters_of
 from daemon.device import Device, open_device, running_drivers
 from daemon.events import EventLog, Occurrence
 from daemon.health import HealthReport
@@ -38,6 +36,7 @@ from daemon.publisher import Publisher
 from daemon.record_requests import RecordRequests, recorder_of, tell_reloaded
 from daemon.recorder_state import MeasuringState
 from daemon.reload import Inputs, Reload
+from daemon.reports import Reports
 from daemon.requests import Requests
 from daemon.resend_requests import ResendRequests
 from daemon.scan_spool import ScanSpool
@@ -46,10 +45,8 @@ from daemon.startup import StartupError
 from daemon.state_folder import OUTBOX, SCANS, state_path
 from daemon.step_clock import StepClock
 from daemon.uncertainty import Uncertainty
-from kinematics.kernel.choice import KERNEL
 from protocol import topics
 from protocol.encoding import Encoding
-from protocol.messages import Health, Status
 
 log = logging.getLogger(__name__)
 
@@ -153,6 +150,22 @@ class Service:
             tape=self._recorder,
         )
         self._recorder.state = MeasuringState(self._measuring, self._capture)
+        self._reports = Reports(
+            arm=self._arm,
+            encoding=self._encoding,
+            clock=self._clock,
+            devices=self._devices,
+            arm_devices=self._arm_devices,
+            measuring=self._measuring,
+            capture=self._capture,
+            scanner=self._scanner,
+            live=self._live,
+            outbox=self._outbox,
+            spool=self._spool,
+            recorder=self._recorder,
+            queue=self._queue,
+            health=self._health,
+        )
         self._requests = Requests(
             settings=settings,
             scan=configuration.scan,
@@ -217,13 +230,15 @@ class Service:
         self._publisher = Publisher(
             address=address_of(broker, folder),
             client_id=f"traverse-{model.name}",
-            will=self._outlet.outgoing("status", self._status(online=False)),
+            will=self._outlet.outgoing("status", self._reports.status(online=False)),
             encoding=self._encoding,
             queue=self._queue,
             subscription=topics.command_filter(model.name),
             receive=self._commands.receive,
             changed=self._broker_changed,
         )
+        self._reports.commands = self._commands
+        self._reports.publisher = self._publisher
         self._arrival = Arrival(
             self._devices, self._publisher, self._events, keep_trying=keep_trying
         )
@@ -236,7 +251,7 @@ class Service:
             events=self._events,
             health=self._health,
             publisher=self._publisher,
-            figures=lambda: self._health_message(anew=False),
+            figures=lambda: self._reports.health(anew=False),
             waiting=lambda: self._outbox.health().unsent,
             pulses=lambda: (
                 self._outbox.pulse,
@@ -313,7 +328,7 @@ class Service:
     async def _drain(self) -> None:
         self._measuring.stop_scan()
         self._events.flush(at_once=True)
-        self._outlet.publish("status", self._status(online=False))
+        self._outlet.publish("status", self._reports.status(online=False))
         log.info("stopping")
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(DRAIN_S):
@@ -356,54 +371,15 @@ class Service:
 
     # -- messages -------------------------------------------------------------
 
-    def _status(self, *, online: bool = True) -> Status:
-        ready = self._outbox.is_ready and all(d.state == "ready" for d in self._devices)
-        return Status(
-            online=online,
-            state="offline" if not online else "ready" if ready else "degraded",
-            arm=self._arm,
-            model=self._measuring.model.digest,
-            version=version("traverse-cmm"),
-            kernel=KERNEL,
-            encoding=self._encoding,
-            session=self._capture.session.id,
-            time_ns=self._clock.monotonic_ns() + self._clock.utc_offset_ns(),
-            drivers=tuple(device.status() for device in self._devices),
-        )
-
     def _publish_status(self) -> None:
-        self._outlet.publish("status", self._status())
+        self._outlet.publish("status", self._reports.status())
 
     def _tell_event(self, what: Occurrence) -> None:
         self._outlet.publish_event(what, self._capture.session.id)
         self._life.look_at(what)
 
     def _publish_health(self) -> None:
-        self._outlet.publish("health", self._health_message(anew=True))
-
-    def _health_message(self, *, anew: bool) -> Health:
-        return self._health.message(
-            anew=anew,
-            arm=self._arm,
-            session=self._capture.session.id,
-            devices=self._devices,
-            broker=broker_health(self._publisher, self._queue),
-            outbox=self._outbox.health(),
-            spool=self._spool.health(),
-            recording=self._recorder.health(),
-            counters=counters_of(
-                capture=self._capture,
-                scanner=self._scanner,
-                spool=self._spool,
-                live=self._live,
-                commands=self._commands,
-                publisher=self._publisher,
-                queue=self._queue,
-            ),
-            temperature_c=self._arm_devices.temperature_c,
-            lacks=self._measuring.assembly.lacks(),
-            skew_mm=self._measuring.skew.taken_mm(),
-        )
+        self._outlet.publish("health", self._reports.health(anew=True))
 
     def _broker_changed(self, connected: bool, text: str) -> None:
         self._arrival.broker_told.set()

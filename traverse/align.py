@@ -6,6 +6,12 @@ from typing import Annotated, Any
 
 import typer
 
+from traverse.broker_options import (
+    BrokerOption,
+    CaFileOption,
+    PasswordFileOption,
+    UsernameOption,
+)
 from traverse.refusals import refusals, refuse
 
 NO, UNREACHABLE = 1, 3
@@ -74,16 +80,10 @@ def align(
     arm_name: Annotated[
         str | None, typer.Option(help="To which arm to send; else that of the points.")
     ] = None,
-    broker: Annotated[
-        str, typer.Option(help="MQTT broker: host, host:port or mqtts://host:port.")
-    ] = "localhost",
-    username: Annotated[str | None, typer.Option(help="For the broker.")] = None,
-    password_file: Annotated[
-        Path | None, typer.Option(help="File with the broker's password.")
-    ] = None,
-    ca_file: Annotated[
-        Path | None, typer.Option(help="Certificates that the broker's come from.")
-    ] = None,
+    broker: BrokerOption = "localhost",
+    username: UsernameOption = None,
+    password_file: PasswordFileOption = None,
+    ca_file: CaFileOption = None,
 ) -> None:
     """Compute where the part is from common points, and say what that is worth.
 

@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,7 @@ from clients.address import BrokerAddress
 from clients.arm import Arm
 from lab.acceptance.alignment_file import align_args
 from protocol.messages import AlignArgs
+from traverse.broker_options import broker_address
 
 PATIENCE_S = 3.0
 
@@ -44,12 +45,7 @@ def send_alignment(values: Mapping[str, Any], to: Destination) -> None:
         ValueError: The address is none.
         ClientError: Daemon or broker cannot be reached, or it refused.
     """
-    address = replace(
-        BrokerAddress.parse(to.broker),
-        username=to.username,
-        password_file=to.password_file,
-        ca_file=to.ca_file,
-    )
+    address = broker_address(to.broker, to.username, to.password_file, to.ca_file)
     asyncio.run(_send(align_args(values), address, to.arm))
 
 

@@ -6,6 +6,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from traverse.broker_options import (
+    BrokerOption,
+    CaFileOption,
+    PasswordFileOption,
+    UsernameOption,
+    broker_address,
+)
+
 if TYPE_CHECKING:
     from clients.address import BrokerAddress
 
@@ -19,16 +27,10 @@ def page(
         str | None,
         typer.Option(help="Name of the arm; without it the only one on the broker."),
     ] = None,
-    broker: Annotated[
-        str, typer.Option(help="MQTT broker: host, host:port, mqtts://host:port.")
-    ] = "localhost",
-    username: Annotated[str | None, typer.Option(help="For the broker.")] = None,
-    password_file: Annotated[
-        Path | None, typer.Option(help="File with the broker's password.")
-    ] = None,
-    ca_file: Annotated[
-        Path | None, typer.Option(help="Certificates that the broker's come from.")
-    ] = None,
+    broker: BrokerOption = "localhost",
+    username: UsernameOption = None,
+    password_file: PasswordFileOption = None,
+    ca_file: CaFileOption = None,
     host: Annotated[
         str, typer.Option(help="Address to listen on; beyond this machine see below.")
     ] = "127.0.0.1",
@@ -51,9 +53,8 @@ def page(
     refuses to start without. Exit status 2: an option was refused; 3: the broker could
     not be reached, or no arm was found there.
     """
-    from clients.address import BrokerAddress  # noqa: PLC0415 - keeps --help quick
-
     try:
+        # Imported when needed: keeps --help quick.
         from clients.display.follower import Follower  # noqa: PLC0415
         from clients.exports.formats import points_as  # noqa: PLC0415
         from clients.page.access import read_token  # noqa: PLC0415
@@ -72,15 +73,7 @@ def page(
         )
     try:
         token = None if token_file is None else read_token(token_file)
-        address = BrokerAddress.parse(broker)
-        address = BrokerAddress(
-            address.host,
-            address.port,
-            username=username,
-            password_file=password_file,
-            tls=address.tls,
-            ca_file=ca_file,
-        )
+        address = broker_address(broker, username, password_file, ca_file)
         for file in (certificate, key):
             if file is not None:
                 file.read_bytes()

@@ -2,11 +2,17 @@
 
 import asyncio
 import json
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from traverse.broker_options import (
+    BrokerOption,
+    CaFileOption,
+    PasswordFileOption,
+    UsernameOption,
+    broker_address,
+)
 from traverse.refusals import refuse
 
 if TYPE_CHECKING:
@@ -33,16 +39,10 @@ def resend(
         str | None, typer.Option(help="Blocks of this scan instead of points.")
     ] = None,
     arm: Annotated[str, typer.Option(help="Name of the arm.")],
-    broker: Annotated[
-        str, typer.Option(help="MQTT broker: host, host:port or mqtts://host:port.")
-    ] = "localhost",
-    username: Annotated[str | None, typer.Option(help="For the broker.")] = None,
-    password_file: Annotated[
-        Path | None, typer.Option(help="File with the broker's password.")
-    ] = None,
-    ca_file: Annotated[
-        Path | None, typer.Option(help="Certificates that the broker's come from.")
-    ] = None,
+    broker: BrokerOption = "localhost",
+    username: UsernameOption = None,
+    password_file: PasswordFileOption = None,
+    ca_file: CaFileOption = None,
     from_seq: FromOption = 0,
     to_seq: ToOption = None,
     as_json: Annotated[
@@ -56,10 +56,10 @@ def resend(
     Exit status 1: it has none of them; 2: refused; 3: daemon or broker could
     not be reached.
     """
-    from dataclasses import replace  # noqa: PLC0415 - keeps --help quick
-
-    from clients.address import BrokerAddress  # noqa: PLC0415
-    from clients.errors import ClientError, CommandRefused  # noqa: PLC0415
+    from clients.errors import (  # noqa: PLC0415 - keeps --help quick
+        ClientError,
+        CommandRefused,
+    )
     from protocol.messages import ResendArgs  # noqa: PLC0415
 
     try:
@@ -71,12 +71,7 @@ def resend(
             "session, or an option is bad",
         )
     try:
-        address = replace(
-            BrokerAddress.parse(broker),
-            username=username,
-            password_file=password_file,
-            ca_file=ca_file,
-        )
+        address = broker_address(broker, username, password_file, ca_file)
         answer = asyncio.run(_answer(address, arm, args))
     except (CommandRefused, ValueError) as error:
         refuse(COMMAND, str(error))
