@@ -59,7 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         given.out.parent.mkdir(parents=True, exist_ok=True)
         given.out.write_text(json.dumps(report, indent=1) + "\n", "utf-8")
     if given.pictures:
-        from benchmarks.acceptance_pictures import paint  # noqa: PLC0415
+        from benchmarks.acceptance_pictures import paint  # noqa: PLC0415 - heavy
 
         paint(found, given.pictures)
     kept = [r["false_accept"] <= 0.05 for r in report["rates"] if r["rule"] != "simple"]

@@ -54,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         given.out.parent.mkdir(parents=True, exist_ok=True)
         given.out.write_text(json.dumps(report, indent=1) + "\n", "utf-8")
     if given.pictures:
-        from benchmarks.alignment_pictures import paint  # noqa: PLC0415
+        from benchmarks.alignment_pictures import paint  # noqa: PLC0415 - heavy
 
         paint(found, given.pictures)
     return 0 if _is_kept(report) else 1
