@@ -15,6 +15,7 @@ import typer
 from rich.console import Console, RenderableType
 from rich.live import Live as LivePicture
 
+from clients.ending import end
 from clients.subscription import connection, received, subscribe
 from daemon.motion import MotionTrail
 from protocol.messages import Live, Point
@@ -42,9 +43,7 @@ async def collected(
         done, _ = await asyncio.wait(
             (listening, operating), return_when=asyncio.FIRST_COMPLETED
         )
-        for task in (listening, operating):
-            task.cancel()
-        await asyncio.gather(listening, operating, return_exceptions=True)
+        await end((listening, operating))
         for task in done:
             if task.exception() is not None:
                 raise task.exception() or RuntimeError

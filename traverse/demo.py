@@ -79,7 +79,8 @@ async def _demonstrate(
     *,
     with_page: bool,
 ) -> None:
-    from daemon.embedded_broker import HOST, free_port  # noqa: PLC0415 - quick --help
+    from clients.ending import end  # noqa: PLC0415 - quick --help
+    from daemon.embedded_broker import HOST, free_port  # noqa: PLC0415
     from traverse.demo_round import Round, write_files  # noqa: PLC0415
 
     host, number = (broker, port) if broker else (HOST, free_port())
@@ -120,9 +121,7 @@ async def _demonstrate(
             except asyncio.CancelledError:
                 pass  # Ctrl-C: what was measured is still worth telling
             finally:
-                for task in (following, ended):
-                    task.cancel()
-                await asyncio.gather(following, ended, return_exceptions=True)
+                await end((following, ended))
     typer.echo("")
     for text in measured.summary():
         typer.echo(text)

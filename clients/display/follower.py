@@ -10,6 +10,7 @@ from clients.address import BrokerAddress
 from clients.arm import Arm
 from clients.display.clouds import Cloud
 from clients.display.sight import ArmSight, Change
+from clients.ending import end
 from clients.errors import BrokerUnreachableError, ClientError, CommandRefused
 
 log = logging.getLogger(__name__)
@@ -131,5 +132,4 @@ async def following(follower: Follower) -> AsyncIterator[None]:
     try:
         yield
     finally:
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
+        await end((task,))

@@ -9,6 +9,7 @@ from fastapi import Response
 from nicegui import app, ui
 
 from clients.display.follower import Follower
+from clients.ending import end
 from clients.page.access import Guard
 from clients.page.operator_page import OperatorPage
 from protocol.messages import Point
@@ -49,13 +50,11 @@ def serve(
     async def begin() -> None:
         tasks.append(asyncio.create_task(follower.run()))
 
-    async def end() -> None:
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+    async def leave() -> None:
+        await end(tasks)
 
     app.on_startup(begin)
-    app.on_shutdown(end)
+    app.on_shutdown(leave)
     app.add_middleware(Guard, token=token)
 
     @app.get(CLOUD_URL)

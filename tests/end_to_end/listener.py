@@ -8,6 +8,7 @@ from typing import Any
 import aiomqtt
 import numpy as np
 
+from clients.ending import end
 from clients.subscription import KINDS, connection, received, subscribe
 from protocol import topics
 from protocol.encoding import encode
@@ -134,8 +135,7 @@ async def listening(
         if following.done():
             following.result()
     finally:
-        following.cancel()
-        await asyncio.gather(following, return_exceptions=True)
+        await end([following])
     assert listener.errors == []
 
 

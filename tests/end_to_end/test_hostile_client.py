@@ -10,6 +10,7 @@ import pytest
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 
+from clients.ending import end
 from daemon.command_limits import ALL, FLOOD
 from protocol import topics
 from protocol.encoding import encode
@@ -86,8 +87,7 @@ async def attacking(bench: Workbench) -> AsyncIterator[Attacker]:
         try:
             yield attacker
         finally:
-            listening.cancel()
-            await asyncio.gather(listening, return_exceptions=True)
+            await end([listening])
 
 
 async def all_received(listener: Listener, n: int) -> None:
@@ -170,8 +170,7 @@ async def pressing(attacker: Attacker) -> AsyncIterator[None]:
     try:
         yield
     finally:
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
+        await end([task])
 
 
 async def test_a_flood_is_dropped_and_points_of_the_button_go_on(

@@ -10,6 +10,7 @@ from pathlib import Path
 import aiomqtt
 import pytest
 
+from clients.ending import end
 from protocol.encoding import decode, encode
 from protocol.messages import Args, Command, PointArgs, Reply, ScanArgs
 from tests.certificates import Authority
@@ -109,8 +110,7 @@ async def person(port: int, name: str, **options: str) -> AsyncIterator[Person]:
         try:
             yield one
         finally:
-            listening.cancel()
-            await asyncio.gather(listening, return_exceptions=True)
+            await end([listening])
 
 
 @contextlib.asynccontextmanager

@@ -8,6 +8,7 @@ import pytest
 from pydantic import ValidationError
 
 from simulator.devices.amt21 import Amt21Line, Amt21Table
+from tests.simulator.host_side import heard
 from tests.simulator.one_hinge import mounted
 
 # 1000 counts a second, channel 1 a second ahead; check bits by hand:
@@ -37,10 +38,7 @@ def asked(device, host, request, at_s):
     device.live(at_s)
     while (due_s := device.next_due_s(0.0)) < float("inf"):
         device.live(due_s)
-    try:
-        return os.read(host, 4096).hex(" ")
-    except BlockingIOError:
-        return ""
+    return heard(host).hex(" ")
 
 
 def test_each_encoder_answers_to_its_address_alone(tmp_path):

@@ -10,6 +10,7 @@ from pydantic import ValidationError
 
 from simulator.devices.microscribe import Microscribe, MicroscribeTable
 from simulator.script import ScriptEvent
+from tests.simulator.host_side import heard
 from tests.simulator.one_hinge import mounted
 
 SIGN_ON = (b"\xc5IMMC", b"BEGIN")
@@ -42,13 +43,6 @@ def asked(device, host, data, at_s):
     os.write(host, data)
     device.live(at_s)
     return heard(host)
-
-
-def heard(host) -> bytes:
-    try:
-        return os.read(host, 4096)
-    except BlockingIOError:
-        return b""
 
 
 def set_speed(host, speed):

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 import pytest
 
 from simulator.devices.modbus import ModbusLine, ModbusTable, crc
+from tests.simulator.host_side import heard
 from tests.simulator.one_hinge import mounted
 
 
@@ -41,10 +42,7 @@ def encoders(folder, *faults, per_turn=2**20, **keys):
     def ask(frame, at_s):
         os.write(host, bytes.fromhex(frame) if isinstance(frame, str) else frame)
         device.live(at_s)
-        try:
-            return os.read(host, 4096).hex(" ").upper()
-        except BlockingIOError:
-            return ""
+        return heard(host).hex(" ").upper()
 
     try:
         yield device, ask

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 import pytest
 
 from simulator.devices.rls import Rls, RlsTable
+from tests.simulator.host_side import heard
 from tests.simulator.one_hinge import mounted
 
 
@@ -30,17 +31,10 @@ def encoders(folder, *faults, n=2, **keys):
             os.close(host)
 
 
-def heard(host):
-    try:
-        return os.read(host, 4096).hex(" ")
-    except BlockingIOError:
-        return ""
-
-
 def asked(device, host, request, at_s):
     os.write(host, request)
     device.live(at_s)
-    return heard(host)
+    return heard(host).hex(" ")
 
 
 def test_every_request_has_its_answer(tmp_path):
@@ -95,11 +89,11 @@ def test_the_continuous_mode_is_set_up_started_and_stopped(tmp_path):
         assert device.streaming
         assert device.next_due_s(0.0) == pytest.approx(started_s + 0.01)
         device.live(started_s + 0.0301)
-        words = heard(first).split(" 31 ")
+        words = heard(first).hex(" ").split(" 31 ")
         assert len(words) == 3
         times_s = [reading[2] - started_s for reading in device.mounting.notes.readings]
         assert times_s == pytest.approx([0.01, 0.02, 0.03])
-        assert heard(second) == ""
+        assert heard(second) == b""
         at_s += 0.031
         for byte in KEY + b"P":
             at_s += 0.001

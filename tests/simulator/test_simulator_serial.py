@@ -14,6 +14,7 @@ from simulator.devices.kinds import KINDS, class_named
 from simulator.devices.serial_device import SerialDevice, SerialTable
 from simulator.devices.table import DeviceTable
 from simulator.pacing import live_real
+from tests.simulator.host_side import heard
 from tests.simulator.one_hinge import mounted
 
 
@@ -52,13 +53,6 @@ def opened(path):
     host = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     tty.setraw(host)
     return host
-
-
-def heard(host):
-    try:
-        return os.read(host, 4096)
-    except BlockingIOError:
-        return b""
 
 
 def test_a_request_is_answered_at_once_with_what_is_true_then(tmp_path):
