@@ -79,7 +79,7 @@ def squared_deviation(result, true, n_postures=12):
 def test_estimates_agree_with_the_truth_as_their_covariance_says(mix):
     design = seven_joints()
     total, degrees, passed = 0.0, 0, 0
-    n_seeds = 8
+    n_seeds = 3
     for seed in range(n_seeds):
         true = disturbed(design, 100 + seed)
         campaign = simulate(true, MIXES[mix], 40, seed)
@@ -89,7 +89,7 @@ def test_estimates_agree_with_the_truth_as_their_covariance_says(mix):
         total, degrees = total + statistic, degrees + count
         passed += result.global_test.passed
     assert chi2.ppf(0.005, degrees) < total < chi2.ppf(0.995, degrees)
-    assert passed >= n_seeds - 2
+    assert passed >= n_seeds - 1
 
 
 def test_a_single_campaign_is_as_good_as_it_says():
