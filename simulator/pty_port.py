@@ -1,5 +1,7 @@
 """A pty that looks like a serial port at a fixed path."""
 
+import contextlib
+import fcntl
 import os
 import select
 import termios
@@ -28,12 +30,15 @@ class PtyPort:
         self._waiting: deque[bytes] = deque()
         self._n_waiting_bytes = 0
         self._held = False
+        self._make()
+
+    def _make(self) -> None:
         self.descriptor, other = os.openpty()
         try:
             tty.setraw(other)
             os.set_blocking(self.descriptor, False)
             self._target = os.ttyname(other)
-            _link(path, self._target)
+            _link(self.path, self._target)
         finally:
             os.close(other)
         self._poll = select.poll()
@@ -85,7 +90,28 @@ class PtyPort:
             self._n_waiting_bytes = 0
             if not held:
                 self._received()  # of a host that has gone
+                self._open_to_all()
         return changed
+
+    def _open_to_all(self) -> None:
+        """Let anybody have the other end, also if the last host kept it for itself.
+
+        A pty stays exclusive (TIOCEXCL) when its host is killed, until both ends are
+        closed; a USB line does not. Whoever may not open such a pty cannot change that
+        either, and gets a new one, which the symlink then leads to.
+        """
+        try:
+            other = os.open(self._target, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        except OSError:
+            worn, watched = self.descriptor, self._changes
+            self._make()
+            watched.close()
+            os.close(worn)
+            return
+        with contextlib.suppress(OSError):
+            fcntl.ioctl(other, termios.TIOCNXCL)
+        os.close(other)
+        self._changes.poll(0)  # of our own coming and going
 
     def read(self) -> bytes:
         """Take what the host has sent; of one not yet seen it is kept until it is."""

@@ -81,8 +81,7 @@ async def test_outages_are_unmistakable_and_pass(scene: Scene) -> None:
     await expect(banner).to_contain_text("Ready to measure.")
 
     # A device is unplugged, and comes back.
-    scene.simulator.process.kill()
-    scene.simulator.process.wait()
+    await scene.bench.kill_simulator(scene.simulator)
     await expect(banner).to_have_class(re.compile("bad"))
     await expect(banner).to_contain_text("base")
     await sounds(scene, "alarm")

@@ -1,7 +1,6 @@
 """The board goes away and comes back: told, counted, and measuring goes on."""
 
 import asyncio
-import signal
 
 import numpy as np
 import pytest
@@ -45,7 +44,7 @@ async def test_a_killed_board_leaves_the_right_gap_and_comes_back(
     async with measuring(bench) as (listener, simulator, daemon):
         scan = await start_scan(listener)
         await listener.n_points(2)
-        await simulator.stop(signal.SIGKILL)
+        await bench.kill_simulator(simulator)
         lost = await listener.event("device.lost", active=True)
         assert (lost.severity, lost.source) == ("error", "base")
         assert lost.remedy

@@ -1,6 +1,7 @@
 """Files of a simulated arm and its daemon in a folder, and programs that use them."""
 
 import json
+import signal
 import uuid
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -106,6 +107,14 @@ class Workbench:
     def simulator(self, name: str = "simulator") -> Program:
         """Start the simulator; wait until it says "ready base"."""
         return Program(self.folder, name, "simulate", "--config", "simulator.toml")
+
+    async def kill_simulator(self, simulator: Program) -> None:
+        """End it without a word; its link goes first, as udev sees to it.
+
+        Where the link leads may be the pty of another test as soon as it has ended.
+        """
+        self.pty.unlink()
+        await simulator.stop(signal.SIGKILL)
 
     def daemon(self, *options: str, name: str = "daemon") -> Program:
         """Start the daemon."""
