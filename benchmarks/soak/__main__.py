@@ -3,7 +3,8 @@
 The real daemon with mosquitto and the simulated board; points by the board's button and
 by command, while daemon, broker, board, networks and consumer are killed at random.
 Then disks that are full or read-only. Prints a table; exit status 1 where a point that
-was acknowledged is missing, doubled, out of order, or invented.
+was acknowledged is missing, doubled, out of order, or invented, and where the daemon
+was not at work for long enough to show anything.
 """
 
 import argparse
@@ -20,6 +21,7 @@ from benchmarks.rounds import load
 from benchmarks.soak import disk
 from benchmarks.soak.bench import Bench
 from benchmarks.soak.judge import Verdict, judge, outbox_points, stored
+from benchmarks.soak.measuring import Span
 from benchmarks.soak.outages import Outages
 
 READY_S = 180.0
@@ -28,8 +30,8 @@ DRAIN_S = 120.0
 
 async def crash(
     bench: Bench, outages: Outages, kills: int, has_disk: bool
-) -> list[str]:
-    """Let everything happen; gives what was wrong with full and read-only disks."""
+) -> tuple[Span, list[str]]:
+    """Let everything happen; when, and what was wrong with bad disks."""
     async with AsyncExitStack() as stack:
         await stack.enter_async_context(bench.daemons_network)
         await stack.enter_async_context(bench.consumers_network)
@@ -37,7 +39,9 @@ async def crash(
         keeping = [asyncio.create_task(one.keep()) for one in bench.programs()]
         try:
             await _first_points(bench)
-            await outages.happen(kills, lambda text: print(text, flush=True))
+            begun_s = time.time()
+            await outages.happen(kills, _tell)
+            span = Span(begun_s, time.time(), bench.daemon.starts)
             said = await _disks(bench) if has_disk else []
             for one, task in zip(bench.programs(), list(keeping), strict=True):
                 if one in (bench.operator, bench.board):
@@ -53,7 +57,11 @@ async def crash(
             for one in reversed(list(bench.programs())):
                 if one.starts:
                     one.stop()
-    return said
+    return span, said
+
+
+def _tell(text: str) -> None:
+    print(f"{time.strftime('%H:%M:%S')} {text}", flush=True)
 
 
 async def _first_points(bench: Bench) -> None:
@@ -70,7 +78,7 @@ async def _disks(bench: Bench) -> list[str]:
         "read-only disk": disk.read_only(bench.state, bench.daemon),
     }
     for name, trouble in troubles.items():
-        print(f"     {name}", flush=True)
+        _tell(f"     {name}")
         bench.note_disk(is_sound=False)
         async with disk.arm_for(bench.port) as arm:
             said += [f"{name}: {text}" for text in await disk.refusal(arm, trouble)]
@@ -130,8 +138,8 @@ def main(options: argparse.Namespace) -> int:
         has_disk = stack.enter_context(disk.small_disk(state))
         bench = Bench(folder, state, options.rate)
         outages = Outages(bench, options.seed)
-        said = asyncio.run(crash(bench, outages, options.kills, has_disk))
-        verdict = judge(folder, state / "outbox.db", bench.lives)
+        span, said = asyncio.run(crash(bench, outages, options.kills, has_disk))
+        verdict = judge(folder, state / "outbox.db", bench.lives, span)
         if has_disk and options.folder is not None:
             shutil.copytree(state, folder / "kept")  # the disk itself goes away
     faults = said + verdict.faults

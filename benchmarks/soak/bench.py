@@ -33,7 +33,7 @@ port = "board.pty"
 [[motion]]
 kind = "cone"
 seat_mm = [600.0, -150.0, 60.0]
-postures = 40
+postures = 12
 """
 
 DAEMON = """\
@@ -51,6 +51,9 @@ keepalive_s = 5
 inputs = [{{ source = "base/0", trigger = "button" }}]
 [health]
 period_s = 1.0
+[recording]
+flight_mb = 8
+min_free_mb = 20
 """
 
 BROKER = """\
@@ -61,6 +64,9 @@ persistence true
 persistence_location {folder}/
 user root
 """
+
+# As the unit of systemd starts it.
+DAEMON_COMMAND = ("traverse", "run", "--keep-trying", "--config", "daemon.toml")
 
 
 class Bench:
@@ -98,7 +104,7 @@ class Bench:
         self.daemon = Kept(
             "daemon",
             folder,
-            lambda: [*self._run, "traverse", "run", "--config", "daemon.toml"],
+            lambda: [*self._run, *DAEMON_COMMAND],
             {"STATE_DIRECTORY": str(state), "OPENBLAS_NUM_THREADS": "1"},
         )
         self.tap = Kept("tap", folder, self._tap_command)

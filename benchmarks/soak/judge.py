@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from benchmarks.soak.measuring import Span, Work, measuring_s
 from protocol.encoding import decode
 from protocol.messages import Point
 
@@ -53,52 +54,76 @@ def stored(path: Path) -> list[tuple[str, str, int]]:
         return rows.fetchall()
 
 
-def judge(folder: Path, outbox: Path, lives: list[str]) -> Verdict:
+def judge(folder: Path, outbox: Path, lives: list[str], span: Span) -> Verdict:
     """Compare what was told to the operator, what is on disk, and what was received."""
-    faults: list[str] = []
     points = outbox_points(outbox)
     received = stored(folder / "store.db")
     told = list(lines(folder / "operator.jsonl"))
     acknowledged = {line["id"] for line in told if line["ok"]}
     ids = [one for one, _, _ in received]
     held = {point.id for point in points}
-    faults += _some("acknowledged, but not in the store", acknowledged - set(ids))
-    faults += _some("in the store, but not in the outbox", set(ids) - held)
-    faults += _some("in the outbox, but not in the store", held - set(ids))
     doubled = {one for one, n in Counter(ids).items() if n > 1}
-    faults += _some("twice in the store", doubled)
-    faults += _order(received)
     turns = _counts_per_turn(folder / "arm.toml")
     presses, edges = _edges(folder, lives, turns)
     buttons = [point for point in points if point.trigger == "button"]
     pressed = [_key(point.counts, turns) for point in buttons]
-    faults += _some("invented: no press has these counts", set(pressed) - presses)
     twice = {key for key, n in Counter(pressed).items() if n > 1}
-    faults += _some("two points of one press", twice)
-    faults += _some("acknowledged edges without a point", edges - set(pressed))
+    lost, pointless = acknowledged - set(ids), edges - set(pressed)
+    unheld, unpressed = set(ids) - held, set(pressed) - presses
+    order = _order(received)
+    faults = [
+        *_some("acknowledged, but not in the store", lost),
+        *_some("acknowledged edges without a point", pointless),
+        *_some("in the outbox, but not in the store", held - set(ids)),
+        *_some("in the store, but not in the outbox", unheld),
+        *_some("invented: no press has these counts", unpressed),
+        *_some("twice in the store", doubled),
+        *_some("two points of one press", twice),
+        *order[:MAX_TOLD],
+    ]
     n_commanded = sum(point.trigger == "command" for point in points)
     if n_commanded > len(told) + 100:
         faults.append(f"{n_commanded} commanded points, {len(told)} requests")
     if not acknowledged or not edges:
         faults.append("nothing was acknowledged: the test has shown nothing")
     figures = _figures(folder)
+    if figures["lost"]:
+        faults.append("the consumer was told of losses")
     refused = Counter(line["code"] for line in told if not line["ok"])
+    work = _work(folder, points, span)
     return Verdict(
         {
+            "sessions with points": work.sessions,
+            "percent of the time measuring": round(100 * work.share),
             "commands sent": len(told),
-            "commands acknowledged": len(acknowledged),
-            "commands refused": sum(refused.values()) - refused["none"],
+            "commands answered": len(told) - refused["none"],
             "commands without answer": refused["none"],
+            "commands refused": sum(refused.values()) - refused["none"],
+            "commanded points acknowledged": len(acknowledged),
             "edges acknowledged": len(edges),
             "points in the outbox": len(points),
             "points in the store": len(received),
-            "sessions": len({session for _, session, _ in received}),
             "points asked for again": figures["asked_again"],
             "duplicates removed": figures["duplicates"],
-            "told as lost": figures["lost"],
             "consumer's connections": figures["connections"],
+            "acknowledged and lost": len(lost) + len(pointless),
+            "told as lost": figures["lost"],
+            "invented": len(unheld) + len(unpressed),
+            "doubled": len(doubled) + len(twice),
+            "out of order": len(order),
         },
-        faults + (["the consumer was told of losses"] if figures["lost"] else []),
+        faults + work.faults(),
+    )
+
+
+def _work(folder: Path, points: Sequence[Point], span: Span) -> Work:
+    log = lines(folder / "acknowledged.jsonl")
+    times_s = [line["time_s"] for line in log if "seq" in line]
+    return Work(
+        seconds=span.ended_s - span.begun_s,
+        measuring_s=measuring_s(times_s, span.begun_s, span.ended_s),
+        starts=span.starts,
+        sessions=len({point.session for point in points}),
     )
 
 
@@ -114,7 +139,7 @@ def _order(received: list[tuple[str, str, int]]) -> list[str]:
         if seq != expected:
             faults.append(f"session {session}: {seq} in the place of {expected}")
         expected = seq + 1
-    return faults[:MAX_TOLD]
+    return faults
 
 
 def _counts_per_turn(arm: Path) -> tuple[int, ...]:

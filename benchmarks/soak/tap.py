@@ -2,6 +2,10 @@
 
 Passes bytes between the board's pty and one of its own for the daemon, and writes down
 which edges the daemon acknowledges. When the board vanishes so does the daemon's pty.
+
+A board that is killed leaves its link behind, and the number of its pty goes to the
+next program that asks for one. So the link is taken away as soon as the board is gone,
+as udev does, and looked at all the time: what it leads to is the board, nothing else.
 """
 
 import contextlib
@@ -9,8 +13,11 @@ import json
 import os
 import select
 import sys
+import termios
 import time
 import tty
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
 
@@ -66,12 +73,28 @@ class Edges:
         self._log.flush()
 
 
-def pass_on(board: int, host: int, edges: Edges) -> None:
-    """Pass bytes until the board is gone."""
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """What a link leads to, and when it was made: another board has another."""
+
+    target: str
+    made_ns: int
+
+    @classmethod
+    def of(cls, link: Path) -> "Mark | None":
+        """The present one; None where there is no link."""
+        try:
+            return cls(str(link.readlink()), link.lstat().st_mtime_ns)
+        except OSError:
+            return None
+
+
+def pass_on(board: int, host: int, edges: Edges, is_board: Callable[[], bool]) -> None:
+    """Pass bytes until the board is gone, or what was opened is not the board."""
     poll = select.poll()
     for descriptor in (board, host):
         poll.register(descriptor, select.POLLIN)
-    while True:
+    while is_board():
         ready = dict(poll.poll(10 * LOOK_MS))
         if ready.get(board, 0) & (select.POLLHUP | select.POLLERR):
             return
@@ -87,33 +110,50 @@ def pass_on(board: int, host: int, edges: Edges) -> None:
                 os.write(board, data)
 
 
+def tell(what: str) -> None:
+    """A line of the tap's own log."""
+    print(f"{time.time():.3f} {what}", flush=True)
+
+
 def main(board_link: Path, host_link: Path, log_path: Path) -> None:
     """Follow every life of the board."""
-    poll = select.poll()
     with log_path.open("a", encoding="utf-8") as log:
         while True:
-            poll.poll(LOOK_MS)
-            try:
-                board = os.open(board_link, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-            except OSError:
-                continue  # it is not there yet
-            tty.setraw(board)
-            host, slave = os.openpty()
-            tty.setraw(slave)
-            os.set_blocking(host, False)
-            fresh = host_link.with_name(f".{host_link.name}")
-            fresh.unlink(missing_ok=True)
-            fresh.symlink_to(os.ttyname(slave))
-            fresh.rename(host_link)
-            life = (board_link.parent / "life").read_text("ascii")
-            try:
-                pass_on(board, host, Edges(life, log))
-            except OSError:
-                pass  # the board went in the middle of it
-            finally:
-                host_link.unlink(missing_ok=True)
-                for descriptor in (board, host, slave):
-                    os.close(descriptor)
+            mark = Mark.of(board_link)
+            if mark is None:
+                time.sleep(LOOK_MS / 1000)
+                continue
+            follow(board_link, mark, host_link, log)
+            if Mark.of(board_link) == mark:
+                board_link.unlink(missing_ok=True)
+
+
+def follow(board_link: Path, mark: Mark, host_link: Path, log: TextIO) -> None:
+    """Follow one life of the board."""
+    try:
+        board = os.open(mark.target, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    except OSError as error:
+        tell(f"{mark.target}: {error.strerror}")
+        return
+    life = (board_link.parent / "life").read_text("ascii")
+    host, slave = os.openpty()
+    tell(f"board {life} on {mark.target}, host on {os.ttyname(slave)}")
+    try:
+        tty.setraw(board)
+        tty.setraw(slave)
+        os.set_blocking(host, False)
+        fresh = host_link.with_name(f".{host_link.name}")
+        fresh.unlink(missing_ok=True)
+        fresh.symlink_to(os.ttyname(slave))
+        fresh.rename(host_link)
+        pass_on(board, host, Edges(life, log), lambda: Mark.of(board_link) == mark)
+        tell(f"board {life} gone")
+    except (OSError, termios.error) as error:
+        tell(f"board {life} gone: {error}")  # in the middle of it
+    finally:
+        host_link.unlink(missing_ok=True)
+        for descriptor in (board, host, slave):
+            os.close(descriptor)
 
 
 if __name__ == "__main__":
