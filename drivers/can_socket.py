@@ -19,6 +19,7 @@ SO_RCVBUFFORCE, SO_TIMESTAMPNS, SO_RXQ_OVFL = 33, 35, 40
 # which needs CAP_NET_ADMIN.
 RECEIVE_BUFFER_BYTES = 4 << 20
 CONTROL_BYTES = socket.CMSG_SPACE(STAMP.size) + socket.CMSG_SPACE(LOST.size)
+FRAMES_LOST = 0x1_0000_0000  # no identifier: stands where frames are missing
 EXTENDED, REMOTE = 0x8000_0000, 0x4000_0000
 
 
@@ -55,6 +56,8 @@ class SocketFrames:
     def read(self, most: int) -> list[tuple[int, bytes, int]]:
         """Identifier, data and instant of at most ``most`` frames that have come.
 
+        Before the first frame after a loss stands one with `FRAMES_LOST`.
+
         Raises:
             OSError: the interface is down or gone.
         """
@@ -82,6 +85,9 @@ class SocketFrames:
                     seconds, nanoseconds = STAMP.unpack_from(value)
                     at_ns = seconds * 10**9 + nanoseconds + to_monotonic_ns
                 elif kind == SO_RXQ_OVFL:
-                    self.dropped = LOST.unpack_from(value)[0]
+                    (dropped,) = LOST.unpack_from(value)
+                    if dropped != self.dropped:
+                        self.dropped = dropped
+                        frames.append((FRAMES_LOST, b"", now_ns))
             frames.append((can_id, content[:length], at_ns))
         return frames

@@ -13,7 +13,8 @@ mapped anew (`drivers/canopen_node.py`), warning bit 5 and the makers' own bits
 import time
 from collections.abc import Callable
 
-from drivers.can_bus import CanBus
+from drivers.can_bus import MOST_AT_ONCE, CanBus
+from drivers.can_socket import FRAMES_LOST
 from drivers.canopen_cycle import Cycles
 from drivers.canopen_options import CanOpenOptions
 from drivers.canopen_sdo import NodeSdo
@@ -28,6 +29,7 @@ from protocol import canopen as wire
 from protocol.canopen_errors import ERROR_FLAG
 
 IDLE_S = 0.05
+MOST_READS = 50  # before a SYNC; a bus brings no more in the time that they take
 COALESCE_S = 0.001  # on a fast stream a read takes what so long brings
 
 
@@ -116,6 +118,7 @@ class CanOpen(Driver):
             [fact.modulus for fact in started.facts],
             [fact.position for fact in started.facts],
             self._crossing.put,
+            late_ns=int(wanted.late_s * 1e9),
         )
         self._train = SyncTrain(bus, wanted.sync, self._fault, self._now_ns)
         for node in wanted.nodes:
@@ -175,6 +178,8 @@ class CanOpen(Driver):
             return
         if train.sent is not None:
             limit_s = min(limit_s, self._send_sync(bus, cycles, train.sent))
+        else:
+            limit_s = min(limit_s, train.rest(cycles.pause_until_ns))
         if train.is_fast:  # waking for each frame costs more than the frame
             pause_s = min(limit_s, COALESCE_S)
             time.sleep(pause_s)
@@ -189,20 +194,31 @@ class CanOpen(Driver):
         now_ns = self._now_ns()
         if now_ns >= schedule.due_ns:
             # What has come until now belongs to the SYNC before.
-            self._take_frames(bus, cycles, 0.0)
+            for _ in range(MOST_READS):
+                if self._take_frames(bus, cycles, 0.0) < MOST_AT_ONCE:
+                    break
+            if now_ns < cycles.wait_until_ns:
+                return (cycles.wait_until_ns - now_ns) * 1e-9
             steps = schedule.take(now_ns)
             bus.send(wire.SYNC, b"")
             now_ns = self._now_ns()
             cycles.sync(now_ns, steps)
         return max(0.0, (schedule.due_ns - now_ns) * 1e-9)
 
-    def _take_frames(self, bus: CanBus, cycles: Cycles | None, limit_s: float) -> None:
-        for can_id, data, time_ns in bus.receive(limit_s):
+    def _take_frames(self, bus: CanBus, cycles: Cycles | None, limit_s: float) -> int:
+        """Read what has come; how many frames it was."""
+        frames = bus.receive(limit_s)
+        for can_id, data, time_ns in frames:
             if cycles is None or not cycles.take(can_id, data):
                 self._dispatch(can_id, data, time_ns)
+        return len(frames)
 
     def _dispatch(self, can_id: int, data: bytes | bytearray, time_ns: int) -> None:
         upkeep = self._upkeep
+        if can_id == FRAMES_LOST:
+            if self._cycles is not None:
+                self._cycles.lose_track()
+            return
         if can_id & ERROR_FLAG:
             self._counters["error_frames"] += 1
             if upkeep is not None:
@@ -254,5 +270,7 @@ class CanOpen(Driver):
             return
         self._stream += 1
         cycles.restart(self._stream)
+        if self._set.sync == "external":  # these SYNCs cannot be held back to be sure
+            cycles.trust((1 << len(self._channels)) - 1)
         self._tell(StreamStarted(self.device, self._stream, rate_hz))
         train.start(rate_hz)

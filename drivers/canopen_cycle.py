@@ -3,9 +3,9 @@
 All nodes latch at a SYNC and answer one after the other, so a set is stamped with the
 instant of its SYNC and never with those of its frames. It is closed when all nodes have
 answered, or by the next SYNC; a node that has not answered is marked `STATUS_MISSING`.
-A node that has missed a SYNC owes an answer, which may still come: until it has, or has
-not come for two more SYNCs, sets are held open until the next SYNC, so that the last of
-its answers counts, and what may be of the wrong SYNC is marked `STATUS_LATE`.
+Sets in which a node owes an answer are held open until the next SYNC, so that the last
+of its answers counts; what may be of another SYNC is marked `STATUS_LATE`, until
+`drivers/canopen_debts.py` finds that it no longer can be.
 """
 
 from collections import Counter
@@ -13,12 +13,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from drivers.values import STATUS_ERROR, STATUS_LATE, STATUS_MISSING, CountSamples
+from drivers.canopen_debts import Debts
+from drivers.values import STATUS_ERROR, STATUS_LATE, CountSamples
 from protocol import canopen as wire
 
 GATHER_NS = 10_000_000  # samples of so long are handed over together
-MOST_OWED = 50
-FORGIVEN_AFTER = 2  # SYNCs that were answered once since: what was owed is lost
+PAUSE_EVERY = 5  # times ``late_ns`` at least: so much of the time SYNCs go on
 
 
 class Cycles:
@@ -30,6 +30,7 @@ class Cycles:
         moduli: by channel, where counts wrap.
         counts: by channel, the last known.
         deliver: takes finished blocks.
+        late_ns: no answer comes later than this after its SYNC.
 
     Attributes:
         status: by channel, what is known of a node besides; set by whoever knows.
@@ -37,6 +38,8 @@ class Cycles:
         missing: by channel, SYNCs that were not answered while others did.
         duplicates: by channel, second answers in one cycle.
         late: answers after the next SYNC.
+        doubtful: by channel, answers that may be of another SYNC.
+        pauses: how often no SYNC was sent until it was clear who answers what.
         strays: answers while no cycle was open, or without a position.
         complete: sets with all answers.
         delivered: samples handed over.
@@ -50,6 +53,8 @@ class Cycles:
         moduli: Sequence[int],
         counts: Sequence[int],
         deliver: Callable[[CountSamples], object],
+        *,
+        late_ns: int,
     ) -> None:
         self._device, self._deliver = device, deliver
         self._channels = {wire.TPDO1 + n: channel for channel, n in enumerate(nodes)}
@@ -62,9 +67,10 @@ class Cycles:
         self._open = False  # a SYNC is out and its set not yet closed
         self._time_ns = 0
         self._answered = self._all
-        self._owing = 0  # bit by channel: who owes
-        self._owed = [0] * len(nodes)
-        self._since = [0] * len(nodes)  # SYNCs answered while it owes
+        self._late_ns = late_ns
+        self._debts = Debts(len(nodes))
+        self._overflowed = False  # frames were lost since the last SYNC
+        self._no_pause_before_ns = 0
         self._seqs: list[int] = []
         self._times_ns: list[int] = []
         self._rows: list[int] = []
@@ -73,14 +79,14 @@ class Cycles:
         self.lost = 0
         self.missing: Counter[int] = Counter()
         self.duplicates: Counter[int] = Counter()
-        self.late = self.strays = self.complete = self.delivered = 0
+        self.doubtful: Counter[int] = Counter()
+        self.late = self.strays = self.complete = self.delivered = self.pauses = 0
         self.seen = 0
 
     def restart(self, stream: int) -> None:
         """Begin a stream; what the old one has gathered is dropped."""
         self._stream, self._seq = stream, -1
         self._open = False
-        self._answered, self._owing = self._all, 0
         self._forget()
 
     def sync(self, time_ns: int, steps: int = 1) -> None:
@@ -91,8 +97,15 @@ class Cycles:
             steps: instants of the schedule since the last one; more than 1 where
                 SYNCs were left out.
         """
+        waited = self.unclear or (self._open and self._all & ~self._answered)
         if self._open:
             self._close()
+        if time_ns - self._time_ns >= self._late_ns and not self._overflowed:
+            self._debts.lapse()
+            if waited:
+                self.pauses += 1
+                self._no_pause_before_ns = time_ns + PAUSE_EVERY * self._late_ns
+        self._overflowed = False
         self._seq += steps
         self.lost += steps - 1
         self._time_ns = time_ns
@@ -104,27 +117,57 @@ class Cycles:
         channel = self._channels.get(can_id)
         if channel is None:
             return False
-        if len(data) < 4 or self._seq < 0:
+        if len(data) < 4:
             self.strays += 1
             return True
         bit = 1 << channel
         self.seen |= bit
-        if self._answered & bit:
-            if not self._owing & bit:
-                self.duplicates[channel] += 1
+        if self._answered & bit or self._seq < 0:
+            if not self._take_second(channel):
                 return True
-            self.late += 1  # what came before answered an earlier SYNC
-            self._owed[channel] -= 1
-            if not self._owed[channel]:
-                self._owing &= ~bit
+        elif self._debts.owing & bit:
+            self.doubtful[channel] += 1
         self._counts[channel] = wire.POSITION.unpack_from(data)[0]
         self._answered |= bit
-        if self._answered == self._all and self._open and not self._owing:
+        if self._answered == self._all and self._open and not self._debts.owing:
             self._close()
         return True
 
+    def lose_track(self) -> None:
+        """Frames were lost before they could be read: nobody knows whose."""
+        self._debts.spoil_all()
+        self._overflowed = True
+
+    def trust(self, channels: int) -> None:
+        """Nodes have been set up anew: what they owed they will not send any more."""
+        self._debts.trust(channels)
+
+    @property
+    def unclear(self) -> int:
+        """Bit by channel: who answers, but cannot be believed without a pause."""
+        return self._debts.unclear(self._answered) if self._seq >= 0 else 0
+
+    @property
+    def pause_until_ns(self) -> int:
+        """Until when no SYNC is to be sent, so that answers are certain again; or 0."""
+        return self._patient_ns if self.unclear else 0
+
+    @property
+    def wait_until_ns(self) -> int:
+        """Until when a SYNC had better wait for who has answered until now; or 0."""
+        late = self._all & ~(self._answered | self._debts.silent)
+        return self._patient_ns if self._open and late else self.pause_until_ns
+
+    @property
+    def _patient_ns(self) -> int:
+        if self._time_ns < self._no_pause_before_ns:
+            return 0
+        return self._time_ns + self._late_ns
+
     def end(self, now_ns: int) -> None:
         """No SYNC comes any more; the set of the last one is dropped."""
+        if self._open:
+            self._debts.close(self._all & ~self._answered)
         self._open = False
         self._seq = -1
         self.flush(now_ns, at_once=True)
@@ -161,7 +204,9 @@ class Cycles:
     def _close(self) -> None:
         self._open = False
         missed = self._all & ~self._answered
-        status = self._judged(missed) if missed | self._owing else self.status
+        status = self._debts.judge(self.status, missed)
+        if missed | self._debts.silent:
+            self._debts.close(missed)
         if not self._answered:
             self.lost += 1
             return
@@ -176,23 +221,19 @@ class Cycles:
             if missed >> channel & 1:
                 self.missing[channel] += 1
 
-    def _judged(self, missed: int) -> bytearray:
-        """The status of a set in which somebody has missed, or owes."""
-        status = bytearray(self.status)
-        for channel in range(len(status)):
-            bit = 1 << channel
-            if missed & bit:
-                status[channel] |= STATUS_MISSING
-                self._owed[channel] = min(self._owed[channel] + 1, MOST_OWED)
-                self._since[channel] = 0
-                self._owing |= bit
-            elif self._owing & bit:
-                status[channel] |= STATUS_LATE
-                self._since[channel] += 1
-                if self._since[channel] >= FORGIVEN_AFTER:
-                    self._owed[channel] = 0
-                    self._owing &= ~bit
-        return status
+    def _take_second(self, channel: int) -> bool:
+        """An answer for which there is no SYNC; whether it stands for the last one."""
+        if self._debts.repay(channel):  # what came before answered an earlier SYNC
+            self.late += 1
+            return self._seq >= 0
+        if self._seq < 0:
+            self.strays += 1
+            return False
+        self.duplicates[channel] += 1
+        self._debts.spoil(1 << channel)
+        if self._seqs and self._seqs[-1] == self._seq:  # not yet handed over
+            self._states[channel - len(self.status)] |= STATUS_LATE
+        return False
 
     def _forget(self) -> None:
         self._seqs.clear()

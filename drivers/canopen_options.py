@@ -24,6 +24,7 @@ class CanOpenOptions(DriverOptions):
     heartbeat_ms: int = Field(default=200, ge=10, le=10_000)
     answer_s: float = Field(default=0.3, ge=0.01, le=5.0)
     answer_tries: int = Field(default=3, ge=1, le=10)
+    late_s: float = Field(default=0.1, ge=0.001, le=5.0)
     status_period_s: float = Field(default=5.0, ge=0.0, le=3600.0)
 
     @field_validator("nodes")

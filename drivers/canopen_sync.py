@@ -6,6 +6,7 @@ external  another master sends them; they are seen on the bus
 """
 
 import contextlib
+import math
 from collections.abc import Callable
 
 from drivers.can_bus import CanBus, PeriodicTask
@@ -103,11 +104,14 @@ class SyncTrain:
         self.sent: HostSync | None = None
         self.seen: SeenSync | None = None
         self.is_fast = False
+        self._rate_hz = 0.0
+        self._rests = False
 
     def start(self, rate_hz: float) -> None:
         """Let SYNCs come at ``rate_hz``, as far as it is ours to say."""
         self.stop()
         self.is_fast = rate_hz > FAST_HZ
+        self._rate_hz = rate_hz
         if self._wanted == "external":
             self.seen = SeenSync(None)
             return
@@ -127,10 +131,29 @@ class SyncTrain:
     def stop(self) -> None:
         """Send no more."""
         self.sent = self.seen = None
-        self.is_fast = False
+        self.is_fast = self._rests = False
         if self._task is not None:
             self._task.stop()
             self._task = None
+
+    def rest(self, until_ns: int) -> float:
+        """Let the kernel send none until then; seconds until it sends again.
+
+        Args:
+            until_ns: in the past, or 0, where it is to go on.
+
+        Raises:
+            DeviceError: it does not begin again.
+        """
+        left_s = (until_ns - self._now_ns()) * 1e-9
+        if self._task is not None and left_s > 0:
+            self._task.stop()
+            self._task = None
+            self._rests = True
+        elif self._rests and left_s <= 0:
+            self._rests = False
+            self._task = self._bus.send_periodically(wire.SYNC, 1.0 / self._rate_hz)
+        return left_s if self._rests else math.inf
 
     def _kernel_starts(self, rate_hz: float) -> bool:
         if self._bus.has_kernel_sync:

@@ -21,12 +21,14 @@ from protocol.canopen_errors import decode_error
 
 LOOK_NS = 50_000_000
 SET_UP_AGAIN_NS = 500_000_000
+UNCLEAR_NS = 500_000_000
 BACK_ON_BUS_NS = 200_000_000
 COUNTED = {
     "delivered": "samples_received",
     "complete": "samples_complete",
     "late": "answers_late",
     "strays": "answers_stray",
+    "pauses": "sync_pauses",
 }
 
 Fault = Callable[[str, str, str, int], None]
@@ -60,6 +62,7 @@ class Upkeep:
     _status_turn: int = 0
     _set_up_due_ns: int = 0
     _bus_off_ns: int = 0
+    _clear_ns: int = 0
     _dropped: int = 0
 
     def observe(self) -> None:
@@ -74,7 +77,7 @@ class Upkeep:
         self._look_due_ns = now_ns + LOOK_NS
         self._note_answers(now_ns)
         self._tell_losses()
-        self._restarted = self.watch.look(now_ns)
+        self._restarted = self.watch.look(now_ns) or self._long_unclear(now_ns)
         for channel in range(len(self.sdos)):
             self.cycles.status[channel] = self.watch.status(channel)
         if self.watch.all_lost(now_ns):
@@ -119,7 +122,17 @@ class Upkeep:
         elif told.active or told.restarted:
             self.conditions.end(None, "bus_passive")
         if told.overflow:
+            self.cycles.lose_track()
             self._tell_overflow(1)
+
+    def _long_unclear(self, now_ns: int) -> list[int]:
+        """Who has to begin anew where SYNCs are another's, which cannot be paused."""
+        unclear = self.cycles.unclear
+        if not unclear or self.wanted.sync != "external":
+            self._clear_ns = now_ns
+        if now_ns - self._clear_ns < UNCLEAR_NS:
+            return []
+        return [channel for channel in range(len(self.sdos)) if unclear >> channel & 1]
 
     def _note_answers(self, now_ns: int) -> None:
         cycles = self.cycles
@@ -146,8 +159,8 @@ class Upkeep:
 
     def _tell_losses(self) -> None:
         cycles = self.cycles
-        for name in ("delivered", "complete", "late", "strays"):
-            self.counters[COUNTED[name]] += getattr(cycles, name)
+        for name, counter in COUNTED.items():
+            self.counters[counter] += getattr(cycles, name)
             setattr(cycles, name, 0)
         lost, cycles.lost = cycles.lost, 0
         if lost:
@@ -171,6 +184,18 @@ class Upkeep:
             for channel, n in cycles.missing.items():
                 self.counters[f"missing_node_{self.facts[channel].node}"] += n
             cycles.missing.clear()
+        if cycles.doubtful:
+            who = ", ".join(
+                f"node {self.facts[channel].node}: {n}"
+                for channel, n in sorted(cycles.doubtful.items())
+            )
+            self.tell_fault(
+                "answers_doubtful",
+                f"answers that may be of another SYNC, flagged late: {who}",
+                "check these encoders and the load of the bus; lower the rate",
+                cycles.doubtful.total(),
+            )
+            cycles.doubtful.clear()
         dropped, self._dropped = self.bus.dropped - self._dropped, self.bus.dropped
         if dropped > 0:
             self._tell_overflow(dropped)
@@ -203,6 +228,8 @@ class Upkeep:
             return  # it stays lost; it is tried again
         self.bus.send(wire.NMT, wire.nmt_command(wire.START, known.node))
         self.watch.set_up(channel, self.now_ns())
+        if self.wanted.sync == "external":
+            self.cycles.trust(1 << channel)
         self._restarted = ()
         self.watch.complaints(channel, found.alarms, found.warnings)
         if forgotten:

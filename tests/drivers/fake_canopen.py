@@ -5,6 +5,7 @@ nothing of the code under test. What they do by themselves: answer questions, ob
 send heartbeats, answer SYNCs where `answers_sync` says so.
 """
 
+import heapq
 import threading
 import time
 from collections.abc import Callable
@@ -38,6 +39,8 @@ class FakeNode:
         refuses: objects that cannot be written.
         mute: it says nothing.
         doubles: it says everything twice.
+        late_s: how long after a SYNC its answer to it goes out.
+        loses: SYNCs that it does not answer, counted from now.
     """
 
     number: int
@@ -48,6 +51,8 @@ class FakeNode:
     refuses: set[tuple[int, int]] = field(default_factory=set)
     mute: bool = False
     doubles: bool = False
+    late_s: float = 0.0
+    loses: int = 0
     objects: dict[tuple[int, int], bytes] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -113,6 +118,7 @@ class FakeNodes:
     Attributes:
         answers_sync: they answer the SYNCs that somebody sends.
         heard: frames that came, identifier and data.
+        synced_ns: when each SYNC was sent to which they count, host's monotonic clock.
         distort: changes what goes out: identifier and data in, frames out.
     """
 
@@ -121,11 +127,13 @@ class FakeNodes:
         self.nodes = {n: FakeNode(n, 1000 + 7 * k) for k, n in enumerate(numbers)}
         self.answers_sync = False
         self.heard: list[tuple[int, bytes]] = []
+        self.synced_ns: list[int] = []
         self.distort: Callable[[int, bytes], list[tuple[int, bytes]]] = lambda i, d: [
             (i, d)
         ]
         self._lock = threading.RLock()
         self._beats_ns: dict[int, int] = {}
+        self._late: list[tuple[float, int, bytes]] = []
         self._plugged = False
         self._thread: threading.Thread | None = None
 
@@ -178,8 +186,18 @@ class FakeNodes:
         with self._lock:
             for node in self.nodes.values():
                 if node.sends_position and not lost:
-                    self.say(node, 0x180 + node.number, u32(node.count))
+                    self._answer_sync(node)
                 node.count += 1
+
+    def _answer_sync(self, node: FakeNode) -> None:
+        position = u32(node.count)
+        if node.loses:
+            node.loses -= 1
+        elif node.late_s:
+            due_s = time.monotonic() + node.late_s
+            heapq.heappush(self._late, (due_s, node.number, position))
+        else:
+            self.say(node, 0x180 + node.number, position)
 
     def say(self, node: FakeNode, can_id: int, data: bytes) -> None:
         if not node.mute:
@@ -200,10 +218,16 @@ class FakeNodes:
             message = self._bus.recv(TURN_S)
             while message is not None:
                 with self._lock:
+                    if message.arbitration_id == 0x080:
+                        ago_s = time.time() - message.timestamp
+                        self.synced_ns.append(time.monotonic_ns() - int(1e9 * ago_s))
                     self._take(message.arbitration_id, bytes(message.data))
                 message = self._bus.recv(0)
             with self._lock:
                 self._beat()
+                while self._late and self._late[0][0] <= time.monotonic():
+                    _, number, position = heapq.heappop(self._late)
+                    self.say(self.nodes[number], 0x180 + number, position)
 
     def _take(self, can_id: int, data: bytes) -> None:
         self.heard.append((can_id, data))
