@@ -4,6 +4,7 @@ import socket
 import ssl
 
 import aiomqtt
+from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.reasoncodes import ReasonCode
 
 from daemon.broker_access import BrokerAddress
@@ -13,6 +14,17 @@ _NO_TLS = "does it speak TLS on this port? Else correct port, or tls, of [broker
 _SIGN = "have certificate_file signed by an authority that the broker knows"
 _NOT_AUTHORISED = (4, 5, 134, 135)
 _BANNED = (138,)
+_END = PacketTypes.DISCONNECT
+# Why a connection that was there has ended; paho says 128 where it was just cut.
+_OF_ENDS = {
+    128: "the connection was cut; the broker has ended, or the network between",
+    137: "the broker is too busy",
+    139: "the broker is shutting down",
+    141: "nothing was heard of the other side for longer than keepalive_s of [broker]",
+    142: "somebody else came with this arm's client id; is there a second daemon of "
+    "this name?",
+    152: "somebody has ended the connection at the broker",
+}
 # Of X.509, as OpenSSL numbers them.
 _NOT_YET_VALID, _EXPIRED, _REVOKED = 9, 10, 23
 _UNKNOWN_ISSUER = (2, 18, 19, 20, 21)
@@ -62,6 +74,8 @@ def _of_code(error: aiomqtt.MqttCodeError, address: BrokerAddress) -> str:
         return f"not authorised: {_of_login(address)}"
     if code in _BANNED:
         return "the broker has banned this client; see its log"
+    if isinstance(error.rc, ReasonCode) and error.rc.packetType == _END:
+        return _OF_ENDS.get(error.rc.value, str(error))
     return str(error)
 
 

@@ -89,6 +89,14 @@ class Mark:
             return None
 
 
+def read(line: int) -> bytes:
+    """What is there; nothing where the other side has just thrown it away."""
+    try:
+        return os.read(line, READ_BYTES)
+    except BlockingIOError:
+        return b""
+
+
 def pass_on(board: int, host: int, edges: Edges, is_board: Callable[[], bool]) -> None:
     """Pass bytes until the board is gone, or what was opened is not the board."""
     poll = select.poll()
@@ -99,12 +107,12 @@ def pass_on(board: int, host: int, edges: Edges, is_board: Callable[[], bool]) -
         if ready.get(board, 0) & (select.POLLHUP | select.POLLERR):
             return
         if ready.get(board, 0) & select.POLLIN:
-            data = os.read(board, READ_BYTES)
+            data = read(board)
             edges.sent(data)
             with contextlib.suppress(BlockingIOError):  # nobody reads: as on a line
                 os.write(host, data)
         if ready.get(host, 0) & select.POLLIN:
-            data = os.read(host, READ_BYTES)
+            data = read(host)
             edges.answered(data)
             with contextlib.suppress(BlockingIOError):
                 os.write(board, data)
