@@ -188,11 +188,13 @@ class Outbox:
     # -- what the thread tells ------------------------------------------------
 
     def _kept(self, numbers: list[int]) -> None:
-        for number in numbers:
-            begun_ns, entry = self._entries.popleft()
-            taken_ns = self._clock.monotonic_ns() - begun_ns
-            self._latencies["point_to_disk"].add(taken_ns)
-            self._feed.kept(held_of(entry, number))
+        now_ns, took = self._clock.monotonic_ns(), self._latencies["point_to_disk"]
+        with self._queue.together():
+            for number in numbers:
+                begun_ns, entry = self._entries.popleft()
+                took.add(now_ns - begun_ns)
+                self._feed.kept(held_of(entry, number))
+        for _ in numbers:  # when they have been written: events may wait, points not
             self._in_flight.keep()
         self._emptied.set()
 

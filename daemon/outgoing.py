@@ -8,8 +8,9 @@ blocks, live, health.
 """
 
 import asyncio
+import contextlib
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from protocol.encoding import Encoding
@@ -29,6 +30,7 @@ class Outgoing:
 
     Attributes:
         sent: called once, after the broker has taken it.
+        refused: called instead where it cannot be sent, by who keeps it for later.
         encoding: of the payload, where it is not as configured now.
         correlation: MQTT 5 correlation data of an answer.
     """
@@ -39,6 +41,7 @@ class Outgoing:
     retain: bool = False
     correlation: bytes | None = None
     sent: Callable[[], None] | None = None
+    refused: Callable[[], None] | None = None
     encoding: Encoding | None = None
 
 
@@ -112,6 +115,17 @@ class OutgoingQueue:
             self.offered()
         return True
 
+    @contextlib.contextmanager
+    def together(self) -> Iterator[None]:
+        """What is offered within the block is looked at when it ends, all at once."""
+        offered, self.offered = self.offered, None
+        try:
+            yield
+        finally:
+            self.offered = offered
+            if offered is not None:
+                offered()
+
     def next(self) -> tuple[str, Outgoing] | None:
         """Take the message to send next, if there is one: now it is on its way."""
         for kind, queue in self._waiting.items():
@@ -138,9 +152,12 @@ class OutgoingQueue:
             self.left()
 
     def drop(self, kind: str, message: Outgoing) -> None:
-        """``message`` cannot be sent: forget it and count that."""
+        """``message`` cannot be sent: forget it; counted, unless it is kept for later."""
         self._forget(kind, message)
-        self.dropped[kind] += 1
+        if message.refused is not None:
+            message.refused()
+        else:
+            self.dropped[kind] += 1
         if self.left is not None:
             self.left()
 

@@ -6,7 +6,8 @@ and small, and is counted when it is dropped. Changes of state, which nothing re
 have some room of their own.
 
 Waking the loop costs more than a sample does. So timed samples wake it at most once
-in `GATHER_NS`; an edge, or anything else, wakes it at once.
+in `GATHER_NS`; an edge, or anything else, wakes it at once, unless it has been woken
+and has not come yet: then it takes all there is.
 """
 
 import asyncio
@@ -51,6 +52,7 @@ class Crossing:
         self._max_others = max_others
         self._now_ns = monotonic_ns
         self._woken_ns = 0
+        self._is_woken = False
         self._lock = threading.Lock()
         self._waiting: deque[Delivery] = deque()
         self._waiting_samples = 0
@@ -105,7 +107,9 @@ class Crossing:
                 self._waiting_others += 1
                 wake = True
             self._waiting.append(delivery)
+            wake = wake and not self._is_woken
             if wake:
+                self._is_woken = True
                 self._woken_ns = self._now_ns()
         if wake:
             try:
@@ -123,6 +127,7 @@ class Crossing:
         self._taken += 1
         with self._lock:
             self._filled.clear()
+            self._is_woken = False
             taken = list(self._waiting)
             self._waiting.clear()
             self._waiting_samples = 0

@@ -1,5 +1,6 @@
 import asyncio
 import threading
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -97,23 +98,38 @@ class Loop:
     def __init__(self) -> None:
         self.woken = 0
 
-    def call_soon_threadsafe(self, callback: object) -> None:
+    def call_soon_threadsafe(self, callback: Callable[[], object]) -> None:
         self.woken += 1
+        callback()
 
 
-def test_samples_wake_the_loop_seldom_and_everything_else_at_once():
+async def test_samples_wake_the_loop_seldom_and_everything_else_at_once():
     loop, clock = Loop(), Clock()
     crossing = Crossing(loop, monotonic_ns=clock)
     crossing.put(samples(1))
     assert loop.woken == 1
+    await crossing.take()
     clock.now_ns += GATHER_NS - 1
     crossing.put(samples(1))
     assert loop.woken == 1  # gathered
     crossing.put(LATCH)
     assert loop.woken == 2
+    await crossing.take()
     clock.now_ns += GATHER_NS
     crossing.put(samples(1))
     assert loop.woken == 3
+
+
+async def test_a_loop_that_has_been_woken_is_not_woken_again_before_it_comes():
+    loop = Loop()
+    crossing = Crossing(loop, monotonic_ns=Clock())
+    given = [LATCH, FAULT, LATCH]
+    for one in given:
+        crossing.put(one)
+    assert loop.woken == 1
+    assert await crossing.take() == given
+    crossing.put(LATCH)
+    assert loop.woken == 2
 
 
 def test_a_closed_loop_does_not_hurt_the_reader():
