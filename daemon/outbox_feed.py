@@ -3,6 +3,9 @@
 A new point goes to the outgoing queue from memory as long as all before it are there.
 Else it stays on the disk, and is read when those before it have gone: memory holds a
 few hundred points, whatever the broker does.
+
+What the broker refuses, by an access list say, is tried again after some minutes, and
+all that came after it only then: a broker that takes nothing is not kept busy.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,18 +19,24 @@ from daemon.outgoing import Outgoing, OutgoingQueue
 from protocol.topics import CHANNELS
 
 TOGETHER = 100
+REFUSED_NS = 120_000_000_000
 
 Told = Callable[[object], None]
 Work = Callable[[OutboxStore], object]
 
 
-def outgoing(message: Held, sent: Callable[[], None] | None = None) -> Outgoing:
+def outgoing(
+    message: Held,
+    sent: Callable[[], None] | None = None,
+    refused: Callable[[], None] | None = None,
+) -> Outgoing:
     """A message of the database as it is handed to the broker."""
     return Outgoing(
         message.topic,
         message.payload,
         qos=CHANNELS["point"].qos,
         sent=sent,
+        refused=refused,
         encoding=message.encoding,
     )
 
@@ -69,6 +78,8 @@ class OutboxFeed:
         self._last_number = 0  # of those that are, or were, in the queue
         self.is_behind = True  # at the start: an earlier run may have left some
         self._is_reading = False
+        self._refused: int | None = None  # the first of them
+        self._resumes_ns = 0
 
     def kept(self, message: Held) -> None:
         """A new message is on the disk."""
@@ -86,6 +97,7 @@ class OutboxFeed:
             not self.is_behind
             or self._is_reading
             or self._queue.waiting(self._kind) > self._together
+            or not self._may_resume()
         ):
             return
         self._is_reading = True
@@ -95,8 +107,20 @@ class OutboxFeed:
             self._read,
         )
 
+    def _may_resume(self) -> bool:
+        """Nothing was refused, or that is long ago: then it is read once more."""
+        if self._refused is None:
+            return True
+        is_due = self._clock.monotonic_ns() >= self._resumes_ns
+        if not is_due or self._queue.waiting(self._kind):
+            return False
+        self._last_number, self._refused = self._refused - 1, None
+        return True
+
     def _read(self, found: object) -> None:
         self._is_reading = False
+        if self._refused is not None:
+            return  # meanwhile; it is read again when that is tried again
         if not isinstance(found, Sequence):
             return  # it cannot be read now; somebody calls `refill` again
         # What was kept after this was read is told after it: nothing is missed.
@@ -113,7 +137,13 @@ class OutboxFeed:
             self._latency.add(self._clock.monotonic_ns() - begun_ns)
             self._mark(number)
 
-        there = self._queue.offer(self._kind, outgoing(message, sent))
+        def refused() -> None:
+            self.is_behind = True
+            first = number if self._refused is None else self._refused
+            self._refused = min(first, number)
+            self._resumes_ns = self._clock.monotonic_ns() + REFUSED_NS
+
+        there = self._queue.offer(self._kind, outgoing(message, sent, refused))
         if there:
             self._last_number = number
         return there

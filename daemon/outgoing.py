@@ -30,7 +30,8 @@ class Outgoing:
 
     Attributes:
         sent: called once, after the broker has taken it.
-        refused: called instead where it cannot be sent, by who keeps it for later.
+        refused: called instead where the broker does not want it; who keeps it tries
+            again later.
         encoding: of the payload, where it is not as configured now.
         correlation: MQTT 5 correlation data of an answer.
     """
@@ -152,12 +153,17 @@ class OutgoingQueue:
             self.left()
 
     def drop(self, kind: str, message: Outgoing) -> None:
-        """``message`` cannot be sent: forget it; counted, unless it is kept for later."""
+        """``message`` cannot be sent: forget it and count that."""
+        self._forget(kind, message)
+        self.dropped[kind] += 1
+        if self.left is not None:
+            self.left()
+
+    def put_off(self, kind: str, message: Outgoing) -> None:
+        """``message`` comes again later, by who keeps it: forget it here."""
         self._forget(kind, message)
         if message.refused is not None:
             message.refused()
-        else:
-            self.dropped[kind] += 1
         if self.left is not None:
             self.left()
 

@@ -133,6 +133,9 @@ class Sending:
             if not self._was_refused:
                 self._was_refused = True
                 self._changed(False, text)
+        elif message.refused is not None:
+            log.warning("%s; tried again later", text)
+            self._queue.put_off(kind, message)
         else:
             log.warning("%s; dropped", text)
             self._queue.drop(kind, message)

@@ -10,7 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from daemon.latencies import Latencies
-from daemon.outbox_feed import TOGETHER, OutboxFeed, outgoing
+from daemon.outbox_feed import REFUSED_NS, TOGETHER, OutboxFeed, outgoing
 from daemon.outbox_marks import OutboxMarks
 from daemon.outbox_store import OutboxStore
 from daemon.outbox_values import Held, held_of
@@ -33,8 +33,9 @@ class Steps:
         self.marks = OutboxMarks(
             lambda ranges, told: self.ask(lambda store: self.mark(ranges), told)
         )
+        self.clock = SetClock()
         self.feed = OutboxFeed(
-            self.queue, self.ask, self.marks.add, SetClock(), Latencies()
+            self.queue, self.ask, self.marks.add, self.clock, Latencies()
         )
         self.queue.left = self.feed.refill
         self.sent, self.on_the_way = [], deque()
@@ -81,6 +82,14 @@ class Steps:
             self.sent.append(int(message.payload.split()[1]))
             self.queue.done(kind, message)
 
+    def refuse(self, n):
+        for _ in range(min(n, len(self.on_the_way))):
+            self.queue.put_off(*self.on_the_way.popleft())
+
+    def turn(self):
+        for step in (self.keep_house, self.thread, self.loop, self.write):
+            step(2000)
+
     def break_off(self, n):
         self.on_the_way.clear()
         self.queue.take_back()
@@ -123,6 +132,38 @@ def test_every_point_is_sent_in_order_and_marked(tmp_path_factory, plan):
     steps.finish()
     assert steps.sent == [*range(steps.taken)]
     assert all(sent for _, _, sent in rows(path))
+    steps.store.close()
+
+
+def test_what_the_broker_refuses_comes_again_after_two_minutes_and_not_before(
+    tmp_path,
+):
+    steps = Steps(tmp_path / "outbox.db")
+    steps.take(5)
+    steps.turn()
+    steps.turn()
+    steps.acknowledge(2)
+    steps.refuse(3)
+    steps.take(2)  # they wait with those
+
+    for _ in range(3):
+        steps.turn()
+    assert (steps.sent, list(steps.on_the_way)) == ([0, 1], [])
+
+    steps.clock.now_ns += REFUSED_NS
+    for _ in range(3):
+        steps.turn()
+    steps.acknowledge(1)
+    steps.refuse(4)  # some of them once more
+
+    steps.clock.now_ns += REFUSED_NS
+    for _ in range(3):
+        steps.turn()
+    steps.acknowledge(99)
+    steps.turn()
+    steps.turn()
+    assert steps.sent == [*range(7)]
+    assert all(sent for _, _, sent in rows(steps.path))
     steps.store.close()
 
 

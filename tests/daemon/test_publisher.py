@@ -271,6 +271,9 @@ async def test_a_point_that_the_broker_refuses_is_kept_and_told(make_mosquitto):
     broker.allow_writing(STATUS)
     broker.start()
     async with Bench(address(broker)).running() as bench:
+        put_off = []
+        block = Outgoing("not/mine", b"", 1, refused=lambda: put_off.append("block"))
+        bench.queue.offer("spooled", block)
         bench.queue.offer("reply", Outgoing("not/mine", b"", qos=1))
         bench.point("0")
         await until(lambda: len(bench.changes) == 2, "the refusal")
@@ -280,6 +283,11 @@ async def test_a_point_that_the_broker_refuses_is_kept_and_told(make_mosquitto):
         assert bench.queue.waiting("point") == 1
         assert bench.queue.sent["point"] == 0
         assert bench.queue.dropped["reply"] == 1
+        await until(lambda: put_off, "the block's refusal")
+        assert (bench.queue.waiting("spooled"), bench.queue.dropped["spooled"]) == (
+            0,
+            0,
+        )
         broker.stop()
         broker.allow_writing("#")
         broker.start()
