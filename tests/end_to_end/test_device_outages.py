@@ -68,7 +68,7 @@ async def test_a_killed_board_leaves_the_right_gap_and_comes_back(
 
 
 async def test_a_board_that_is_unplugged_for_a_while_goes_on(bench: Workbench) -> None:
-    gone = '[[fault]]\nkind = "gone"\nat_s = 1.6\nduration_s = 1.2'
+    gone = '[[fault]]\nkind = "gone"\nat_s = 3.0\nduration_s = 1.2'
     bench.write_simulator(REST, faults=gone)
     bench.write_daemon()
     async with measuring(bench) as (listener, _, _):
