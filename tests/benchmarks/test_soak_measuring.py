@@ -1,12 +1,8 @@
 """The crash test judges itself: a daemon that was down has shown nothing."""
 
-import os
-from pathlib import Path
-
 import pytest
 
 from benchmarks.soak.measuring import Work, measuring_s
-from benchmarks.soak.tap import Mark
 
 
 def work(*, measuring_s=80.0, starts=10, sessions=9):
@@ -56,19 +52,3 @@ def test_time_of_measuring_is_that_of_acknowledgements_without_pauses(
     times_s, expected_s
 ):
     assert measuring_s(times_s, 10.0, 100.0) == pytest.approx(expected_s)
-
-
-def test_link_of_another_board_has_another_mark_though_it_leads_to_the_same(
-    tmp_path: Path,
-):
-    link = tmp_path / "board.pty"
-    assert Mark.of(link) is None
-    link.symlink_to("/dev/pts/999")
-    first = Mark.of(link)
-    assert first is not None
-    assert first.target == "/dev/pts/999"
-    assert Mark.of(link) == first
-
-    os.utime(link, ns=(1, 1), follow_symlinks=False)
-
-    assert Mark.of(link) != first
