@@ -80,19 +80,7 @@ class EventLog:
         With ``distinct`` every one is told by itself, as for buttons, unless there are
         too many; the other arguments are those of the message.
         """
-        now_ns = self._clock.monotonic_ns()
-        occurrence = Occurrence(
-            severity,
-            code,
-            text,
-            remedy,
-            source,
-            None,
-            now_ns,
-            now_ns,
-            count,
-            data or {},
-        )
+        now_ns = first_ns = self._clock.monotonic_ns()
         key = (code, source)
         if distinct:
             is_told = self._is_one_of_few(
@@ -102,12 +90,22 @@ class EventLog:
                 self._tell(key, held)
         else:
             is_told = now_ns - self._told_ns.get(key, now_ns - QUIET_NS) >= QUIET_NS
+        if not is_told and (held := self._held.get(key)) is not None:
+            first_ns, count = held.first_ns, held.count + count
+        occurrence = Occurrence(
+            severity,
+            code,
+            text,
+            remedy,
+            source,
+            None,
+            first_ns,
+            now_ns,
+            count,
+            data or {},
+        )
         if is_told:
             self._tell(key, occurrence)
-        elif (held := self._held.get(key)) is not None:
-            self._held[key] = replace(
-                occurrence, first_ns=held.first_ns, count=held.count + count
-            )
         else:
             self._held[key] = occurrence
 

@@ -81,6 +81,7 @@ class Pipeline:
 
     def _take_over(self, model: ArmModel) -> None:
         self.model = model
+        self._per_count_rad = model.per_count_rad
         self._covariates = Covariates(model, self._clock)
 
     @property
@@ -156,12 +157,12 @@ class Pipeline:
         self, latched: JointCounts, temperature_c: float | None = None
     ) -> LatchedPose:
         """Pose at one instant; its turns are those nearest to the last timed sample."""
-        model = self.model
         counts = self._unwrapper.near(latched.counts)
-        angles_rad = counts_to_angles(model.encoders, counts[np.newaxis])[0]
+        angles_rad = counts * self._per_count_rad  # as `counts_to_angles`
         if latched.fractions is not None:
-            angles_rad += latched.fractions * model.per_count_rad
-        quality = _quality(latched.status[np.newaxis])
+            angles_rad += latched.fractions * self._per_count_rad
+        status = int(np.bitwise_or.reduce(latched.status))
+        quality = QUALITY_OF_STATUS[status : status + 1]
         block, quality = self._covariates.latched(
             latched.sample_time_ns, angles_rad, temperature_c, quality
         )

@@ -60,7 +60,8 @@ class PointMaking:
         time_ns = seen.pose.sample_time_ns
         if not self.tip.wants_path or self._stage.path.reaches(time_ns):
             before_mm = self.tip.before(time_ns, seen.pose.xyz_mm)
-            request.seen = replace(seen, before_mm=before_mm)
+            if before_mm is not seen.before_mm:
+                request.seen = replace(seen, before_mm=before_mm)
             request.is_looked_at = True
 
     def begin_average(self, request: Request, average: Average | None = None) -> None:

@@ -117,19 +117,19 @@ class Tip:
         self.air_mm = None
         towards = towards_material(method, pose.xyz_mm, pose.ijk, other_mm)
         model = measured.model
-        block = replace(pose.block, directions=towards[np.newaxis])
-        xyz_mm = pose.xyz_mm
-        quality = pose.quality
         # Along the shank is a habit, not a measured direction: no effect rests on it.
         if model.effects.contacts and method != "shank":
-            xyz_mm = xyz_mm + contact_shifts(model.geometry, model.effects, block)[0]
-            quality &= ~UNKNOWN
+            block = replace(pose.block, directions=towards[np.newaxis])
+            shift_mm = contact_shifts(model.geometry, model.effects, block)[0]
             is_unknown = pose_flags(model.effects, block).surface_unknown[0]
-            quality |= UNKNOWN * int(is_unknown)
+            quality = (pose.quality & ~UNKNOWN) | UNKNOWN * int(is_unknown)
+            pose = replace(
+                pose, xyz_mm=pose.xyz_mm + shift_mm, quality=quality, block=block
+            )
         return replace(
             measured,
-            pose=replace(pose, xyz_mm=xyz_mm, quality=quality, block=block),
-            surface_mm=surface_point(xyz_mm, towards, model.probe_radius_mm),
+            pose=pose,
+            surface_mm=surface_point(pose.xyz_mm, towards, model.probe_radius_mm),
             compensation=method,
         )
 

@@ -18,7 +18,7 @@ KEPT_NS = 3_000_000_000
 SLOW_NS = 30_000_000  # over which it is told whether the ball rests
 SPEED_NS = 5_000_000  # over less the encoders' noise would be more than the speed
 GAP_NS = 250_000_000  # the slowest stream has a sample every 100 ms
-NOT_THERE = QualityFlag.ENCODER_ERROR | QualityFlag.INCOMPLETE
+NOT_THERE = (QualityFlag.ENCODER_ERROR | QualityFlag.INCOMPLETE).value
 """Of samples that do not tell where the ball was."""
 
 
@@ -132,7 +132,10 @@ class TipPath:
 
 def _last_until(block: PoseBlock, time_ns: int) -> int:
     """The row of the last sample until a time; -1 where there is none."""
-    return int(np.searchsorted(block.sample_time_ns, time_ns, side="right")) - 1
+    times_ns = block.sample_time_ns
+    if times_ns[-1] <= time_ns:  # mostly: it is of now
+        return len(times_ns) - 1
+    return int(times_ns.searchsorted(time_ns, side="right")) - 1
 
 
 def _away(block: PoseBlock, from_mm: Floats, distance_mm: float) -> NDArray[np.bool_]:

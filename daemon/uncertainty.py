@@ -49,31 +49,42 @@ class Uncertainty:
 
     def __init__(self, settings: UncertaintySection) -> None:
         self._settings = settings
+        self._usual: tuple[ArmModel, PointNoise] | None = None
 
     def covariance(self, model: ArmModel, reading: Reading) -> Covariance | None:
         """xx, xy, xz, yy, yz, zz in mm^2; None where the speed is not known."""
         if reading.speeds_rad_s is None:
             return None
-        settings = self._settings
-        per_count_rad = np.abs(model.per_count_rad)
-        variances = np.full(len(per_count_rad), settings.encoder_rad**2)
-        if reading.doubts_counts is not None:
-            doubts_rad = reading.doubts_counts * per_count_rad[:, np.newaxis]
-            variances += doubts_rad[:, 0] ** 2 + doubts_rad[:, 1] ** 2 / 3.0
-        noise = PointNoise(
-            np.sqrt(variances),
-            per_count_rad,
-            settings.contact_mm,
-            float(np.hypot(settings.trigger_s, reading.jitter_ns * 1e-9 / np.sqrt(3))),
-        )
         (found,) = point_covariances(
             model.geometry,
             model.effects,
             reading.block,
-            noise,
+            self._noise(model, reading),
             model.covariance,
             speeds_rad_s=reading.speeds_rad_s[np.newaxis],
             samples=reading.samples,
         )
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = found.tolist()
         return xx, xy, xz, yy, yz, zz
+
+    def _noise(self, model: ArmModel, reading: Reading) -> PointNoise:
+        """That of a reading; of all that are latched it is the same."""
+        if reading.doubts_counts is not None or reading.jitter_ns:
+            return self._made(model, reading)
+        if self._usual is None or self._usual[0] is not model:
+            self._usual = model, self._made(model, reading)
+        return self._usual[1]
+
+    def _made(self, model: ArmModel, reading: Reading) -> PointNoise:
+        settings = self._settings
+        per_count_rad = np.abs(model.per_count_rad)
+        variances = np.full(len(per_count_rad), settings.encoder_rad**2)
+        if reading.doubts_counts is not None:
+            doubts_rad = reading.doubts_counts * per_count_rad[:, np.newaxis]
+            variances += doubts_rad[:, 0] ** 2 + doubts_rad[:, 1] ** 2 / 3.0
+        return PointNoise(
+            np.sqrt(variances),
+            per_count_rad,
+            settings.contact_mm,
+            float(np.hypot(settings.trigger_s, reading.jitter_ns * 1e-9 / np.sqrt(3))),
+        )

@@ -21,6 +21,7 @@ then holds more than that.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,7 +92,7 @@ def point_covariances(
     by_angles = known.by_angles
     np.multiply(
         by_angles,
-        np.sqrt(reading_variances(noise, samples)),
+        _reading_stds(noise, samples),
         out=factor[:, :, :n_joints],
     )
     if arm is not None and by_parameters is not None:
@@ -103,6 +104,11 @@ def point_covariances(
         factor[:, component, component - 3] = noise.contact_mm
     covariances: Floats = factor @ factor.transpose(0, 2, 1)
     return covariances
+
+
+@lru_cache(maxsize=8)  # noise is never changed, and that of most points is the same
+def _reading_stds(noise: PointNoise, samples: int) -> Floats:
+    return np.sqrt(reading_variances(noise, samples))
 
 
 def reading_variances(noise: PointNoise, samples: int = 1) -> Floats:
