@@ -24,17 +24,25 @@ class EdgeOrder:
         self._next = expected
         self._delivered: int | None = None
         self._acknowledged: int | None = None
+        self._told: int | None = None
         self._early_since_ns: int | None = None
-
-    @property
-    def last_acknowledged(self) -> int | None:
-        """The number to repeat when the board asks again."""
-        return self._acknowledged
 
     @property
     def are_open(self) -> bool:
         """Whether the consumer has edges that it has not yet dealt with."""
         return self._delivered is not None and self._delivered != self._acknowledged
+
+    @property
+    def owes(self) -> bool:
+        """Whether the board waits for an acknowledgement, or soon will."""
+        return self.are_open or self._acknowledged != self._told
+
+    def to_tell(self) -> int | None:
+        """What to acknowledge to the board now; None where it knows all there is."""
+        if self._acknowledged == self._told:
+            return None
+        self._told = self._acknowledged
+        return self._told
 
     def expect(self, seq: int) -> None:
         """The board says with which edge to begin; believed only at the beginning."""
@@ -47,15 +55,17 @@ class EdgeOrder:
         Returns:
             "next": deliver it, then call `delivered`. "early": an earlier one is,
             or may be, missing: wait for it. "waiting": delivered, not yet acknowledged.
-            "acknowledged": acknowledge again, the board did not hear.
+            "acknowledged": the board did not hear, `to_tell` will say it again.
         """
         if self._next is None:
             return "early", 0  # an earlier one may be waiting: the heartbeat will tell
         ahead = _signed(seq - self._next)
         if ahead < 0:
             done = self._acknowledged
-            known = done is not None and _signed(seq - done) <= 0
-            return ("acknowledged" if known else "waiting"), 0
+            if done is None or _signed(seq - done) > 0:
+                return "waiting", 0
+            self._told = None  # the board did not hear: say it again
+            return "acknowledged", 0
         if ahead == 0:
             return "next", 0
         if self._early_since_ns is None:

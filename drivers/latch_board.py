@@ -2,28 +2,22 @@
 
 import time
 from collections import deque
-from collections.abc import Callable, Sized
-
-import numpy as np
-from pydantic import Field
+from collections.abc import Callable
 
 from drivers.board_hello import alarm_of, check_hello, identity_of
 from drivers.board_line import Answer, BoardLine
+from drivers.board_reports import BoardReports
+from drivers.board_session import BoardSession
 from drivers.crossing import Crossing
 from drivers.driver import Driver
 from drivers.edge_order import EdgeOrder
-from drivers.options import DriverOptions
+from drivers.latch_board_options import LatchBoardOptions
 from drivers.serial_port import SerialPort
-from drivers.stream_sequence import StreamSequence
-from drivers.tick_clock import TickClock
 from drivers.values import (
-    STATUS_WARNING,
-    CountSamples,
     DeviceError,
     DeviceRefusedError,
     DeviceTemperatures,
     DeviceUp,
-    LatchedCounts,
     StreamStarted,
 )
 from protocol import latch_board as wire
@@ -42,21 +36,6 @@ OVERDUE_NS = 20_000_000
 FAST_STREAM_HZ = 400.0
 GATHER_S = 0.005
 GATHER_BYTES = 1000
-
-# The maker's own bits of a status byte warn of something; what, nobody else knows.
-_MAKERS = 0xF0
-_STATUS = np.array(
-    [s & ~_MAKERS | (STATUS_WARNING if s & _MAKERS else 0) for s in range(256)],
-    dtype=np.uint8,
-)
-
-
-class LatchBoardOptions(DriverOptions):
-    """What the table of a latch board may say."""
-
-    port: str = Field(min_length=1)
-    baud_rate: int = Field(default=1_000_000, ge=9600, le=12_000_000)
-    debounce_us: int = Field(default=5000, ge=0, le=1_000_000)
 
 
 class LatchBoard(Driver):
@@ -97,15 +76,11 @@ class LatchBoard(Driver):
         self._port: SerialPort | None = None
         self._line: BoardLine | None = None
         self._boot_id: int | None = None
-        self._n_channels: int | None = None  # until HELLO has told
-        self._acknowledged: int | None = None
+        self._session: BoardSession | None = None  # until the board is known
         self._acknowledged_ns = 0
         self._frames_before = 0
         self._streams_begun = 0
         self._stream = 0
-        self._stream_request = 0
-        self._sequence = StreamSequence()
-        self._clock = TickClock(1_000_000)
 
     def request_stream(self, rate_hz: float) -> None:
         """Stream timed samples at ``rate_hz`` from now on; 0 stops the stream."""
@@ -141,8 +116,6 @@ class LatchBoard(Driver):
         )
         line.begin()
         first = self._boot_id is None
-        self._n_channels = None
-        self._stream_request = 0
         flags = wire.FORGET_EDGES if first else 0
         hello = line.ask("HELLO", lambda number: wire.hello_request(number, flags))
         if not isinstance(hello, wire.Hello):
@@ -150,7 +123,6 @@ class LatchBoard(Driver):
         check_hello(hello, self._path)
         restarted = not first and hello.boot_id != self._boot_id
         self._latches.clear()  # whoever waited for them has given up
-        self._clock = TickClock(hello.tick_rate_hz)
         heartbeat_ms = HEARTBEAT_MS if hello.channels else EDGES_HEARTBEAT_MS
         line.ask(
             "CONFIGURE",
@@ -161,39 +133,43 @@ class LatchBoard(Driver):
         self._tell(DeviceUp(self.device, identity_of(hello), restarted))
         # Not earlier: if CONFIGURE fails, the next try has to tell of the restart.
         if restarted:
-            self._edges, self._acknowledged = EdgeOrder(0), None
+            self._edges = EdgeOrder(0)
         self._boot_id = hello.boot_id
-        self._n_channels = len(hello.channels)  # from now on edges are taken
+        reports = BoardReports(
+            self.device,
+            len(hello.channels),
+            self._crossing.put,
+            self._fault,
+            self._counters,
+        )
+        self._session = BoardSession(  # from now on edges are taken
+            self._path, hello.tick_rate_hz, self._edges, reports
+        )
         self._streams_begun = 0  # what was wanted is to be asked for again
 
     def _serve(self) -> None:
-        line, broken = self._line, 0
-        while line is not None and not self._stopping:
-            self._carry_out_requests(line)
-            if not line.wait(QUIET_S if self._owes_acknowledgement else 0.1):
+        line, session, broken = self._line, self._session, 0
+        while line is not None and session is not None and not self._stopping:
+            self._carry_out_requests(line, session)
+            if not line.wait(QUIET_S if self._edges.owes else 0.1):
                 self._acknowledge(line)
             else:
-                line.read(self._gather_s())
+                line.read(self._gather_s(session.n_channels))
                 self._report_broken(line.broken - broken)
                 broken = line.broken
             self._counters["frames_received"] = self._frames_before + line.accepted
             self._report_counters()
             line.check_alive()
 
-    @property
-    def _owes_acknowledgement(self) -> bool:
-        """Whether an edge has been delivered of which the board does not know it."""
-        edges = self._edges
-        return edges.are_open or edges.last_acknowledged != self._acknowledged
-
-    def _gather_s(self) -> float:
+    def _gather_s(self, n_channels: int) -> float:
         """How long to let samples come together."""
         if self._rate_hz <= FAST_STREAM_HZ:
             return 0.0
-        bytes_s = self._rate_hz * wire.sample_frame_bytes(self._n_channels or 0)
+        bytes_s = self._rate_hz * wire.sample_frame_bytes(n_channels)
         return min(GATHER_S, GATHER_BYTES / bytes_s)
 
     def _disconnect(self) -> None:
+        self._session = None
         if self._line is not None:
             self._counters["requests_repeated"] += self._line.repeated
             self._frames_before += self._line.accepted
@@ -202,7 +178,7 @@ class LatchBoard(Driver):
             self._port.close()
             self._port = None
 
-    def _carry_out_requests(self, line: BoardLine) -> None:
+    def _carry_out_requests(self, line: BoardLine, session: BoardSession) -> None:
         if self._now_ns() - self._acknowledged_ns > OVERDUE_NS:
             self._acknowledge(line)
         while self._latches:
@@ -210,12 +186,12 @@ class LatchBoard(Driver):
             # answer to an earlier try is not a second latch.
             answer = self._ask_or_fault(line, "LATCH", wire.latch_request)
             token = self._latches.popleft()
-            if isinstance(answer, wire.Latched) and self._fits(answer.counts):
-                self._deliver(answer, None, token, line.heard_ns)
+            if isinstance(answer, wire.Latched):
+                session.latches.take_answer(answer, token, line.heard_ns)
         if self._streams_begun != (wanted := self._streams_wanted):
             self._streams_begun = wanted
             rate = round(self._rate_hz * 1000)
-            self._stream_request = 0
+            session.samples.end()
             if rate:
                 self._ask_or_fault(
                     line, "START", lambda number: wire.start_request(number, rate)
@@ -226,10 +202,8 @@ class LatchBoard(Driver):
     def _acknowledge(self, line: BoardLine) -> None:
         """Tell the board of the edges that have been dealt with, if there are any."""
         self._acknowledged_ns = self._now_ns()
-        if (done := self._edges.last_acknowledged) != self._acknowledged:
-            self._acknowledged = done
-            if done is not None:
-                line.send(wire.edge_ack(done))
+        if (done := self._edges.to_tell()) is not None:
+            line.send(wire.edge_ack(done))
 
     def _ask_or_fault(
         self, line: BoardLine, name: str, frame: Callable[[int], bytes]
@@ -241,137 +215,25 @@ class LatchBoard(Driver):
             self._fault("request_refused", str(error), error.remedy)
             return None
 
-    def _fits(self, counts: Sized) -> bool:
-        """Whether a latch has the channels that HELLO told; else it is counted."""
-        if len(counts) == self._n_channels:
-            return True
-        self._fault(
-            "channels_changed",
-            f"{len(counts)} channels in a frame of a board with {self._n_channels}",
-            "update the board's firmware",
-        )
-        return False
-
     def _dispatch(self, message: wire.Message, received_ns: int) -> None:
+        session = self._session  # until HELLO it may be of another board
         match message:
-            case wire.Edge() | wire.Heartbeat() if self._n_channels is None:
-                pass  # it may be of another board; both come again after HELLO
-            case wire.SampleBlock():
-                self._take_samples(message, received_ns)
-            case wire.Edge():
-                self._take_edge(message, received_ns)
-            case wire.Reply(request_type=wire.START, result=0):
+            case wire.Reply(request_type=wire.START, result=0) if session is not None:
                 # Its samples may stand in the same read: be ready for them now.
                 self._stream += 1
-                self._stream_request = message.request
-                self._sequence = StreamSequence()
+                session.samples.begin(self._stream, message.request)
                 rate_hz = message.value / 1000
                 self._tell(StreamStarted(self.device, self._stream, rate_hz))
-            case wire.Heartbeat():
-                self._take_heartbeat(message, received_ns)
             case wire.Temperatures():
                 self._crossing.put(DeviceTemperatures(self.device, message.values_c))
             case wire.Alarm():
                 self._crossing.put(alarm_of(self.device, message))
+            case _ if session is not None:
+                session.take(message, received_ns)
+            case wire.SampleBlock():
+                self._counters["samples_of_old_stream"] += len(message.seq)
             case _:
-                pass  # answers are the line's business
-
-    def _take_samples(self, block: wire.SampleBlock, received_ns: int) -> None:
-        if block.request != self._stream_request:
-            self._counters["samples_of_old_stream"] += len(block.seq)
-            return
-        if not self._fits(block.counts[0]):
-            return
-        seq, kept, lost, dropped = self._sequence.accept(block.seq)
-        self._counters["samples_repeated"] += dropped
-        self._report_lost(lost)
-        if not len(seq):
-            return
-        rows = slice(None) if kept is None else kept
-        ticks = self._clock.unwrap(block.ticks[rows])
-        self._clock.update(int(ticks[-1]), received_ns)
-        self._counters["samples_received"] += len(seq)
-        self._crossing.put(
-            CountSamples(
-                self.device,
-                self._stream,
-                seq,
-                ticks,
-                received_ns,
-                # A new smallest delay moves the clock gradually; none is below zero.
-                np.minimum(self._clock.to_ns_array(ticks), received_ns),
-                block.inputs[rows],
-                block.counts[rows],
-                _STATUS[block.status[rows]],
-            )
-        )
-
-    def _take_edge(self, edge: wire.Edge, received_ns: int) -> None:
-        if not self._clock.running or not self._fits(edge.counts):
-            return  # the board sends it again; until then it has no time
-        verdict, lost = self._edges.judge(edge.seq, received_ns)
-        if lost:
-            self._fault(
-                "edges_lost",
-                f"{lost} button or probe edges were lost on the board",
-                "repeat the last points",
-                lost,
-            )
-        if verdict == "acknowledged":
-            self._acknowledged = None  # the board did not hear: say it again
-        elif verdict == "next":
-            # Noted before it is handed over: its acknowledgement may come at once.
-            self._edges.delivered(edge.seq)
-            if self._deliver(edge, edge.input, edge.seq, received_ns):
-                self._counters["edges_received"] += 1
-            else:
-                self._edges.refused(edge.seq)
-
-    def _deliver(
-        self,
-        latch: wire.Edge | wire.Latched,
-        number: int | None,
-        token: int,
-        received_ns: int,
-    ) -> bool:
-        ticks = self._clock.unwrap_one(latch.ticks)
-        self._clock.update(ticks, received_ns)
-        return self._crossing.put(
-            LatchedCounts(
-                self.device,
-                number,
-                isinstance(latch, wire.Latched) or latch.level != 0,
-                token,
-                ticks,
-                received_ns,
-                min(self._clock.to_ns(ticks), received_ns),
-                latch.counts,
-                tuple(_STATUS[list(latch.status)].tolist()),
-            )
-        )
-
-    def _take_heartbeat(self, heartbeat: wire.Heartbeat, received_ns: int) -> None:
-        if self._stream_request and not heartbeat.streaming:
-            raise DeviceError(
-                f"the board on {self._path} has stopped its stream by itself",
-                "check its power: it has probably been restarted",
-            )
-        if self._stream_request:
-            self._report_lost(self._sequence.reach(heartbeat.next_sample_seq))
-        self._clock.update(self._clock.unwrap_one(heartbeat.ticks), received_ns)
-        self._edges.expect(heartbeat.next_edge_seq - heartbeat.edges_back)
-        self._counters["board_tx_dropped"] = heartbeat.tx_dropped
-        self._counters["board_rx_rejected"] = heartbeat.rx_rejected
-        self._counters["clock_steps"] = self._clock.steps
-
-    def _report_lost(self, lost: int) -> None:
-        if lost:
-            self._fault(
-                "samples_lost",
-                f"{lost} samples lost between board and host",
-                "lower the rate, or use a faster line",
-                lost,
-            )
+                pass  # edges and heartbeats come again after HELLO
 
     def _report_broken(self, broken: int) -> None:
         if broken:

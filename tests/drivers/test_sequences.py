@@ -109,7 +109,7 @@ def test_nothing_is_taken_before_the_board_says_with_which_edge_to_begin():
 def test_an_acknowledgement_from_before_a_restart_is_ignored():
     edges = EdgeOrder(0)
     edges.acknowledge(40)  # of the board's former life
-    assert edges.last_acknowledged is None
+    assert edges.to_tell() is None
     assert edges.judge(0, 0) == ("next", 0)
 
 
@@ -136,3 +136,15 @@ def test_edges_are_open_until_the_consumer_has_dealt_with_the_last():
     edges.delivered(1)
     edges.refused(1)
     assert not edges.are_open
+
+
+def test_the_board_is_told_once_what_is_dealt_with_and_again_when_it_did_not_hear():
+    edges = EdgeOrder(7)
+    assert (edges.owes, edges.to_tell()) == (False, None)
+    edges.delivered(7)
+    assert (edges.owes, edges.to_tell()) == (True, None)
+    edges.acknowledge(7)
+    assert (edges.owes, edges.to_tell()) == (True, 7)
+    assert (edges.owes, edges.to_tell()) == (False, None)
+    assert edges.judge(7, 0) == ("acknowledged", 0)
+    assert (edges.owes, edges.to_tell()) == (True, 7)
