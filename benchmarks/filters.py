@@ -17,6 +17,7 @@ import numpy as np
 
 from benchmarks import rig
 from benchmarks.stream import ARM, order_scan
+from clients.address import BrokerAddress
 from clients.subscription import connection, received, subscribe
 from daemon.filters import filter_chain, filter_of
 from kinematics.filters import FilterChain, PointBlock
@@ -137,7 +138,7 @@ async def _scanned(
     port: int, process: "subprocess.Popen[bytes]", seconds: float
 ) -> str:
     points, lost, health = 0, 0, None
-    async with connection("127.0.0.1", port) as client:
+    async with connection(BrokerAddress("127.0.0.1", port)) as client:
         await subscribe(client, ARM, ("scan", "health"))
         await order_scan(client, "start", RATE_HZ)
         begun_s = begun_cpu_s = 0.0

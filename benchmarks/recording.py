@@ -22,6 +22,7 @@ import aiomqtt
 from benchmarks import rig
 from benchmarks.rounds import load
 from benchmarks.stream import ARM, order_scan
+from clients.address import BrokerAddress
 from clients.subscription import connection, received, subscribe
 from daemon.replay import Replay, ReplayResult
 from protocol.encoding import encode
@@ -106,7 +107,7 @@ async def measured(
     port: int, process: "subprocess.Popen[bytes]", seconds: float, rounds: int
 ) -> tuple[list[float], list[float], list[dict[str, Any]], Meter]:
     """Shares without and with a recording, in turn, and what was recorded."""
-    async with connection("127.0.0.1", port) as client:
+    async with connection(BrokerAddress("127.0.0.1", port)) as client:
         await subscribe(client, ARM, ("reply", "health"))
         meter = Meter(client, process)
         listening = asyncio.create_task(meter.listen())

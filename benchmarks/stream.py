@@ -9,6 +9,7 @@ from pathlib import Path
 import aiomqtt
 
 from benchmarks import rig
+from clients.address import BrokerAddress
 from clients.subscription import connection, received, subscribe
 from protocol.encoding import encode
 from protocol.messages import Command, Event, Health, Scan, ScanArgs
@@ -67,7 +68,7 @@ async def follow_scan(
         What came, the daemon's CPU share of one core, and seconds it was taken over.
     """
     followed = Followed()
-    async with connection("127.0.0.1", port) as client:
+    async with connection(BrokerAddress("127.0.0.1", port)) as client:
         await subscribe(client, ARM, ("scan", "event", "health"))
         begun_s, begun_cpu_s = 0.0, 0.0
         async for item in received(client):

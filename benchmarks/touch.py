@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from benchmarks import rig
 from benchmarks.stream import ARM, order_scan
+from clients.address import BrokerAddress
 from clients.subscription import connection, received, subscribe
 from daemon.interpolation import Limits, Readings, brought
 from daemon.model import ArmModel, read_model
@@ -87,7 +88,7 @@ class Followed:
 async def followed(port: int, rate_hz: float) -> Followed:
     """Scan until all points have come, and a little longer."""
     found = Followed()
-    async with connection("127.0.0.1", port) as client:
+    async with connection(BrokerAddress("127.0.0.1", port)) as client:
         await subscribe(client, ARM, ("point", "scan"))
         await order_scan(client, "start", rate_hz)
         async for item in received(client):

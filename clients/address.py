@@ -2,6 +2,8 @@
 
 import socket
 import ssl
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
@@ -10,6 +12,17 @@ from urllib.parse import urlsplit
 PORT = 1883
 TLS_PORT = 8883
 SCHEMES = {"mqtt": False, "mqtts": True}
+
+
+class _Line(ssl.SSLSocket):
+    """Closed when its handshake fails; paho would leave it open."""
+
+    def do_handshake(self, block: bool = False) -> None:
+        try:
+            super().do_handshake(block)
+        except BaseException:
+            self.close()
+            raise
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,11 +90,12 @@ class BrokerAddress:
         """Arguments of aiomqtt's client; files are read now, so they may be renewed.
 
         Raises:
-            OSError: a file cannot be read, or holds no certificate.
+            OSError: a file cannot be read, or holds not what it should.
         """
         password = self.password
         if self.password_file is not None:
-            password = self.password_file.read_text("utf-8").strip()
+            with _told("password_file", self.password_file, "the password"):
+                password = self.password_file.read_text("utf-8").strip()
         return {
             "hostname": self.host,
             "port": self.tcp_port,
@@ -95,8 +109,24 @@ class BrokerAddress:
         }
 
     def _tls_context(self) -> ssl.SSLContext:
-        context = ssl.create_default_context(cafile=self.ca_file)
+        with _told("ca_file", self.ca_file, "certificates, PEM"):
+            context = ssl.create_default_context(cafile=self.ca_file)
+        context.sslsocket_class = _Line
         context.minimum_version = ssl.TLSVersion.TLSv1_2
         if self.certificate_file is not None:
-            context.load_cert_chain(self.certificate_file, self.key_file)
+            key = self.key_file or self.certificate_file
+            wanted = f"a certificate, PEM, and {key} its key without a passphrase"
+            with _told("certificate_file", self.certificate_file, wanted):
+                # Without the function OpenSSL would ask at the terminal.
+                context.load_cert_chain(self.certificate_file, self.key_file, str)
         return context
+
+
+@contextmanager
+def _told(name: str, file: Path | None, wanted: str) -> Iterator[None]:
+    """Say of which file an error is."""
+    try:
+        yield
+    except (OSError, UnicodeDecodeError) as error:
+        why = error.strerror if isinstance(error, OSError) else "no text"
+        raise OSError(f"{name} {file}: {why}; expected {wanted}") from error

@@ -10,7 +10,6 @@ from clients.address import BrokerAddress
 from clients.commands import ArmCommands
 from clients.counters import Counters
 from clients.ending import end
-from clients.errors import BrokerUnreachableError
 from clients.feeds import Feed
 from clients.inbox import Inbox
 from clients.link import Link
@@ -76,21 +75,13 @@ class Arm(ArmCommands):
         )
         self._inbox.lead_to(self._link, self._requests, self._stream)
         self._tasks: set[asyncio.Task[None]] = set()
-        self._is_up = asyncio.Event()
 
     async def __aenter__(self) -> Self:
         self._link.topics.update(self._inbox.topics)
         self._run(self._link.run())
         self._run(self._stream.follow())
         try:
-            async with asyncio.timeout(self._patience_s):
-                await self._is_up.wait()
-        except TimeoutError as error:
-            await self._end()
-            raise BrokerUnreachableError(
-                f"broker {self._link.address} not within {self._patience_s:g} s: "
-                f"{self._link.reason}; start it, or correct its address"
-            ) from error
+            await self._link.first(self._patience_s)
         except BaseException:
             await self._end()
             raise
@@ -217,7 +208,6 @@ class Arm(ArmCommands):
         return await self._requests.result(args, self._answer_s + longer_s)
 
     def _came(self) -> None:
-        self._is_up.set()
         self._requests.link_came()
         self._stream.link_came()
 

@@ -7,7 +7,6 @@ sending when too many wait for that.
 """
 
 import asyncio
-import logging
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from types import TracebackType
@@ -15,15 +14,12 @@ from typing import Any, TypeVar
 
 import aiomqtt
 from paho.mqtt.client import Client as PahoClient
-from paho.mqtt.client import DisconnectFlags, MQTTMessage
-from paho.mqtt.properties import Properties
-from paho.mqtt.reasoncodes import ReasonCode
+from paho.mqtt.client import MQTTMessage
 
 from clients.address import BrokerAddress
+from clients.entry import EnteringClient
 
 T = TypeVar("T")
-QUIET = logging.getLogger("clients.paho")
-QUIET.setLevel(logging.CRITICAL)  # what it would say is raised as an error, too
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +35,7 @@ class Arrived:
     number: int
 
 
-class BrokerConnection(aiomqtt.Client):
+class BrokerConnection(EnteringClient):
     """A connection; use with `async with`, then wait for `ended`.
 
     Args:
@@ -48,7 +44,7 @@ class BrokerConnection(aiomqtt.Client):
     """
 
     def __init__(self, address: BrokerAddress, take: Callable[[Arrived], None]) -> None:
-        super().__init__(logger=QUIET, **address.options())
+        super().__init__(address)
         self._take = take
         self.pending_calls_threshold = 1000
         self._client.manual_ack_set(True)
@@ -118,19 +114,6 @@ class BrokerConnection(aiomqtt.Client):
             return working.result()
         finally:
             working.cancel()
-
-    def _on_disconnect(
-        self,
-        client: PahoClient,
-        userdata: Any,  # noqa: ANN401 - as aiomqtt declares it
-        flags: DisconnectFlags,
-        reason_code: ReasonCode,
-        properties: Properties | None = None,
-    ) -> None:
-        if not self._connected.done():  # aiomqtt would wait until its time is over
-            self._connected.set_exception(aiomqtt.MqttError("closed by the broker"))
-            return
-        super()._on_disconnect(client, userdata, flags, reason_code, properties)
 
     def _on_message(
         self,

@@ -6,6 +6,7 @@ import contextlib
 import aiomqtt
 
 from clients.address import BrokerAddress
+from clients.entry import EnteringClient
 from clients.errors import BrokerUnreachableError
 from protocol import topics
 from protocol.message_error import MessageError
@@ -25,7 +26,7 @@ async def arms_on(address: BrokerAddress, patience_s: float) -> list[str]:
     """
     found: set[str] = set()
     try:
-        async with aiomqtt.Client(**address.options()) as client:
+        async with EnteringClient(address) as client:
             await client.subscribe(topics.kind_filter("status"), qos=1)
             messages = aiter(client.messages)
             with contextlib.suppress(TimeoutError):
@@ -37,7 +38,5 @@ async def arms_on(address: BrokerAddress, patience_s: float) -> list[str]:
                     with contextlib.suppress(MessageError):
                         found.add(topics.parse_topic(str(message.topic)).arm)
     except (aiomqtt.MqttError, OSError) as error:
-        raise BrokerUnreachableError(
-            f"broker {address}: {error}; start it, or correct its address"
-        ) from error
+        raise BrokerUnreachableError(f"broker {address}: {error}") from error
     return sorted(found)

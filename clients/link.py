@@ -9,6 +9,8 @@ import aiomqtt
 
 from clients.address import BrokerAddress
 from clients.connection import Arrived, BrokerConnection
+from clients.entry import EntryRefusedError
+from clients.errors import BrokerUnreachableError
 
 log = logging.getLogger(__name__)
 
@@ -43,6 +45,7 @@ class Link:
         self.topics: dict[str, int] = {}
         self.connections = 0
         self.reason = "not tried yet"
+        self._settled = asyncio.Event()  # there was one, or waiting is in vain
         self._take = take
         self._came = came
         self._went = went
@@ -64,15 +67,33 @@ class Link:
                     self._connection = connection
                     self.connections += 1
                     self.reason, wait_s = "", FIRST_WAIT_S
+                    self._settled.set()
                     self._came()
                     await connection.ended()
             except (aiomqtt.MqttError, OSError) as error:
                 self._gone(str(error))
+                if isinstance(error, EntryRefusedError):
+                    self._settled.set()
             finally:
                 self._connection = None
             # Jitter keeps a fleet's consumers from coming back all at once.
             await asyncio.sleep(wait_s * random.uniform(0.5, 1.0))
             wait_s = min(2 * wait_s, LAST_WAIT_S)
+
+    async def first(self, patience_s: float) -> None:
+        """Wait for the first connection.
+
+        Raises:
+            BrokerUnreachableError: it took too long, or waiting for it is in vain.
+        """
+        late = ""
+        try:
+            async with asyncio.timeout(patience_s):
+                await self._settled.wait()
+        except TimeoutError:
+            late = f" not within {patience_s:g} s"
+        if not self.connections:
+            raise BrokerUnreachableError(f"broker {self.address}{late}: {self.reason}")
 
     async def publish(self, topic: str, payload: bytes) -> None:
         """Send with quality of service 1.

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import aiomqtt
 
 from clients.address import BrokerAddress
+from clients.entry import EnteringClient
 from protocol import topics
 from protocol.encoding import decode
 from protocol.message_error import MessageError
@@ -45,10 +46,13 @@ class Received:
     error: str | None = None
 
 
-def connection(host: str, port: int) -> aiomqtt.Client:
-    """A connection to a broker, without Nagle's delay; use with `async with`."""
-    options = BrokerAddress(host, port, keepalive_s=60).options()
-    client = aiomqtt.Client(**options, max_queued_incoming_messages=MAX_WAITING)
+def connection(address: BrokerAddress) -> aiomqtt.Client:
+    """A connection to a broker; use with `async with`.
+
+    Raises:
+        OSError: a file of the address cannot be used.
+    """
+    client = EnteringClient(address, max_queued_incoming_messages=MAX_WAITING)
     client.pending_calls_threshold = MAX_WAITING
     return client
 

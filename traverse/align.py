@@ -2,17 +2,23 @@
 
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from traverse.broker_options import (
     BrokerOption,
     CaFileOption,
+    CertificateOption,
+    KeyOption,
     PasswordFileOption,
     UsernameOption,
+    broker_address,
 )
 from traverse.refusals import refusals, refuse
+
+if TYPE_CHECKING:
+    from clients.address import BrokerAddress
 
 NO, UNREACHABLE = 1, 3
 COMMAND = "align"
@@ -84,6 +90,8 @@ def align(
     username: UsernameOption = None,
     password_file: PasswordFileOption = None,
     ca_file: CaFileOption = None,
+    client_certificate: CertificateOption = None,
+    client_key: KeyOption = None,
 ) -> None:
     """Compute where the part is from common points, and say what that is worth.
 
@@ -131,12 +139,16 @@ def align(
     if not values["passed"] or (strict and values["flags"]):
         raise typer.Exit(NO)
     if send:
-        from traverse.align_sending import Destination  # noqa: PLC0415
-
         to = arm_name or values["arm"]
         if to is None:
             refuse(COMMAND, "the points do not tell their arm; give --arm-name")
-        _send(values, Destination(to, broker, username, password_file, ca_file))
+        address = broker_address(
+            COMMAND,
+            broker,
+            (username, password_file),
+            (ca_file, client_certificate, client_key),
+        )
+        _send(values, to, address)
 
 
 def _read(file: Path, *, send: bool) -> dict[str, Any]:
@@ -171,15 +183,15 @@ def _tell(values: dict[str, Any], out: Path | None, *, as_json: bool) -> None:
         typer.echo(f"wrote {out}: alignment.json, alignment.html")
 
 
-def _send(values: dict[str, Any], to: Any) -> None:  # noqa: ANN401 - imported late
+def _send(values: dict[str, Any], arm: str, broker: "BrokerAddress") -> None:
     from clients.errors import ClientError, CommandRefused  # noqa: PLC0415
     from traverse.align_sending import send_alignment  # noqa: PLC0415
 
     try:
-        send_alignment(values, to)
+        send_alignment(values, arm, broker)
     except (CommandRefused, ValueError) as error:
         refuse(COMMAND, str(error))
     except ClientError as error:
         typer.echo(f"traverse {COMMAND}: {error}", err=True)
         raise typer.Exit(UNREACHABLE) from error
-    typer.echo(f"{to.arm} uses it from now on", err=True)
+    typer.echo(f"{arm} uses it from now on", err=True)

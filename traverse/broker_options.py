@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from traverse.refusals import refuse
+
 if TYPE_CHECKING:
     from clients.address import BrokerAddress
 
@@ -18,26 +20,45 @@ PasswordFileOption = Annotated[
 CaFileOption = Annotated[
     Path | None, typer.Option(help="Certificates that the broker's come from.")
 ]
+CertificateOption = Annotated[
+    Path | None,
+    typer.Option("--client-certificate", help="Shown to the broker, PEM."),
+]
+KeyOption = Annotated[
+    Path | None, typer.Option("--client-key", help="Key of that certificate, PEM.")
+]
 
 
 def broker_address(
+    command: str,
     broker: str,
-    username: str | None,
-    password_file: Path | None,
-    ca_file: Path | None,
+    login: tuple[str | None, Path | None],
+    tls: tuple[Path | None, Path | None, Path | None],
 ) -> "BrokerAddress":
-    """What the options say.
+    """What the options say; ends the command where they or their files are bad.
 
-    Raises:
-        ValueError: they are none of a broker, or do not go together.
+    Args:
+        command: for what is said.
+        broker: of `--broker`.
+        login: user's name and the file with the password.
+        tls: files of authority, own certificate, its key.
     """
     from dataclasses import replace  # noqa: PLC0415 - keeps --help quick
 
     from clients.address import BrokerAddress  # noqa: PLC0415
 
-    return replace(
-        BrokerAddress.parse(broker),
-        username=username,
-        password_file=password_file,
-        ca_file=ca_file,
-    )
+    username, password_file = login
+    ca_file, certificate_file, key_file = tls
+    try:
+        address = replace(
+            BrokerAddress.parse(broker),
+            username=username,
+            password_file=password_file,
+            ca_file=ca_file,
+            certificate_file=certificate_file,
+            key_file=key_file,
+        )
+        address.options()  # its files can be read
+    except (OSError, ValueError) as error:
+        refuse(command, str(error))
+    return address

@@ -6,6 +6,15 @@ from typing import Annotated
 
 import typer
 
+from traverse.broker_options import (
+    BrokerOption,
+    CaFileOption,
+    CertificateOption,
+    KeyOption,
+    PasswordFileOption,
+    UsernameOption,
+    broker_address,
+)
 from traverse.refusals import refusals, refuse
 
 INCOMPLETE, UNREACHABLE = 1, 3
@@ -23,8 +32,12 @@ def collect(
     allow: Annotated[
         str, typer.Option(help="Quality flags that a point may have, with commas.")
     ] = "surface_unknown,empirical",
-    broker: Annotated[str, typer.Option(help="Host of the MQTT broker.")] = "localhost",
-    port: Annotated[int, typer.Option(min=1, max=65535, help="Its port.")] = 1883,
+    broker: BrokerOption = "localhost",
+    username: UsernameOption = None,
+    password_file: PasswordFileOption = None,
+    ca_file: CaFileOption = None,
+    client_certificate: CertificateOption = None,
+    client_key: KeyOption = None,
 ) -> None:
     """Collect the poses of a campaign, guided: what to touch, and how often.
 
@@ -42,6 +55,12 @@ def collect(
     from kinematics.arm_file import read_arm  # noqa: PLC0415 - keeps --help quick
 
     flags = frozenset(flag.strip() for flag in allow.split(",") if flag.strip())
+    address = broker_address(
+        "collect",
+        broker,
+        (username, password_file),
+        (ca_file, client_certificate, client_key),
+    )
     with refusals("collect"):
         from lab.campaign_file import read_campaign_file  # noqa: PLC0415
         from protocol.messages.quality import FLAG_MEANINGS  # noqa: PLC0415
@@ -80,7 +99,7 @@ def collect(
             plan,
         )
         collection.resume()
-        reached = asyncio.run(collected(collection, model.name, broker, port, flags))
+        reached = asyncio.run(collected(collection, model.name, address, flags))
     if not reached:
         raise typer.Exit(UNREACHABLE)
     if collection.unfinished():

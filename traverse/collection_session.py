@@ -15,6 +15,7 @@ import typer
 from rich.console import Console, RenderableType
 from rich.live import Live as LivePicture
 
+from clients.address import BrokerAddress
 from clients.ending import end
 from clients.subscription import connection, received, subscribe
 from daemon.motion import MotionTrail
@@ -29,7 +30,7 @@ LINES_SHOWN = 6
 
 
 async def collected(
-    collection: Collection, arm: str, broker: str, port: int, allowed: frozenset[str]
+    collection: Collection, arm: str, broker: BrokerAddress, allowed: frozenset[str]
 ) -> bool:
     """Collect until the operator quits, or all is done and nobody is at a terminal.
 
@@ -38,7 +39,7 @@ async def collected(
     """
     session = _Session(collection, allowed)
     with session.picture():
-        listening = asyncio.ensure_future(session.listen(arm, broker, port))
+        listening = asyncio.ensure_future(session.listen(arm, broker))
         operating = asyncio.ensure_future(session.operate())
         done, _ = await asyncio.wait(
             (listening, operating), return_when=asyncio.FIRST_COMPLETED
@@ -78,14 +79,14 @@ class _Session:
             yield
         self._live = None
 
-    async def listen(self, arm: str, broker: str, port: int) -> None:
+    async def listen(self, arm: str, broker: BrokerAddress) -> None:
         """Take the arm's points; comes back when the broker has been away."""
         while not self._ended.is_set():
             try:
-                async with connection(broker, port) as client:
+                async with connection(broker) as client:
                     self.reached = True
                     await subscribe(client, arm, ("point", "live"))
-                    self._say(f"following {arm} on {broker}:{port}")
+                    self._say(f"following {arm} on {broker}")
                     async for item in received(client):
                         if isinstance(item.message, Live):
                             self._follow(item.message)
@@ -96,7 +97,7 @@ class _Session:
                         if self._ended.is_set():
                             return
             except (aiomqtt.MqttError, OSError) as error:
-                typer.echo(f"broker {broker}:{port}: {error}", err=True)
+                typer.echo(f"broker {broker}: {error}", err=True)
                 if not self.reached:
                     return
                 await asyncio.sleep(RETRY_S)

@@ -19,6 +19,7 @@ import typer
 if TYPE_CHECKING:
     import aiomqtt
 
+    from clients.address import BrokerAddress
     from traverse.demo_round import Round
 
 READY_S = 30.0
@@ -42,9 +43,8 @@ def demo(
     ] = None,
     broker: Annotated[
         str | None,
-        typer.Option(help="Use this MQTT broker instead of an embedded one."),
+        typer.Option(help="This MQTT broker, host or host:port, in place of an own."),
     ] = None,
-    port: Annotated[int, typer.Option(min=1, max=65535, help="Its port.")] = 1883,
     rate_hz: Annotated[
         float,
         typer.Option("--rate", min=1.0, max=10_000.0, help="Rate of the scan in Hz."),
@@ -62,9 +62,9 @@ def demo(
     """
     try:
         with_page = page and not once and find_spec("nicegui") is not None
-        asyncio.run(
-            _demonstrate(once, for_s, broker, port, rate_hz, with_page=with_page)
-        )
+        asyncio.run(_demonstrate(once, for_s, broker, rate_hz, with_page=with_page))
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="--broker") from error
     except DemoError as error:
         typer.echo(str(error), err=True)
         raise typer.Exit(3) from error
@@ -74,21 +74,22 @@ async def _demonstrate(
     once: bool,
     for_s: float | None,
     broker: str | None,
-    port: int,
     rate_hz: float,
     *,
     with_page: bool,
 ) -> None:
-    from clients.ending import end  # noqa: PLC0415 - quick --help
+    from clients.address import BrokerAddress  # noqa: PLC0415 - quick --help
+    from clients.ending import end  # noqa: PLC0415
     from daemon.embedded_broker import HOST, free_port  # noqa: PLC0415
     from traverse.demo_round import Round, write_files  # noqa: PLC0415
 
-    host, number = (broker, port) if broker else (HOST, free_port())
-    own = [] if broker else ["--embedded-broker", "--embedded-port", str(number)]
+    port = free_port()
+    own = [] if broker else ["--embedded-broker", "--embedded-port", str(port)]
+    address = BrokerAddress.parse(broker) if broker else BrokerAddress(HOST, port)
     measured = Round()
     with tempfile.TemporaryDirectory(prefix="traverse-demo-") as name:
         folder = Path(name)
-        write_files(folder, host, number)
+        write_files(folder, address.host, address.tcp_port)
         simulator = ["simulate", "--config", str(folder / "simulator.toml")]
         daemon = ["run", "--config", str(folder / "daemon.toml"), *own]
         async with (
@@ -99,13 +100,11 @@ async def _demonstrate(
         ):
             if with_page:
                 shown = PAGE_PORT if _is_free(PAGE_PORT) else free_port()
-                where = ("--arm", ARM, "--broker", f"{host}:{number}")
+                where = ("--arm", ARM, "--broker", str(address))
                 options = ("page", *where, "--port", str(shown))
                 await stack.enter_async_context(_program(folder / "page.log", *options))
                 typer.echo(f"The operator's page: http://127.0.0.1:{shown}")
-            following = asyncio.create_task(
-                _follow(host, number, measured, once, rate_hz)
-            )
+            following = asyncio.create_task(_follow(address, measured, once, rate_hz))
             ended = asyncio.create_task(service.wait())
             try:
                 await asyncio.wait(
@@ -179,7 +178,7 @@ def _said_in(log: Path) -> str:
 
 
 async def _follow(
-    host: str, port: int, measured: "Round", once: bool, rate_hz: float
+    broker: "BrokerAddress", measured: "Round", once: bool, rate_hz: float
 ) -> None:
     """Print and note what the arm says, until a round is complete."""
     from clients.subscription import received, subscribe  # noqa: PLC0415
@@ -188,7 +187,7 @@ async def _follow(
     from protocol.topics import command_topic  # noqa: PLC0415
     from traverse.lines import line  # noqa: PLC0415
 
-    async with _patient_connection(host, port) as client:
+    async with _patient_connection(broker) as client:
         await subscribe(client, ARM, ("point", "scan", "event", "status"))
         start = ScanArgs(action="start", rate_hz=rate_hz)
         command = Command.carrying(start, request="demo-scan")
@@ -212,7 +211,9 @@ async def _follow(
 
 
 @contextlib.asynccontextmanager
-async def _patient_connection(host: str, port: int) -> "AsyncIterator[aiomqtt.Client]":
+async def _patient_connection(
+    broker: "BrokerAddress",
+) -> "AsyncIterator[aiomqtt.Client]":
     """A connection to a broker that may still be starting."""
     import aiomqtt  # noqa: PLC0415
 
@@ -223,10 +224,10 @@ async def _patient_connection(host: str, port: int) -> "AsyncIterator[aiomqtt.Cl
     async with contextlib.AsyncExitStack() as stack:
         while True:
             try:
-                client = await stack.enter_async_context(connection(host, port))
+                client = await stack.enter_async_context(connection(broker))
                 break
             except (aiomqtt.MqttError, OSError) as error:
                 if loop.time() > until:
-                    raise DemoError(f"broker {host}:{port}: {error}") from error
+                    raise DemoError(f"broker {broker}: {error}") from error
                 await asyncio.sleep(0.1)
         yield client

@@ -9,9 +9,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from traverse.broker_options import (
+    BrokerOption,
+    CaFileOption,
+    CertificateOption,
+    KeyOption,
+    PasswordFileOption,
+    UsernameOption,
+    broker_address,
+)
 from traverse.refusals import refusals, refuse
 
 if TYPE_CHECKING:
+    from clients.address import BrokerAddress
     from kinematics.arm_file import Arm
     from lab.acceptance.interim_history import Check
     from lab.acceptance.interim_report import InterimReport
@@ -57,8 +67,12 @@ def interim(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Folder for chart.png, .html.")
     ] = None,
-    broker: Annotated[str, typer.Option(help="Host of the MQTT broker.")] = "localhost",
-    port: Annotated[int, typer.Option(min=1, max=65535, help="Its port.")] = 1883,
+    broker: BrokerOption = "localhost",
+    username: UsernameOption = None,
+    password_file: PasswordFileOption = None,
+    ca_file: CaFileOption = None,
+    client_certificate: CertificateOption = None,
+    client_key: KeyOption = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Report as JSON on standard output.")
     ] = False,
@@ -82,6 +96,12 @@ def interim(
             checks_of,
         )
 
+        address = broker_address(
+            "interim",
+            broker,
+            (username, password_file),
+            (ca_file, client_certificate, client_key),
+        )
         model = read_arm(arm)
         path = _history(config, history)
         try:
@@ -92,7 +112,7 @@ def interim(
                     mm = radius or (
                         before[-1].figures.sphere_radius_mm if before else 0
                     )
-                    folder = _collected(path, model, mm, broker, port, quiet=as_json)
+                    folder = _collected(path, model, mm, address, quiet=as_json)
                 check = _checked(folder, model, new_base or "")
                 if not add_check(path, check):
                     typer.echo(f"{folder}: had been counted before", err=True)
@@ -128,7 +148,7 @@ def _history(config: Path | None, history: Path | None) -> Path:
 
 
 def _collected(
-    path: Path, arm: "Arm", radius_mm: float, broker: str, port: int, *, quiet: bool
+    path: Path, arm: "Arm", radius_mm: float, broker: "BrokerAddress", *, quiet: bool
 ) -> Path:
     """Have a check collected, guided; gives its folder."""
     import contextlib  # noqa: PLC0415 - keeps --help quick
@@ -159,7 +179,7 @@ def _collected(
         contextlib.redirect_stdout(sys.stderr) if quiet else contextlib.nullcontext()
     )
     with where:
-        reached = asyncio.run(collected(collection, arm.name, broker, port, ALLOWED))
+        reached = asyncio.run(collected(collection, arm.name, broker, ALLOWED))
     if not reached:
         raise typer.Exit(UNREACHABLE)
     if unfinished := collection.unfinished():

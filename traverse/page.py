@@ -9,6 +9,8 @@ import typer
 from traverse.broker_options import (
     BrokerOption,
     CaFileOption,
+    CertificateOption,
+    KeyOption,
     PasswordFileOption,
     UsernameOption,
     broker_address,
@@ -31,6 +33,8 @@ def page(
     username: UsernameOption = None,
     password_file: PasswordFileOption = None,
     ca_file: CaFileOption = None,
+    client_certificate: CertificateOption = None,
+    client_key: KeyOption = None,
     host: Annotated[
         str, typer.Option(help="Address to listen on; beyond this machine see below.")
     ] = "127.0.0.1",
@@ -71,9 +75,14 @@ def page(
             "and --key, or listen on 127.0.0.1",
             param_hint="--host",
         )
+    address = broker_address(
+        "page",
+        broker,
+        (username, password_file),
+        (ca_file, client_certificate, client_key),
+    )
     try:
         token = None if token_file is None else read_token(token_file)
-        address = broker_address(broker, username, password_file, ca_file)
         for file in (certificate, key):
             if file is not None:
                 file.read_bytes()

@@ -9,6 +9,8 @@ import typer
 from traverse.broker_options import (
     BrokerOption,
     CaFileOption,
+    CertificateOption,
+    KeyOption,
     PasswordFileOption,
     UsernameOption,
     broker_address,
@@ -43,6 +45,8 @@ def resend(
     username: UsernameOption = None,
     password_file: PasswordFileOption = None,
     ca_file: CaFileOption = None,
+    client_certificate: CertificateOption = None,
+    client_key: KeyOption = None,
     from_seq: FromOption = 0,
     to_seq: ToOption = None,
     as_json: Annotated[
@@ -70,10 +74,15 @@ def resend(
             f"--to {to_seq} is below --from {from_seq}, --scan stands beside a "
             "session, or an option is bad",
         )
+    address = broker_address(
+        COMMAND,
+        broker,
+        (username, password_file),
+        (ca_file, client_certificate, client_key),
+    )
     try:
-        address = broker_address(broker, username, password_file, ca_file)
         answer = asyncio.run(_answer(address, arm, args))
-    except (CommandRefused, ValueError) as error:
+    except CommandRefused as error:
         refuse(COMMAND, str(error))
     except ClientError as error:
         typer.echo(f"traverse {COMMAND}: {error}", err=True)

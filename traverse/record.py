@@ -2,9 +2,22 @@
 
 import asyncio
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from traverse.broker_options import (
+    BrokerOption,
+    CaFileOption,
+    CertificateOption,
+    KeyOption,
+    PasswordFileOption,
+    UsernameOption,
+    broker_address,
+)
+
+if TYPE_CHECKING:
+    from clients.address import BrokerAddress
 
 REFUSED, UNREACHABLE = 2, 3
 
@@ -13,9 +26,12 @@ def record(
     name: Annotated[str, typer.Argument(help="Of the recording, a new one.")],
     *,
     arm: Annotated[str, typer.Option(help="Name of the arm.")],
-    broker: Annotated[
-        str, typer.Option(help="MQTT broker: host, host:port or mqtts://host:port.")
-    ] = "localhost",
+    broker: BrokerOption = "localhost",
+    username: UsernameOption = None,
+    password_file: PasswordFileOption = None,
+    ca_file: CaFileOption = None,
+    client_certificate: CertificateOption = None,
+    client_key: KeyOption = None,
     seconds: Annotated[
         float | None,
         typer.Option(min=0.1, help="How long; else until Ctrl-C."),
@@ -29,8 +45,14 @@ def record(
     """
     from clients.errors import ClientError, CommandRefused  # noqa: PLC0415 - quick help
 
+    address = broker_address(
+        "record",
+        broker,
+        (username, password_file),
+        (ca_file, client_certificate, client_key),
+    )
     try:
-        asyncio.run(_record(name, arm, broker, seconds, note))
+        asyncio.run(_record(name, arm, address, seconds, note))
     except CommandRefused as error:
         typer.echo(f"traverse record: {error}", err=True)
         raise typer.Exit(REFUSED) from error
@@ -43,7 +65,7 @@ def record(
 
 
 async def _record(
-    name: str, arm: str, broker: str, seconds: float | None, note: str
+    name: str, arm: str, broker: "BrokerAddress", seconds: float | None, note: str
 ) -> None:
     import signal  # noqa: PLC0415 - keeps --help quick
 

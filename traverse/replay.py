@@ -7,9 +7,20 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from traverse.broker_options import (
+    BrokerOption,
+    CaFileOption,
+    CertificateOption,
+    KeyOption,
+    PasswordFileOption,
+    UsernameOption,
+    broker_address,
+)
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from clients.address import BrokerAddress
     from daemon.replay import ReplayResult
     from protocol.messages import Point
     from recording.run_reader import RunReader
@@ -35,9 +46,12 @@ def replay(
         bool,
         typer.Option("--publish", help="Publish the points, in their own session."),
     ] = False,
-    broker: Annotated[
-        str, typer.Option(help="Where to: host, host:port or mqtts://host:port.")
-    ] = "localhost",
+    broker: BrokerOption = "localhost",
+    username: UsernameOption = None,
+    password_file: PasswordFileOption = None,
+    ca_file: CaFileOption = None,
+    client_certificate: CertificateOption = None,
+    client_key: KeyOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Report as JSON.")] = False,
 ) -> None:
     """Compute the points of a recording again, and compare them with those in it.
@@ -50,6 +64,12 @@ def replay(
     from recording.run_reader import RunReader  # noqa: PLC0415 - quick help
     from traverse.replay_report import report_of, report_text  # noqa: PLC0415
 
+    address = broker_address(
+        "replay",
+        broker,
+        (username, password_file),
+        (ca_file, client_certificate, client_key),
+    )
     points: list[Point] = []
     try:
         lines = None if out is None else out.open("w", encoding="utf-8")
@@ -76,7 +96,7 @@ def replay(
         raise typer.Exit(REFUSED) from error
     typer.echo(report_of(about, result) if as_json else report_text(about, result))
     if publish:
-        _publish(points, broker)
+        _publish(points, address)
     if not result.holds:
         raise typer.Exit(DIFFERENT)
 
@@ -95,12 +115,12 @@ async def _replayed(
         log.setLevel(level)
 
 
-def _publish(points: "list[Point]", broker: str) -> None:
+def _publish(points: "list[Point]", broker: "BrokerAddress") -> None:
     from traverse.replay_publishing import published  # noqa: PLC0415 - quick help
 
     try:
         n = asyncio.run(published(points, broker))
-    except (ValueError, OSError) as error:
+    except OSError as error:
         typer.echo(f"traverse replay: broker {broker}: {error}", err=True)
         raise typer.Exit(UNREACHABLE) from error
     typer.echo(f"{n} points published", err=True)

@@ -6,12 +6,13 @@ from collections.abc import Sequence
 import aiomqtt
 
 from clients.address import BrokerAddress
+from clients.entry import EnteringClient
 from protocol.encoding import encode
 from protocol.messages import Point
 from protocol.topics import point_topic
 
 
-async def published(points: Sequence[Point], broker: str) -> int:
+async def published(points: Sequence[Point], broker: BrokerAddress) -> int:
     """Publish points; gives how many.
 
     Sessions and ids are new ones: nobody shall take these points for the captured
@@ -19,12 +20,10 @@ async def published(points: Sequence[Point], broker: str) -> int:
 
     Raises:
         OSError: the broker cannot be reached.
-        ValueError: its address is none.
     """
-    address = BrokerAddress.parse(broker)
     sessions: dict[str, str] = {}
     try:
-        async with aiomqtt.Client(**address.options()) as client:
+        async with EnteringClient(broker) as client:
             for point in points:
                 session = sessions.setdefault(
                     point.session, f"replay-{uuid.uuid4().hex}"

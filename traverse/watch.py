@@ -3,9 +3,22 @@
 import asyncio
 import contextlib
 import sys
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from traverse.broker_options import (
+    BrokerOption,
+    CaFileOption,
+    CertificateOption,
+    KeyOption,
+    PasswordFileOption,
+    UsernameOption,
+    broker_address,
+)
+
+if TYPE_CHECKING:
+    from clients.address import BrokerAddress
 
 FIND_S = 2.0
 DISPLAY_S = 0.1
@@ -14,8 +27,12 @@ KINDS = ("status", "point", "scan", "event", "health", "live")
 
 def watch(
     *,
-    broker: Annotated[str, typer.Option(help="Host of the MQTT broker.")] = "localhost",
-    port: Annotated[int, typer.Option(min=1, max=65535, help="Its port.")] = 1883,
+    broker: BrokerOption = "localhost",
+    username: UsernameOption = None,
+    password_file: PasswordFileOption = None,
+    ca_file: CaFileOption = None,
+    client_certificate: CertificateOption = None,
+    client_key: KeyOption = None,
     arm: Annotated[str, typer.Option(help="Name of the arm; + for all.")] = "+",
     kinds: Annotated[
         str, typer.Option(help=f"What to show, of: {', '.join(KINDS)}.")
@@ -40,39 +57,45 @@ def watch(
             f"{', '.join(unknown) or 'nothing'} is none of: {', '.join(KINDS)}",
             param_hint="--kinds",
         )
+    address = broker_address(
+        "watch",
+        broker,
+        (username, password_file),
+        (ca_file, client_certificate, client_key),
+    )
     try:
         if sys.stdout.isatty() and not (lines or as_json):
-            name = _only_arm(broker, port) if arm == "+" else arm
+            name = _only_arm(address) if arm == "+" else arm
             if name is not None:
-                asyncio.run(_display(broker, port, name))
+                asyncio.run(_display(address, name))
                 return
-        asyncio.run(_follow(broker, port, arm, wanted, as_json))
+        asyncio.run(_follow(address, arm, wanted, as_json))
     except KeyboardInterrupt:
         raise typer.Exit(0) from None
 
 
-def _only_arm(broker: str, port: int) -> str | None:
+def _only_arm(broker: "BrokerAddress") -> str | None:
     """The one arm on a broker; None where there are several, or none."""
-    from clients.address import BrokerAddress  # noqa: PLC0415 - keeps --help quick
-    from clients.errors import BrokerUnreachableError  # noqa: PLC0415
+    from clients.errors import (  # noqa: PLC0415 - keeps --help quick
+        BrokerUnreachableError,
+    )
     from clients.finding import arms_on  # noqa: PLC0415
 
     try:
-        arms = asyncio.run(arms_on(BrokerAddress(broker, port), FIND_S))
+        arms = asyncio.run(arms_on(broker, FIND_S))
     except BrokerUnreachableError as error:
         typer.echo(str(error), err=True)
         raise typer.Exit(3) from error
     return arms[0] if len(arms) == 1 else None
 
 
-async def _display(broker: str, port: int, arm: str) -> None:
+async def _display(broker: "BrokerAddress", arm: str) -> None:
     from rich.live import Live  # noqa: PLC0415 - keeps --help quick
 
-    from clients.address import BrokerAddress  # noqa: PLC0415
     from clients.display.follower import Follower, following  # noqa: PLC0415
     from traverse.watch_view import picture  # noqa: PLC0415
 
-    follower = Follower(arm, BrokerAddress(broker, port))
+    follower = Follower(arm, broker)
     with contextlib.suppress(asyncio.CancelledError):  # Ctrl-C
         async with following(follower):
             with Live(picture(arm, follower.sight), auto_refresh=False) as display:
@@ -82,7 +105,7 @@ async def _display(broker: str, port: int, arm: str) -> None:
 
 
 async def _follow(
-    broker: str, port: int, arm: str, kinds: list[str], as_json: bool
+    broker: "BrokerAddress", arm: str, kinds: list[str], as_json: bool
 ) -> None:
     import aiomqtt  # noqa: PLC0415 - keeps --help quick
 
@@ -93,7 +116,7 @@ async def _follow(
     reached = False
     while True:
         try:
-            async with connection(broker, port) as client:
+            async with connection(broker) as client:
                 reached = True
                 await subscribe(client, arm, kinds)
                 async for item in received(client):
@@ -106,7 +129,7 @@ async def _follow(
         except BrokenPipeError:
             raise  # nobody reads our lines any more; typer ends without a word
         except (aiomqtt.MqttError, OSError) as error:
-            typer.echo(f"broker {broker}:{port}: {error}", err=True)
+            typer.echo(f"broker {broker}: {error}", err=True)
             if not reached:
                 raise typer.Exit(3) from error
             await asyncio.sleep(1.0)

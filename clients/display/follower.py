@@ -61,7 +61,7 @@ class Follower:
                     tasks.create_task(self._scans(arm))
                     tasks.create_task(self._states(arm))
             except BrokerUnreachableError as error:
-                self.sight.take_link(False, str(error).partition(";")[0])
+                self.sight.take_link(False, str(error))
             except BaseExceptionGroup as group:
                 _, others = group.split((ClientError, OSError))
                 if others is not None:

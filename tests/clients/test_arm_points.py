@@ -202,7 +202,7 @@ async def test_a_wrong_password_is_told(
 ) -> None:
     broker = make_mosquitto({"reader": "right"})
     arm = Arm("bench-7", f"localhost:{broker.port}", patience_s=1.0)
-    with pytest.raises(BrokerUnreachableError, match=r"(?i)not authori"):
+    with pytest.raises(BrokerUnreachableError, match="without an account"):
         async with arm:
             pass
 

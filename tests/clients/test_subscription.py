@@ -5,6 +5,7 @@ import uuid
 
 import pytest
 
+from clients.address import BrokerAddress
 from clients.subscription import Received, connection, received, subscribe
 from protocol.encoding import encode
 from protocol.messages import Message
@@ -27,8 +28,8 @@ async def round_trip(
 ) -> list[Received]:
     """What a subscriber gets of payloads; the last one must be of interest to it."""
     async with (
-        connection(broker.host, broker.port) as listening,
-        connection(broker.host, broker.port) as speaking,
+        connection(BrokerAddress(broker.host, broker.port)) as listening,
+        connection(BrokerAddress(broker.host, broker.port)) as speaking,
         asyncio.timeout(PATIENCE_S),
     ):
         await subscribe(listening, arm, *((kinds,) if kinds else ()))

@@ -46,9 +46,10 @@ class VirtualDaemon:
         resends: ranges that were asked for.
     """
 
-    def __init__(self, arm: str, host: str, port: int) -> None:
+    def __init__(self, arm: str, host: str, port: int, **options: str) -> None:
         self.arm = arm
         self._where = (host, port)
+        self._options = options
         self._client: aiomqtt.Client | None = None
         self._answers: dict[str, Reply] = {}
         self.outbox: dict[str, dict[int, Point]] = {}
@@ -73,7 +74,9 @@ class VirtualDaemon:
         will = aiomqtt.Will(
             topics.status_topic(self.arm), self._status(online=False), 1, True
         )
-        async with aiomqtt.Client(*self._where, will=will, timeout=5) as client:
+        async with aiomqtt.Client(
+            *self._where, will=will, timeout=5, **self._options
+        ) as client:
             client.pending_calls_threshold = 100_000
             self._client = client
             await client.subscribe(topics.command_filter(self.arm), qos=1)

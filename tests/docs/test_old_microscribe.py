@@ -51,7 +51,7 @@ async def test_the_two_commands_bring_points_on_the_ball(tmp_path: Path):
         # The broker's usual port may be taken where tests run.
         with Program(tmp_path, "run", *run[0], "--embedded-port", port) as daemon:
             await daemon.says("model")
-            words = [*watch[0], "--port", port]
+            words = [*watch[0], "--broker", f"localhost:{port}"]
             with Program(tmp_path, "watch", *words) as watching:
                 await until(lambda: len(points(watching.output)) >= 3, "3 points")
             found = points(watching.output)

@@ -8,6 +8,7 @@ from typing import Any
 import aiomqtt
 import numpy as np
 
+from clients.address import BrokerAddress
 from clients.ending import end
 from clients.subscription import KINDS, connection, received, subscribe
 from protocol import topics
@@ -116,7 +117,7 @@ async def listening(
     async def follow() -> None:
         while True:
             try:
-                async with connection(host, port) as client:
+                async with connection(BrokerAddress(host, port)) as client:
                     await subscribe(client, arm, kinds)
                     listener.client = client
                     listener.connected = True

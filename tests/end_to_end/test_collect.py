@@ -30,7 +30,7 @@ kind = "sphere"
 
 
 def options(bench: Workbench, *more: str) -> list[str]:
-    where = ["--broker", bench.host, "--port", str(bench.port)]
+    where = ["--broker", f"{bench.host}:{bench.port}"]
     return ["collect", "campaign.toml", "--arm", "arm.toml", *where, *more]
 
 

@@ -27,7 +27,7 @@ def assert_nothing_is_left(folder: Path) -> None:
 
 async def measure_one_round(folder: Path, broker: Mosquitto) -> None:
     """`--once` over a real broker: tells length and deviation, and ends."""
-    where = ("--broker", broker.host, "--port", str(broker.port))
+    where = ("--broker", f"{broker.host}:{broker.port}")
     with Program(folder, "once", "demo", "--once", *where) as demo:
         assert await demo.ended(90.0) == 0
         found = re.search(
@@ -78,7 +78,7 @@ async def test_three_demonstrations_beside_each_other(
 
 
 async def test_a_broker_that_is_not_there_is_told(tmp_path: Path) -> None:
-    where = ("--broker", HOST, "--port", str(free_port()))
+    where = ("--broker", f"{HOST}:{free_port()}")
     with Program(tmp_path, "demo", "demo", *where) as demo:
         assert await demo.ended(30.0) == 3
         assert "nothing listens there" in demo.log

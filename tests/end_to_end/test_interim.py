@@ -17,7 +17,7 @@ LEAD_IN = '[[motion]]\nkind = "rest"\nduration_s = 1.0'
 async def test_a_daily_check_is_collected_and_kept(bench: Workbench) -> None:
     bench.write_simulator(LEAD_IN, CONE.format(postures=10), SPHERE.format(points=9))
     bench.write_daemon(capture="live_rate_hz = 100.0")
-    where = ["--broker", bench.host, "--port", str(bench.port)]
+    where = ["--broker", f"{bench.host}:{bench.port}"]
     words = ["interim", "--arm", "arm.toml", "--config", "daemon.toml"]
     checking = Program(
         bench.folder, "interim", *words, *where, "--radius", "50.8", "--json"

@@ -28,13 +28,13 @@ def resting(bench: Workbench) -> Workbench:
 
 def watch(bench: Workbench, *options: str) -> Program:
     """Follow the bench's arm."""
-    where = ("--broker", bench.host, "--port", str(bench.port), "--arm", bench.arm)
+    where = ("--broker", f"{bench.host}:{bench.port}", "--arm", bench.arm)
     return Program(bench.folder, "watch", "watch", *where, *options)
 
 
 def watched_by_head(bench: Workbench) -> tuple[str, str]:
     """Output and errors of a pipeline whose second program takes one line."""
-    where = ("--broker", bench.host, "--port", str(bench.port), "--arm", bench.arm)
+    where = ("--broker", f"{bench.host}:{bench.port}", "--arm", bench.arm)
     command = shlex.join((sys.executable, "-m", "traverse", "watch", *where))
     ended = subprocess.run(
         ["sh", "-c", f"{command} | head -n 1"],
@@ -103,7 +103,7 @@ async def test_it_ends_when_nobody_reads_its_lines_any_more(
 
 @pytest.mark.broker
 async def test_on_a_terminal_it_is_a_display(resting: Workbench) -> None:
-    where = ("--broker", resting.host, "--port", str(resting.port))
+    where = ("--broker", f"{resting.host}:{resting.port}")
     command = [sys.executable, "-m", "traverse", "watch", *where, "--arm", resting.arm]
     ours, theirs = os.openpty()
     said = b""

@@ -73,7 +73,7 @@ def test_help_tells_units_and_exit_statuses(
         ("run", "--config"),
         ("demo", "--for", "0"),
         ("demo", "--rate", "10001"),
-        ("watch", "--port", "70000"),
+        ("watch", "--broker", "localhost:70000"),
         ("watch", "--kinds", ","),
     ],
 )
