@@ -11,6 +11,7 @@ import json
 import statistics
 import time
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -129,16 +130,28 @@ class Taken:
     time_ns: int
     utc_offset_ns: int
 
-    def report(self) -> dict[str, Any]:
-        """As it is written to a file; takes milliseconds."""
+    def head(self) -> dict[str, Any]:
+        """All but the cycles themselves; takes milliseconds."""
         return {
             "schema": "traverse/cycles/1",
             "reason": self.reason,
             "time_ns": str(self.time_ns),
             "utc_offset_ns": str(self.utc_offset_ns),
             "devices": _jitter(self.cycles),
-            "cycles": [cycle._asdict() for cycle in self.cycles],
         }
+
+    def lines(self) -> Iterator[str]:
+        """The report as JSON, a cycle a line.
+
+        Made line by line: at once it would take two megabytes for a moment, which the
+        interpreter never gives back.
+        """
+        yield json.dumps(self.head(), separators=(",", ":"))[:-1] + ',"cycles":['
+        separator = "\n"
+        for cycle in self.cycles:
+            yield separator + json.dumps(cycle._asdict(), separators=(",", ":"))
+            separator = ",\n"
+        yield "\n]}\n"
 
 
 def _jitter(cycles: tuple[Cycle, ...]) -> dict[str, dict[str, float]]:
@@ -177,7 +190,8 @@ def write_report(folder: Path, taken: Taken) -> Path:
     name = f"cycles-{time.strftime('%Y%m%dT%H%M%S', moment)}.{millis:03d}Z.json"
     path = folder / name
     unfinished = path.with_suffix(".part")
-    unfinished.write_text(json.dumps(taken.report(), separators=(",", ":")), "utf-8")
+    with unfinished.open("w", encoding="utf-8") as file:
+        file.writelines(taken.lines())
     unfinished.replace(path)
     for old in sorted(folder.glob(PATTERN))[:-FILES]:
         old.unlink(missing_ok=True)

@@ -4,6 +4,7 @@ import contextlib
 import logging
 from pathlib import Path
 
+from daemon.allocation import bound_free_memory
 from daemon.broker_section import BrokerSection
 from daemon.embedded_broker import HOST, BrokerStartError, embedded_broker
 from daemon.outbox_values import OutboxRefusedError
@@ -27,6 +28,7 @@ async def run_service(
     Returns:
         The exit status.
     """
+    bound_free_memory()
     try:
         configuration, model = read_inputs(path, embedded)
         async with contextlib.AsyncExitStack() as stack:

@@ -18,6 +18,7 @@ from daemon.recorder_queue import Item, RecorderQueue
 from daemon.recorder_ring import Ring
 from daemon.recording_section import RecordingSection
 from drivers.pulse import Pulse
+from protocol.messages import Scan
 from recording.run_writer import Entry
 
 log = logging.getLogger("daemon.recorder")
@@ -182,6 +183,8 @@ class RecorderThread:
             self._in_flight(
                 lambda: self._flight.begin_segment(item.at_ns, utc_ns, self._files)
             )
+        elif isinstance(item.value, Scan) and self._named is None:
+            return  # as a cloud it is for recordings with a name only
         elif item.kind == "gap":
             self._ring.clear()
             if self._named is not None:

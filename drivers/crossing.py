@@ -14,8 +14,7 @@ import asyncio
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable
-from itertools import groupby
+from collections.abc import Callable, Iterable, Iterator
 
 from drivers.values import (
     CountSamples,
@@ -27,6 +26,7 @@ from drivers.values import (
 )
 
 GATHER_NS = 20_000_000
+MOST_JOINED = 500  # samples; more than come in that time, at any rate
 ROOM_FOR_STATES = 64
 
 
@@ -121,7 +121,9 @@ class Crossing:
     async def take(self) -> list[Delivery]:
         """All that waits, in order; waits until there is something.
 
-        Samples of one stream that follow one another come as one block.
+        Samples of one stream that follow one another come as one block, after a stall
+        as some: what is computed of a block takes a hundred times its memory, and what
+        was needed once is never quite given back.
         """
         await self._filled.wait()
         self._taken += 1
@@ -132,17 +134,27 @@ class Crossing:
             self._waiting.clear()
             self._waiting_samples = 0
             self._waiting_others = 0
-        return [
-            delivery
-            for stream, run in groupby(taken, key=_stream)
-            for delivery in ([CountSamples.joined(_samples(run))] if stream else run)
-        ]
+        return list(_joined(taken))
+
+
+def _joined(taken: Iterable[Delivery]) -> Iterator[Delivery]:
+    """The same, with samples of a stream that follow one another together."""
+    run: list[CountSamples] = []
+    n = 0
+    for delivery in taken:
+        size = len(delivery.seq) if isinstance(delivery, CountSamples) else 0
+        if run and (n + size > MOST_JOINED or _stream(delivery) != run[0].stream):
+            yield CountSamples.joined(run)
+            run, n = [], 0
+        if isinstance(delivery, CountSamples):
+            run.append(delivery)
+            n += size
+        else:
+            yield delivery
+    if run:
+        yield CountSamples.joined(run)
 
 
 def _stream(delivery: Delivery) -> int:
     """The stream of samples, which begins at 1; 0 for everything else."""
     return delivery.stream if isinstance(delivery, CountSamples) else 0
-
-
-def _samples(run: Iterable[Delivery]) -> list[CountSamples]:
-    return [delivery for delivery in run if isinstance(delivery, CountSamples)]

@@ -30,6 +30,8 @@ __all__ = [
 Encoding = Literal["msgpack", "json"]
 
 MAX_BYTES = 1 << 20
+BUFFER_BYTES = 1 << 15
+"""To write into, at first: the library's quarter of a megabyte is mapped each time."""
 MAX_DEPTH = 16
 """Maps and arrays inside each other, the message itself counted."""
 MAX_ELEMENTS = MAX_LENGTH
@@ -49,7 +51,9 @@ def encode(message: Message, encoding: Encoding) -> bytes:
     """Write a message as a payload."""
     if encoding == "json":
         return message.model_dump_json().encode()
-    payload: bytes = msgpack.packb(message.model_dump(), default=_pack_array)
+    payload: bytes = msgpack.packb(
+        message.model_dump(), default=_pack_array, buf_size=BUFFER_BYTES
+    )
     return payload
 
 

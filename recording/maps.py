@@ -18,13 +18,14 @@ from recording.differences import (
     differences_to_bytes,
 )
 
+BUFFER_BYTES = 1 << 14  # to write into, at first; the library's own is 256 KiB
 MOST_ENTRIES = 1 << 16
 """Of one list or map: the decoder reserves what a header announces."""
 
 
 def map_to_bytes(table: Mapping[str, object]) -> bytes:
     """Write a map of texts, numbers, lists, maps and arrays."""
-    found: bytes = msgpack.packb(table, default=_packed)
+    found: bytes = msgpack.packb(table, default=_packed, buf_size=BUFFER_BYTES)
     return found
 
 

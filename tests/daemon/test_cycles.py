@@ -29,6 +29,10 @@ class Bench:
         self.cycles.note(device, samples, late_by_ns, queue)
 
 
+def report_of(bench, reason=""):
+    return json.loads("".join(bench.cycles.taken(reason).lines()))
+
+
 @pytest.fixture
 def bench():
     return Bench()
@@ -38,7 +42,7 @@ def test_a_cycle_tells_how_late_and_long_it_was_and_what_waited(bench):
     bench.cycle(5 * 10**12, 30_000, late_ns=7000, queue=12)
     bench.clock.now_ns = 6 * 10**12
     bench.cycles.note("base", DeviceCounters("base", {}), 6 * 10**12, 0)
-    report = json.loads(json.dumps(bench.cycles.taken("fault").report()))
+    report = report_of(bench, "fault")
     assert report["schema"] == "traverse/cycles/1"
     assert report["reason"] == "fault"
     assert int(report["time_ns"]) == 6 * 10**12 + UTC_OFFSET_NS
@@ -72,7 +76,7 @@ def test_jitter_is_what_intervals_depart_from_their_median(bench):
     for time_ns in times_ns:
         bench.cycle(10**12 + int(time_ns))
     bench.cycle(2 * 10**12, device="seldom")
-    assert bench.cycles.taken("").report()["devices"] == {
+    assert report_of(bench)["devices"] == {
         "base": {
             "interval_us": 10_000.0,
             "jitter_p50_us": 0.0,
@@ -84,7 +88,7 @@ def test_jitter_is_what_intervals_depart_from_their_median(bench):
 def test_the_ring_keeps_the_last_thousand(bench):
     for k in range(KEPT + 5):
         bench.cycle(10**12 + k)
-    cycles = bench.cycles.taken("").report()["cycles"]
+    cycles = report_of(bench)["cycles"]
     assert len(cycles) == KEPT
     assert cycles[0]["begun_ns"] == 10**12 + 5
 
@@ -95,7 +99,7 @@ def test_a_collection_is_told_in_the_cycle_that_it_interrupted(bench):
         gc.collect()
         bench.cycle(2 * 10**12)
         bench.cycle(3 * 10**12)
-        told = [c["collection_ns"] for c in bench.cycles.taken("").report()["cycles"]]
+        told = [c["collection_ns"] for c in report_of(bench)["cycles"]]
         assert told[1] > 0
         assert bench.pauses.figures().n >= 1
         assert bench.pauses.total_ns >= told[1]

@@ -69,6 +69,17 @@ async def test_samples_beyond_the_bound_are_dropped_and_counted():
     assert crossing.put(samples(10))  # there is room again
 
 
+async def test_after_a_stall_samples_come_in_blocks_of_a_bounded_length():
+    crossing, _ = await crossing_of()
+    given = [samples(180, 180 * k) for k in range(7)]
+    assert all(crossing.put(one) for one in [*given[:4], FAULT, *given[4:]])
+    taken = await crossing.take()
+    assert [len(one.seq) for one in taken if one is not FAULT] == [360, 360, 360, 180]
+    assert taken[2] is FAULT
+    numbers = np.concatenate([one.seq for one in taken if one is not FAULT])
+    np.testing.assert_array_equal(numbers, np.arange(7 * 180))
+
+
 async def test_reports_beyond_the_bound_are_dropped_and_latches_refused():
     crossing, _ = await crossing_of(max_others=2)
     assert crossing.put(FAULT)
