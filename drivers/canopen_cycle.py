@@ -70,7 +70,7 @@ class Cycles:
         self._late_ns = late_ns
         self._debts = Debts(len(nodes))
         self._overflowed = False  # frames were lost since the last SYNC
-        self._no_pause_before_ns = 0
+        self._no_pause_before_ns = self._no_wait_before_ns = 0
         self._seqs: list[int] = []
         self._times_ns: list[int] = []
         self._rows: list[int] = []
@@ -97,14 +97,11 @@ class Cycles:
             steps: instants of the schedule since the last one; more than 1 where
                 SYNCs were left out.
         """
-        waited = self.unclear or (self._open and self._all & ~self._answered)
+        answered, unclear = self._answered, self.unclear
         if self._open:
             self._close()
-        if time_ns - self._time_ns >= self._late_ns and not self._overflowed:
-            self._debts.lapse()
-            if waited:
-                self.pauses += 1
-                self._no_pause_before_ns = time_ns + PAUSE_EVERY * self._late_ns
+        if time_ns - self._time_ns >= self._late_ns:
+            self._rested(time_ns, answered, unclear)
         self._overflowed = False
         self._seq += steps
         self.lost += steps - 1
@@ -150,18 +147,16 @@ class Cycles:
     @property
     def pause_until_ns(self) -> int:
         """Until when no SYNC is to be sent, so that answers are certain again; or 0."""
-        return self._patient_ns if self.unclear else 0
+        if not self.unclear or self._time_ns < self._no_pause_before_ns:
+            return 0
+        return self._time_ns + self._late_ns
 
     @property
     def wait_until_ns(self) -> int:
         """Until when a SYNC had better wait for who has answered until now; or 0."""
         late = self._all & ~(self._answered | self._debts.silent)
-        return self._patient_ns if self._open and late else self.pause_until_ns
-
-    @property
-    def _patient_ns(self) -> int:
-        if self._time_ns < self._no_pause_before_ns:
-            return 0
+        if not self._open or not late or self._time_ns < self._no_wait_before_ns:
+            return self.pause_until_ns
         return self._time_ns + self._late_ns
 
     def end(self, now_ns: int) -> None:
@@ -220,6 +215,17 @@ class Cycles:
         for channel in range(len(status)):
             if missed >> channel & 1:
                 self.missing[channel] += 1
+
+    def _rested(self, time_ns: int, answered: int, unclear: int) -> None:
+        """No SYNC has been sent for ``late_ns``, up to this one."""
+        next_ns = time_ns + PAUSE_EVERY * self._late_ns
+        if answered != self._all:
+            self._no_wait_before_ns = next_ns
+        if unclear:
+            self.pauses += 1
+            self._no_pause_before_ns = next_ns
+        if not self._overflowed:  # else it may be that some were not seen
+            self._debts.lapse(answered)
 
     def _take_second(self, channel: int) -> bool:
         """An answer for which there is no SYNC; whether it stands for the last one."""

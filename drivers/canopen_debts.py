@@ -6,7 +6,8 @@ answer the next answer is of that one, late, or of its own: nothing in it tells.
 node that has owed an answer is believed again only
 
 - when it has made up for all it owed, by second answers between two SYNCs, or
-- when no SYNC was sent for so long that nothing late can come any more.
+- when no SYNC was sent, after one that it did answer, for so long that nothing late
+  can come any more.
 
 The second is brought about on purpose: SYNCs pause (`Cycles.pause_until_ns`).
 """
@@ -66,18 +67,18 @@ class Debts:
         """Frames were lost, of whom nobody knows."""
         self.spoiled = self._all
 
-    def lapse(self) -> None:
-        """Nothing late can come any more."""
-        self.owing = self.spoiled = 0
-        self._owed = [0] * len(self._owed)
+    def lapse(self, answered: int) -> None:
+        """Nothing late can come any more of these, who have answered at last.
+
+        Of the others no time is long enough: whoever stands still may come back with
+        all that it owes.
+        """
+        self._forgive(answered)
 
     def trust(self, channels: int) -> None:
         """These have been set up anew: they begin with their next answer."""
-        self.owing &= ~channels
-        self.spoiled &= ~channels
+        self._forgive(channels)
         self.fresh |= channels
-        for channel in _channels(channels):
-            self._owed[channel] = 0
 
     def judge(self, status: bytearray, missed: int) -> bytearray:
         """The status of a set, from that of the nodes and from who has missed it."""
@@ -89,6 +90,12 @@ class Debts:
         for channel in _channels((self.owing | self.spoiled) & ~missed):
             told[channel] |= STATUS_LATE
         return told
+
+    def _forgive(self, channels: int) -> None:
+        for channel in _channels(channels & (self.owing | self.spoiled)):
+            self._owed[channel] = 0
+        self.owing &= ~channels
+        self.spoiled &= ~channels
 
 
 def _channels(mask: int) -> Iterator[int]:

@@ -133,7 +133,9 @@ class FakeNodes:
         ]
         self._lock = threading.RLock()
         self._beats_ns: dict[int, int] = {}
-        self._late: list[tuple[float, int, bytes]] = []
+        self._late: list[tuple[float, int, int, bytes]] = []
+        self._due_s: dict[int, float] = {}
+        self._n_late = 0
         self._plugged = False
         self._thread: threading.Thread | None = None
 
@@ -193,11 +195,15 @@ class FakeNodes:
         position = u32(node.count)
         if node.loses:
             node.loses -= 1
-        elif node.late_s:
-            due_s = time.monotonic() + node.late_s
-            heapq.heappush(self._late, (due_s, node.number, position))
-        else:
+            return
+        now_s = time.monotonic()
+        due_s = max(now_s + node.late_s, self._due_s.get(node.number, 0.0))
+        if due_s <= now_s:
             self.say(node, 0x180 + node.number, position)
+            return
+        self._due_s[node.number] = due_s  # an encoder sends in order
+        self._n_late += 1
+        heapq.heappush(self._late, (due_s, self._n_late, node.number, position))
 
     def say(self, node: FakeNode, can_id: int, data: bytes) -> None:
         if not node.mute:
@@ -226,7 +232,7 @@ class FakeNodes:
             with self._lock:
                 self._beat()
                 while self._late and self._late[0][0] <= time.monotonic():
-                    _, number, position = heapq.heappop(self._late)
+                    *_, number, position = heapq.heappop(self._late)
                     self.say(self.nodes[number], 0x180 + number, position)
 
     def _take(self, can_id: int, data: bytes) -> None:

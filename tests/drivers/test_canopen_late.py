@@ -34,6 +34,7 @@ class HostRig:
             nodes=(5, 9),
             sync="host",
             heartbeat_ms=1000,
+            late_s=2.0,  # a busy computer stops for so long
             status_period_s=0.0,
         )
 

@@ -33,6 +33,7 @@ nodes = {list(NODES)}
 sync = "kernel"
 heartbeat_ms = 1000
 answer_s = 2.0
+late_s = 0.5
 """
 
 

@@ -1,10 +1,11 @@
 """The driver alone on vcan0, as fast as an emulated computer lets encoders answer."""
 
 import asyncio
+import contextlib
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,12 +25,13 @@ from tests.vm.table import Table
 
 RATES_HZ = (200.0, 100.0, 50.0, 20.0, 10.0)
 STEADY_S, START_S = 20.0, 60.0
+LATE_HZ, LATE_S = 20.0, 0.065  # answers after the next SYNC
 
 
 class Stream:
     """A driver, and what it has handed over."""
 
-    def __init__(self) -> None:
+    def __init__(self, sync: str) -> None:
         self._crossing = Crossing(asyncio.get_running_loop())
         self._driver = CanOpen(
             "arm",
@@ -37,9 +39,10 @@ class Stream:
             interface="socketcan",
             channel=NAME,
             nodes=NODES,
-            sync="kernel",
+            sync=sync,
             heartbeat_ms=2000,
             answer_s=2.0,
+            late_s=0.5,  # an emulated computer stands still now and then
         )
         self._taken: list[object] = []
 
@@ -62,6 +65,18 @@ class Stream:
                     break
         assert outcome.steady, "; ".join(lines)
         return "; ".join(reversed(lines))
+
+    async def doubt(self) -> str:
+        """Answers that come after the next SYNC are waited for, or flagged."""
+        with self._driver:
+            await self._until(lambda d: isinstance(d, DeviceUp))
+            self._driver.request_stream(LATE_HZ)
+            await self._until(lambda d: isinstance(d, StreamStarted))
+            await self._take(STEADY_S)
+        outcome = judge(self._taken)
+        assert not outcome.false, str(outcome)
+        assert outcome.n > STEADY_S, str(outcome)
+        return f"{LATE_HZ:g} Hz: {outcome}"
 
     async def _until(self, is_it: Callable[[object], bool]) -> None:
         async with asyncio.timeout(START_S):
@@ -133,14 +148,23 @@ def judge(taken: list[object]) -> Outcome:
 
 async def check_stream(table: Table) -> None:
     """With encoders in a process of their own."""
-    nodes = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "tests.vm.quick_nodes"), stdout=subprocess.PIPE
-    )
+    async with _nodes():
+        what = f"the driver alone, {STEADY_S:g} s without loss"
+        await table.check(what, Stream("kernel").steady)
+    async with _nodes(LATE_S):
+        for sync in ("kernel", "host"):
+            what = f"an encoder that answers late, SYNC by {sync}"
+            await table.check(what, Stream(sync).doubt)
+
+
+@contextlib.asynccontextmanager
+async def _nodes(*late_s: float) -> AsyncIterator[None]:
+    words = (sys.executable, "-m", "tests.vm.quick_nodes", *map(str, late_s))
+    nodes = await asyncio.create_subprocess_exec(*words, stdout=subprocess.PIPE)
     try:
         assert nodes.stdout is not None
         await nodes.stdout.readline()
-        what = f"the driver alone, {STEADY_S:g} s without loss"
-        await table.check(what, Stream().steady)
+        yield
     finally:
         nodes.kill()
         await nodes.wait()

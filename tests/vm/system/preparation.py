@@ -24,6 +24,7 @@ N_JOINTS = 3
 
 _DAEMON = f"""\
 answer_s = 5.0
+late_s = 1.0
 
 [[device]]
 id = "pedal"
