@@ -7,6 +7,8 @@ from drivers.tick_clock import TickClock
 from drivers.values import LatchedCounts
 from protocol import latch_board as wire
 
+_STATUS = STATUS.tobytes()
+
 
 class BoardLatches:
     """Latches of one connection.
@@ -69,6 +71,6 @@ class BoardLatches:
                 received_ns,
                 min(self._clock.to_ns(ticks), received_ns),
                 latch.counts,
-                tuple(STATUS[list(latch.status)].tolist()),
+                tuple(bytes(latch.status).translate(_STATUS)),
             )
         )

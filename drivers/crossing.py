@@ -7,7 +7,8 @@ have some room of their own.
 
 Waking the loop costs more than a sample does. So timed samples wake it at most once
 in `GATHER_NS`; an edge, or anything else, wakes it at once, unless it has been woken
-and has not come yet: then it takes all there is.
+and has not come yet: then it takes all there is. Edges that come quicker than hands can
+press are taken at most once in `EDGES_NS`, several together.
 """
 
 import asyncio
@@ -26,6 +27,7 @@ from drivers.values import (
 )
 
 GATHER_NS = 20_000_000
+EDGES_NS = 1_000_000
 MOST_JOINED = 500  # samples; more than come in that time, at any rate
 ROOM_FOR_STATES = 64
 
@@ -53,6 +55,7 @@ class Crossing:
         self._now_ns = monotonic_ns
         self._woken_ns = 0
         self._is_woken = False
+        self._edges_ns = -EDGES_NS  # when some were taken last
         self._lock = threading.Lock()
         self._waiting: deque[Delivery] = deque()
         self._waiting_samples = 0
@@ -126,6 +129,9 @@ class Crossing:
         was needed once is never quite given back.
         """
         await self._filled.wait()
+        early_ns = self._edges_ns + EDGES_NS - self._now_ns()
+        if early_ns > 0:
+            await asyncio.sleep(early_ns * 1e-9)
         self._taken += 1
         with self._lock:
             self._filled.clear()
@@ -134,6 +140,8 @@ class Crossing:
             self._waiting.clear()
             self._waiting_samples = 0
             self._waiting_others = 0
+        if any(isinstance(delivery, LatchedCounts) for delivery in taken):
+            self._edges_ns = self._now_ns()
         return list(_joined(taken))
 
 

@@ -160,3 +160,21 @@ async def test_taking_waits_until_there_is_something():
     with pytest.raises(TimeoutError):
         async with asyncio.timeout(0.01):
             await crossing.take()
+
+
+async def test_a_flood_of_edges_is_taken_in_few_turns_and_none_is_lost():
+    crossing = Crossing(asyncio.get_running_loop())
+
+    def flood() -> None:
+        for _ in range(200):
+            while not crossing.put(LATCH):
+                pass
+
+    thread = threading.Thread(target=flood)
+    thread.start()
+    taken = []
+    while len(taken) < 200:
+        taken += await crossing.take()
+    thread.join()
+    assert taken == [LATCH] * 200
+    assert crossing.taken < 100
