@@ -18,7 +18,7 @@ from drivers.can_socket import FRAMES_LOST
 from drivers.canopen_cycle import Cycles
 from drivers.canopen_options import CanOpenOptions
 from drivers.canopen_sdo import NodeSdo
-from drivers.canopen_start import Roll, identity_of, set_up_all
+from drivers.canopen_start import ASK_DEVICE_TYPE, Roll, identity_of, set_up_all
 from drivers.canopen_sync import HostSync, SyncTrain
 from drivers.canopen_upkeep import Upkeep
 from drivers.canopen_watch import Conditions, NodeWatch
@@ -98,6 +98,7 @@ class CanOpen(Driver):
         roll = self._roll = Roll(wanted.nodes)
         roll.call(bus, self._turn, wanted, self._now_ns, self._is_stopping)
         roll.check(bus.name)
+        roll.confirm(bus, self._turn, wanted, self._now_ns, self._is_stopping)
         self._roll = None
         self._sdos = {
             node: NodeSdo(
@@ -111,6 +112,8 @@ class CanOpen(Driver):
             )
             for node in wanted.nodes
         }
+        for node, sdo in self._sdos.items():
+            sdo.expect(ASK_DEVICE_TYPE, roll.asked[node] - roll.answers[node])
         started = set_up_all(self._sdos, wanted)
         cycles = self._cycles = Cycles(
             self.device,

@@ -19,6 +19,7 @@ from protocol import canopen as wire
 from protocol.canopen_objects import ABORTS
 
 SHORT_WAIT_S = 0.01
+LATEST_NS = 5_000_000_000  # after its question no answer comes any more
 ABORTED = 0x80
 BEGINNINGS = (0x20, 0x40)  # of a transfer: the request names its object
 
@@ -65,7 +66,8 @@ class NodeSdo(SdoClient):
         monotonic_ns: the host's clock.
 
     Attributes:
-        surplus: answers that nobody waited for: two nodes have the same number.
+        surplus: answers for which there was no question: two nodes have the same
+            number. A slow node's late answer to an earlier try is none of them.
     """
 
     def __init__(
@@ -91,19 +93,29 @@ class NodeSdo(SdoClient):
         self._turn, self._stopping, self._now_ns = turn, stopping, monotonic_ns
         self._answers: deque[bytes] = deque()
         self._waits = False
-        self._repeated = False
         self._object: bytes | None = None
+        self._unanswered: dict[bytes, deque[int]] = {}  # by object: when asked
         self.surplus = 0
 
     def take(self, data: bytes | bytearray) -> None:
         """An answer of the node has come."""
-        if self._object not in (None, bytes(data[1:4])):
+        about = bytes(data[1:4])
+        unanswered = self._unanswered.get(about)
+        was_asked = bool(unanswered)
+        if unanswered:
+            unanswered.popleft()
+        if self._object not in (None, about):
             return  # the late answer to an earlier request
         if self._waits:
             self._answers.append(bytes(data))
             self._waits = False
-        elif not self._repeated:  # else it is of an earlier try
+        elif self._object is not None and not was_asked:
             self.surplus += 1
+
+    def expect(self, request: bytes, times: int) -> None:
+        """Somebody else has asked this before, and answers may still come."""
+        for _ in range(times):
+            self._note_question(request[1:4])
 
     def read(self, index: int, sub: int = 0) -> bytes:
         """The bytes of an object.
@@ -160,19 +172,14 @@ class NodeSdo(SdoClient):
 
     # -- how the library sends and waits ---------------------------------------
 
-    def request_response(self, sdo_request: bytes) -> bytes:
-        """Send until answered; an answer is taken once per request."""
-        self._repeated = False
-        answer = super().request_response(sdo_request)  # type: ignore[no-untyped-call]  # the library's
-        return bytes(answer)
-
     def send_request(self, request: bytes) -> None:
         """Send; whatever came before is no answer to it."""
-        self._repeated = self._waits
         self._answers.clear()
         self._waits = request[0] != ABORTED  # nobody answers an abort
         begins = request[0] & 0xE0 in BEGINNINGS
         self._object = bytes(request[1:4]) if begins else None
+        if self._object is not None:
+            self._note_question(self._object)
         super().send_request(request)  # type: ignore[no-untyped-call]  # the library's
 
     def read_response(self) -> bytes:
@@ -189,6 +196,13 @@ class NodeSdo(SdoClient):
         if response[0] == ABORTED:
             raise SdoAbortedError(int.from_bytes(response[4:], "little"))
         return response
+
+    def _note_question(self, about: bytes) -> None:
+        now_ns = self._now_ns()
+        unanswered = self._unanswered.setdefault(about, deque())
+        while unanswered and now_ns - unanswered[0] > LATEST_NS:
+            unanswered.popleft()
+        unanswered.append(now_ns)
 
     def _refused(
         self, what: str, index: int, sub: int, error: SdoAbortedError

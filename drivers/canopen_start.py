@@ -65,6 +65,37 @@ class Roll:
                     return
                 turn(min(left_ns * 1e-9, 0.01))
 
+    def confirm(
+        self,
+        bus: CanBus,
+        turn: Callable[[float], None],
+        wanted: CanOpenOptions,
+        now_ns: Callable[[], int],
+        stopping: Callable[[], bool],
+    ) -> None:
+        """Ask those once more that answered too often, when nothing late comes.
+
+        A slow node may still answer what it was asked on an earlier connection, or
+        while it was starting; that does not make it two. Arguments are as for `call`.
+        """
+        if not (doubtful := self.doubled):
+            return
+
+        def heard_for(seconds: float) -> bool:
+            before = self.answers.total()
+            until_ns = now_ns() + int(seconds * 1e9)
+            while (left_ns := until_ns - now_ns()) > 0 and not stopping():
+                turn(min(left_ns * 1e-9, 0.01))
+            return self.answers.total() != before
+
+        for _ in range(wanted.answer_tries):
+            if not heard_for(wanted.answer_s):
+                break
+        for node in doubtful:
+            self.answers[node], self.asked[node] = 0, 1
+            bus.send(wire.SDO_REQUEST + node, ASK_DEVICE_TYPE)
+        heard_for(wanted.answer_s)
+
     @property
     def silent(self) -> list[int]:
         """Nodes that have not answered."""
