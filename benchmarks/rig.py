@@ -18,6 +18,7 @@ SIMULATION = """\
 schema = "traverse/simulator/1"
 seed = 3
 repeat = true
+{top}
 [arm]
 file = "arm.toml"
 {arm}
@@ -117,12 +118,13 @@ def mosquitto(folder: Path, port: int) -> Iterator["subprocess.Popen[bytes]"]:
 
 @contextlib.contextmanager
 def simulator(
-    folder: Path, device: str = "", faults: str = "", arm: str = ""
+    folder: Path, device: str = "", faults: str = "", arm: str = "", top: str = ""
 ) -> Iterator["subprocess.Popen[bytes]"]:
     """The simulated board on ``folder``/board.pty."""
     shutil.copy(ARM, folder / "arm.toml")
     config = folder / "simulator.toml"
-    config.write_text(SIMULATION.format(arm=arm, device=device, faults=faults))
+    text = SIMULATION.format(top=top, arm=arm, device=device, faults=faults)
+    config.write_text(text)
     run = (sys.executable, "-m", "traverse", "simulate", "--config", str(config))
     with program(folder / "simulator.log", *run) as process:
         wait_for((folder / "board.pty").exists, "the simulated board")

@@ -118,6 +118,22 @@ class TruthLog:
         if len(self._readings) >= READINGS_TOGETHER:
             self._write_readings()
 
+    def dropped(
+        self, device: str, n_samples: int, time_s: float, stood_s: float
+    ) -> None:
+        """Write that samples found no room in a device's buffer."""
+        self._write_readings()
+        self._write(
+            {
+                "event": "dropped",
+                "device": device,
+                "samples": n_samples,
+                "time_s": time_s,
+                "script_s": self._clock.script_s(time_s),
+                "stood_s": stood_s,
+            }
+        )
+
     def summary(self, totals: Mapping[str, Any]) -> None:
         """Write the last line."""
         self._write_readings()

@@ -72,6 +72,11 @@ class Notes(Protocol):
     ) -> None:
         """An encoder was latched alone, at a time of the simulation."""
 
+    def dropped(
+        self, device: str, n_samples: int, time_s: float, stood_s: float
+    ) -> None:
+        """Samples found no room; the simulator itself had stood still for so long."""
+
 
 @dataclass(frozen=True, slots=True)
 class Mounting:

@@ -10,6 +10,7 @@ from pydantic import Field
 from simulator import wire
 from simulator.board import Board
 from simulator.devices.device import Mounting
+from simulator.devices.drops import Drops
 from simulator.devices.table import DeviceTable
 from simulator.edges import LatchedEdge
 from simulator.faults import DisturbedLine
@@ -70,6 +71,7 @@ class LatchBoard:
             "edges": 0,
         }
         self.n_power_ups = 0
+        self._drops = Drops(table.id, mounting.notes)
         self.port: PtyPort | None = None
         self._power_up(0.0)
 
@@ -101,6 +103,7 @@ class LatchBoard:
 
     def live(self, now_s: float) -> None:
         """Do all that is due, and answer the host."""
+        self._drops.live(now_s)
         if self._switch_power(now_s) or self.port is None:
             return
         self._send(self.board.advance(now_s), now_s)
@@ -126,6 +129,7 @@ class LatchBoard:
     def totals(self) -> dict[str, Any]:
         """What came of it all, over all power-ups."""
         here = self._counted()
+        self._drops.finish()
         totals = {key: here[key] + self._sent_before[key] for key in here}
         return {
             **totals,
@@ -151,6 +155,8 @@ class LatchBoard:
                 for frame in frames
             ]
         n_dropped = self.port.write(frames)
+        if any(frame.is_sample for frame in frames):
+            self._drops.count(n_dropped)
         if n_dropped:
             self.port.write(self.board.count_dropped(n_dropped))
 

@@ -34,12 +34,16 @@ class Notebook:
     def __init__(self) -> None:
         self.readings = []
         self.edges = []
+        self.drops = []
 
     def edge(self, device, seq, edge, event) -> None:
         self.edges.append((device, seq, edge, event))
 
     def reading(self, device, channel, time_s, count, status) -> None:
         self.readings.append((device, channel, time_s, count, status))
+
+    def dropped(self, device, n_samples, time_s, stood_s) -> None:
+        self.drops.append((device, n_samples, time_s, stood_s))
 
 
 def mounted(folder: Path, table, *faults, n_channels=2, per_turn=65536, events=()):

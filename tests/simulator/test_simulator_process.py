@@ -124,8 +124,11 @@ def test_a_host_that_does_not_read_loses_samples_and_is_told(folder):
             return any(b[0] == 0x86 and b[3] == 6 for b in bodies)
 
         bodies = read_until(port, is_enough)
-        _, summary = stop(process, folder)
+        lines, summary = stop(process, folder)
     assert summary["base"]["tx_dropped"] > 100
+    drops = [line for line in lines if line["event"] == "dropped"]
+    assert drops[0]["device"] == "base"
+    assert sum(one["samples"] for one in drops) == summary["base"]["tx_dropped"]
     seqs = [int.from_bytes(b[4:8], "little") for b in bodies if b[0] == 0x83]
     assert seqs == sorted(set(seqs))
 
