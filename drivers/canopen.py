@@ -16,10 +16,11 @@ from collections.abc import Callable
 from drivers.can_bus import MOST_AT_ONCE, CanBus
 from drivers.can_socket import FRAMES_LOST
 from drivers.canopen_cycle import Cycles
+from drivers.canopen_losses import Losses
 from drivers.canopen_options import CanOpenOptions
 from drivers.canopen_sdo import NodeSdo
 from drivers.canopen_start import ASK_DEVICE_TYPE, Roll, identity_of, set_up_all
-from drivers.canopen_sync import HostSync, SyncTrain
+from drivers.canopen_sync import SyncTrain
 from drivers.canopen_upkeep import Upkeep
 from drivers.canopen_watch import Conditions, NodeWatch
 from drivers.crossing import Crossing
@@ -138,7 +139,7 @@ class CanOpen(Driver):
             wanted,
             self._now_ns,
             self._fault,
-            self._counters,
+            Losses(bus, wanted.nodes, cycles, self._fault, self._counters),
         )
         restarted = started.forgotten and not self._first
         identity = identity_of(started.facts, bus.name, wanted)
@@ -179,10 +180,7 @@ class CanOpen(Driver):
         if cycles is None or train is None:
             self._take_frames(bus, cycles, limit_s)
             return
-        if train.sent is not None:
-            limit_s = min(limit_s, self._send_sync(bus, cycles, train.sent))
-        else:
-            limit_s = min(limit_s, train.rest(cycles.pause_until_ns))
+        limit_s = min(limit_s, train.turn(cycles, self._read_out))
         if train.is_fast:  # waking for each frame costs more than the frame
             pause_s = min(limit_s, COALESCE_S)
             time.sleep(pause_s)
@@ -192,21 +190,12 @@ class CanOpen(Driver):
         if self._upkeep is not None:
             self._upkeep.observe()
 
-    def _send_sync(self, bus: CanBus, cycles: Cycles, schedule: HostSync) -> float:
-        """Send a SYNC if it is time; the seconds until the next one."""
-        now_ns = self._now_ns()
-        if now_ns >= schedule.due_ns:
-            # What has come until now belongs to the SYNC before.
+    def _read_out(self) -> None:
+        """Read all that has come until now."""
+        if self._bus is not None:
             for _ in range(MOST_READS):
-                if self._take_frames(bus, cycles, 0.0) < MOST_AT_ONCE:
+                if self._take_frames(self._bus, self._cycles, 0.0) < MOST_AT_ONCE:
                     break
-            if now_ns < cycles.wait_until_ns:
-                return (cycles.wait_until_ns - now_ns) * 1e-9
-            steps = schedule.take(now_ns)
-            bus.send(wire.SYNC, b"")
-            now_ns = self._now_ns()
-            cycles.sync(now_ns, steps)
-        return max(0.0, (schedule.due_ns - now_ns) * 1e-9)
 
     def _take_frames(self, bus: CanBus, cycles: Cycles | None, limit_s: float) -> int:
         """Read what has come; how many frames it was."""

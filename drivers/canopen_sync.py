@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable
 
 from drivers.can_bus import CanBus, PeriodicTask
+from drivers.canopen_cycle import Cycles
 from drivers.canopen_options import SyncSource
 from drivers.values import DeviceError
 from protocol import canopen as wire
@@ -136,15 +137,31 @@ class SyncTrain:
             self._task.stop()
             self._task = None
 
-    def rest(self, until_ns: int) -> float:
-        """Let the kernel send none until then; seconds until it sends again.
+    def turn(self, cycles: Cycles, read_out: Callable[[], None]) -> float:
+        """Send a SYNC if it is time and clear; seconds until it may be looked again.
 
         Args:
-            until_ns: in the past, or 0, where it is to go on.
+            cycles: which are told, and know whether answers are awaited.
+            read_out: reads what has come until now: it belongs to the SYNC before.
 
         Raises:
-            DeviceError: it does not begin again.
+            DeviceError: the bus does not take it.
         """
+        if self.sent is None:
+            return self._rest(cycles.pause_until_ns)
+        now_ns = self._now_ns()
+        if now_ns >= self.sent.due_ns:
+            read_out()
+            if now_ns < (until_ns := cycles.wait_until_ns):
+                return (until_ns - now_ns) * 1e-9
+            steps = self.sent.take(now_ns)
+            self._bus.send(wire.SYNC, b"")
+            now_ns = self._now_ns()
+            cycles.sync(now_ns, steps)
+        return max(0.0, (self.sent.due_ns - now_ns) * 1e-9)
+
+    def _rest(self, until_ns: int) -> float:
+        """Let the kernel send none until then; seconds until it sends again."""
         left_s = (until_ns - self._now_ns()) * 1e-9
         if self._task is not None and left_s > 0:
             self._task.stop()

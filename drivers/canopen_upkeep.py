@@ -4,12 +4,12 @@ Called between two reads of the bus. Its questions to a node read the bus meanwh
 no position waits for them; only one node is dealt with at a time.
 """
 
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from drivers.can_bus import CanBus
 from drivers.canopen_cycle import Cycles
+from drivers.canopen_losses import Fault, Losses
 from drivers.canopen_node import NodeFacts, read_facts, set_up
 from drivers.canopen_options import CanOpenOptions
 from drivers.canopen_sdo import NodeError, NodeSdo
@@ -23,15 +23,6 @@ LOOK_NS = 50_000_000
 SET_UP_AGAIN_NS = 500_000_000
 UNCLEAR_NS = 500_000_000
 BACK_ON_BUS_NS = 200_000_000
-COUNTED = {
-    "delivered": "samples_received",
-    "complete": "samples_complete",
-    "late": "answers_late",
-    "strays": "answers_stray",
-    "pauses": "sync_pauses",
-}
-
-Fault = Callable[[str, str, str, int], None]
 
 
 @dataclass(slots=True)
@@ -43,7 +34,7 @@ class Upkeep:
         facts: by channel, as they were found.
         wanted: the options.
         tell_fault: tells what was survived: code, text, remedy, how often.
-        counters: of the driver.
+        losses: tells what was lost.
     """
 
     bus: CanBus
@@ -55,7 +46,7 @@ class Upkeep:
     wanted: CanOpenOptions
     now_ns: Callable[[], int]
     tell_fault: Fault
-    counters: Counter[str]
+    losses: Losses
     _restarted: Sequence[int] = ()
     _look_due_ns: int = 0
     _status_due_ns: int = 0
@@ -63,7 +54,6 @@ class Upkeep:
     _set_up_due_ns: int = 0
     _bus_off_ns: int = 0
     _clear_ns: int = 0
-    _dropped: int = 0
 
     def observe(self) -> None:
         """Note who lives and what was lost; asks nobody, so that it never waits.
@@ -76,7 +66,7 @@ class Upkeep:
             return
         self._look_due_ns = now_ns + LOOK_NS
         self._note_answers(now_ns)
-        self._tell_losses()
+        self.losses.tell()
         self._restarted = self.watch.look(now_ns) or self._long_unclear(now_ns)
         for channel in range(len(self.sdos)):
             self.cycles.status[channel] = self.watch.status(channel)
@@ -123,7 +113,7 @@ class Upkeep:
             self.conditions.end(None, "bus_passive")
         if told.overflow:
             self.cycles.lose_track()
-            self._tell_overflow(1)
+            self.losses.tell_overflow(1)
 
     def _long_unclear(self, now_ns: int) -> list[int]:
         """Who has to begin anew where SYNCs are another's, which cannot be paused."""
@@ -156,58 +146,6 @@ class Upkeep:
             if sdo.surplus:
                 sdo.surplus = 0
                 self.watch.duplicate(channel, now_ns, "two answers to one question")
-
-    def _tell_losses(self) -> None:
-        cycles = self.cycles
-        for name, counter in COUNTED.items():
-            self.counters[counter] += getattr(cycles, name)
-            setattr(cycles, name, 0)
-        lost, cycles.lost = cycles.lost, 0
-        if lost:
-            self.tell_fault(
-                "samples_lost",
-                f"{lost} samples lost: no node answered, or no SYNC was sent",
-                "lower the rate; check the load of bus and computer",
-                lost,
-            )
-        if cycles.missing:
-            who = ", ".join(
-                f"node {self.facts[channel].node}: {n}"
-                for channel, n in sorted(cycles.missing.items())
-            )
-            self.tell_fault(
-                "readings_missing",
-                f"SYNCs without an answer: {who}",
-                "check these encoders; lower the rate if it is all of them",
-                cycles.missing.total(),
-            )
-            for channel, n in cycles.missing.items():
-                self.counters[f"missing_node_{self.facts[channel].node}"] += n
-            cycles.missing.clear()
-        if cycles.doubtful:
-            who = ", ".join(
-                f"node {self.facts[channel].node}: {n}"
-                for channel, n in sorted(cycles.doubtful.items())
-            )
-            self.tell_fault(
-                "answers_doubtful",
-                f"answers that may be of another SYNC, flagged late: {who}",
-                "check these encoders and the load of the bus; lower the rate",
-                cycles.doubtful.total(),
-            )
-            cycles.doubtful.clear()
-        dropped, self._dropped = self.bus.dropped - self._dropped, self.bus.dropped
-        if dropped > 0:
-            self._tell_overflow(dropped)
-
-    def _tell_overflow(self, n: int) -> None:
-        self.tell_fault(
-            "frames_overflowed",
-            f"frames were lost on {self.bus.name} because nobody read them in time",
-            "lower the rate; give the daemon more of the computer; on SocketCAN let it "
-            "keep more: sysctl net.core.rmem_max=4194304",
-            n,
-        )
 
     def _set_up_again(self, channel: int) -> None:
         sdo, known = self.sdos[channel], self.facts[channel]
