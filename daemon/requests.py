@@ -3,7 +3,6 @@
 import asyncio
 
 from daemon.arm_devices import ArmDevices
-from daemon.capture import Capture
 from daemon.commands import CommandError, Result
 from daemon.configuration import CaptureSection
 from daemon.measuring import Measuring
@@ -25,14 +24,12 @@ class Requests:
         settings: CaptureSection,
         scan: ScanSection | None = None,
         devices: ArmDevices,
-        capture: Capture,
         scanner: Scanner,
         measuring: Measuring,
     ) -> None:
         self._settings = settings
         self._scan = scan or ScanSection()
         self._devices = devices
-        self._capture = capture
         self._scanner = scanner
         self._measuring = measuring
 

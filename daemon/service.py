@@ -170,7 +170,6 @@ class Service:
             settings=settings,
             scan=configuration.scan,
             devices=self._arm_devices,
-            capture=self._capture,
             scanner=self._scanner,
             measuring=self._measuring,
         )

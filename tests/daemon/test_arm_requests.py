@@ -27,7 +27,6 @@ def requests(bench):
     return Requests(
         settings=CaptureSection(),
         devices=bench.arm_devices,
-        capture=bench.capture,
         scanner=bench.scanner,
         measuring=bench.measuring,
     )

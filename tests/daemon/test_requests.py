@@ -65,7 +65,6 @@ class Bench:
         self.requests = Requests(
             settings=CaptureSection(),
             devices=devices,
-            capture=capture,
             scanner=self.scanner,
             measuring=self.measuring,
         )
