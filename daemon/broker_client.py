@@ -4,30 +4,26 @@ aiomqtt hands a packet to the event loop, which watches the socket, comes round 
 and writes: two wake-ups and two system calls for each message more than it takes. And
 aiomqtt 2.5 takes every PUBACK for a yes; with MQTT 5 its reason code may say no, for
 example where an access list forbids the topic. Brokers of MQTT 3.1.1 cannot say no.
-Messages and their answers do not go through paho, see `daemon.broker_wire`.
 """
 
 import asyncio
 import logging
 import math
 import threading
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable
 from typing import Any, Self, TypeVar
 
 import aiomqtt
 from paho.mqtt.client import Client as PahoClient
 from paho.mqtt.client import MQTTMessage
-from paho.mqtt.packettypes import PacketTypes
+from paho.mqtt.enums import MQTTErrorCode
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
-from daemon.broker_wire import BrokerWire
 from daemon.outgoing import Outgoing
-from protocol.mqtt_packets import FAILED, publish_packet
 
 T = TypeVar("T")
-Answers = Sequence[tuple[int, str | None]]
-MOST_ON_THE_WAY = 16  # mosquitto, unless told otherwise, takes 20
+MOST_ON_THE_WAY = 16  # paho holds back what is beyond 20
 
 
 class SilentEndError(aiomqtt.MqttError):
@@ -57,8 +53,8 @@ class BrokerClient(aiomqtt.Client):
     """A client that has several messages on their way.
 
     Attributes:
-        acknowledged: called with the numbers of messages that the broker has answered,
-            each with its reason where it was refused.
+        acknowledged: called with the number of each message that the broker has
+            answered, and with its reason where it was refused.
         received: called with each message that comes in; aiomqtt's own queue takes a
             task for each, and loses what it has no room for.
         writable: called when a socket that took no more takes bytes again.
@@ -67,7 +63,7 @@ class BrokerClient(aiomqtt.Client):
             while it waits; who reads it refuses it as too long.
     """
 
-    acknowledged: Callable[[Answers], None] | None = None
+    acknowledged: Callable[[int, str | None], None] | None = None
     received: Callable[[MQTTMessage], None] | None = None
     writable: Callable[[], None] | None = None
     most_on_the_way = MOST_ON_THE_WAY
@@ -81,7 +77,6 @@ class BrokerClient(aiomqtt.Client):
         logger.addHandler(self._faults)
         super().__init__(*arguments, **options, logger=logger)
         self._own_thread = threading.current_thread()
-        self._wire = BrokerWire(self._client)
 
     async def __aenter__(self) -> Self:
         try:
@@ -112,45 +107,31 @@ class BrokerClient(aiomqtt.Client):
     @property
     def is_congested(self) -> bool:
         """Whether bytes wait that the socket did not take."""
-        return self._wire.is_congested
+        return self._client.want_write()
 
-    def send(self, message: Outgoing, properties: bytes) -> int:
-        """Have a message written by the next `flush`, or at once if there is much.
+    def send(self, message: Outgoing, properties: Properties | None) -> int:
+        """Write a message now.
 
         Returns:
-            Its number, with which the broker answers; 0 if it will not, since the
-            quality of service is 0.
+            Its number, with which the broker answers if its quality of service is 1.
 
         Raises:
             aiomqtt.MqttError: there is no connection any more.
             ValueError: nothing can be published on this topic.
         """
-        number = self._wire.next_number() if message.qos else None
-        packet = publish_packet(
-            message.topic,
-            message.payload,
-            number=number,
-            retain=message.retain,
-            properties=properties,
-        )
-        self._wire.put(packet)
-        if self._wire.has_enough:
-            self.flush()
-        return number or 0
-
-    def flush(self) -> None:
-        """Write all messages that have been sent.
-
-        Raises:
-            aiomqtt.MqttError: there is no connection any more.
-        """
         self._is_sending = True  # or every packet would be watched for
         try:
-            self._wire.write()
+            info = self._client.publish(
+                message.topic, message.payload, message.qos, message.retain, properties
+            )
+            result = info.rc or self._client.loop_write()
         finally:
             self._is_sending = False
-        if self._wire.is_congested:
+        if result != MQTTErrorCode.MQTT_ERR_SUCCESS:
+            raise aiomqtt.MqttCodeError(result, "could not publish")
+        if self.is_congested:
             self._watch()
+        return info.mid
 
     def _watch(self) -> None:
         sock = self._client.socket()
@@ -158,52 +139,17 @@ class BrokerClient(aiomqtt.Client):
             self._loop.add_writer(sock.fileno(), self._write)
 
     def _write(self) -> None:
-        """The socket takes bytes again."""
         try:
-            self._wire.write()
+            self._client.loop_write()
         except Exception as error:  # noqa: BLE001 - as aiomqtt: the connection is gone
-            self._fail(error)
-        sock = self._client.socket()
-        if not self._wire.is_congested:
-            if sock is not None:
-                self._loop.remove_writer(sock.fileno())
-            if self.writable is not None:
-                self.writable()
+            if not self._disconnected.done():
+                self._disconnected.set_exception(error)
+        if self.writable is not None and not self.is_congested:
+            self.writable()
 
-    def _read(self) -> None:
-        """There are bytes to be read."""
-        answers: list[tuple[int, int]] = []
-        try:
-            answers = self._wire.read()
-        except Exception as error:  # noqa: BLE001 - as aiomqtt: the connection is gone
-            self._fail(error)
-        if answers and self.acknowledged is not None:
-            self.acknowledged([(number, _refusal(code)) for number, code in answers])
-
-    def _fail(self, error: Exception) -> None:
-        if not self._disconnected.done():
-            self._disconnected.set_exception(error)
-
-    def _on_socket_open(
-        self,
-        client: PahoClient,
-        userdata: Any,  # noqa: ANN401
-        sock: Any,  # noqa: ANN401
-    ) -> None:
-        super()._on_socket_open(client, userdata, sock)
-        # On the thread that connects. Our reader takes the place of aiomqtt's.
-        fileno = sock.fileno()
-        self._loop.call_soon_threadsafe(self._loop.add_reader, fileno, self._read)
-
-    def _on_socket_close(
-        self,
-        client: PahoClient,
-        userdata: Any,  # noqa: ANN401
-        sock: Any,  # noqa: ANN401
-    ) -> None:
-        if sock.fileno() > -1:
-            self._loop.remove_writer(sock.fileno())
-        super()._on_socket_close(client, userdata, sock)
+    def _answered(self, mid: int, reason: str | None) -> None:
+        if self.acknowledged is not None:
+            self.acknowledged(mid, reason)
 
     def _on_connect(
         self,
@@ -231,16 +177,6 @@ class BrokerClient(aiomqtt.Client):
         else:  # while connecting
             super()._on_socket_register_write(client, userdata, sock)
 
-    def _on_socket_unregister_write(
-        self,
-        client: PahoClient,
-        userdata: Any,  # noqa: ANN401
-        sock: Any,  # noqa: ANN401
-    ) -> None:
-        if threading.current_thread() is not self._own_thread:  # while connecting
-            super()._on_socket_unregister_write(client, userdata, sock)
-        # Else paho has written its own; whether ours are, `_write` knows.
-
     def _on_disconnect(
         self,
         client: PahoClient,
@@ -261,16 +197,20 @@ class BrokerClient(aiomqtt.Client):
     ) -> None:
         if self.received is not None:
             message.payload = message.payload[: self.most_payload_bytes]
-            # Not within paho's callback, where nothing can be sent: it would wait for
-            # itself.
+            # Not within paho's callback, see `_on_publish`.
             self._loop.call_soon(self.received, message)
 
-
-def _refusal(code: int) -> str | None:
-    """Why the broker does not want a message; None where it has it."""
-    if code < FAILED:
-        return None
-    try:
-        return str(ReasonCode(PacketTypes.PUBACK, identifier=code))
-    except KeyError:  # not in the standard
-        return f"reason code {code}"
+    def _on_publish(
+        self,
+        client: PahoClient,
+        userdata: Any,  # noqa: ANN401
+        mid: int,
+        reason_code: ReasonCode,
+        properties: Properties,
+    ) -> None:
+        if self.acknowledged is not None and not self._is_sending:
+            reason = str(reason_code) if reason_code.is_failure else None
+            # Not within paho's callback, where nothing can be sent: it would wait for
+            # itself.
+            self._loop.call_soon(self._answered, mid, reason)
+        super()._on_publish(client, userdata, mid, reason_code, properties)

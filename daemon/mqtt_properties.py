@@ -8,18 +8,11 @@ from protocol.encoding import Encoding, content_type
 MAX_UNANSWERED = 32  # commands of QoS 1 on their way to us
 
 
-def publish_properties(encoding: Encoding, correlation: bytes | None = None) -> bytes:
-    """What every message carries, packed; to be kept, since packing is slow.
-
-    Args:
-        encoding: of the payload.
-        correlation: of what the message answers.
-    """
+def publish_properties(encoding: Encoding) -> Properties:
+    """What every message carries; one of them serves all, since making it is slow."""
     properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]  # paho's is not typed
     properties.ContentType = content_type(encoding)
-    if correlation is not None:
-        properties.CorrelationData = correlation
-    return bytes(properties.pack())  # type: ignore[no-untyped-call]  # paho's is not typed
+    return properties
 
 
 def connect_properties(max_packet_bytes: int) -> Properties:

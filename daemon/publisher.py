@@ -15,6 +15,7 @@ from collections.abc import AsyncIterator, Callable
 from typing import Literal
 
 import aiomqtt
+from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
 from daemon.broker_access import Access, AccessError, BrokerAddress, read_access
@@ -157,14 +158,16 @@ class Publisher:
                 log.info("password or certificates have changed; connecting anew")
                 return
 
-    def _properties(self, message: Outgoing) -> bytes:
-        """A message's properties of MQTT 5, packed."""
+    def _properties(self, message: Outgoing) -> Properties | None:
         if self._version is not aiomqtt.ProtocolVersion.V5:
-            return b""
+            return None
         encoding = message.encoding or self._encoding
         if message.correlation is None and encoding == self._encoding:
             return self._usual_properties
-        return publish_properties(encoding, message.correlation)
+        properties = publish_properties(encoding)
+        if message.correlation is not None:
+            properties.CorrelationData = message.correlation
+        return properties
 
     @contextlib.asynccontextmanager
     async def _connection(self, *, will: bool) -> AsyncIterator[BrokerClient]:

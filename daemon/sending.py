@@ -6,8 +6,9 @@ import time
 from collections.abc import Callable
 
 import aiomqtt
+from paho.mqtt.properties import Properties
 
-from daemon.broker_client import Answers, BrokerClient
+from daemon.broker_client import BrokerClient
 from daemon.outgoing import Outgoing, OutgoingQueue
 
 log = logging.getLogger("daemon.publisher")
@@ -20,14 +21,13 @@ REFUSED_S = 5.0  # a refused point is tried again: somebody may correct the acce
 class Sending:
     """Takes messages from the queue whenever the connection has room for them.
 
-    A message is written in the call that offers it, and those offered together in one
-    packet of the network. Several may be on their way, so none waits for the answer to
-    another.
+    A message is written in the call that offers it. Several may be on their way, so
+    none waits for the answer to another.
 
     Args:
         client: connected.
         queue: what is to be sent.
-        properties: gives a message's properties of MQTT 5, packed.
+        properties: makes a message's properties of MQTT 5.
         changed: called when points are refused (False, reason) and taken again (True).
         broker: how it is called, for people.
     """
@@ -37,7 +37,7 @@ class Sending:
         client: BrokerClient,
         queue: OutgoingQueue,
         *,
-        properties: Callable[[Outgoing], bytes],
+        properties: Callable[[Outgoing], Properties | None],
         changed: Callable[[bool, str], None],
         broker: str,
     ) -> None:
@@ -76,14 +76,9 @@ class Sending:
 
     def _send(self) -> None:
         """Write as much as there is room for."""
-        client = self._client
-        if (
-            self._is_sending
-            or self._failed.done()
-            or self._resumes_s
-            or client.is_congested
-        ):
+        if self._is_sending or self._failed.done() or self._resumes_s:
             return
+        client = self._client
         self._is_sending = True
         try:
             while (
@@ -92,7 +87,6 @@ class Sending:
                 and (taken := self._queue.next()) is not None
             ):
                 self._send_one(*taken)
-            client.flush()
         except aiomqtt.MqttError as error:
             self._failed.set_exception(error)
         finally:
@@ -110,18 +104,12 @@ class Sending:
         else:
             self._queue.done(kind, message)
 
-    def _answered(self, answers: Answers) -> None:
-        """The broker has some messages, or does not want them."""
-        self._is_sending = True  # what comes to be sent meanwhile is sent together
-        try:
-            for number, refusal in answers:
-                if (answered := self._on_the_way.pop(number, None)) is not None:
-                    self._settle(*answered[:2], refusal)
-        finally:
-            self._is_sending = False
-        self._send()
-
-    def _settle(self, kind: str, message: Outgoing, refusal: str | None) -> None:
+    def _answered(self, number: int, refusal: str | None) -> None:
+        """The broker has a message, or does not want it."""
+        answered = self._on_the_way.pop(number, None)
+        if answered is None:
+            return
+        kind, message, _ = answered
         text = f"broker {self._broker} refuses {message.topic}: {refusal}"
         if refusal is None:
             self._queue.done(kind, message)
@@ -139,6 +127,7 @@ class Sending:
         else:
             log.warning("%s; dropped", text)
             self._queue.drop(kind, message)
+        self._send()
 
     def _look(self) -> None:
         """Notice silence, and the end of the wait after a refusal."""
