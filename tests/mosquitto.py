@@ -1,7 +1,9 @@
 """A real mosquitto on loopback, started and stopped by tests."""
 
+import contextlib
 import os
 import pwd
+import random
 import shutil
 import socket
 import subprocess
@@ -11,6 +13,7 @@ from pathlib import Path
 
 HOST = "127.0.0.1"
 START_S = 10.0
+PORTS = (16_384, 32_768)  # Linux gives outgoing connections higher ones
 
 
 def find_mosquitto() -> str | None:
@@ -19,9 +22,13 @@ def find_mosquitto() -> str | None:
 
 
 def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind((HOST, 0))
-        return int(probe.getsockname()[1])
+    """One that nobody has, and that no outgoing connection gets in the meantime."""
+    chance = random.SystemRandom()  # seeded alike, two processes would draw the same
+    while True:
+        port = chance.randrange(*PORTS)
+        with socket.socket() as probe, contextlib.suppress(OSError):
+            probe.bind((HOST, port))
+            return port
 
 
 class Mosquitto:
