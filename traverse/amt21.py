@@ -35,6 +35,9 @@ Timeout = Annotated[
     ),
 ]
 Yes = Annotated[bool, typer.Option("--yes", help="Do not ask whether to do it.")]
+Json = Annotated[
+    bool, typer.Option("--json", help="Report as JSON on standard output.")
+]
 
 
 @amt21.command()
@@ -42,9 +45,7 @@ def scan(
     port: Port,
     baud_rate: Baud = 2_000_000,
     timeout_s: Timeout = 0.01,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Report as JSON on standard output.")
-    ] = False,
+    as_json: Json = False,
 ) -> None:
     """List the addresses that answer, with position and, where they have it, turns.
 
@@ -65,11 +66,13 @@ def scan(
 
 @amt21.command()
 def zero(
+    *,
     port: Port,
     address: Address,
     baud_rate: Baud = 2_000_000,
     timeout_s: Timeout = 0.01,
     yes: Yes = False,
+    as_json: Json = False,
 ) -> None:
     """Make the present position of a single-turn encoder its 0; the shaft must rest.
 
@@ -78,21 +81,25 @@ def zero(
     """
     from protocol.amt21 import zero_request  # noqa: PLC0415 - keeps --help quick
 
-    _command("zero", zero_request, (port, baud_rate, timeout_s), address, yes)
+    where = (port, baud_rate, timeout_s)
+    _command("zero", zero_request, where, address, yes=yes, as_json=as_json)
 
 
 @amt21.command()
 def reset(
+    *,
     port: Port,
     address: Address,
     baud_rate: Baud = 2_000_000,
     timeout_s: Timeout = 0.01,
     yes: Yes = False,
+    as_json: Json = False,
 ) -> None:
     """Let an encoder start afresh, as after power-up; the shaft must rest."""
     from protocol.amt21 import reset_request  # noqa: PLC0415 - keeps --help quick
 
-    _command("reset", reset_request, (port, baud_rate, timeout_s), address, yes)
+    where = (port, baud_rate, timeout_s)
+    _command("reset", reset_request, where, address, yes=yes, as_json=as_json)
 
 
 def _command(
@@ -100,7 +107,9 @@ def _command(
     request: Callable[[int], bytes],
     where: tuple[str, int, float],
     address: str,
+    *,
     yes: bool,
+    as_json: bool,
 ) -> None:
     """Show where an encoder stands, do something to it, and show it again."""
     from protocol.amt21 import START_UP_S  # noqa: PLC0415
@@ -108,12 +117,17 @@ def _command(
     number = _address(name, address)
     with _line(*where) as line:
         before = _present(line, number)
-        typer.echo(f"{number:#04x} stands at {before['position']}")
+        # With --json what is asked about goes where the question goes.
+        typer.echo(f"{number:#04x} stands at {before['position']}", err=as_json)
         if not yes:
-            typer.confirm(f"{name} this encoder?", abort=True)
+            typer.confirm(f"{name} this encoder?", abort=True, err=as_json)
         line.command(request(number))
         time.sleep(2 * START_UP_S)
         after = _present(line, number)
+    if as_json:
+        report = {"address": number, "before": before["position"]}
+        typer.echo(json.dumps(report | {"after": after["position"]}))
+    else:
         typer.echo(f"{number:#04x} stands at {after['position']}")
 
 

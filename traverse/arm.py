@@ -1,8 +1,6 @@
 """`traverse arm`: arm files shown, made of tables and descriptions, and back."""
 
 import json
-from collections.abc import Iterator
-from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -22,6 +20,7 @@ from traverse.arm_options import (
     ToolRpy,
     ToolXyz,
 )
+from traverse.refusals import refusals
 
 if TYPE_CHECKING:
     from kinematics.arm_file import Arm
@@ -71,10 +70,12 @@ def show(
     from kinematics.arm_file import read_arm  # noqa: PLC0415 - keeps --help quick
     from traverse.arm_summary import arm_summary, summary_lines  # noqa: PLC0415
 
-    with _refusals():
+    with refusals("arm"):
         values = read_arm(file)
         if png is not None:
-            _draw(values, png)
+            from lab.arm_picture import draw_base_posture  # noqa: PLC0415
+
+            draw_base_posture(values, png)
     summary = arm_summary(values)
     if as_json:
         typer.echo(json.dumps(summary, indent=1, default=str))
@@ -113,6 +114,7 @@ def from_dh(
     tool_rpy_rad: ToolRpy = None,
     radius_mm: Radius = 0.0,
     switching: Switching = False,
+    as_json: Json = False,
 ) -> None:
     """Make an arm file of a Denavit-Hartenberg table.
 
@@ -136,7 +138,7 @@ def from_dh(
         probe=ProbeParts(radius_mm, "switching" if switching else "hard"),
     )
     units = Units(lengths and lengths.value, angles and angles.value)
-    with _refusals():
+    with refusals("arm"):
         made = arm_from_dh_file(
             table,
             units,
@@ -146,7 +148,7 @@ def from_dh(
             base_rpy_rad=base_rpy_rad,
         )
         write_arm(out, made)
-    typer.echo(f"{out}: arm {made.name} with {len(made.joints)} joints")
+    _tell_made(out, made, as_json=as_json)
 
 
 @arm.command("from-urdf")
@@ -170,6 +172,7 @@ def from_urdf(
     tool_rpy_rad: ToolRpy = None,
     radius_mm: Radius = 0.0,
     switching: Switching = False,
+    as_json: Json = False,
 ) -> None:
     """Make an arm file of a robot description (URDF).
 
@@ -191,10 +194,10 @@ def from_urdf(
         tool_rpy_rad=tool_rpy_rad,
         probe=ProbeParts(radius_mm, "switching" if switching else "hard"),
     )
-    with _refusals():
+    with refusals("arm"):
         made = arm_from_urdf_file(file, root, tip, wishes)
         write_arm(out, made)
-    typer.echo(f"{out}: arm {made.name} with {len(made.joints)} joints")
+    _tell_made(out, made, as_json=as_json)
 
 
 @arm.command("to-dh")
@@ -219,7 +222,7 @@ def to_dh(
     from traverse.arm_dh_file import dh_toml  # noqa: PLC0415
     from traverse.arm_dh_report import dh_report, remark_lines  # noqa: PLC0415
 
-    with _refusals():
+    with refusals("arm"):
         report, csv_text = dh_report(read_arm(file), parallel_below_rad, postures, seed)
         if out is not None:
             as_toml = out.suffix.lower() == ".toml"
@@ -232,26 +235,10 @@ def to_dh(
         typer.echo("\n".join([f"{out}: classic table", *remark_lines(report)]))
 
 
-def _draw(values: "Arm", png: Path) -> None:
-    try:
-        from lab.arm_picture import draw_base_posture  # noqa: PLC0415 - extra `lab`
-    except ModuleNotFoundError as error:
-        what = f"{png}: cannot be drawn without {error.name}; install traverse-cmm[lab]"
-        typer.echo(what, err=True)
-        raise typer.Exit(2) from error
-    draw_base_posture(values, png)
-
-
-@contextmanager
-def _refusals() -> Iterator[None]:
-    """End with exit status 2 where a file is refused or cannot be written."""
-    from kinematics.arm_file import FileError  # noqa: PLC0415 - keeps --help quick
-
-    try:
-        yield
-    except FileError as error:
-        typer.echo(str(error), err=True)
-        raise typer.Exit(2) from error
-    except OSError as error:
-        typer.echo(f"{error.filename}: {error.strerror}; check the path", err=True)
-        raise typer.Exit(2) from error
+def _tell_made(file: Path, made: "Arm", *, as_json: bool) -> None:
+    if as_json:
+        names = [joint.name for joint in made.joints]
+        report = {"file": str(file), "arm": made.name, "joints": names}
+        typer.echo(json.dumps(report, indent=1))
+    else:
+        typer.echo(f"{file}: arm {made.name} with {len(made.joints)} joints")

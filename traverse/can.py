@@ -34,6 +34,10 @@ Timeout = Annotated[
     ),
 ]
 
+Json = Annotated[
+    bool, typer.Option("--json", help="Report as JSON on standard output.")
+]
+
 
 @can.command()
 def scan(
@@ -41,9 +45,7 @@ def scan(
     interface: Interface = "socketcan",
     bitrate: BitRate = 1_000_000,
     timeout_s: Timeout = 0.5,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Report as JSON on standard output.")
-    ] = False,
+    as_json: Json = False,
 ) -> None:
     """List the nodes that answer: identity, profile, resolution, alarms.
 
@@ -80,6 +82,7 @@ def preset(
     yes: Annotated[
         bool, typer.Option("--yes", help="Do not ask whether to do it.")
     ] = False,
+    as_json: Json = False,
 ) -> None:
     """Make the present position of an encoder a number; the shaft must rest.
 
@@ -89,7 +92,9 @@ def preset(
     """
     with _bus(interface, channel, bitrate, timeout_s) as tool:
         facts = tool.facts(node)
-        typer.echo(f"node {node} stands at {facts.position} of {facts.modulus}")
+        # With --json what is asked about goes where the question goes.
+        text = f"node {node} stands at {facts.position} of {facts.modulus}"
+        typer.echo(text, err=as_json)
         if value >= facts.modulus:
             _refuse(
                 f"--value {value} is beyond its range, expected 0 to "
@@ -97,8 +102,13 @@ def preset(
             )
         if not yes:
             kept = " and store it" if store else ""
-            typer.confirm(f"preset this encoder to {value}{kept}?", abort=True)
+            text = f"preset this encoder to {value}{kept}?"
+            typer.confirm(text, abort=True, err=as_json)
         position = tool.preset(node, value, store)
+    if as_json:
+        report = {"node": node, "before": facts.position, "after": position}
+        typer.echo(json.dumps(report | {"stored": store}))
+    else:
         typer.echo(f"node {node} stands at {position}{', stored' if store else ''}")
 
 

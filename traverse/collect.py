@@ -1,6 +1,9 @@
 """`traverse collect`: a campaign collected at the terminal, point by point."""
 
 import asyncio
+import json
+import sys
+from contextlib import nullcontext, redirect_stdout
 from pathlib import Path
 from typing import Annotated
 
@@ -38,6 +41,9 @@ def collect(
     ca_file: CaFileOption = None,
     client_certificate: CertificateOption = None,
     client_key: KeyOption = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Report as JSON at the end.")
+    ] = False,
 ) -> None:
     """Collect the poses of a campaign, guided: what to touch, and how often.
 
@@ -66,6 +72,7 @@ def collect(
         from protocol.messages.quality import FLAG_MEANINGS  # noqa: PLC0415
         from traverse.collection import Collection  # noqa: PLC0415
         from traverse.collection_plan import PLAN, read_plan  # noqa: PLC0415
+        from traverse.collection_report import collection_report  # noqa: PLC0415
         from traverse.collection_session import collected  # noqa: PLC0415
         from traverse.collection_targets import (  # noqa: PLC0415
             planned_targets,
@@ -99,8 +106,12 @@ def collect(
             plan,
         )
         collection.resume()
-        reached = asyncio.run(collected(collection, model.name, address, flags))
+        # Standard output is the report's, where that is JSON.
+        with redirect_stdout(sys.stderr) if as_json else nullcontext():
+            reached = asyncio.run(collected(collection, model.name, address, flags))
     if not reached:
         raise typer.Exit(UNREACHABLE)
+    if as_json:
+        typer.echo(json.dumps(collection_report(collection), indent=1))
     if collection.unfinished():
         raise typer.Exit(INCOMPLETE)

@@ -1,5 +1,6 @@
 """`traverse export`: points and scans as files that other software reads."""
 
+import json
 from pathlib import Path
 from typing import Annotated
 
@@ -53,6 +54,9 @@ def export(
         bool,
         typer.Option("--retracted", help="Retracted points and retractions, too."),
     ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Report as JSON on standard output.")
+    ] = False,
 ) -> None:
     """Turn points, or the scans of a recording, into a file.
 
@@ -61,8 +65,15 @@ def export(
     """
     from clients.exports.formats import FORMATS  # noqa: PLC0415 - keeps --help quick
     from clients.exports.tables import COORDINATES  # noqa: PLC0415
-    from traverse.export_campaign import export_campaign  # noqa: PLC0415
-    from traverse.export_file import Wanted, write_file  # noqa: PLC0415
+    from traverse.export_campaign import (  # noqa: PLC0415
+        campaign_words,
+        export_campaign,
+    )
+    from traverse.export_file import (  # noqa: PLC0415
+        Wanted,
+        file_words,
+        write_file,
+    )
 
     for name, value, known in (
         ("--to", to, (*FORMATS, "campaign")),
@@ -76,17 +87,21 @@ def export(
             if arm is None or campaign is None:
                 refuse("export", "--to campaign needs --arm and --campaign")
             folder = out or source.with_suffix("")
-            said = export_campaign(source, arm, campaign, folder, session)
+            report = export_campaign(source, arm, campaign, folder, session)
+            said = campaign_words(report)
         else:
             path = out or source.with_suffix(f".{'txt' if to == 'text' else to}")
             if path.exists() and path.samefile(source):
                 refuse("export", f"{path} is the source; name another with --out")
             coordinate = next(c for c in COORDINATES if c == coordinates)
             wanted = Wanted(to, kind, coordinate, session, filters, template, retracted)
-            said = write_file(source, path, wanted)
+            report = write_file(source, path, wanted)
+            said = file_words(source, report)
     except (ValueError, OSError) as error:
         refuse("export", str(error))
     except ModuleNotFoundError as error:
         refuse("export", f"{error.name} is missing: pip install 'traverse-cmm[{to}]'")
-    for line in said:
-        typer.echo(line, err=True)
+    if as_json:
+        typer.echo(json.dumps(report, indent=1))
+    else:
+        typer.echo("\n".join(said), err=True)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from kinematics.arm_file import read_arm
 from kinematics.arm_text import write_whole
@@ -14,7 +15,7 @@ from traverse.export_file import selected_points
 
 def export_campaign(
     source: Path, arm: Path, campaign: Path, folder: Path, session: str | None
-) -> list[str]:
+) -> dict[str, Any]:
     """Write a campaign's folder; gives what is to be said about it.
 
     Args:
@@ -38,10 +39,15 @@ def export_campaign(
     left_out: list[str] = []
     points = selected_points(source, session, retracted=False)
     collection.take_all(_touches(collection, points, left_out))
-    said = [f"{folder}: {len(collection.touches)} poses"]
-    if left_out:
-        n, first = len(left_out), left_out[0]
-        said.append(f"{n} points are left out, the first: {first}")
+    poses = len(collection.touches)
+    return {"folder": str(folder), "poses": poses, "left_out": left_out}
+
+
+def campaign_words(report: dict[str, Any]) -> list[str]:
+    """What `export_campaign` did, for people."""
+    said = [f"{report['folder']}: {report['poses']} poses"]
+    if left_out := report["left_out"]:
+        said.append(f"{len(left_out)} points are left out, the first: {left_out[0]}")
     return said
 
 

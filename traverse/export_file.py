@@ -40,7 +40,7 @@ class Wanted:
     retracted: bool
 
 
-def write_file(source: Path, path: Path, wanted: Wanted) -> list[str]:
+def write_file(source: Path, path: Path, wanted: Wanted) -> dict[str, Any]:
     """Write a file; gives what is to be said about it.
 
     Raises:
@@ -69,15 +69,30 @@ def write_file(source: Path, path: Path, wanted: Wanted) -> list[str]:
         n = sink.n
         file.flush()
         os.fsync(file.fileno())
-    said = [f"{path}: {n} {'points of scans' if wanted.kind == 'scans' else 'points'}"]
-    if chain is not None:
-        said += [
-            f"filter {one.kind}: {removed} held back"
-            for one, removed in zip(chain.filters, chain.removed, strict=True)
+    passed = [] if chain is None else zip(chain.filters, chain.removed, strict=True)
+    return {
+        "file": str(path),
+        "kind": wanted.kind,
+        "points": n,
+        "held_back": [
+            {"filter": one.kind, "points": removed}
+            for one, removed in passed
             if not one.interpolates
-        ]
-    if (tear := tear_of(source)) is not None:
-        said.append(f"{source}: read up to a tear: {tear}")
+        ],
+        "tear": tear_of(source),
+    }
+
+
+def file_words(source: Path, report: dict[str, Any]) -> list[str]:
+    """What `write_file` did, for people."""
+    what = "points of scans" if report["kind"] == "scans" else "points"
+    said = [f"{report['file']}: {report['points']} {what}"]
+    said += [
+        f"filter {one['filter']}: {one['points']} held back"
+        for one in report["held_back"]
+    ]
+    if report["tear"] is not None:
+        said.append(f"{source}: read up to a tear: {report['tear']}")
     return said
 
 

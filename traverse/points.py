@@ -1,5 +1,6 @@
 """`traverse points`: what a daemon keeps on its disk."""
 
+import json
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -81,6 +82,9 @@ def export(
     out: Annotated[
         Path | None, typer.Option(help="File to write; else standard output.")
     ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="With --out: report as JSON.")
+    ] = False,
 ) -> None:
     """Write points with all that is known of them; retractions are rows, too.
 
@@ -92,6 +96,8 @@ def export(
     command = "points export"
     if as_format not in FORMATS:
         refuse(command, f"--format {as_format}: one of {', '.join(FORMATS)}")
+    if as_json and out is None:
+        refuse(command, "--json needs --out; without it --format jsonl is JSON")
     last = LAST if to_seq is None else to_seq
     with ExitStack() as stack:
         connection = stack.enter_context(_opened(command, db, config))
@@ -112,7 +118,10 @@ def export(
         n, unreadable = write_points(messages, file, as_format)
     for text in unreadable:
         typer.echo(text, err=True)
-    if out is not None:
+    if as_json:
+        report = {"file": str(out), "points": n, "unreadable": unreadable}
+        typer.echo(json.dumps(report, indent=1))
+    elif out is not None:
         typer.echo(f"{out}: {n} points", err=True)
     if unreadable:
         raise typer.Exit(1)

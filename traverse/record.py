@@ -1,6 +1,7 @@
 """`traverse record`: have the daemon record, and wait."""
 
 import asyncio
+import json
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -37,6 +38,9 @@ def record(
         typer.Option(min=0.1, help="How long; else until Ctrl-C."),
     ] = None,
     note: Annotated[str, typer.Option(help="Kept in the recording.")] = "",
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Report as JSON at the end.")
+    ] = False,
 ) -> None:
     """Record what an arm does, as an MCAP file on the daemon's disk.
 
@@ -52,7 +56,9 @@ def record(
         (ca_file, client_certificate, client_key),
     )
     try:
-        asyncio.run(_record(name, arm, address, seconds, note))
+        recorded = asyncio.run(
+            _record(name, arm, address, seconds, note, quiet=as_json)
+        )
     except CommandRefused as error:
         typer.echo(f"traverse record: {error}", err=True)
         raise typer.Exit(REFUSED) from error
@@ -62,11 +68,18 @@ def record(
     except ClientError as error:
         typer.echo(f"traverse record: {error}", err=True)
         raise typer.Exit(UNREACHABLE) from error
+    typer.echo(json.dumps(recorded) if as_json else _told(recorded))
 
 
 async def _record(
-    name: str, arm: str, broker: "BrokerAddress", seconds: float | None, note: str
-) -> None:
+    name: str,
+    arm: str,
+    broker: "BrokerAddress",
+    seconds: float | None,
+    note: str,
+    *,
+    quiet: bool,
+) -> dict[str, Any]:
     import signal  # noqa: PLC0415 - keeps --help quick
 
     from clients.arm import Arm  # noqa: PLC0415
@@ -75,7 +88,7 @@ async def _record(
     async with Arm(arm, broker) as there:
         start = RecordArgs(action="start", name=name, note=note or None)
         begun = await there.result(start)
-        typer.echo(f"recording {begun['file']}")
+        typer.echo(f"recording {begun['file']}", err=quiet)
         ended = asyncio.Event()
         loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM):
@@ -85,7 +98,7 @@ async def _record(
                 await ended.wait()
         except TimeoutError:
             pass  # so long it was to be
-        typer.echo(_told(await there.result(RecordArgs(action="stop"))))
+        return dict(await there.result(RecordArgs(action="stop")))
 
 
 def _told(recorded: Mapping[str, Any]) -> str:

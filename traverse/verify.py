@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -60,7 +60,9 @@ def verify(
             _checked(check, as_json=as_json)
             return
         if plan is not None:
-            _planned(_known(plan, "--plan"), arm, out, bidirectional=bidirectional)
+            known = _known(plan, "--plan")
+            report = _planned(known, arm, out, bidirectional=bidirectional)
+            _tell_planned(report, as_json=as_json)
             return
         missing = [
             name
@@ -135,7 +137,7 @@ def _arm(data: Path, file: Path | None) -> "tuple[Arm, bytes]":
 
 def _planned(
     standard: str, arm_file: Path | None, out: Path | None, *, bidirectional: bool
-) -> None:
+) -> dict[str, Any]:
     from kinematics.arm_file import read_arm  # noqa: PLC0415
     from lab.acceptance.plan import plan_of  # noqa: PLC0415
     from traverse.verify_plan import write_plan  # noqa: PLC0415
@@ -143,7 +145,14 @@ def _planned(
     if arm_file is None or out is None:
         refuse("verify", "--plan needs --arm and --out")
     found = plan_of(standard, read_arm(arm_file), bidirectional=bidirectional)
-    typer.echo("\n".join(write_plan(found, standard, out)))
+    return write_plan(found, standard, out)
+
+
+def _tell_planned(report: dict[str, Any], *, as_json: bool) -> None:
+    from traverse.verify_plan import plan_words  # noqa: PLC0415
+
+    words = "\n".join(plan_words(report))
+    typer.echo(json.dumps(report, indent=1) if as_json else words)
 
 
 def _checked(path: Path, *, as_json: bool) -> None:

@@ -18,8 +18,8 @@ _HEAD = """\
 """
 
 
-def write_plan(plan: Plan, standard: str, folder: Path) -> list[str]:
-    """Write campaign.toml and plan.toml; say what there is to do.
+def write_plan(plan: Plan, standard: str, folder: Path) -> dict[str, Any]:
+    """Write campaign.toml and plan.toml; gives what they hold.
 
     Raises:
         FileError: A campaign is there already; it is not replaced.
@@ -35,12 +35,24 @@ def write_plan(plan: Plan, standard: str, folder: Path) -> list[str]:
     write_whole(folder / PLAN, plan_text(plan))
     read_campaign_file(folder / CAMPAIGN)
     read_plan(folder / PLAN)
-    touches = sum(step.touches for step in plan.steps)
+    return {
+        "folder": str(folder),
+        "files": [CAMPAIGN, PLAN],
+        "artefacts": len(plan.artefacts),
+        "steps": len(plan.steps),
+        "touches": sum(step.touches for step in plan.steps),
+    }
+
+
+def plan_words(report: Mapping[str, Any]) -> list[str]:
+    """What was written, and what there is to do."""
+    counts = [f"{report[what]} {what}" for what in ("artefacts", "steps", "touches")]
+    folder = report["folder"]
     return [
-        f"{len(plan.artefacts)} artefacts, {len(plan.steps)} steps, {touches} touches",
-        f"wrote {folder}: {CAMPAIGN}, {PLAN}",
+        ", ".join(counts),
+        f"wrote {folder}: {', '.join(report['files'])}",
         f"put your certificates into {CAMPAIGN}, then: traverse collect "
-        f"{folder / CAMPAIGN} --arm ARM",
+        f"{Path(folder) / CAMPAIGN} --arm ARM",
     ]
 
 

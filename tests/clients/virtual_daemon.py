@@ -22,6 +22,7 @@ from protocol.messages import (
     Message,
     Point,
     PointArgs,
+    RecordArgs,
     Reply,
     ReplyError,
     ResendArgs,
@@ -31,6 +32,8 @@ from protocol.messages import (
     UndoArgs,
 )
 from tests.protocol.message_examples import POINT, SCAN, STATUS
+
+RECORDED = {"file": "a.mcap", "seconds": 0.1, "bytes": 9, "messages": 4, "gaps": 0}
 
 
 class VirtualDaemon:
@@ -193,6 +196,9 @@ class VirtualDaemon:
                 result = {"session": undone.session, "seq": undone.seq, "id": undone.id}
             case SessionArgs():
                 result = {"session": await self.begin_session()}
+            case RecordArgs():
+                file = {"file": f"{args.name}.mcap"}
+                result = file if args.action == "start" else RECORDED
             case ScanArgs():
                 result = {"scan": SCAN.scan, "rate_hz": args.rate_hz}
             case _:

@@ -1,6 +1,7 @@
 """`traverse collect` beside a daemon that measures: the campaign that comes of it."""
 
 import asyncio
+import json
 import os
 import pty
 import subprocess
@@ -47,15 +48,19 @@ async def test_a_campaign_is_collected_as_it_is_touched(campaign: Workbench) -> 
     lead_in = '[[motion]]\nkind = "rest"\nduration_s = 1.0'
     bench.write_simulator(lead_in, CONE.format(postures=5), SPHERE.format(points=5))
     bench.write_daemon(capture="live_rate_hz = 100.0")
-    collecting = Program(bench.folder, "collect", *options(bench, "--each", "5"))
+    asked = options(bench, "--each", "5", "--json")
+    collecting = Program(bench.folder, "collect", *asked)
     with collecting:
         await collecting.says("Touch seat (cone): 5 more")
         await collecting.says("following")
         async with measuring(bench) as (listener, _, _):
             await listener.n_points(10)
             assert await collecting.ended() == 0
-        assert "seat: 5 of 5; 0.0" in collecting.output
-        assert "ball: 5 of 5; radius 53.8" in collecting.output
+        assert "seat: 5 of 5; 0.0" in collecting.log
+        assert "ball: 5 of 5; radius 53.8" in collecting.log
+        report = json.loads(collecting.output)
+        assert (report["poses"], report["complete"]) == (10, True)
+        assert {one["touches"] for one in report["features"]} == {5}
         arm = read_arm(bench.arm_file)
         names = [joint.name for joint in arm.joints]
         found = read_campaign(bench.folder, names)

@@ -46,8 +46,10 @@ def test_maintenance_is_asked_for_before_it_is_done(encoders, name, code):
     assert ran.exit_code == 1
     assert "stands at 1234" in ran.output
     assert 0x56 not in encoders.line.heard
-    ran = told(encoders, name, "--address", "84", "--yes", *patience)
+    ran = told(encoders, name, "--address", "84", "--yes", "--json", *patience)
     assert ran.exit_code == 0, ran.output
+    report = json.loads(ran.stdout)
+    assert (report["address"], report["before"]) == (84, 1234)
     assert bytes.fromhex(f"56 {code}") in encoders.line.heard
 
 
