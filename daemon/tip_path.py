@@ -3,6 +3,7 @@
 Nothing is computed until somebody asks, so a stream costs no more for being remembered.
 """
 
+from bisect import bisect_right
 from collections import deque
 from collections.abc import Iterator
 
@@ -135,7 +136,8 @@ def _last_until(block: PoseBlock, time_ns: int) -> int:
     times_ns = block.sample_time_ns
     if times_ns[-1] <= time_ns:  # mostly: it is of now
         return len(times_ns) - 1
-    return int(times_ns.searchsorted(time_ns, side="right")) - 1
+    # Not NumPy's, which lets go of Python's lock: for so few that takes longer.
+    return bisect_right(times_ns, time_ns) - 1
 
 
 def _away(block: PoseBlock, from_mm: Floats, distance_mm: float) -> NDArray[np.bool_]:
