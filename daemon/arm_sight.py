@@ -50,29 +50,34 @@ class ArmSight:
 
     def at(self, request: Request) -> Measured | None:
         """The arm at the instant of a request; None while that is not known."""
-        pose = self._pose(request)
+        stage, jitter_ns = self._stage, 0
+        temperature_c = stage.devices.temperature_c
+        pose = self._pose(request, temperature_c)
         if pose is None:
             return None
-        stage, jitter_ns = self._stage, 0
         device = request.device
         if device is not None and pose.doubts_counts is not None and device.identity:
             jitter_ns = device.identity.jitter_ns
         speeds_rad_s = stage.path.speeds_rad_s(pose.sample_time_ns, pose.angles_rad)
-        temperature_c = stage.devices.temperature_c
         pose = stage.quality.marked(pose, speeds_rad_s, temperature_c)
         return self._measured(
-            pose, Reading(pose.block, speeds_rad_s, pose.doubts_counts, jitter_ns)
+            pose,
+            Reading(pose.block, speeds_rad_s, pose.doubts_counts, jitter_ns),
+            temperature_c,
         )
 
     def mean(self, average: Average) -> Measured:
         """The arm as it was on the mean of samples, while it rested."""
         stage, pose = self._stage, average.pose()
+        temperature_c = stage.devices.temperature_c
         block = stage.pipeline.block_at(
-            pose.sample_time_ns, pose.angles_rad, stage.devices.temperature_c
+            pose.sample_time_ns, pose.angles_rad, temperature_c
         )
         at_rest = np.zeros(len(pose.angles_rad))
         measured = self._measured(
-            mean_pose(average, block), Reading(block, at_rest, samples=average.n)
+            mean_pose(average, block),
+            Reading(block, at_rest, samples=average.n),
+            temperature_c,
         )
         spread_mm = None if average.n == 1 else average.spread_mm
         return replace(
@@ -92,22 +97,22 @@ class ArmSight:
         text = f"the joints cannot be told at the instant of the point: {lack}"
         return text, "see the device's events, then take the point again"
 
-    def _measured(self, pose: LatchedPose, reading: Reading) -> Measured:
+    def _measured(
+        self, pose: LatchedPose, reading: Reading, temperature_c: float | None
+    ) -> Measured:
         stage = self._stage
         model = stage.pipeline.model
-        return Measured(
-            model,
-            pose,
-            stage.devices.temperature_c,
-            stage.uncertainty.covariance(model, reading),
-        )
+        covariance_mm2 = stage.uncertainty.covariance(model, reading)
+        return Measured(model, pose, temperature_c, covariance_mm2)
 
-    def _pose(self, request: Request) -> LatchedPose | None:
+    def _pose(
+        self, request: Request, temperature_c: float | None
+    ) -> LatchedPose | None:
         stage, latch = self._stage, request.latch
         if stage.devices.unfit is not None:
             return None
         if latch is not None and self._is_whole(latch):
-            return stage.pipeline.latched_pose(latch, stage.devices.temperature_c)
+            return stage.pipeline.latched_pose(latch, temperature_c)
         instant_ns = request.instant_ns
         found = stage.assembly.at(instant_ns, latch)
         is_waiting = stage.clock.monotonic_ns() < request.deadline_ns
@@ -115,7 +120,7 @@ class ArmSight:
         # happen to have come already: a replay finds the same, however it is cut.
         if found is None or (is_waiting and not stage.path.reaches(instant_ns)):
             return None
-        pose = stage.pipeline.pose_at(found.counts, stage.devices.temperature_c)
+        pose = stage.pipeline.pose_at(found.counts, temperature_c)
         pose = replace(pose, doubts_counts=found.doubts_counts)
         return stage.skew.marked(stage.pipeline.model, pose, found.doubts_counts)
 

@@ -30,7 +30,11 @@ class HeldGate:
             held: pressed.
         """
         edges = self._edges.setdefault(button, deque())
-        insort(edges, (time_ns, held))
+        edge = (time_ns, held)
+        if not edges or edges[-1] <= edge:  # nearly always
+            edges.append(edge)
+        else:
+            insort(edges, edge)
         if len(edges) > MAX_EDGES:
             edges.popleft()
 
