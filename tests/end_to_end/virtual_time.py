@@ -2,9 +2,11 @@
 
 The driver's thread is the only one that works: when it waits for bytes, the board lives
 on to its next sample, edge or heartbeat. So a script of seconds takes a fraction of
-one, and no reading depends on how busy the machine is.
+one. The kernel hands on a pty's bytes when it finds the time: the clock stands while
+any are on their way, so no reading depends on how busy the machine is.
 """
 
+import select
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -19,6 +21,7 @@ from simulator.config import SimulatorConfig, config_problems
 from simulator.course import Course
 from simulator.devices.device import Mounting
 from simulator.devices.latch_board import LatchBoard as SimulatedBoard
+from simulator.pty_port import PtyPort
 from simulator.script import Script
 from simulator.truth_log import TruthLog
 from simulator.virtual_arm import build_arm, build_course, build_script, build_sources
@@ -27,7 +30,8 @@ from simulator.wiring import ScriptClock
 FIRST_NS = 10**12
 BLOCK_S = 0.05  # samples that the board sends together
 LINGER_S = 0.3  # at the end: the last edge is held, told and acknowledged
-BYTES_S = 0.005  # real time in which a pty hands on what was written
+BYTES_S = 10.0  # real time in which a pty surely hands on what was written
+BUFFER_BYTES = 65_536
 
 
 class VirtualClock(HostClock):
@@ -44,6 +48,27 @@ class VirtualClock(HostClock):
     def utc_offset_ns(self) -> int:
         begun_s = self.script.begin_s or 0.0
         return round(1e9 * (self.start_utc_s - begun_s)) - FIRST_NS
+
+
+class CountedPort(PtyPort):
+    """The board's end, which knows how many bytes have gone each way."""
+
+    sent = 0
+    heard = 0
+
+    def flush(self) -> None:
+        waiting = self._n_waiting_bytes
+        super().flush()
+        self.sent += waiting - self._n_waiting_bytes
+
+    def _received(self) -> bytes:
+        data = super()._received()
+        self.heard += len(data)
+        return data
+
+    def await_bytes(self) -> None:
+        """Wait for what the host has written."""
+        select.select([self.descriptor], [], [], BYTES_S)
 
 
 class VirtualBoard:
@@ -84,6 +109,9 @@ class VirtualBoard:
             ),
         )
         self.path = self._device.path
+        assert self._device.port is not None
+        self._device.port.close()
+        self.port = self._device.port = CountedPort(self.path, BUFFER_BYTES)
 
     def close(self) -> None:
         self._device.close()
@@ -138,13 +166,27 @@ def played(
     class BoardsPort(SerialPort):
         """A real port; waiting for it is what lets the board live."""
 
+        taken = 0
+        said = 0
+
         def wait(self, seconds: float) -> bool:
-            if super().wait(0.0):
-                return True
+            if board.port.sent > self.taken:
+                return super().wait(BYTES_S)
             if board.over.is_set():
                 return super().wait(0.05)
+            if self.said > board.port.heard:
+                board.port.await_bytes()
             board.live(seconds)
-            return super().wait(BYTES_S)
+            return super().wait(BYTES_S if board.port.sent > self.taken else 0.0)
+
+        def read(self) -> bytes:
+            data = super().read()
+            self.taken += len(data)
+            return data
+
+        def write(self, data: bytes) -> None:
+            self.said += len(data)
+            super().write(data)
 
     monkeypatch.setattr("drivers.latch_board.SerialPort", BoardsPort)
 
