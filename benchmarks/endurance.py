@@ -4,16 +4,22 @@ A scan for an hour: resident memory at five minutes and at the end, file descrip
 threads, samples lost. Exit status 1 where memory grew by more than 5 %, descriptors or
 threads by any, or the daemon lost samples. A run of less than ten minutes compares with
 half its time.
+
+The simulated board keeps what the daemon does not read for 1.3 s. Where it drops
+samples because its own program had not run for a second, on a busy computer, that is
+told, and is not the daemon's fault.
 """
 
 import asyncio
 import json
+import math
 import subprocess
 import sys
 import tempfile
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from benchmarks import rig
 from benchmarks.rounds import load
@@ -21,6 +27,8 @@ from clients import Arm
 from protocol.messages import Scan
 
 ARM = "demo-7"
+TRUTH = "truth.jsonl"
+STOOD_S = 1.0
 RATE_HZ = 1000.0
 EARLY_S = 300.0
 MAX_GROWTH = 0.05
@@ -32,6 +40,7 @@ class Size:
 
     after_s: float
     rss_mb: float
+    own_mb: float
     descriptors: int
     threads: int
 
@@ -42,6 +51,7 @@ class Size:
         return cls(
             after_s,
             rig.rss_mb(process),
+            _own_mb(proc),
             len(list((proc / "fd").iterdir())),
             len(list((proc / "task").iterdir())),
         )
@@ -49,17 +59,33 @@ class Size:
     def line(self) -> str:
         """It for people."""
         return (
-            f"{self.after_s:6.0f} s  {self.rss_mb:7.1f} MB  "
+            f"{self.after_s:6.0f} s  {self.rss_mb:7.1f} MB, "
+            f"{self.own_mb:.1f} of them its own  "
             f"{self.descriptors:3d} descriptors  {self.threads:2d} threads"
         )
 
 
+def _own_mb(proc: Path) -> float:
+    """Resident memory but for files, which other programs share."""
+    for line in (proc / "status").read_text("ascii").splitlines():
+        if line.startswith("RssAnon:"):
+            return int(line.split()[1]) * 1024 / 1e6
+    return math.nan
+
+
 @dataclass
 class Followed:
-    """What came of the scan."""
+    """What came of the scan.
+
+    Attributes:
+        lost: by the line, of which ``excused`` because the board's program stood still.
+        dropped: by the daemon.
+        missing: here.
+    """
 
     points: int = 0
     lost: int = 0
+    excused: int = 0
     dropped: int = 0
     missing: int = 0
 
@@ -92,6 +118,12 @@ async def follow(
     return sizes, followed
 
 
+def drops(truth: Path) -> list[dict[str, Any]]:
+    """Each time that the board dropped samples."""
+    lines = map(json.loads, truth.read_text("utf-8").splitlines())
+    return [line for line in lines if line["event"] == "dropped"]
+
+
 def faults(sizes: list[Size], followed: Followed) -> list[str]:
     """What must not be."""
     end = sizes[-1]
@@ -103,8 +135,12 @@ def faults(sizes: list[Size], followed: Followed) -> list[str]:
         found.append(f"{end.descriptors - early.descriptors} more descriptors")
     if end.threads > early.threads:
         found.append(f"{end.threads - early.threads} more threads")
-    losses = {name: getattr(followed, name) for name in ("lost", "dropped", "missing")}
-    return found + [f"{n} points {name}" for name, n in losses.items() if n]
+    losses = {
+        "lost": followed.lost - followed.excused,
+        "dropped": followed.dropped,
+        "missing": followed.missing - followed.excused,
+    }
+    return found + [f"{n} points {name}" for name, n in losses.items() if n > 0]
 
 
 def main(minutes: float, path: Path | None) -> int:
@@ -114,14 +150,28 @@ def main(minutes: float, path: Path | None) -> int:
         folder, port = Path(name), rig.free_port()
         with (
             rig.mosquitto(folder, port),
-            rig.simulator(folder),
+            rig.simulator(folder, top=f'truth_log = "{TRUTH}"'),
             rig.daemon(folder, port) as process,
         ):
             sizes, followed = asyncio.run(follow(port, 60.0 * minutes, process))
+        dropped = drops(folder / TRUTH)
+    for one in dropped:
+        is_excused = one["stood_s"] >= STOOD_S
+        followed.excused += one["samples"] * is_excused
+        print(
+            f"the board dropped {one['samples']} samples {one['time_s']:.0f} s after "
+            "its start: "
+            + (
+                f"its program had not run for {one['stood_s']:.1f} s"
+                if is_excused
+                else "the daemon did not read"
+            )
+        )
     found = faults(sizes, followed)
     print(
-        f"{followed.points} points; lost by the line {followed.lost}, dropped by the "
-        f"daemon {followed.dropped}, missing here {followed.missing}; {load()}"
+        f"{followed.points} points; lost by the line {followed.lost} "
+        f"({followed.excused} excused), dropped by the daemon {followed.dropped}, "
+        f"missing here {followed.missing}; {load()}"
     )
     for fault in found:
         print(f"FAULT: {fault}")
