@@ -15,6 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from daemon.allocation import give_back_free_memory
 from daemon.clock import HostClock
 from daemon.configuration import Configuration
 from daemon.cycles import Collections, Cycles, write_report
@@ -95,8 +96,8 @@ class Life:
         await self._stack.enter_async_context(
             metrics_endpoint(self._configuration.metrics, self._metrics, self._events)
         )
-        watching = asyncio.create_task(self._watchdog.run())
-        self._stack.push_async_callback(_cancelled, watching)
+        for work in (self._watchdog.run(), give_back_free_memory()):
+            self._stack.push_async_callback(_cancelled, asyncio.create_task(work))
         self.tell()
         return self
 

@@ -53,3 +53,42 @@ def test_all_threads_share_one_arena_and_large_blocks_are_mapped():
     assert usual.count("<heap nr=") > 1
     assert bounded.count("<heap nr=") == 1
     assert n_mapped(bounded) == n_mapped(usual) + 2
+
+
+HOLES = """
+import asyncio, ctypes, os
+from daemon import allocation
+
+libc = ctypes.CDLL(None)
+libc.malloc.restype = ctypes.c_void_p
+libc.malloc.argtypes = libc.free.argtypes = [ctypes.c_void_p]
+
+def resident():
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1])
+
+def holes():
+    blocks = [libc.malloc(16_000) for _ in range(2000)]
+    for block in blocks:
+        ctypes.memset(block, 1, 16_000)
+    for block in blocks[::2]:
+        libc.free(block)
+
+async def main():
+    allocation.GIVE_BACK_S = 0.0
+    holes()
+    before = resident()
+    giving = asyncio.create_task(allocation.give_back_free_memory())
+    await asyncio.sleep(0.0)
+    while resident() > before - 1500:
+        await asyncio.sleep(0.0)
+    giving.cancel()
+
+asyncio.run(asyncio.wait_for(main(), 20.0))
+"""
+
+
+def test_pages_between_blocks_in_use_are_given_back():
+    run = (sys.executable, "-c", HOLES)
+    found = subprocess.run(run, capture_output=True, text=True, check=False)
+    assert not found.returncode, found.stderr
