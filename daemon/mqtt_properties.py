@@ -8,8 +8,28 @@ from protocol.encoding import Encoding, content_type
 MAX_UNANSWERED = 32  # commands of QoS 1 on their way to us
 
 
+class UsualProperties(Properties):
+    """What every message in one encoding carries; packed once, since that is slow.
+
+    Args:
+        encoding: of the payloads.
+    """
+
+    def __init__(self, encoding: Encoding) -> None:
+        super().__init__(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]  # paho's is not typed
+        self.ContentType = content_type(encoding)
+        # Past paho's own attributes, which are properties of MQTT.
+        packed = super().pack()  # type: ignore[no-untyped-call]  # paho's is not typed
+        object.__setattr__(self, "_packed", packed)
+
+    def pack(self) -> bytes:
+        """As they go into a packet."""
+        packed: bytes = object.__getattribute__(self, "_packed")
+        return packed
+
+
 def publish_properties(encoding: Encoding) -> Properties:
-    """What every message carries; one of them serves all, since making it is slow."""
+    """What a message carries, to which more can be added."""
     properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]  # paho's is not typed
     properties.ContentType = content_type(encoding)
     return properties

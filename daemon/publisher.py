@@ -22,7 +22,11 @@ from daemon.broker_access import Access, AccessError, BrokerAddress, read_access
 from daemon.broker_client import BrokerClient
 from daemon.broker_reasons import reason_of
 from daemon.hearing import Hearing, Incoming
-from daemon.mqtt_properties import connect_properties, publish_properties
+from daemon.mqtt_properties import (
+    UsualProperties,
+    connect_properties,
+    publish_properties,
+)
 from daemon.outgoing import Outgoing, OutgoingQueue
 from daemon.sending import Sending
 from protocol.encoding import Encoding
@@ -68,7 +72,7 @@ class Publisher:
         self._client_id = client_id
         self._will = will
         self._encoding = encoding
-        self._usual_properties = publish_properties(encoding)
+        self._usual_properties = UsualProperties(encoding)
         self._queue = queue
         self._hearing = Hearing(subscription, receive)
         self._changed = changed
