@@ -34,7 +34,11 @@ SECONDS = 3.0
 
 @contextlib.contextmanager
 def edge_board(folder: Path, presses_hz: float) -> Iterator[Path]:
-    """The board that presses; gives the file that its press times go to."""
+    """The board that presses; gives the file that its press times go to.
+
+    What a daemon kept of an earlier board's points is not sent again.
+    """
+    shutil.rmtree(folder / "state", ignore_errors=True)
     shutil.copy(rig.ARM, folder / "arm.toml")
     run = (sys.executable, "-m", "benchmarks.edge_board")
     log = folder / "presses.log"
