@@ -87,6 +87,8 @@ async def refusal(
     """
     events = arm.events()
     said: list[str] = []
+    async with asyncio.timeout(PATIENCE_S):
+        await _taken_again(arm)  # the board may have been killed a moment ago
     async with trouble:
         refused = await _first_refusal(arm)
         if refused is None:
