@@ -5,6 +5,7 @@ import fcntl
 import os
 import select
 import termios
+import time
 import tty
 from collections import deque
 from pathlib import Path
@@ -141,6 +142,15 @@ class PtyPort:
                 self._n_waiting_bytes += size
         self.flush()
         return n_dropped
+
+    def drain(self, most_s: float) -> None:
+        """Send what waits, and wait for so long that the host takes it."""
+        until_s = time.monotonic() + most_s
+        while (
+            self._waiting and self._held and (left_s := until_s - time.monotonic()) > 0
+        ):
+            select.select([], [self.descriptor], [], left_s)
+            self.flush()
 
     def flush(self) -> None:
         """Send what waits."""

@@ -19,6 +19,7 @@ from simulator.pty_port import PtyPort
 from simulator.ticks import TickCounter
 
 FIRMWARE = (1, 0, 0)
+PIECE_S, PIECE_WAIT_S = 0.1, 0.02
 MOST_EDGES_AHEAD = 4  # unacknowledged, before fast time waits for the host
 
 
@@ -72,6 +73,7 @@ class LatchBoard:
         }
         self.n_power_ups = 0
         self._drops = Drops(table.id, mounting.notes)
+        self._lived_s = 0.0
         self.port: PtyPort | None = None
         self._power_up(0.0)
 
@@ -104,8 +106,14 @@ class LatchBoard:
     def live(self, now_s: float) -> None:
         """Do all that is due, and answer the host."""
         self._drops.live(now_s)
+        late_s, self._lived_s = self._lived_s, now_s
         if self._switch_power(now_s) or self.port is None:
             return
+        # A board does not stand still where its program does: what it would have sent
+        # meanwhile goes out piece by piece, so that the host can take it.
+        while self.board.streaming and (late_s := late_s + PIECE_S) < now_s:
+            self._send(self.board.advance(late_s), late_s)
+            self.port.drain(PIECE_WAIT_S)
         self._send(self.board.advance(now_s), now_s)
         if self.port.host_changed():
             self.board.lose_host()
