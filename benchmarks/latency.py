@@ -2,7 +2,10 @@
 
 A board presses its button; from the last byte on the pty to the subscriber, which is a
 bare socket. In turns with it the same from a publisher on a bare socket: what the
-broker and the subscriber take by themselves.
+broker and the subscriber take by themselves. A point is on the disk before it is sent,
+so what that takes is told beside it, as the daemon sees it (`point_to_disk`: to the
+outbox's thread, its transaction, and back), and what a bare write and sync of 4 KiB
+takes on the same disk in the same round.
 """
 
 import contextlib
@@ -12,12 +15,15 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import msgpack
 import numpy as np
 
 from benchmarks import rig
+from benchmarks.disk import syncs_ns
 from benchmarks.raw_mqtt import RawClient
 from benchmarks.rounds import load
 from protocol.encoding import encode
@@ -84,28 +90,36 @@ def begin_scan(port: int, rate_hz: float) -> None:
 
 def point_latencies_ns(
     folder: Path, port: int, rate_hz: float, n: int, stream_hz: float
-) -> tuple[list[int], float]:
+) -> tuple[list[int], float, float]:
     """From the last byte of an edge to a bare socket; points sent twice count once.
 
     Returns:
-        The latencies, and the daemon's share of a core meanwhile.
+        The latencies, the daemon's share of a core meanwhile, and how long points took
+        to the disk, the median that the daemon tells [us].
     """
     client = RawClient(port, "point-taker")
+    client.subscribe(f"traverse/{ARM}/health")
     arrivals_ns: dict[int, int] = {}
+    to_disk: dict[str, Any] = {}
     with edge_board(folder, rate_hz) as log, rig.daemon(folder, port) as process:
         if stream_hz:
             begin_scan(port, stream_hz)
         begun_s, begun_cpu_s = time.monotonic(), rig.cpu_s(process)
         client.subscribe(f"traverse/{ARM}/point")
         for now_ns, payload in client.payloads():
-            arrivals_ns.setdefault(msgpack.unpackb(payload)["seq"], now_ns)
+            message = msgpack.unpackb(payload)
+            if "latencies" in message:
+                to_disk = message["latencies"].get("point_to_disk") or to_disk
+            else:
+                arrivals_ns.setdefault(message["seq"], now_ns)
             if len(arrivals_ns) == n:
                 break
         used_s = rig.cpu_s(process) - begun_cpu_s
         share = used_s / (time.monotonic() - begun_s)
     client.close()
     pressed_ns = [int(line) for line in log.read_text("ascii").split()]
-    return [now_ns - pressed_ns[seq] for seq, now_ns in arrivals_ns.items()], share
+    latencies_ns = [now_ns - pressed_ns[seq] for seq, now_ns in arrivals_ns.items()]
+    return latencies_ns, share, to_disk.get("p50_us", 0.0)
 
 
 def figures(values_ns: list[int]) -> dict[str, float]:
@@ -114,16 +128,52 @@ def figures(values_ns: list[int]) -> dict[str, float]:
     return {"p50_us": p50, "p99_us": p99, "largest_us": largest}
 
 
+@dataclass(frozen=True, slots=True)
+class Round:
+    """Bare sockets and points in turn, figures in microseconds.
+
+    Attributes:
+        raw, point: latencies.
+        sync: a write of 4 KiB and its sync.
+        to_disk_us: points to the disk, the median.
+        daemon_share: of a core.
+    """
+
+    raw: dict[str, float]
+    point: dict[str, float]
+    sync: dict[str, float]
+    to_disk_us: float
+    daemon_share: float
+
+    def line(self) -> str:
+        """For people: ratios with the disk, and in the median without it."""
+        raw, point = self.raw, self.point
+        ratios = {name: point[name] / raw[name] for name in ("p50_us", "p99_us")}
+        without_us = point["p50_us"] - self.to_disk_us
+        return (
+            f"bare sockets p50 {raw['p50_us']:.0f} us, p99 {raw['p99_us']:.0f} us; "
+            f"points p50 {point['p50_us']:.0f} us ({ratios['p50_us']:.1f} times), p99 "
+            f"{point['p99_us']:.0f} us ({ratios['p99_us']:.1f} times), largest "
+            f"{point['largest_us']:.0f} us; p50 to the disk {self.to_disk_us:.0f} us, "
+            f"without that {without_us:.0f} us ({without_us / raw['p50_us']:.1f} "
+            f"times); bare write and sync p50 {self.sync['p50_us']:.0f} us, p99 "
+            f"{self.sync['p99_us']:.0f} us; daemon {self.daemon_share:.1%} of a core"
+        )
+
+
 def rounds(
     folder: Path, rate_hz: float, stream_hz: float, n_rounds: int, seconds: float
-) -> Iterator[tuple[dict[str, float], dict[str, float], float]]:
+) -> Iterator[Round]:
     """Bare sockets and points in turn, through one broker."""
     port, n = rig.free_port(), round(rate_hz * seconds)
     with rig.mosquitto(folder, port):
         for _ in range(n_rounds):
             raw = figures(raw_latencies_ns(folder, port, rate_hz, n))
-            found = point_latencies_ns(folder, port, rate_hz, n, stream_hz)
-            yield raw, figures(found[0]), found[1]
+            sync = figures(syncs_ns(folder, rate_hz))
+            found_ns, share, to_disk_us = point_latencies_ns(
+                folder, port, rate_hz, n, stream_hz
+            )
+            yield Round(raw, figures(found_ns), sync, to_disk_us, share)
 
 
 def latency(
@@ -133,19 +183,9 @@ def latency(
     beside = f", stream of {stream_hz:.0f} Hz" if stream_hz else ""
     with tempfile.TemporaryDirectory() as folder:
         found = []
-        for raw, point, share in rounds(
-            Path(folder), rate_hz, stream_hz, n_rounds, seconds
-        ):
-            found.append({"raw": raw, "point": point, "daemon_share": share})
-            ratios = {name: point[name] / raw[name] for name in ("p50_us", "p99_us")}
-            print(
-                f"{rate_hz:5.0f}/s{beside}: bare sockets p50 {raw['p50_us']:.0f} us, "
-                f"p99 {raw['p99_us']:.0f} us; points p50 {point['p50_us']:.0f} us "
-                f"({ratios['p50_us']:.1f} times), p99 {point['p99_us']:.0f} us "
-                f"({ratios['p99_us']:.1f} times), largest {point['largest_us']:.0f} "
-                f"us; daemon {share:.1%} of a core",
-                flush=True,
-            )
+        for one in rounds(Path(folder), rate_hz, stream_hz, n_rounds, seconds):
+            found.append(asdict(one))
+            print(f"{rate_hz:5.0f}/s{beside}: {one.line()}; {load()}", flush=True)
     return {
         "rate_hz": rate_hz,
         "stream_hz": stream_hz,

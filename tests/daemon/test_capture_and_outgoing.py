@@ -145,6 +145,18 @@ async def test_events_replies_and_scans_are_dropped_newest_first(kind, limit):
     assert sent_order(queue, limit) == [str(k) for k in range(limit)]
 
 
+async def test_what_is_offered_together_is_looked_at_once():
+    queue, looked = OutgoingQueue(), []
+    queue.offered = lambda: looked.append(queue.waiting("point"))
+    with queue.together():
+        for name in "abc":
+            assert queue.offer("point", message(name))
+        assert looked == []
+    assert looked == [3]
+    queue.offer("point", message("d"))
+    assert looked == [3, 4]
+
+
 async def test_empty_waits_until_the_last_message_is_there():
     queue = OutgoingQueue()
     queue.offer("point", message("a"))

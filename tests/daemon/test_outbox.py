@@ -52,6 +52,17 @@ async def test_points_in_flight_share_commits_and_keep_their_order(bench):
     assert taken.figures().n == 500
 
 
+async def test_points_are_offered_to_the_broker_before_anybody_else_hears(bench):
+    keepings = [bench.take() for _ in range(20)]
+    offered, told = [], []
+    bench.queue.offered = lambda: offered.append(bench.queue.waiting("point"))
+    for keeping in keepings:
+        keeping.when_settled(lambda: told.append(bench.queue.waiting("point")))
+    await until(lambda: len(told) == 20, "all are settled")
+    assert offered[-1] == 20
+    assert all(waiting >= place + 1 for place, waiting in enumerate(told))
+
+
 async def test_beyond_what_may_be_in_flight_no_point_is_taken(tmp_path):
     bench = OutboxOnLoop(tmp_path, limit=2)
     async with bench.outbox.running():
