@@ -1,11 +1,13 @@
 """What must hold at the end of the crash test."""
 
 import json
+import math
 import sqlite3
 import tomllib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -151,11 +153,7 @@ def _edges(
     folder: Path, lives: list[str], turns: tuple[int, ...]
 ) -> tuple[set[tuple[int, ...]], set[tuple[int, ...]]]:
     """Counts of all presses that there were, and of those that were acknowledged."""
-    told, is_sound = set(), True
-    for line in lines(folder / "acknowledged.jsonl"):
-        is_sound = line.get("disk", is_sound)
-        if is_sound and "seq" in line:  # else the operator is told of a refusal
-            told.add((line["life"], line["seq"]))
+    told = _told(list(lines(folder / "acknowledged.jsonl")))
     presses, acknowledged = set(), set()
     for life in lives:
         for line in lines(folder / f"truth-{life}.jsonl"):
@@ -165,6 +163,24 @@ def _edges(
                 if (life, line["seq"]) in told:
                     acknowledged.add(key)
     return presses, acknowledged
+
+
+def _told(log: list[dict[str, Any]]) -> set[tuple[str, int]]:
+    """Life and number of edges whose acknowledgement promises a point.
+
+    Not those that met a disk that fails: of these the operator is told a refusal, and
+    the acknowledgement may come when the disk is sound again.
+    """
+    notes = [(line["time_s"], line["disk"]) for line in log if "disk" in line]
+    notes.append((math.inf, True))
+    bad = [(a, b) for (a, is_sound), (b, _) in pairwise(notes) if not is_sound]
+    sound: set[tuple[str, int]] = set()
+    spoiled: set[tuple[str, int]] = set()
+    for line in log:
+        if "seq" in line:
+            met = any(line["sent_s"] <= b and a <= line["time_s"] for a, b in bad)
+            (spoiled if met else sound).add((line["life"], line["seq"]))
+    return sound - spoiled
 
 
 def _key(counts: Sequence[int], turns: tuple[int, ...]) -> tuple[int, ...]:

@@ -39,7 +39,7 @@ class Edges:
     def __init__(self, life: str, log: TextIO) -> None:
         self._life = life
         self._log = log
-        self._waiting: set[int] = set()
+        self._waiting: dict[int, float] = {}  # since when
         self._is_forgetting = False
         self._from_board = Decoder()
         self._from_host = FrameSplitter()
@@ -50,7 +50,7 @@ class Edges:
             if isinstance(message, Hello):
                 self._is_forgetting = False
             elif isinstance(message, Edge) and not self._is_forgetting:
-                self._waiting.add(message.seq)
+                self._waiting.setdefault(message.seq, round(time.time(), 3))
 
     def answered(self, data: bytes) -> None:
         """The daemon has said this."""
@@ -64,8 +64,9 @@ class Edges:
                 last = int.from_bytes(body[1:5], "little")
                 for seq in sorted(self._waiting):
                     if seq <= last:
-                        self._waiting.remove(seq)
-                        self._write({"life": self._life, "seq": seq})
+                        sent_s = self._waiting.pop(seq)
+                        line = {"life": self._life, "seq": seq, "sent_s": sent_s}
+                        self._write(line)
 
     def _write(self, line: dict[str, object]) -> None:
         line = {"time_s": round(time.time(), 3), **line}

@@ -37,6 +37,7 @@ class Run:
         self.told = ["b-6"]
         self.figures = {"asked_again": 2, "duplicates": 1, "lost": 0, "connections": 3}
         self.pace_s = 0.7
+        self.notes = []
 
     def judge(self):
         shutil.copy(ARM, self.folder / "arm.toml")
@@ -49,11 +50,12 @@ class Run:
             database.executemany("INSERT INTO messages VALUES (?, ?)", rows)
         told = [{"ok": True, "id": one} for one in self.told]
         self._write("operator.jsonl", [*told, {"ok": False, "code": "none"}])
+        times_s = [100.0 + self.pace_s * n for n in range(len(self.pressed))]
         edges = [
-            {"time_s": 100.0 + self.pace_s * n, "life": "0", "seq": n}
-            for n in range(len(self.pressed))
+            {"time_s": time_s, "life": "0", "seq": n, "sent_s": time_s - 0.5}
+            for n, time_s in enumerate(times_s)
         ]
-        self._write("acknowledged.jsonl", edges)
+        self._write("acknowledged.jsonl", [*edges, *self.notes])
         presses = [
             {"event": "edge", "level": 1, "seq": n, "counts": one.counts}
             for n, one in enumerate(self.pressed)
@@ -113,6 +115,17 @@ def test_acknowledged_press_without_a_point_is_a_fault(run):
 
     assert verdict.figures["acknowledged and lost"] == 1
     assert "acknowledged edges without a point" in verdict.faults[0]
+
+
+@pytest.mark.parametrize(("recovered_s", "n_lost"), [(109.4, 0), (109.2, 1)])
+def test_press_that_met_a_failing_disk_promises_no_point(run, recovered_s, n_lost):
+    run.pressed.append(point("c", 0))  # sent at 109.3, acknowledged at 109.8 s
+    run.notes = [
+        {"time_s": 108.0, "disk": False},
+        {"time_s": recovered_s, "disk": True},
+    ]
+
+    assert run.judge().figures["acknowledged and lost"] == n_lost
 
 
 def test_point_without_a_press_is_invented(run):
