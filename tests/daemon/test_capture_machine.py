@@ -8,199 +8,29 @@ plain list of what was asked for, gone through at the end.
 """
 
 import asyncio
-import tempfile
-import uuid
-from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from hypothesis import settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
+from hypothesis.stateful import invariant, precondition, rule
 
-from daemon.arm_devices import ArmDevices
-from daemon.capture import Capture, triggers_of
-from daemon.configuration import (
-    AssemblySection,
-    CaptureSection,
-    InputSection,
-    UncertaintySection,
-)
-from daemon.device import Device
-from daemon.device_section import section_of
-from daemon.events import EventLog
-from daemon.health import HealthReport
-from daemon.live import LiveView
-from daemon.measuring import Measuring
-from daemon.outbox_keeping import InFlight, Keeping
 from daemon.outbox_reading import unsent_of
 from daemon.outbox_store import OutboxStore
-from daemon.outbox_values import Entry, Trouble
-from daemon.pipeline import Pipeline
+from daemon.outbox_values import Trouble
 from daemon.scan_plan import ScanPlan
-from daemon.scanner import Scanner
-from daemon.sessions import Session
-from daemon.uncertainty import Uncertainty
-from drivers.crossing import Crossing
-from drivers.values import (
-    CountSamples,
-    DeviceUp,
-    Identity,
-    LatchedCounts,
-    StreamStarted,
-)
-from protocol.encoding import encode
-from protocol.messages import Label, Point
-from tests.daemon.arm_bench import DeafDriver
-from tests.daemon.values import MODULI, SetClock, arm_model
+from drivers.values import CountSamples, StreamStarted
+from protocol.messages import Label
+from tests.daemon.capture_asked import Asked
+from tests.daemon.capture_bench import MS, CaptureBench, entry_of
 
-MS = 1_000_000
-HOLD_MS = 650.5  # no sum of the times that pass below
 BUTTON, SWITCH, HOLDER, UNWIRED = range(4)
-CAPTURE = CaptureSection(
-    hold_s=HOLD_MS / 1000,
-    inputs=(
-        InputSection(source="base/0", trigger="button"),
-        InputSection(source="base/1", trigger="switch"),
-        # What it means is known at its release only, or after some time.
-        InputSection(source="base/2", trigger="button", hold="undo"),
-    ),
-)
+
 LABELS = [Label(), Label(artefact="plate"), Label(artefact="bar", feature="2")]
 
 
-@dataclass
-class Asked:
-    """Something that was asked for.
-
-    Attributes:
-        what: "point", "press" (of the holder), "undo", "label", "session" or "probe".
-        counts: of the latch.
-        value: label, or number of the probe.
-        held_ms: how long the holder was pressed; None while it is.
-        token: of the edge; None for commands.
-    """
-
-    what: str
-    counts: int = 0
-    trigger: str = "command"
-    value: object = None
-    pressed_ns: int = 0
-    held_ms: float | None = None
-    token: int | None = None
-
-
-def entry_of(session: Session, point: Point) -> Entry:
-    """A point as the outbox keeps it."""
-    return Entry(
-        session.id,
-        session.begun_ns,
-        session.note,
-        point.seq,
-        point.id,
-        point.time_ns,
-        "traverse/bench-7/point",
-        "msgpack",
-        encode(point, "msgpack"),
-    )
-
-
-class WatchedCapture(Capture):
-    """Remembers what came of each attempt to take a point back; None: refused."""
-
-    def __init__(self, *arguments):
-        super().__init__(*arguments)
-        self.attempts: list[Keeping | None] = []
-
-    def undo(self, *arguments):
-        self.attempts.append(None)
-        self.attempts[-1] = super().undo(*arguments)
-        return self.attempts[-1]
-
-
-def has_room(counts: int, *, is_undo: bool) -> bool:
-    """Whether the queue takes a point, or its retraction: now and then it does not."""
-    return counts % (11 if is_undo else 7) != 3
-
-
-class CaptureMachine(RuleBasedStateMachine):
+class CaptureMachine(CaptureBench):
     """Buttons pressed, edges delivered, commands sent, in any order."""
-
-    folder = tempfile.TemporaryDirectory()
-    arm = arm_model(Path(folder.name))
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.loop = asyncio.new_event_loop()
-        self.clock = SetClock()
-        self.models = [
-            replace(self.arm, digest=f"probe-{n}", probe_radius_mm=float(n))
-            for n in range(3)
-        ]
-        self.asked: list[Asked] = []
-        self.published, self.scans, self.events = [], [], []
-        self.sessions: list[str] = []
-        self.answers: list[asyncio.Future] = []
-        self.on_the_line = []
-        self.down: dict[int, Asked | None] = {}
-        self.tokens = self.counts = self.samples = self.sample_counts = 0
-        self.stream = 1
-        self.acknowledged: list[tuple[int, int]] = []  # token, points so far
-        self.scan_counts: dict[str, list[int]] = {}
-        self.held_scans: set[str] = set()
-        self.in_flight = InFlight()
-        self.waiting: list[tuple[Session, Point]] = []
-        self.keepings: dict[int, Keeping] = {}
-        self.failures = 0
-        self.loop.run_until_complete(self._begin())
-
-    async def _begin(self) -> None:
-        crossing = Crossing(asyncio.get_running_loop())
-        driver = DeafDriver("base", crossing)
-        driver.acknowledge = lambda token: self.acknowledged.append(
-            (token, len(self.published))
-        )
-        section = section_of(
-            {"id": "base", "driver": "latch-board", "port": "/dev/null"}
-        )
-        self.device = Device(section, crossing, driver)
-        self.path = Path(self.folder.name) / f"{uuid.uuid4().hex}.db"
-        self.store = OutboxStore(self.path)
-        self.capture = WatchedCapture(self.clock, self._keep)
-        self.sessions.append(self.capture.session.id)
-        self.scanner = Scanner(self.clock, lambda m: not self.scans.append(m), 0.05)
-        self.measuring = Measuring(
-            clock=self.clock,
-            devices=ArmDevices(self.arm, [self.device]),
-            settings=AssemblySection(),
-            uncertainty=Uncertainty(UncertaintySection()),
-            pipeline=Pipeline(self.models[0], self.clock),
-            capture=self.capture,
-            triggers=triggers_of(CAPTURE),
-            scanner=self.scanner,
-            live=LiveView(self.clock, 20.0),
-            events=EventLog(self.clock, self.events.append),
-            health=HealthReport(self.clock),
-            offer_live=lambda live: None,
-            status_changed=lambda: None,
-            taking=CAPTURE,
-        )
-        identity = Identity("board", "1", MODULI, 4, 10_000.0)
-        self._take(DeviceUp("base", identity, False), StreamStarted("base", 1, 100.0))
-
-    def _keep(self, session, point) -> Keeping | None:
-        is_undo = point.retracts is not None
-        if not has_room(point.counts[0], is_undo=is_undo):
-            return None
-        keeping = self.in_flight.add(session, point)
-        if not is_undo:
-            self.keepings[point.counts[0]] = keeping
-        self.waiting.append((session, point))
-        return keeping
-
-    def _take(self, *deliveries) -> None:
-        for delivery in deliveries:
-            self.measuring.take(self.device, delivery)
 
     # -- hands, time and the line ---------------------------------------------
 
@@ -222,7 +52,7 @@ class CaptureMachine(RuleBasedStateMachine):
             asked = self.down.pop(number)
             if asked is not None:
                 asked.held_ms = (self.clock.now_ns - asked.pressed_ns) / MS
-        self.on_the_line.append(self._latch(number, active, token, self.counts))
+        self.on_the_line.append(self.latch(number, active, token, self.counts))
 
     def _pressed(self, number, token) -> Asked | None:
         triggers = {BUTTON: "button", SWITCH: "switch", HOLDER: "button"}
@@ -234,24 +64,10 @@ class CaptureMachine(RuleBasedStateMachine):
             what, self.counts, triggers[number], pressed_ns=now_ns, token=token
         )
 
-    def _latch(self, number, active, token, counts) -> LatchedCounts:
-        now_ns = self.clock.now_ns
-        return LatchedCounts(
-            "base",
-            number,
-            active,
-            token,
-            now_ns // 1000,
-            now_ns,
-            now_ns,
-            (0, 0, counts),  # joint 1 is on channel 2
-            (0, 0, 0),
-        )
-
     @rule(n=st.integers(1, 5))
     def line_delivers(self, n):
         for delivery in self.on_the_line[:n]:
-            self._take(delivery)
+            self.take(delivery)
         del self.on_the_line[:n]
 
     @rule(n=st.integers(1, 4))
@@ -275,7 +91,7 @@ class CaptureMachine(RuleBasedStateMachine):
         )
         if (plan := self.scanner.plan) is not None:
             self.scan_counts[plan.id] += own[seq % plan.every == 0].tolist()
-        self._take(samples)
+        self.take(samples)
 
     @rule()
     def daemon_looks_at_the_time(self):
@@ -337,7 +153,7 @@ class CaptureMachine(RuleBasedStateMachine):
             answer = asyncio.get_running_loop().create_future()
             self.answers.append(answer)
             self.measuring.latches[-self.counts] = answer
-            self._take(self._latch(None, True, -self.counts, self.counts))
+            self.take(self.latch(None, True, -self.counts, self.counts))
 
         self.loop.run_until_complete(ask())
 
@@ -378,7 +194,7 @@ class CaptureMachine(RuleBasedStateMachine):
         self.held_scans |= {name} if held else set()
         self.scanner.start(plan, self.measuring.model, self.capture.session.id)
         self.stream, self.samples = self.stream + 1, 0
-        self._take(StreamStarted("base", self.stream, 100.0))
+        self.take(StreamStarted("base", self.stream, 100.0))
 
     @precondition(lambda self: self.scanner.plan is not None)
     @rule()
@@ -414,88 +230,13 @@ class CaptureMachine(RuleBasedStateMachine):
         try:
             # Each was answered; refusals are looked at, too.
             assert all(answer.exception() or True for answer in self.answers)
-            self._compare()
-            self._compare_scans()
+            self.compare_points()
+            self.compare_scans()
             self.power_goes()
         finally:
             self.store.close()
             self.device.driver.close()
             self.loop.close()
-
-    def _compare(self) -> None:
-        expected = self._expected()
-        found = [
-            (
-                self.sessions.index(point.session),
-                point.seq,
-                point.retracts,
-                point.trigger,
-                point.counts[0],
-                point.label,
-                point.model,
-            )
-            for point in self.published
-        ]
-        assert found == [line for line, _ in expected]
-        assert len(self.acknowledged) == self.tokens
-        done_at = dict(self.acknowledged)
-        for place, (_, token) in enumerate(expected):
-            # It was there before its edge was acknowledged.
-            assert token is None or done_at[token] > place
-
-    def _expected(self):
-        """What the list of all that was asked for comes to."""
-        lines, session, seq, label, model = [], 0, 0, Label(), "probe-0"
-        standing: list[tuple[str, str, int, Label, str]] = []
-        attempts = iter(self.capture.attempts)
-        for asked in self.asked:
-            what = asked.what
-            if what == "press":
-                what = "undo" if asked.held_ms >= HOLD_MS else "point"
-            if what == "point" and has_room(asked.counts, is_undo=False):
-                if self.keepings[asked.counts].trouble is not None:
-                    continue
-                identifier = f"{self.sessions[session]}-{seq}"
-                rest = (asked.trigger, asked.counts, label, model)
-                lines.append(((session, seq, None, *rest), asked.token))
-                standing.append((identifier, *rest))
-                seq += 1
-            elif what == "undo":
-                attempt = next(attempts)
-                if attempt is None:
-                    # With failures a point may stand again that did not when asked.
-                    assert (
-                        self.failures
-                        or not standing
-                        or not has_room(standing[-1][2], is_undo=True)
-                    )
-                elif attempt.trouble is None:
-                    identifier, _, *rest = standing.pop()
-                    line = (session, seq, identifier, asked.trigger, *rest)
-                    lines.append((line, asked.token))
-                    seq += 1
-            elif what == "label":
-                label = asked.value
-            elif what == "session":
-                session, seq, label, standing = session + 1, 0, Label(), []
-            elif what == "probe":
-                model = f"probe-{asked.value}"
-        return lines
-
-    def _compare_scans(self) -> None:
-        found: dict[str, list[int]] = {}
-        for message in self.scans:
-            counts = found.setdefault(message.scan, [])
-            assert message.seq == len(counts)
-            assert (message.lost, message.dropped) == (0, 0)
-            if len(message.counts):
-                counts += message.counts[:, 0].tolist()
-        assert set(found) == set(self.scan_counts)
-        for name, counts in found.items():
-            if name in self.held_scans:  # `test_scan_modes` says which exactly
-                assert counts == sorted(set(counts) & set(self.scan_counts[name]))
-            else:
-                assert counts == self.scan_counts[name]
 
 
 TestCapture = CaptureMachine.TestCase
