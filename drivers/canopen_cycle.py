@@ -97,11 +97,11 @@ class Cycles:
             steps: instants of the schedule since the last one; more than 1 where
                 SYNCs were left out.
         """
-        answered, unclear = self._answered, self.unclear
+        unclear = self.unclear
         if self._open:
             self._close()
         if time_ns - self._time_ns >= self._late_ns:
-            self._rested(time_ns, answered, unclear)
+            self._rested(time_ns, unclear)
         self._overflowed = False
         self._seq += steps
         self.lost += steps - 1
@@ -119,14 +119,15 @@ class Cycles:
             return True
         bit = 1 << channel
         self.seen |= bit
-        if self._answered & bit or self._seq < 0:
+        debts = self._debts
+        if self._answered & bit:
             if not self._take_second(channel):
                 return True
-        elif self._debts.owing & bit:
+        elif debts.owing & bit:
             self.doubtful[channel] += 1
         self._counts[channel] = wire.POSITION.unpack_from(data)[0]
         self._answered |= bit
-        if self._answered == self._all and self._open and not self._debts.owing:
+        if self._answered == self._all and self._open and not debts.owing:
             self._close()
         return True
 
@@ -164,7 +165,7 @@ class Cycles:
         if self._open:
             self._debts.close(self._all & ~self._answered)
         self._open = False
-        self._seq = -1
+        self._seq, self._answered = -1, self._all
         self.flush(now_ns, at_once=True)
 
     def flush(self, now_ns: int, at_once: bool = False) -> None:
@@ -216,16 +217,16 @@ class Cycles:
             if missed >> channel & 1:
                 self.missing[channel] += 1
 
-    def _rested(self, time_ns: int, answered: int, unclear: int) -> None:
+    def _rested(self, time_ns: int, unclear: int) -> None:
         """No SYNC has been sent for ``late_ns``, up to this one."""
         next_ns = time_ns + PAUSE_EVERY * self._late_ns
-        if answered != self._all:
+        if self._debts.silent:
             self._no_wait_before_ns = next_ns
         if unclear:
             self.pauses += 1
             self._no_pause_before_ns = next_ns
         if not self._overflowed:  # else it may be that some were not seen
-            self._debts.lapse(answered)
+            self._debts.lapse()
 
     def _take_second(self, channel: int) -> bool:
         """An answer for which there is no SYNC; whether it stands for the last one."""

@@ -67,13 +67,13 @@ class Debts:
         """Frames were lost, of whom nobody knows."""
         self.spoiled = self._all
 
-    def lapse(self, answered: int) -> None:
-        """Nothing late can come any more of these, who have answered at last.
+    def lapse(self) -> None:
+        """Nothing late can come any more of those who have answered the last SYNC.
 
         Of the others no time is long enough: whoever stands still may come back with
         all that it owes.
         """
-        self._forgive(answered)
+        self._forgive(self._all & ~self.silent)
 
     def trust(self, channels: int) -> None:
         """These have been set up anew: they begin with their next answer."""

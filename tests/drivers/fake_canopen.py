@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import can
 
-TURN_S = 0.002
+TURN_S = 0.001
 ABORT_NO_OBJECT, ABORT_READ_ONLY = 0x0602_0000, 0x0601_0002
 
 PRE_OPERATIONAL, OPERATIONAL, STOPPED = 0x7F, 5, 4
@@ -29,6 +29,18 @@ def u16(value: int) -> bytes:
 
 def u32(value: int) -> bytes:
     return value.to_bytes(4, "little")
+
+
+def realtime_ahead_ns() -> int:
+    """What realtime is ahead of monotonic, read while nothing came in between."""
+    while True:
+        before_ns, now_ns, after_ns = (
+            time.monotonic_ns(),
+            time.time_ns(),
+            time.monotonic_ns(),
+        )
+        if after_ns - before_ns < 20_000:
+            return now_ns - before_ns
 
 
 @dataclass(eq=False)
@@ -136,6 +148,7 @@ class FakeNodes:
         self._late: list[tuple[float, int, int, bytes]] = []
         self._due_s: dict[int, float] = {}
         self._n_late = 0
+        self._realtime_ahead_ns = realtime_ahead_ns()
         self._plugged = False
         self._thread: threading.Thread | None = None
 
@@ -179,6 +192,9 @@ class FakeNodes:
 
     def sync(self, n: int, lost: bool = False) -> None:
         """Send SYNCs as another master would; all nodes answer, or nobody does."""
+        with self._lock:
+            if self._plugged:  # what they were told before is done before
+                self._listen()
         for _ in range(n):
             self.send(0x080, b"")
             self.latch(lost)
@@ -221,19 +237,20 @@ class FakeNodes:
 
     def _live(self) -> None:
         while self._plugged:
-            message = self._bus.recv(TURN_S)
-            while message is not None:
-                with self._lock:
-                    if message.arbitration_id == 0x080:
-                        ago_s = time.time() - message.timestamp
-                        self.synced_ns.append(time.monotonic_ns() - int(1e9 * ago_s))
-                    self._take(message.arbitration_id, bytes(message.data))
-                message = self._bus.recv(0)
             with self._lock:
+                self._listen()
                 self._beat()
                 while self._late and self._late[0][0] <= time.monotonic():
                     *_, number, position = heapq.heappop(self._late)
                     self.say(self.nodes[number], 0x180 + number, position)
+            time.sleep(TURN_S)
+
+    def _listen(self) -> None:
+        while (message := self._bus.recv(0)) is not None:
+            if message.arbitration_id == 0x080:
+                sent_ns = int(1e9 * message.timestamp)
+                self.synced_ns.append(sent_ns - self._realtime_ahead_ns)
+            self._take(message.arbitration_id, bytes(message.data))
 
     def _take(self, can_id: int, data: bytes) -> None:
         self.heard.append((can_id, data))
