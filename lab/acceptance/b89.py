@@ -5,11 +5,13 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.acceptance.articulation import articulation_of
 from lab.acceptance.budget import fixture_budget
 from lab.acceptance.certified import IncompleteError
 from lab.acceptance.disposition import direction_remarks
 from lab.acceptance.figure import Figure, LengthError, Missing, Part, Scatter
-from lab.acceptance.lengths import budget_of, errors_of
+from lab.acceptance.length_sets import largest_of, length_sets
+from lab.acceptance.lengths import budget_of
 from lab.acceptance.limits import Limits
 from lab.acceptance.measured import Measured
 from lab.acceptance.probing import decided, exactly
@@ -48,17 +50,14 @@ def articulation(measured: Measured, limits: Limits) -> Iterator[Part]:
         except IncompleteError as error:
             problems.append(str(error))
             continue
-        mean_mm = touched.places_mm.mean(axis=0)
-        delta_mm = np.linalg.norm(touched.places_mm - mean_mm, axis=1)
-        largest[zone] = float(delta_mm.max())
-        squares_mm2 = float(delta_mm @ delta_mm)
-        two_s[zone] = 2.0 * float(np.sqrt(squares_mm2 / (len(delta_mm) - 1)))
+        seat = articulation_of(touched)
+        largest[zone], two_s[zone] = seat.largest_mm, seat.two_s_mm
         half_mm = 0.5 * np.ptp(touched.places_mm, axis=0)
         spans += [
             (f"{zone}, (max - min)/2 {axis}", float(half))
             for axis, half in zip("xyz", half_mm, strict=True)
         ]
-        share = float(measured.distance_share(mean_mm[np.newaxis])[0])
+        share = float(measured.distance_share(seat.mean_mm[np.newaxis])[0])
         if not bounds[0] <= share <= bounds[1]:
             remarks.append(
                 f"{name} is at {share:.0%} of the reach, expected {bounds[0]:.0%} to "
@@ -66,7 +65,7 @@ def articulation(measured: Measured, limits: Limits) -> Iterator[Part]:
             )
         if len(set(touched.features)) < 2:
             remarks.append(f"{name}: features do not tell on which side the elbow was")
-        yield Scatter(name, tuple(delta_mm.tolist()))
+        yield Scatter(name, tuple(seat.delta_mm.tolist()))
     if problems:
         yield Missing("SPAT", tuple(problems))
         return
@@ -96,25 +95,16 @@ def bar_names() -> list[str]:
 
 def volumetric(measured: Measured, limits: Limits) -> Iterator[Part]:
     """Volumetric test: bars `volumetric-01` to `volumetric-20`, measured once each."""
-    problems: list[str] = []
-    found: list[LengthError] = []
-    for name in bar_names():
-        try:
-            errors = errors_of(measured, name, "volumetric_max", limits)
-            if len(errors) != 1:
-                raise IncompleteError(
-                    f"{name}: was measured {len(errors)} times, expected once"
-                )
-        except IncompleteError as error:
-            problems.append(str(error))
-            continue
-        found += errors
+    sets, problems = length_sets(
+        measured, bar_names(), "volumetric_max", limits, {1: "once"}
+    )
     if problems:
         yield Missing("volumetric", tuple(problems))
         return
+    found = [error for errors in sets for error in errors]
     yield from found
     values = np.array([error.error_mm for error in found])
-    worst = found[int(np.argmax(np.abs(values)))]
+    worst = largest_of(found)
     budget = budget_of(
         measured.artefacts[worst.artefact], measured.of(worst.artefact), limits
     )

@@ -4,11 +4,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from lab.acceptance.certified import IncompleteError
 from lab.acceptance.decision import decision_of
 from lab.acceptance.disposition import direction_remarks
-from lab.acceptance.figure import Figure, LengthError, Missing, Part
-from lab.acceptance.lengths import SET, budget_of, errors_of
+from lab.acceptance.figure import Figure, Missing, Part
+from lab.acceptance.length_sets import largest_of, length_sets
+from lab.acceptance.lengths import SET, budget_of
 from lab.acceptance.limits import Limits
 from lab.acceptance.measured import Measured
 
@@ -27,25 +27,14 @@ def check_names() -> list[str]:
 
 def interim_check(measured: Measured, limits: Limits) -> Iterator[Part]:
     """Interim check: bars `check-1` to `check-7`."""
-    problems: list[str] = []
-    found: list[LengthError] = []
-    for name in check_names():
-        try:
-            errors = errors_of(measured, name, KEY, limits)
-            if len(errors) != SET:
-                raise IncompleteError(
-                    f"{name}: was measured {len(errors)} times, expected {SET}"
-                )
-        except IncompleteError as error:
-            problems.append(str(error))
-            continue
-        found += errors
+    sets, problems = length_sets(measured, check_names(), KEY, limits, {SET: str(SET)})
     if problems:
         yield Missing("interim check of length", tuple(problems))
         return
+    found = [error for errors in sets for error in errors]
     yield from found
     values = np.array([error.error_mm for error in found])
-    worst = found[int(np.argmax(np.abs(values)))]
+    worst = largest_of(found)
     budget = budget_of(
         measured.artefacts[worst.artefact], measured.of(worst.artefact), limits
     )
@@ -55,10 +44,7 @@ def interim_check(measured: Measured, limits: Limits) -> Iterator[Part]:
         decision = decision_of(
             worst.error_mm, limit.at(worst.length_mm), budget.standard_mm, limits
         )
-    within = [
-        float(np.ptp([e.error_mm for e in found if e.artefact == name]))
-        for name in check_names()
-    ]
+    within = [float(np.ptp([e.error_mm for e in errors])) for errors in sets]
     yield Figure(
         KEY,
         "interim check of length",

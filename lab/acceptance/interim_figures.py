@@ -4,13 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lab.acceptance.certified import (
-    IncompleteError,
-    certified_sphere,
-    growth,
-)
+from lab.acceptance.articulation import articulation_of
+from lab.acceptance.certified import IncompleteError, certified_sphere
+from lab.acceptance.fitted_sphere import fitted_sphere
 from lab.acceptance.measured import Measured
-from lab.acceptance.probing import fitted
 
 FEWEST_CONE, FEWEST_SPHERE = 5, 9
 
@@ -110,21 +107,16 @@ def interim_figures(measured: Measured) -> InterimFigures:
     ):
         if n < fewest:
             raise IncompleteError(f"{name}: {n} touches, expected {fewest} or more")
-    delta_mm = np.linalg.norm(seat.places_mm - seat.places_mm.mean(axis=0), axis=1)
-    found = fitted(touched, ball)
-    radius_mm = float(sphere.radius_mm or 0.0)
-    calibrated_mm = 2.0 * radius_mm * growth(sphere, touched)
-    away_mm = np.linalg.norm(touched.places_mm - found.centre_mm, axis=1)
+    scatter, found = articulation_of(seat), fitted_sphere(sphere, touched, ball)
     warm_c = np.concatenate([seat.temperature_c, touched.temperature_c])
     known_c = warm_c[np.isfinite(warm_c)]
     return InterimFigures(
-        spat_2s_mm=2.0 * float(np.sqrt(delta_mm @ delta_mm / (len(delta_mm) - 1))),
-        spat_max_mm=float(delta_mm.max()),
-        sphere_form_mm=float(np.ptp(away_mm)),
-        sphere_diameter_mm=2.0 * (found.radius_mm - float(touched.tip_mm.mean()))
-        - calibrated_mm,
+        spat_2s_mm=scatter.two_s_mm,
+        spat_max_mm=scatter.largest_mm,
+        sphere_form_mm=found.form_mm,
+        sphere_diameter_mm=found.size_mm,
         n_cone=len(seat),
         n_sphere=len(touched),
-        sphere_radius_mm=radius_mm,
+        sphere_radius_mm=float(sphere.radius_mm or 0.0),
         temperature_c=float(known_c.mean()) if len(known_c) else None,
     )

@@ -9,7 +9,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from lab.acceptance.certified import IncompleteError
 from lab.acceptance.decision import (
     Decision,
     Verdict,
@@ -20,7 +19,8 @@ from lab.acceptance.decision import (
 )
 from lab.acceptance.disposition import direction_remarks
 from lab.acceptance.figure import Figure, LengthError, Missing, Part
-from lab.acceptance.lengths import SET, budget_of, errors_of
+from lab.acceptance.length_sets import largest_of, length_sets
+from lab.acceptance.lengths import SET, budget_of
 from lab.acceptance.limits import Limits
 from lab.acceptance.measured import Measured
 
@@ -53,22 +53,10 @@ def length_test(
     measured: Measured, key: str, prefix: str, limits: Limits
 ) -> Iterator[Part]:
     """E_UNI or E_BI of ISO 10360-12."""
-    name, problems = key.upper(), []
-    sets: list[list[LengthError]] = []
-    for artefact in length_names(prefix):
-        try:
-            found = errors_of(measured, artefact, key, limits)
-            if len(found) not in (SET, SET + AGAIN):
-                raise IncompleteError(
-                    f"{artefact}: was measured {len(found)} times, expected {SET}, or "
-                    f"{SET + AGAIN} with ten again"
-                )
-        except IncompleteError as error:
-            problems.append(str(error))
-            continue
-        sets.append(found)
+    times = {SET: str(SET), SET + AGAIN: f"{SET + AGAIN} with ten again"}
+    sets, problems = length_sets(measured, length_names(prefix), key, limits, times)
     if problems:
-        yield Missing(name, tuple(problems))
+        yield Missing(key.upper(), tuple(problems))
         return
     for found in sets:
         yield from found
@@ -79,7 +67,7 @@ def _figure(
     measured: Measured, key: str, sets: Sequence[list[LengthError]], limits: Limits
 ) -> Figure:
     counted = [error for found in sets for error in found[:SET]]
-    largest = max(counted, key=lambda error: abs(error.error_mm))
+    largest = largest_of(counted)
     verdict, remarks = _judged(sets, limits)
     decision = None
     if verdict is not None and largest.limit_mm is not None:

@@ -23,9 +23,9 @@ from lab.acceptance.certified import (
     warmer_c,
 )
 from lab.acceptance.figure import LengthError
+from lab.acceptance.fitted_sphere import fitted
 from lab.acceptance.limits import Limits
 from lab.acceptance.measured import Measured, Touched
-from lab.acceptance.probing import fitted
 from lab.identification.artefacts import Artefact
 from lab.identification.artefacts.ball_bar import BallBar
 from lab.identification.artefacts.parallel_planes import ParallelPlanes

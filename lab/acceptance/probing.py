@@ -8,12 +8,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from kinematics.fits import (
-    Sphere,
-    enclosing_sphere,
-    fit_sphere,
-    fit_sphere_of_radius,
-)
+from kinematics.fits import enclosing_sphere
 from lab.acceptance.budget import form_budget, length_budget
 from lab.acceptance.certified import (
     IncompleteError,
@@ -24,6 +19,7 @@ from lab.acceptance.certified import (
 from lab.acceptance.decision import Decision, decision_of
 from lab.acceptance.disposition import half_sphere_remarks
 from lab.acceptance.figure import Figure, Missing, Part, Scatter
+from lab.acceptance.fitted_sphere import fitted, fitted_sphere
 from lab.acceptance.limits import Limits
 from lab.acceptance.measured import Measured, Touched
 
@@ -64,20 +60,6 @@ def exactly(touched: Touched, wanted: int, what: str) -> None:
         )
 
 
-def fitted(touched: Touched, what: str, radius_mm: float | None = None) -> Sphere:
-    """Fit a sphere to the places of the ball's centre.
-
-    Raises:
-        IncompleteError: The points fit no sphere.
-    """
-    try:
-        if radius_mm is None:
-            return fit_sphere(touched.places_mm)
-        return fit_sphere_of_radius(touched.places_mm, radius_mm)
-    except ValueError as error:
-        raise IncompleteError(f"{what}: {error}") from error
-
-
 def decided(
     limits: Limits, key: str, error_mm: float, standard_mm: float
 ) -> Decision | None:
@@ -101,18 +83,13 @@ def size_and_form(
         try:
             sphere = certified_sphere(measured.artefacts.get(name), name)
             exactly(touched, 25, name)
-            found = fitted(touched, name)
-            grown = growth(sphere, touched)
+            found = fitted_sphere(sphere, touched, name)
         except IncompleteError as error:
             problems.append(str(error))
             continue
-        diameter_mm = 2.0 * float(sphere.radius_mm or 0.0)
-        tip_mm = float(touched.tip_mm.mean())
-        sizes_mm[name] = 2.0 * (found.radius_mm - tip_mm) - diameter_mm * grown
-        away_mm = np.linalg.norm(touched.places_mm - found.centre_mm, axis=1)
-        forms_mm[name] = float(np.ptp(away_mm))
+        sizes_mm[name], forms_mm[name] = found.size_mm, found.form_mm
         remarks += half_sphere_remarks(touched, found.centre_mm, name)
-        yield Scatter(name, tuple((away_mm - found.radius_mm).tolist()))
+        yield Scatter(name, tuple(found.off_mm.tolist()))
     if problems:
         yield Missing("P_SIZE", tuple(problems))
         yield Missing("P_FORM", tuple(problems))
@@ -220,10 +197,8 @@ def effective_diameter(measured: Measured, name: str, limits: Limits) -> Iterato
         for repeat in repeats:
             part = touched.of(repeat)
             exactly(part, 9, f"{name} repeat {repeat}")
-            found = fitted(part, f"{name} repeat {repeat}")
-            certified_mm = 2.0 * float(sphere.radius_mm or 0.0) * growth(sphere, part)
-            tip_mm = float(part.tip_mm.mean())
-            errors_mm[repeat] = 2.0 * (found.radius_mm - tip_mm) - certified_mm
+            found = fitted_sphere(sphere, part, f"{name} repeat {repeat}")
+            errors_mm[repeat] = found.size_mm
         warm_c = warmer_c(sphere, touched)
     except IncompleteError as error:
         yield Missing("effective diameter", (str(error),))

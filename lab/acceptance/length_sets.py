@@ -1,0 +1,50 @@
+"""Errors of many lengths, each measured as often as its test wants it."""
+
+from collections.abc import Sequence
+
+from lab.acceptance.certified import IncompleteError
+from lab.acceptance.figure import LengthError
+from lab.acceptance.lengths import errors_of
+from lab.acceptance.limits import Limits
+from lab.acceptance.measured import Measured
+
+
+def length_sets(
+    measured: Measured,
+    names: Sequence[str],
+    key: str,
+    limits: Limits,
+    times: dict[int, str],
+) -> tuple[list[list[LengthError]], list[str]]:
+    """Measure lengths.
+
+    Args:
+        measured: All touches.
+        names: Ids of the artefacts.
+        key: Of the figure.
+        limits: With what else is known of the standards.
+        times: How often each may have been measured, with the words for it.
+
+    Returns:
+        The errors by artefact, and what is missing.
+    """
+    sets: list[list[LengthError]] = []
+    problems: list[str] = []
+    for name in names:
+        try:
+            errors = errors_of(measured, name, key, limits)
+            if len(errors) not in times:
+                raise IncompleteError(
+                    f"{name}: was measured {len(errors)} times, expected "
+                    f"{', or '.join(times.values())}"
+                )
+        except IncompleteError as error:
+            problems.append(str(error))
+            continue
+        sets.append(errors)
+    return sets, problems
+
+
+def largest_of(errors: Sequence[LengthError]) -> LengthError:
+    """Take the error of the largest size, whatever its sign."""
+    return max(errors, key=lambda error: abs(error.error_mm))
