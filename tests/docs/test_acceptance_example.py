@@ -26,5 +26,5 @@ def test_the_arm_is_judged_as_told(tmp_path: Path) -> None:
     command = _VERIFY.search(text_of(PAGE))
     assert command is not None
     # Neither accepted nor rejected: exit status 1.
-    printed = output_of(f"{command[1]} || test $? = 1", tmp_path)
+    printed = output_of(command[1], tmp_path, status=1)
     assert_printed(printed, said.splitlines(), command[1])

@@ -10,6 +10,7 @@ from collections.abc import Callable
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -53,11 +54,14 @@ def picture(
         figure = Figure(
             figsize=(width_mm * _INCHES_PER_MM, height_mm * _INCHES_PER_MM),
             layout="constrained",
+            dpi=_DPI,
         )
         paint(figure)
         file = io.BytesIO()
-        # No name of the program: it holds an address of the web.
-        figure.savefig(file, format="png", dpi=_DPI, metadata={"Software": None})
+        # savefig would draw everything twice, once for the layout alone. No name of
+        # the program: it holds an address of the web.
+        canvas = FigureCanvasAgg(figure)
+        canvas.print_png(file, metadata={"Software": None})  # type: ignore[no-untyped-call] # by matplotlib
     return file.getvalue()
 
 
