@@ -30,7 +30,7 @@ LOOK_S = 0.5
 FIGURES_S = 0.2
 FORGET_S = 0.3
 MOST_TOGETHER = 500
-SPACING_S = 0.003  # from the beginning of one transaction to the next
+SPACING_S = 0.002  # from the beginning of one transaction to the next
 FORGOTTEN_TOGETHER = 50
 TURN_S = 30.0  # that a slow disk may take
 
