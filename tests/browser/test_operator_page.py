@@ -7,6 +7,7 @@ import pytest
 from playwright.async_api import expect
 
 from tests.browser.conftest import Scene
+from tests.end_to_end.workbench import REST
 
 pytestmark = pytest.mark.broker
 
@@ -79,6 +80,8 @@ async def test_points_are_labelled_and_saved(scene: Scene) -> None:
 async def test_outages_are_unmistakable_and_pass(scene: Scene) -> None:
     page, banner = scene.page, scene.page.locator("header")
     await expect(banner).to_contain_text("Ready to measure.")
+    rows = page.locator("table.plain tbody tr", has=page.locator("td:nth-child(7)"))
+    await expect(rows).to_have_count(3)  # all that are taken by themselves
 
     # A device is unplugged, and comes back.
     await scene.bench.kill_simulator(scene.simulator)
@@ -86,6 +89,7 @@ async def test_outages_are_unmistakable_and_pass(scene: Scene) -> None:
     await expect(banner).to_contain_text("base")
     await sounds(scene, "alarm")
     await expect(page.locator(".figures")).to_have_class(re.compile("stale"))
+    scene.bench.write_simulator(REST)  # which takes no points by itself
     with scene.bench.simulator("simulator-again"):
         await expect(banner).to_contain_text("Ready to measure.")
         await sounds(scene, "cleared")
