@@ -10,6 +10,12 @@ limit_s="$1"
 shift
 here="$(cd "$(dirname "$0")" && pwd)"
 . "$here/kernel.sh"
+case "$checkout/" in
+/tmp/* | /run/* | /mnt/* | /dev/shm/*)
+    echo "run.sh: the guest has an empty ${checkout%"${checkout#/*/}"} of its own and does not see $checkout; move the checkout elsewhere" >&2
+    exit 2
+    ;;
+esac
 out="$build/out"
 rm -rf "$out"
 mkdir -p "$out"
