@@ -1,12 +1,16 @@
 """The element that shows the arm in three dimensions; its drawing is in the browser."""
 
+import numpy as np
 from nicegui import ui
 from nicegui.element import Element
+from numpy.typing import NDArray
 
 from protocol.messages import Live, Point
 
 # Its module is where three.js comes from.
 assert ui.scene is not None  # noqa: S101 - imported for its registration
+
+SEEN_MM = 0.02  # less than a pixel, however near one looks
 
 
 class ArmScene(Element, component="arm_scene.js", default_classes="arm-scene-box"):
@@ -19,12 +23,29 @@ class ArmScene(Element, component="arm_scene.js", default_classes="arm-scene-box
     def __init__(self, cloud_url: str) -> None:
         super().__init__()
         self._props["cloudUrl"] = cloud_url
+        self._shown: tuple[NDArray[np.float64], float] | None = None
 
     def show_pose(self, live: Live) -> None:
-        """The arm is now like this."""
-        if live.skeleton_mm is not None:
-            skeleton = [list(place) for place in live.skeleton_mm]
-            self.run_method("pose", skeleton, live.probe_radius_mm)
+        """The arm is now like this.
+
+        An arm at rest is not drawn again: a point that comes need not wait for that.
+        """
+        if live.skeleton_mm is None:
+            return
+        places_mm = np.array(live.skeleton_mm)
+        if self._shown is not None and live.probe_radius_mm == self._shown[1]:
+            was_mm = self._shown[0]
+            if (
+                places_mm.shape == was_mm.shape
+                and np.abs(places_mm - was_mm).max() < SEEN_MM
+            ):
+                return
+        self._shown = (places_mm, live.probe_radius_mm)
+        self.run_method("pose", places_mm.tolist(), live.probe_radius_mm)
+
+    def forget_pose(self) -> None:
+        """The browser has been opened anew: whatever pose comes is drawn."""
+        self._shown = None
 
     def add_points(self, points: list[Point]) -> None:
         """Points have come."""

@@ -220,6 +220,7 @@ class OperatorPage:
         self._scene.theme(dark=bool(self._dark.value))
         self._scene.add_points(list(self._sight.points.values()))
         self._show_points(None)
+        self._scene.forget_pose()
         self._seen_live, self._seen_cloud = None, (-1, -1)
 
     def _show_check(self) -> None:
