@@ -2,7 +2,8 @@
 
 The board numbers its edges and repeats them until they are acknowledged; an
 acknowledgement covers all earlier edges too. So an edge that overtakes a broken one
-must wait for the repetition, unless the board itself has lost the earlier one.
+must wait for the repetition, unless the board itself has lost the earlier one. Then
+the oldest that the board repeats is next, whichever happens to come first.
 """
 
 from typing import Literal
@@ -26,6 +27,7 @@ class EdgeOrder:
         self._acknowledged: int | None = None
         self._told: int | None = None
         self._early_since_ns: int | None = None
+        self._oldest_early = 0
 
     @property
     def are_open(self) -> bool:
@@ -69,8 +71,12 @@ class EdgeOrder:
         if ahead == 0:
             return "next", 0
         if self._early_since_ns is None:
-            self._early_since_ns = now_ns
-        if now_ns - self._early_since_ns < PATIENCE_NS:
+            self._early_since_ns, self._oldest_early = now_ns, seq
+        if _signed(seq - self._oldest_early) < 0:
+            self._oldest_early = seq
+        waited_ns = now_ns - self._early_since_ns
+        is_oldest = seq == self._oldest_early
+        if waited_ns < PATIENCE_NS or not (is_oldest or waited_ns >= 2 * PATIENCE_NS):
             return "early", 0
         return "next", ahead
 

@@ -41,6 +41,7 @@ class Edges:
         self._log = log
         self._waiting: dict[int, float] = {}  # since when
         self._is_forgetting = False
+        self._unanswered = 0  # HELLOs that make the board forget its edges
         self._from_board = Decoder()
         self._from_host = FrameSplitter()
 
@@ -49,6 +50,9 @@ class Edges:
         for message in self._from_board.feed(data):
             if isinstance(message, Hello):
                 self._is_forgetting = False
+                if self._unanswered:  # what came before this is forgotten, too
+                    self._unanswered -= 1
+                    self._waiting.clear()
             elif isinstance(message, Edge) and not self._is_forgetting:
                 self._waiting.setdefault(message.seq, round(time.time(), 3))
 
@@ -59,6 +63,7 @@ class Edges:
                 # A new daemon: they came before its time, also those on their way.
                 self._waiting.clear()
                 self._is_forgetting = True
+                self._unanswered += 1
                 self._write({"hello": self._life})
             elif body[0] == EDGE_ACK:
                 last = int.from_bytes(body[1:5], "little")

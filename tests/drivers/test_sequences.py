@@ -87,6 +87,23 @@ def test_an_edge_that_the_board_lost_is_given_up_after_a_second():
     assert edges.judge(5, 1_000_000_000) == ("next", 2)
 
 
+def test_after_a_loss_the_oldest_edge_that_the_board_repeats_is_next():
+    edges = EdgeOrder(WRAP - 2)
+    assert edges.judge(1, 0) == ("early", 0)
+    assert edges.judge(0, 1) == ("early", 0)
+    assert edges.judge(5, 1_000_000_001) == ("early", 0)  # 0 comes in a moment
+    assert edges.judge(0, 1_050_000_000) == ("next", 2)
+    edges.delivered(0)
+    assert edges.judge(1, 1_050_000_001) == ("next", 0)
+
+
+def test_an_edge_that_does_not_come_again_holds_nothing_up_for_ever():
+    edges = EdgeOrder(3)
+    assert edges.judge(5, 0) == ("early", 0)
+    assert edges.judge(9, 1_900_000_000) == ("early", 0)
+    assert edges.judge(9, 2_000_000_000) == ("next", 6)
+
+
 def test_edge_numbers_wrap():
     edges = EdgeOrder(WRAP - 1)
     assert edges.judge(WRAP - 1, 0) == ("next", 0)
