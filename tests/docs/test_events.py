@@ -10,7 +10,7 @@ SUBJECTS = (
     "watchdog realtime metrics outbox resend recording replay"
 )
 CODE = re.compile(rf'"((?:{"|".join(SUBJECTS.split())})\.(?!db")[a-z_]+)"')
-FAULT = re.compile(r'_fault\(\s*"([a-z_]+)"')
+FAULT = re.compile(r'(?:fault|_by_node)\((?:\s*[\w.]+,)?\s*"([a-z_]+)"')
 
 
 def codes_in_the_code() -> set[str]:
