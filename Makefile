@@ -5,6 +5,8 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
 # Other libraries to be compared with, never in the environment that Traverse runs in.
 PEERS := .venv-peers
+# Tests that run at once: many wait for real time, so one more than there are cores.
+WORKERS ?= $(shell expr $$(nproc) + 1)
 FIGURES := build/figures
 # What the kernel in C is built from.
 KERNEL := setup.py $(foreach kind,pyx pxd pxi c h inc,$(wildcard kinematics/kernel/*.$(kind)))
@@ -39,7 +41,7 @@ build/node/.ready: tests/interface/package.json tests/interface/package-lock.jso
 	touch $@
 
 test: venv system node  ## all tests
-	$(BIN)/pytest -n auto --dist loadfile
+	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n $(WORKERS) --dist loadfile
 
 lint: venv  ## ruff, mypy --strict, import contracts
 	$(BIN)/ruff format --check .

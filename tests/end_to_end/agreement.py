@@ -30,7 +30,7 @@ def assert_one_point_an_edge(
     # How the host sees the board's clock is still settling, and a busy machine reads
     # late; `test_points` is stricter where nothing disturbs.
     delays = delays_s(points, truth)
-    assert np.ptp(delays) < 1e-2, delays - delays[-1]
+    assert np.ptp(delays) < 0.1, delays - delays[-1]
 
 
 def delays_s(points: list[Point], truth: list[dict[str, Any]]) -> np.ndarray:

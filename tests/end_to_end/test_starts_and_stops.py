@@ -162,7 +162,7 @@ async def test_a_signal_ends_the_daemon_in_order(
     async with measuring(bench) as (listener, _, daemon):
         assert await daemon.stop(number) == 0
         assert "Traceback" not in daemon.log
-        assert not listener.statuses[-1].online
+        await until(lambda: not listener.statuses[-1].online, "its last status")
 
 
 async def test_the_daemon_brings_its_own_broker(alone: Workbench) -> None:
