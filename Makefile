@@ -11,7 +11,7 @@ FIGURES := build/figures
 # What the kernel in C is built from.
 KERNEL := setup.py $(foreach kind,pyx pxd pxi c h inc,$(wildcard kinematics/kernel/*.$(kind)))
 
-.PHONY: docs help venv system node demo test lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance prove-alignment blind blind-full fuzz soak endurance bench-client test-vm install deb clean bench-kernel audit bench-fleet
+.PHONY: docs help venv system node demo test lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance prove-alignment blind blind-full fuzz soak endurance bench-client test-vm install deb clean bench-kernel audit bench-fleet bench-page screenshots
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12

@@ -108,6 +108,7 @@ def test_what_runs_them_is_there_and_nothing_is_left_over() -> None:
 def test_every_target_of_make_is_explained_and_no_other() -> None:
     text = (CHECKOUT / "Makefile").read_text("utf-8")
     (targets,) = re.findall(r"^\.PHONY: (.*)$", text, re.M)
+    assert set(re.findall(r"^([a-z-]+):", text, re.M)) == set(targets.split())
     rows = tables("docs/development.md")["Make targets"]
     assert {code_words(row[0])[0] for row in rows} == {
         f"make {target}" for target in targets.split()
