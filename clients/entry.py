@@ -44,12 +44,16 @@ class EnteringClient(aiomqtt.Client):
         EntryRefusedError: a file of the address cannot be used.
     """
 
-    def __init__(self, address: BrokerAddress, **options: Any) -> None:  # noqa: ANN401
+    def __init__(
+        self,
+        address: BrokerAddress,
+        **options: Any,  # noqa: ANN401 - of aiomqtt, which has many kinds
+    ) -> None:
         self._address = address
         self._is_left = False
         self._faults = _Faults()
-        # Of this connection alone, so not one of getLogger's; all is raised, too.
-        logger = logging.Logger("paho", logging.ERROR)  # noqa: LOG001
+        # All that it would say is raised, too.
+        logger = logging.Logger("paho", logging.ERROR)  # noqa: LOG001 - this connection's
         logger.addHandler(self._faults)
         try:
             where = address.options()

@@ -84,7 +84,11 @@ class BrokerClient(aiomqtt.Client):
         except aiomqtt.MqttError as error:
             raise error from self._faults.last
 
-    async def _wait_for(self, fut: Awaitable[T], timeout: float | None) -> T:  # noqa: ASYNC109
+    async def _wait_for(
+        self,
+        fut: Awaitable[T],
+        timeout: float | None,  # noqa: ASYNC109 - as aiomqtt declares it
+    ) -> T:
         # As aiomqtt's own, but for asyncio.wait_for: up to Python 3.11 that forgets a
         # cancellation that comes as its work is done, and we would never end.
         timeout_s = self.timeout if timeout is None else timeout
