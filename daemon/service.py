@@ -6,54 +6,33 @@ import logging
 import signal
 from pathlib import Path
 
-from daemon.align_requests import AlignRequests
-from daemon.alignment import PartSystem
-from daemon.arm_devices import ArmDevices
 from daemon.arrival import Arrival
 from daemon.broker_access import address_of
 from daemon.broker_section import BrokerSection
-from daemon.button_actions import ButtonActions
-from daemon.capture import Capture, triggers_of
 from daemon.clock import HostClock
+from daemon.command_table import CommandTable
 from daemon.commands import CommandDesk
 from daemon.configuration import Configuration
-from daemon.device import Device, open_device, running_drivers
-from daemon.events import EventLog, Occurrence
+from daemon.device import Device, running_drivers
 from daemon.health import HealthReport
+from daemon.instrument import Instrument
 from daemon.life import Life
-from daemon.live import LiveView
-from daemon.measuring import Measuring
 from daemon.model import ArmModel
 from daemon.model_told import tell_model
 from daemon.notify import Notifier
-from daemon.outbox import Outbox
-from daemon.outgoing import OutgoingQueue
-from daemon.outlet import Outlet
-from daemon.pipeline import Pipeline
-from daemon.point_requests import PointRequests
-from daemon.probe_requests import ProbeRequests
+from daemon.output import Output
 from daemon.publisher import Publisher
-from daemon.record_requests import RecordRequests, recorder_of, tell_reloaded
-from daemon.recorder_state import MeasuringState
-from daemon.reload import Inputs, Reload
+from daemon.reload import Inputs
 from daemon.reports import Reports
-from daemon.requests import Requests
-from daemon.resend_requests import ResendRequests
-from daemon.scan_spool import ScanSpool
-from daemon.scanner import Scanner
 from daemon.startup import StartupError
-from daemon.state_folder import OUTBOX, SCANS, state_path
+from daemon.state_folder import state_path
 from daemon.step_clock import StepClock
-from daemon.uncertainty import Uncertainty
 from protocol import topics
-from protocol.encoding import Encoding
 
 log = logging.getLogger(__name__)
 
 DRAIN_S = 2.0
 FLUSH_S = 0.25
-TIME_S = 0.02
-TURNS = 4  # of the loop, in which deliveries that wait already are taken
 
 
 class Service:
@@ -69,195 +48,93 @@ class Service:
         embedded: bool,
         keep_trying: bool,
     ) -> None:
-        folder = path.parent
-        self._path = path
         self._configuration = configuration
-        self._encoding: Encoding = broker.encoding
-        self._arm = model.name
         self._clock = HostClock()
         self._stopping = asyncio.Event()
         self._hang_up = asyncio.Event()
-        settings = configuration.capture
-        self._queue = OutgoingQueue()
-        self._outlet = Outlet(self._arm, self._encoding, self._queue, self._clock)
-        self._events = EventLog(self._clock, self._tell_event, self._arm)
-        self._notifier = Notifier()
-        self._health = HealthReport(self._clock)
-        self._part = PartSystem()
-        self._steps = StepClock(self._clock)
-        self._recorder = recorder_of(
+        notifier, health = Notifier(), HealthReport(self._clock)
+        steps = StepClock(self._clock)
+        self._output = Output(
             configuration,
             path,
-            arm=self._arm,
-            clock=self._steps,
-            events=self._events,
-        )
-        self._outlet.tape = self._recorder
-        self._outbox = Outbox(
-            state_path(path) / OUTBOX,
-            arm=self._arm,
-            encoding=self._encoding,
+            arm=model.name,
+            encoding=broker.encoding,
             clock=self._clock,
-            section=configuration.outbox,
-            limit=settings.max_waiting_points,
-            session=lambda: self._capture.session.id,
-            queue=self._queue,
-            events=self._events,
-            latencies=self._health.latencies,
-            changed=self._publish_status,
-        )
-        self._capture = Capture(
-            self._steps, self._recorder.following(self._outbox.keep), self._part
-        )
-        self._spool = ScanSpool(
-            state_path(path) / SCANS,
-            arm=self._arm,
-            encoding=self._encoding,
-            clock=self._clock,
-            section=configuration.scan,
-            outlet=self._outlet,
-            queue=self._queue,
-            events=self._events,
-        )
-        self._scanner = Scanner(
-            self._steps,
-            self._spool.offer,
-            settings.scan_block_s,
-            configuration.scan,
-            self._part,
-        )
-        self._spool.taken_back = self._scanner.take_back
-        self._live = LiveView(self._steps, settings.live_rate_hz, self._part)
-        loop = asyncio.get_running_loop()
-        self._devices = [open_device(d, loop) for d in configuration.device]
-        self._arm_devices = ArmDevices(model, self._devices)
-        self._measuring = Measuring(
-            clock=self._steps,
-            devices=self._arm_devices,
-            settings=configuration.assembly,
-            uncertainty=Uncertainty(configuration.uncertainty),
-            pipeline=Pipeline(model, self._steps),
-            capture=self._capture,
-            triggers=triggers_of(settings),
-            scanner=self._scanner,
-            live=self._live,
-            events=self._events,
-            health=self._health,
-            offer_live=lambda live: self._outlet.publish("live", live),
+            steps=steps,
+            health=health,
+            session=lambda: self._instrument.capture.session.id,
             status_changed=self._publish_status,
-            taking=settings,
-            quality=configuration.quality,
-            tape=self._recorder,
         )
-        self._recorder.state = MeasuringState(self._measuring, self._capture)
-        self._reports = Reports(
-            arm=self._arm,
-            encoding=self._encoding,
-            clock=self._clock,
-            devices=self._devices,
-            arm_devices=self._arm_devices,
-            measuring=self._measuring,
-            capture=self._capture,
-            scanner=self._scanner,
-            live=self._live,
-            outbox=self._outbox,
-            spool=self._spool,
-            recorder=self._recorder,
-            queue=self._queue,
-            health=self._health,
+        self._instrument = Instrument(
+            configuration,
+            model,
+            self._output,
+            steps=steps,
+            health=health,
+            status_changed=self._publish_status,
         )
-        self._requests = Requests(
-            settings=settings,
-            scan=configuration.scan,
-            devices=self._arm_devices,
-            scanner=self._scanner,
-            measuring=self._measuring,
-        )
-        self._point_requests = PointRequests(
-            settings=settings,
-            devices=self._arm_devices,
-            capture=self._capture,
-            measuring=self._measuring,
-            session_changed=self._publish_status,
-        )
-        probes = configuration.arm.probes
-        self._probe_requests = ProbeRequests(
-            library=None if probes is None else folder / probes,
-            measuring=self._measuring,
-            changed=self._publish_status,
-        )
-        self._reload = Reload(
-            path=path,
+        self._devices = self._instrument.devices
+        self._measuring = self._instrument.measuring
+        self._table = CommandTable(
+            Inputs(configuration, model),
+            path,
             embedded=embedded,
-            inputs=Inputs(configuration, model),
-            devices=self._devices,
-            measuring=self._measuring,
-            with_probe=self._probe_requests.model_of,
+            instrument=self._instrument,
+            output=self._output,
+            notifier=notifier,
+            status_changed=self._publish_status,
             use=self._use,
-            events=self._events,
-            notifier=self._notifier,
         )
-        align = AlignRequests(self._part, self._measuring)
-        actions = ButtonActions(self._requests.change_scan, self._events)
-        self._measuring.points.carry_out |= {
-            "scan": actions.start_scan,
-            "stop": actions.stop_scan,
-            "session": self._publish_status,
-        }
         self._commands = CommandDesk(
             arm=model.name,
-            encoding=self._encoding,
-            events=self._events,
+            encoding=broker.encoding,
+            events=self._output.events,
             clock=self._clock,
             response_topics=broker.response_topics,
-            offer=lambda answer: self._queue.offer("reply", answer),
-            carry_out={
-                "point": self._point_requests.take_point,
-                "undo": self._point_requests.undo,
-                "label": self._point_requests.label,
-                "session": self._point_requests.begin_session,
-                "probe": self._probe_requests.change,
-                "scan": self._requests.change_scan,
-                "align": align.change,
-                "reload": self._reload.carry_out,
-                "resend": ResendRequests(
-                    self._outbox.resend, self._spool.again
-                ).carry_out,
-                "record": RecordRequests(self._recorder).carry_out,
-            },
+            offer=lambda answer: self._output.queue.offer("reply", answer),
+            carry_out=self._table.carry_out,
         )
+        self._reports = Reports(
+            arm=model.name,
+            encoding=broker.encoding,
+            clock=self._clock,
+            instrument=self._instrument,
+            output=self._output,
+            commands=self._commands,
+            health=health,
+        )
+        offline = self._reports.status(online=False)
         self._publisher = Publisher(
-            address=address_of(broker, folder),
+            address=address_of(broker, path.parent),
             client_id=f"traverse-{model.name}",
-            will=self._outlet.outgoing("status", self._reports.status(online=False)),
-            encoding=self._encoding,
-            queue=self._queue,
+            will=self._output.outlet.outgoing("status", offline),
+            encoding=broker.encoding,
+            queue=self._output.queue,
             subscription=topics.command_filter(model.name),
             receive=self._commands.receive,
             changed=self._broker_changed,
         )
-        self._reports.commands = self._commands
         self._reports.publisher = self._publisher
         self._arrival = Arrival(
-            self._devices, self._publisher, self._events, keep_trying=keep_trying
+            self._devices,
+            self._publisher,
+            self._output.events,
+            keep_trying=keep_trying,
         )
         self._life = Life(
             configuration=configuration,
             folder=state_path(path),
-            notifier=self._notifier,
+            notifier=notifier,
             clock=self._clock,
             devices=self._devices,
-            events=self._events,
-            health=self._health,
+            events=self._output.events,
+            health=health,
             publisher=self._publisher,
             figures=lambda: self._reports.health(anew=False),
-            waiting=lambda: self._outbox.health().unsent,
-            pulses=lambda: (
-                self._outbox.pulse,
-                self._recorder.pulse,
-                *self._spool.pulses,
-            ),
+            waiting=lambda: self._output.outbox.health().unsent,
+            pulses=lambda: self._output.pulses,
         )
+        self._output.told = self._life.look_at
 
     async def run(self) -> None:
         """Start, measure until stopped, end in order.
@@ -272,9 +149,7 @@ class Service:
         failure: StartupError | None = None
         async with (
             running_drivers(self._devices),
-            self._outbox.running(),
-            self._spool.running(),
-            self._recorder,
+            self._output.running(),
             self._life,
             asyncio.TaskGroup() as tasks,
         ):
@@ -285,10 +160,10 @@ class Service:
                 if not self._stopping.is_set():
                     running.append(tasks.create_task(self._publisher.run()))
                     running.append(tasks.create_task(self._keep_house()))
-                    running.append(tasks.create_task(self._keep_time()))
+                    running.append(tasks.create_task(self._instrument.keep_time()))
                     running.append(tasks.create_task(self._reload_at_signals()))
                     self._publish_status()
-                    self._requests.track()
+                    self._table.track()
                     settings = self._configuration.capture
                     tell_model(self._measuring.model, settings.compensation)
                     await self._arrival.broker(self._stopping)
@@ -309,11 +184,8 @@ class Service:
         """Go by a new configuration and arm file."""
         configuration = self._configuration = inputs.configuration
         self._measuring.use(configuration, inputs.model)
-        self._requests.use(configuration.capture, configuration.scan)
-        self._point_requests.use(configuration.capture)
-        self._outbox.use(configuration.outbox)
-        self._spool.use(configuration.scan)
-        tell_reloaded(self._recorder, self._path, configuration)
+        self._table.use(inputs)
+        self._output.use(configuration)
         self._publisher.renew()
         self._publish_status()
         tell_model(inputs.model, configuration.capture.compensation)
@@ -322,18 +194,16 @@ class Service:
         while True:
             await self._hang_up.wait()
             self._hang_up.clear()
-            await self._reload.on_signal()
+            await self._table.reload.on_signal()
 
     async def _drain(self) -> None:
         self._measuring.stop_scan()
-        self._events.flush(at_once=True)
-        self._outlet.publish("status", self._reports.status(online=False))
+        self._output.events.flush(at_once=True)
+        self._output.outlet.publish("status", self._reports.status(online=False))
         log.info("stopping")
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(DRAIN_S):
-                await self._outbox.idle()
-                await self._spool.idle()
-                await self._queue.empty()
+                await self._output.idle()
 
     async def _consume(self, device: Device) -> None:
         while True:
@@ -342,27 +212,14 @@ class Service:
                 self._measuring.take(device, delivery)
                 self._life.note(device, delivery, begun_ns)
 
-    async def _keep_time(self) -> None:
-        """See to what waits for readings, or for time to pass; else sleep."""
-        while True:
-            if not self._measuring.may_wait:
-                await self._measuring.points.some_wait.wait()
-            await asyncio.sleep(TIME_S)
-            for _ in range(TURNS):
-                await asyncio.sleep(0)
-            self._measuring.keep_time()
-
     async def _keep_house(self) -> None:
         due_s = 0.0
         loop = asyncio.get_running_loop()
         while True:
             period_s = self._configuration.health.period_s
-            self._events.flush()
+            self._output.keep_house()
             self._life.tell()
             self._commands.see_calm()
-            self._outbox.keep_house()
-            self._spool.keep_house()
-            self._recorder.keep_house()
             if loop.time() >= due_s:
                 due_s = loop.time() + period_s
                 self._publish_health()
@@ -371,20 +228,16 @@ class Service:
     # -- messages -------------------------------------------------------------
 
     def _publish_status(self) -> None:
-        self._outlet.publish("status", self._reports.status())
-
-    def _tell_event(self, what: Occurrence) -> None:
-        self._outlet.publish_event(what, self._capture.session.id)
-        self._life.look_at(what)
+        self._output.outlet.publish("status", self._reports.status())
 
     def _publish_health(self) -> None:
-        self._outlet.publish("health", self._reports.health(anew=True))
+        self._output.outlet.publish("health", self._reports.health(anew=True))
 
     def _broker_changed(self, connected: bool, text: str) -> None:
         self._arrival.broker_told.set()
         if connected:
             self._publish_status()
-        self._events.change(
+        self._output.events.change(
             not connected,
             "error",
             "broker.lost",
