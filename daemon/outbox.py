@@ -15,14 +15,11 @@ from daemon.clock import HostClock
 from daemon.commands import Result
 from daemon.events import EventLog
 from daemon.latencies import Latencies
-from daemon.outbox_feed import OutboxFeed, Told, Work
 from daemon.outbox_folder import alone_in
-from daemon.outbox_jobs import Ask, Condition, Keep, Rules
+from daemon.outbox_jobs import Condition, Rules
 from daemon.outbox_keeping import InFlight, Keeping
-from daemon.outbox_marks import OutboxMarks, Range
-from daemon.outbox_resend import OutboxResend
+from daemon.outbox_passage import OutboxPassage
 from daemon.outbox_section import OutboxSection
-from daemon.outbox_thread import OutboxThread
 from daemon.outbox_values import Entry, Trouble, held_of
 from daemon.outgoing import OutgoingQueue
 from daemon.sessions import Session
@@ -78,30 +75,25 @@ class Outbox:
         self._status_changed = changed
         self._condition = Condition()
         self._is_open = False
-        self._generation = 0
         self._in_flight = InFlight()
         self._emptied = asyncio.Event()
         self._entries: deque[tuple[int, Entry]] = deque()  # begun [ns], and what
-        self._rules = Rules(section, "")
-        self._thread = OutboxThread(
+        self._passage = OutboxPassage(
             path,
             clock,
-            self._rules,
+            queue,
+            Rules(section, ""),
             kept=self._kept,
             failed=self._failed,
             changed=self._changed,
             replaced=self._replaced,
+            latency=latencies["publish_to_ack"],
         )
-        self._marks = OutboxMarks(self._write_marks)
-        self._feed = OutboxFeed(
-            queue, self._ask, self._marks.add, clock, latencies["publish_to_ack"]
-        )
-        self._resend = OutboxResend(queue, self._ask)
 
     @property
     def pulse(self) -> Pulse:
         """Signs of life of its thread."""
-        return self._thread.pulse
+        return self._passage.pulse
 
     @contextlib.asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
@@ -111,17 +103,17 @@ class Outbox:
             OutboxRefusedError: the database must be left alone.
         """
         with alone_in(self._path.parent):
-            await self._thread.start()
+            await self._passage.open()
             self._is_open = True
-            self._queue.left = self._refill
+            self._queue.left = self._passage.refill
             try:
-                self._refill()
+                self._passage.refill()
                 yield
             finally:
                 self._queue.left = None
-                self._marks.flush()
+                self._passage.mark()
                 self._is_open = False
-                await self._thread.close()
+                await self._passage.close()
 
     @property
     def is_ready(self) -> bool:
@@ -154,7 +146,7 @@ class Outbox:
             encode(point, self._encoding),
         )
         self._entries.append((self._clock.monotonic_ns(), entry))
-        self._thread.put(Keep(self._generation, entry))
+        self._passage.keep(entry)
         return self._in_flight.add(session, point)
 
     async def resend(self, args: ResendArgs) -> Result:
@@ -163,16 +155,11 @@ class Outbox:
         Raises:
             CommandError: too many ranges wait, or the database cannot be read.
         """
-        return await self._resend.carry_out(args)
+        return await self._passage.again.carry_out(args)
 
     def keep_house(self) -> None:
         """Go on with what has been put off; call it a few times a second."""
-        rules = Rules(self._section, self._session())
-        if rules != self._rules:
-            self._rules = rules
-            self._thread.put(rules)
-        self._marks.flush()
-        self._refill()
+        self._passage.keep_house(Rules(self._section, self._session()))
 
     def health(self) -> OutboxHealth:
         """How the outbox is."""
@@ -193,13 +180,12 @@ class Outbox:
             for number in numbers:
                 begun_ns, entry = self._entries.popleft()
                 took.add(now_ns - begun_ns)
-                self._feed.kept(held_of(entry, number))
+                self._passage.feed.kept(held_of(entry, number))
         for _ in numbers:  # when they have been written: events may wait, points not
             self._in_flight.keep()
         self._emptied.set()
 
-    def _failed(self, generation: int, trouble: Trouble) -> None:
-        self._generation = generation + 1
+    def _failed(self, trouble: Trouble) -> None:
         self._entries.clear()
         self._in_flight.fail(trouble)
         self._emptied.set()
@@ -227,16 +213,3 @@ class Outbox:
             remedy="points that only the old file has can be taken out of it with "
             "`traverse points export --db`, as far as it can be read",
         )
-        self._feed.look_again()
-
-    # -- what the thread is asked ---------------------------------------------
-
-    def _ask(self, work: Work, told: Told) -> None:
-        self._thread.put(Ask(work, told))
-
-    def _write_marks(self, ranges: list[Range], told: Told) -> None:
-        self._ask(lambda store: store.mark_sent(ranges), told)
-
-    def _refill(self) -> None:
-        self._feed.refill()
-        self._resend.refill()

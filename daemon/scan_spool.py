@@ -13,19 +13,17 @@ what the broker lacks. While the disk refuses, blocks are sent without having be
 import asyncio
 import contextlib
 import logging
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 
 from daemon.clock import HostClock
 from daemon.events import EventLog
 from daemon.latencies import Latencies
-from daemon.outbox_feed import OutboxFeed, Told, Work, outgoing
-from daemon.outbox_jobs import Ask, Condition, Keep, Rules
-from daemon.outbox_marks import OutboxMarks, Range
-from daemon.outbox_resend import OutboxResend
+from daemon.outbox_feed import outgoing
+from daemon.outbox_jobs import Condition, Rules
+from daemon.outbox_passage import OutboxPassage
 from daemon.outbox_section import OutboxSection
-from daemon.outbox_thread import OutboxThread
 from daemon.outbox_values import (
     Entry,
     OutboxRefusedError,
@@ -37,6 +35,8 @@ from daemon.outlet import Outlet
 from daemon.scan_again import ScanAgain
 from daemon.scan_reading import block_id
 from daemon.scan_section import ScanSection
+from daemon.scan_spool_events import ScanSpoolEvents
+from daemon.scan_waiting import BlocksWaiting
 from drivers.pulse import Pulse
 from protocol.encoding import Encoding, encode
 from protocol.messages import Scan, SpoolHealth
@@ -87,45 +87,36 @@ class ScanSpool:
         self._clock = clock
         self._outlet = outlet
         self._queue = queue
-        self._events = events
+        self._events = ScanSpoolEvents(path, events)
         self.taken_back: Callable[[str, int], None] = lambda scan, n: None
         self._scan, self._begun_ns, self._is_complete = "", 0, False
         self._starting: asyncio.Task[None] | None = None
-        self._generation = 0
         self._condition = Condition()
-        self._waiting: deque[tuple[Entry, int]] = deque()  # and how many points
+        self._waiting = BlocksWaiting()
         self._kept_bytes = 0  # since the condition was told
-        self._emptied = asyncio.Event()
         self.counted: Counter[str] = Counter()
         self.use(section)
-        self._rules = self._rules_now()
-        self._thread = OutboxThread(
+        self._passage = OutboxPassage(
             path,
             clock,
-            self._rules,
+            queue,
+            self._rules(),
             kept=self._kept,
             failed=self._failed,
             changed=self._changed,
-            replaced=self._replaced,
-            name="scans",
-        )
-        self._marks = OutboxMarks(self._write_marks)
-        self._feed = OutboxFeed(
-            queue,
-            self._ask,
-            self._marks.add,
-            clock,
-            Latencies(),
+            replaced=self._events.replaced,
+            latency=Latencies(),
             kind="spooled",
+            name="scans",
             together=TOGETHER,
+            resent_together=TOGETHER,
         )
-        self._again = OutboxResend(queue, self._ask, TOGETHER)
-        self.again = ScanAgain(self._again, lambda: self._is_open)
+        self.again = ScanAgain(self._passage.again, lambda: self._is_open)
 
     @property
     def pulses(self) -> tuple[Pulse, ...]:
         """Signs of life of its thread, while there is one."""
-        return (self._thread.pulse,) if self._is_open else ()
+        return (self._passage.pulse,) if self._is_open else ()
 
     @property
     def _is_open(self) -> bool:
@@ -155,16 +146,14 @@ class ScanSpool:
         finally:
             self._queue.left = left
             if self._starting is not None:
-                self._marks.flush()
+                self._passage.mark()
                 with contextlib.suppress(OutboxRefusedError):
                     await self._starting
-                    await self._thread.close()
+                    await self._passage.close()
 
     async def idle(self) -> None:
         """Wait until no block is on its way to the disk."""
-        while self._waiting:
-            self._emptied.clear()
-            await self._emptied.wait()
+        await self._waiting.none_left()
 
     def use(self, section: ScanSection) -> None:
         """Go by other settings; a running scan is delivered as it began."""
@@ -185,20 +174,13 @@ class ScanSpool:
 
     def keep_house(self) -> None:
         """Go on with what has been put off; call it a few times a second."""
-        if not self._is_open:
-            return
-        rules = self._rules_now()
-        if rules != self._rules:
-            self._rules = rules
-            self._thread.put(rules)
-        self._marks.flush()
-        self.refill()
+        if self._is_open:
+            self._passage.keep_house(self._rules())
 
     def refill(self) -> None:
         """Read on, where there is something to read and room for it."""
         if self._is_open:
-            self._feed.refill()
-            self._again.refill()
+            self._passage.refill()
 
     def health(self) -> SpoolHealth | None:
         """How the spool is; None where none is used."""
@@ -216,19 +198,7 @@ class ScanSpool:
 
     def _take(self, block: Scan) -> bool:
         is_full = self._is_full()
-        self._events.change(
-            is_full,
-            "error",
-            "scan.spool_full",
-            f"{self._path} holds {self._section.spool_mb:g} MB of scans that the "
-            "broker lacks; further blocks are dropped"
-            if is_full
-            else "there is room for scans again",
-            source="scan",
-            remedy="bring the broker back, or raise spool_mb of [scan]"
-            if is_full
-            else "",
-        )
+        self._events.full(is_full, self._section.spool_mb)
         if is_full or len(self._waiting) >= MAX_WAITING:
             self.counted["dropped"] += 1
             return False
@@ -245,19 +215,20 @@ class ScanSpool:
         )
         if self._condition.trouble is not None:
             return self._send_unkept(entry)
-        self._waiting.append((entry, len(block.dtime_ns)))
-        self._thread.put(Keep(self._generation, entry))
+        self._waiting.add(entry, len(block.dtime_ns))
+        self._passage.keep(entry)
         return True
 
     def _is_full(self) -> bool:
-        waiting = sum(len(entry.payload) for entry, _ in self._waiting)
         used_bytes = self._condition.figures.used_bytes + self._kept_bytes
-        return used_bytes + waiting >= self._section.spool_mb * 1e6
+        return used_bytes + self._waiting.n_bytes >= self._section.spool_mb * 1e6
 
     def _send_unkept(self, entry: Entry) -> bool:
         """Send what the disk refuses, unless earlier blocks wait there."""
         message = held_of(entry, 0)
-        if self._feed.is_behind or not self._queue.offer("spooled", outgoing(message)):
+        if self._passage.feed.is_behind or not self._queue.offer(
+            "spooled", outgoing(message)
+        ):
             self.counted["dropped"] += 1
             return False
         self.counted["unkept"] += 1
@@ -266,63 +237,37 @@ class ScanSpool:
     # -- what the thread tells ------------------------------------------------
 
     def _kept(self, numbers: list[int]) -> None:
-        for number in numbers:
-            entry, _ = self._waiting.popleft()
+        kept = self._waiting.take(len(numbers))
+        for entry, number in zip(kept, numbers, strict=True):
             self._kept_bytes += len(entry.payload)
             self.counted["kept"] += 1
-            self._feed.kept(held_of(entry, number))
-        self._emptied.set()
+            self._passage.feed.kept(held_of(entry, number))
 
-    def _failed(self, generation: int, trouble: Trouble) -> None:
+    def _failed(self, trouble: Trouble) -> None:
         log.debug("blocks not kept: %s", trouble.text)
-        self._generation = generation + 1
-        failed, self._waiting = self._waiting, deque()
-        for entry, n_points in failed:
+        for entry, n_points in self._waiting.give_up():
             if not self._send_unkept(entry):
                 self.taken_back(entry.session, n_points)
-        self._emptied.set()
 
     def _changed(self, condition: Condition) -> None:
         self._condition = condition
         self._kept_bytes = 0
-        trouble = condition.trouble
-        self._events.change(
-            trouble is not None,
-            "error",
-            "scan.spool_failed",
-            "scans are kept again"
-            if trouble is None
-            else f"scans are sent without having been kept: {trouble.text}",
-            source="scan",
-            remedy="" if trouble is None else trouble.remedy,
-        )
-
-    def _replaced(self, text: str) -> None:
-        self._events.report("error", "scan.spool_replaced", text, source="scan")
-        self._feed.look_again()
-
-    # -- what the thread is asked ---------------------------------------------
+        self._events.trouble(condition.trouble)
 
     def _open(self) -> None:
         if self._starting is None:
-            self._starting = asyncio.create_task(self._thread.start())
+            self._starting = asyncio.create_task(self._passage.open())
             self._starting.add_done_callback(self._opened)
-            self._feed.refill()
+            self._passage.feed.refill()
 
     def _opened(self, starting: asyncio.Task[None]) -> None:
         """Where it was refused, nothing is kept: a running daemon goes on."""
         error = None if starting.cancelled() else starting.exception()
         if error is not None:
             self._changed(Condition(Trouble(str(error), "see there")))
-            self._failed(self._generation, Trouble(str(error), ""))
+            self._failed(Trouble(str(error), ""))
 
-    def _rules_now(self) -> Rules:
+    def _rules(self) -> Rules:
         keep_mb = max(1.0, SENT_SHARE * self._section.spool_mb)
         section = OutboxSection(keep_days=self._section.spool_days, keep_mb=keep_mb)
         return Rules(section, self._scan)
-
-    def _ask(self, work: Work, told: Told) -> None:
-        self._thread.put(Ask(work, told))
-
-    def _write_marks(self, ranges: list[Range], told: Told) -> None:
-        self._ask(lambda store: store.mark_sent(ranges), told)

@@ -94,8 +94,10 @@ async def test_old_points_go_by_themselves_and_the_unsent_stay(tmp_path):
     bench = OutboxOnLoop(tmp_path, keep_days=1.0)
     async with bench.outbox.running():
         old = [*entries("old", 3, time_ns=5), *entries("left", 2, time_ns=5)]
-        bench.outbox._ask(lambda store: store.add(old), lambda _: None)
-        bench.outbox._ask(lambda store: store.mark_sent([(1, 3)]), lambda _: None)
+        bench.outbox._passage.ask(lambda store: store.add(old), lambda _: None)
+        bench.outbox._passage.ask(
+            lambda store: store.mark_sent([(1, 3)]), lambda _: None
+        )
         await until(
             lambda: [row[0] for row in rows(bench.path)] == ["left", "left"],
             "they are gone",
