@@ -63,11 +63,13 @@ class ScanSelection:
             found = self._selected(instants)
         else:
             found = self._held_only(instants, self._gate)
-        rows = np.searchsorted(instants.seq, found.seq, side="right")
-        numbers = np.append(lost_before, lost)[rows]
-        numbers += self._points + np.arange(len(found))
+        first = self._points + lost_before
+        numbers = np.arange(first, first + len(found))
+        if lost is not None:
+            rows = np.searchsorted(instants.seq, found.seq, side="right")
+            numbers += np.append(0, lost)[rows]
+            self._lost += int(lost[-1])
         self._points += len(found)
-        self._lost = int(lost[-1])
         return replace(found, seq=numbers)
 
     def break_path(self) -> None:
@@ -97,9 +99,16 @@ class ScanSelection:
             self._was_held = bool(held[start])
         return PointBlock.joined(pieces)
 
-    def _lost_until(self, instants: PointBlock) -> NDArray[np.int64]:
-        """How many instants that count were lost before each of these, (n,)."""
+    def _lost_until(self, instants: PointBlock) -> NDArray[np.int64] | None:
+        """How many instants that count were lost since the last block, before each.
+
+        Returns:
+            (n,); None where none was.
+        """
         last, last_ns = self._last or (-1, int(instants.time_ns[0]))
+        self._last = int(instants.seq[-1]), int(instants.time_ns[-1])
+        if self._last[0] - last == len(instants):
+            return None
         missing = np.diff(instants.seq, prepend=last) - 1
         if self._gate is not None:
             for row in np.flatnonzero(missing).tolist():
@@ -108,5 +117,4 @@ class ScanSelection:
                 ends_ns = float(before_ns), float(instants.time_ns[row])
                 between_ns = np.linspace(*ends_ns, n + 2)[1:-1].astype(np.int64)
                 missing[row] = np.count_nonzero(self._gate.held(between_ns))
-        self._last = int(instants.seq[-1]), int(instants.time_ns[-1])
-        return np.asarray(self._lost + np.cumsum(missing))
+        return np.asarray(np.cumsum(missing))

@@ -216,8 +216,10 @@ class Scanner:
             # A message's numbers are consecutive: a gap begins a new message. After a
             # stall many points come at once: no message grows beyond its bound.
             n = len(points)
-            gaps = np.flatnonzero(np.diff(points.seq) != 1) + 1
-            bounds = sorted({*range(0, n, MAX_POINTS), *gaps.tolist(), n})
+            bounds = [*range(0, n, MAX_POINTS), n]
+            if int(points.seq[-1]) - int(points.seq[0]) != n - 1:
+                gaps = np.flatnonzero(np.diff(points.seq) != 1) + 1
+                bounds = sorted({*bounds, *gaps.tolist()})
             for start, end in pairwise(bounds):
                 final = last and end == bounds[-1]
                 self._publish(points.rows(slice(start, end)), last=final)

@@ -77,25 +77,31 @@ class BoardLine:
             gather_s: so long timed samples may come together first; an edge among them
                 ends it, and so does a wake-up.
         """
-        data = self._port.read()
-        received_ns = self._now_ns()
+        data, received_ns = self._port.read(), self._now_ns()
+        pieces, n_bytes = [data], len(data)
         until_ns = received_ns + int(gather_s * 1e9)
         while (
-            len(data) < MOST_BYTES
-            and (left_ns := until_ns - self._now_ns()) > 0
-            and not _EDGE.search(self._begun + data)
-            and self._port.wait(left_ns * 1e-9)
+            not self._ends_edge(data)
+            and n_bytes < MOST_BYTES
+            and received_ns < until_ns
+            and self._port.wait((until_ns - received_ns) * 1e-9)
         ):
-            data += self._port.read()
-            received_ns = self._now_ns()
-        self._begun = (self._begun + data).rpartition(b"\0")[2][:MAX_SEGMENT]
-        messages = self._decoder.feed(data)
+            data, received_ns = self._port.read(), self._now_ns()
+            pieces.append(data)
+            n_bytes += len(data)
+        messages = self._decoder.feed(b"".join(pieces))
         if messages:
             self._heard_ns = received_ns
         for message in messages:
             if isinstance(message, Answer) and message.request == self._request:
                 self._answer = message
             self._dispatch(message, received_ns)
+
+    def _ends_edge(self, data: bytes) -> bool:
+        """Whether these bytes, the next ones of the line, complete an edge."""
+        joined = self._begun + data
+        self._begun = joined.rpartition(b"\0")[2][:MAX_SEGMENT]
+        return _EDGE.search(joined) is not None
 
     def begin(self) -> None:
         """End whatever the line carried before."""

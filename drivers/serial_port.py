@@ -64,12 +64,17 @@ class SerialPort:
         return self._fd
 
     def wait(self, seconds: float) -> bool:
-        """Wait for bytes; False after ``seconds`` or a wake-up without any."""
+        """Wait for bytes; False after ``seconds`` or a wake-up without any.
+
+        A wake-up that comes with bytes is told when they have been read.
+        """
         ready, _, _ = select.select([self._fd, self._wake_fd], [], [], seconds)
-        if self._wake_fd in ready:
+        if self._fd in ready:
+            return True
+        if ready:
             with contextlib.suppress(BlockingIOError):
                 os.read(self._wake_fd, 4096)
-        return self._fd in ready
+        return False
 
     def read(self) -> bytes:
         """What there is, at most 64 KiB; nothing where nothing has come.

@@ -45,7 +45,6 @@ from protocol.latch_board.requests import (
     start_request,
     stop_request,
 )
-from protocol.latch_board.samples import sample_frame_bytes
 
 __all__ = [
     "ALARMS",
@@ -81,7 +80,6 @@ __all__ = [
     "edge_ack",
     "hello_request",
     "latch_request",
-    "sample_frame_bytes",
     "start_request",
     "stop_request",
 ]

@@ -21,11 +21,6 @@ def _sample_dtype(n_channels: int) -> np.dtype[np.void]:
 _SAMPLE_DTYPES = {n: _sample_dtype(n) for n in range(1, 48)}
 
 
-def sample_frame_bytes(n_channels: int) -> int:
-    """How many bytes a timed sample takes on the line."""
-    return 12 + 5 * n_channels + 4  # its body; CRC, stuffing, delimiter
-
-
 def sample_block(bodies: list[bytes]) -> SampleBlock:
     """Bodies of one stream and one length as a block."""
     rows = np.frombuffer(b"".join(bodies), _SAMPLE_DTYPES[(len(bodies[0]) - 12) // 5])
