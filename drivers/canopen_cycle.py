@@ -40,7 +40,8 @@ class Cycles:
         late: answers after the next SYNC.
         doubtful: by channel, answers that may be of another SYNC.
         pauses: how often no SYNC was sent until it was clear who answers what.
-        strays: answers while no cycle was open, or without a position.
+        strays: answers while no cycle was open, to a SYNC that may have been lost
+            unread, or without a position.
         complete: sets with all answers.
         delivered: samples handed over.
         seen: bit by channel, who has answered anything since it was last cleared.
@@ -236,8 +237,11 @@ class Cycles:
         if self._seq < 0:
             self.strays += 1
             return False
-        self.duplicates[channel] += 1
-        self._debts.spoil(1 << channel)
+        if self._debts.unseen >> channel & 1:
+            self.strays += 1
+        else:
+            self.duplicates[channel] += 1
+            self._debts.spoil(1 << channel)
         if self._seqs and self._seqs[-1] == self._seq:  # not yet handed over
             self._states[channel - len(self.status)] |= STATUS_LATE
         return False

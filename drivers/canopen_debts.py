@@ -27,6 +27,8 @@ class Debts:
         owing: has not answered some SYNC, and may do so yet.
         spoiled: has answered more often than it was asked, or frames were lost that
             may have been its own: no counting tells any more what its next answer is.
+        unseen: of those spoiled, by lost frames: a SYNC may have been among them, so a
+            second answer need not be one too many.
         silent: has not answered the last SYNC.
         fresh: was set up anew and has not answered since: it owes nothing.
     """
@@ -34,7 +36,7 @@ class Debts:
     def __init__(self, n_nodes: int) -> None:
         self._all = (1 << n_nodes) - 1
         self._owed = [0] * n_nodes
-        self.owing = self.spoiled = self.silent = self.fresh = 0
+        self.owing = self.spoiled = self.unseen = self.silent = self.fresh = 0
 
     def unclear(self, answered: int) -> int:
         """Who answers, but cannot be believed."""
@@ -65,7 +67,7 @@ class Debts:
 
     def spoil_all(self) -> None:
         """Frames were lost, of whom nobody knows."""
-        self.spoiled = self._all
+        self.spoiled = self.unseen = self._all
 
     def lapse(self) -> None:
         """Nothing late can come any more of those who have answered the last SYNC.
@@ -96,6 +98,7 @@ class Debts:
             self._owed[channel] = 0
         self.owing &= ~channels
         self.spoiled &= ~channels
+        self.unseen &= ~channels
 
 
 def _channels(mask: int) -> Iterator[int]:

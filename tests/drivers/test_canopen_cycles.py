@@ -148,6 +148,22 @@ def test_frames_that_were_lost_unread_mark_all_until_syncs_have_paused() -> None
     assert [row[2] for row in taken.rows()] == [[0] * 3, [STATUS_LATE] * 3, [0] * 3]
 
 
+def test_answers_to_a_sync_that_was_lost_unread_are_no_sign_of_two_nodes() -> None:
+    taken = Taken()
+    for at_ns in (0, LATE_NS, 2 * LATE_NS):
+        taken.cycles.sync(at_ns)
+        for node in NODES:
+            taken.answer(node, 5)
+        if not at_ns:
+            taken.cycles.lose_track()  # the next SYNC is among what is lost
+            for node in NODES:
+                taken.answer(node, 6)
+            assert taken.cycles.strays == 3
+            assert not taken.cycles.duplicates
+    taken.answer(7, 6)  # SYNCs have paused: now it is one
+    assert taken.cycles.duplicates == {1: 1}
+
+
 def test_an_answer_after_the_end_of_a_stream_is_not_taken_for_one_of_the_next() -> None:
     taken = Taken()
     taken.cycles.sync(0)
