@@ -1,6 +1,5 @@
 """Where the broker is and how to get in."""
 
-import socket
 import ssl
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,20 +8,11 @@ from pathlib import Path
 from typing import Any, Self
 from urllib.parse import urlsplit
 
+from broker.tls import tls_context
+
 PORT = 1883
 TLS_PORT = 8883
 SCHEMES = {"mqtt": False, "mqtts": True}
-
-
-class _Line(ssl.SSLSocket):
-    """Closed when its handshake fails; paho would leave it open."""
-
-    def do_handshake(self, block: bool = False) -> None:
-        try:
-            super().do_handshake(block)
-        except BaseException:
-            self.close()
-            raise
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +77,7 @@ class BrokerAddress:
         return self.port or (TLS_PORT if self.tls else PORT)
 
     def options(self) -> dict[str, Any]:
-        """Arguments of aiomqtt's client; files are read now, so they may be renewed.
+        """Arguments of `Visitor`; files are read now, so they may be renewed.
 
         Raises:
             OSError: a file cannot be read, or holds not what it should.
@@ -103,16 +93,11 @@ class BrokerAddress:
             "password": password,
             "tls_context": self._tls_context() if self.tls else None,
             "keepalive": self.keepalive_s,
-            "timeout": 5,
-            # With Nagle's algorithm one message in a hundred waits 24 ms.
-            "socket_options": [(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)],
         }
 
     def _tls_context(self) -> ssl.SSLContext:
         with _told("ca_file", self.ca_file, "certificates, PEM"):
-            context = ssl.create_default_context(cafile=self.ca_file)
-        context.sslsocket_class = _Line
-        context.minimum_version = ssl.TLSVersion.TLSv1_2
+            context = tls_context(self.ca_file)
         if self.certificate_file is not None:
             key = self.key_file or self.certificate_file
             wanted = f"a certificate, PEM, and {key} its key without a passphrase"

@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from broker.tls import tls_context
 from daemon.broker_section import BrokerSection
 from kinematics.arm_file import Problem
 
@@ -74,17 +75,6 @@ class Access:
     tls: ssl.SSLContext | None
     digest: bytes = field(repr=False)
     warnings: tuple[str, ...]
-
-
-class _Line(ssl.SSLSocket):
-    """Closed when its handshake fails; paho would leave it open."""
-
-    def do_handshake(self, block: bool = False) -> None:
-        try:
-            super().do_handshake(block)
-        except BaseException:
-            self.close()
-            raise
 
 
 def address_of(section: BrokerSection, folder: Path) -> BrokerAddress:
@@ -187,20 +177,13 @@ def _password(address: BrokerAddress) -> str | None:
 
 
 def _context(address: BrokerAddress) -> ssl.SSLContext:
-    """TLS as this project speaks it: the broker's certificate and name are checked."""
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-    context.sslsocket_class = _Line
-    context.minimum_version = ssl.TLSVersion.TLSv1_2
-    if address.ca_file is None:
-        context.load_default_certs(ssl.Purpose.SERVER_AUTH)
-    else:
-        path = _path("ca_file", address.ca_file, address.folder)
-        try:
-            context.load_verify_locations(path)
-        except (ssl.SSLError, OSError) as error:
-            raise AccessError(
-                "ca_file", f"{path} holds no certificate in PEM ({_why(error)})"
-            ) from error
+    key, name = "ca_file", address.ca_file
+    path = None if name is None else _path(key, name, address.folder)
+    try:
+        context = tls_context(path)
+    except OSError as error:
+        text = f"{path} holds no certificate in PEM ({_why(error)})"
+        raise AccessError(key, text) from error
     if address.certificate_file is not None and address.key_file is not None:
         _load_own(context, address.certificate_file, address.key_file, address.folder)
     return context
@@ -221,7 +204,7 @@ def _load_own(
 
     try:
         context.load_cert_chain(certificate, key, refuse)
-    except (ssl.SSLError, OSError) as error:
+    except OSError as error:
         why = _why(error)
         if "KEY_VALUES_MISMATCH" in why:
             text = f"{key} is not the key of {certificate}"

@@ -7,11 +7,10 @@ example where an access list forbids the topic. Brokers of MQTT 3.1.1 cannot say
 """
 
 import asyncio
-import logging
 import math
 import threading
 from collections.abc import Awaitable, Callable
-from typing import Any, Self, TypeVar
+from typing import Any, TypeVar
 
 import aiomqtt
 from paho.mqtt.client import Client as PahoClient
@@ -20,36 +19,14 @@ from paho.mqtt.enums import MQTTErrorCode
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
+from broker.visitor import Visitor
 from daemon.outgoing import Outgoing
 
 T = TypeVar("T")
 MOST_ON_THE_WAY = 16  # paho holds back what is beyond 20
 
 
-class SilentEndError(aiomqtt.MqttError):
-    """The broker closed the connection before it had answered."""
-
-    def __init__(self) -> None:
-        super().__init__("the broker closes the connection without a word")
-
-
-class _Faults(logging.Handler):
-    """Keeps the last exception that paho logs instead of raising it.
-
-    With TLS 1.3 that is where the broker's reason is: it looks at our certificate when
-    the handshake is over for us.
-    """
-
-    last: BaseException | None = None
-
-    def emit(self, record: logging.LogRecord) -> None:
-        arguments = record.args if isinstance(record.args, tuple) else ()
-        for one in arguments:
-            if isinstance(one, BaseException):
-                self.last = one
-
-
-class BrokerClient(aiomqtt.Client):
+class BrokerClient(Visitor):
     """A client that has several messages on their way.
 
     Attributes:
@@ -71,18 +48,8 @@ class BrokerClient(aiomqtt.Client):
     _is_sending = False
 
     def __init__(self, *arguments: Any, **options: Any) -> None:  # noqa: ANN401
-        self._faults = _Faults()
-        # Of this connection alone, so not one of getLogger's.
-        logger = logging.Logger("paho", logging.ERROR)  # noqa: LOG001
-        logger.addHandler(self._faults)
-        super().__init__(*arguments, **options, logger=logger)
+        super().__init__(*arguments, **options)
         self._own_thread = threading.current_thread()
-
-    async def __aenter__(self) -> Self:
-        try:
-            return await super().__aenter__()
-        except aiomqtt.MqttError as error:
-            raise error from self._faults.last
 
     async def _wait_for(
         self,
@@ -180,18 +147,6 @@ class BrokerClient(aiomqtt.Client):
             self._watch()
         else:  # while connecting
             super()._on_socket_register_write(client, userdata, sock)
-
-    def _on_disconnect(
-        self,
-        client: PahoClient,
-        userdata: Any,  # noqa: ANN401
-        flags: Any,  # noqa: ANN401
-        reason_code: ReasonCode,
-        properties: Properties | None = None,
-    ) -> None:
-        if not self._connected.done():  # else aiomqtt waits for an answer in vain
-            self._connected.set_exception(SilentEndError())
-        super()._on_disconnect(client, userdata, flags, reason_code, properties)
 
     def _on_message(
         self,

@@ -1,8 +1,7 @@
 """The connection to the broker: one method to publish, everything else by itself.
 
 MQTT 5 where the broker speaks it, else 3.1.1 (its properties are a courtesy, never
-needed to decode). TCP_NODELAY always: with Nagle's algorithm one message in a
-hundred waits 24 ms. A message leaves its queue only after the broker has taken it.
+needed to decode). A message leaves its queue only after the broker has taken it.
 """
 
 import asyncio
@@ -10,14 +9,13 @@ import contextlib
 import logging
 import os
 import random
-import socket
 from collections.abc import AsyncIterator, Callable
 from typing import Literal
 
 import aiomqtt
 from paho.mqtt.properties import Properties
-from paho.mqtt.reasoncodes import ReasonCode
 
+from broker.reasons import reason_code
 from daemon.broker_access import Access, AccessError, BrokerAddress, read_access
 from daemon.broker_client import BrokerClient
 from daemon.broker_reasons import reason_of
@@ -211,8 +209,6 @@ class Publisher:
             will=aiomqtt.Will(self._will.topic, self._will.payload, 1, True)
             if will
             else None,
-            timeout=5,
-            socket_options=[(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)],
         )
         client.pending_calls_threshold = 1000
         client.most_payload_bytes = MAX_PACKET_BYTES
@@ -220,5 +216,4 @@ class Publisher:
 
 
 def _is_version_refusal(error: aiomqtt.MqttCodeError) -> bool:
-    code = error.rc.value if isinstance(error.rc, ReasonCode) else error.rc
-    return code in UNSUPPORTED_VERSION
+    return reason_code(error) in UNSUPPORTED_VERSION

@@ -71,6 +71,7 @@ def test_the_untouched_copy_passes(copied: Path) -> None:
         ("kinematics/forward.py", "asyncio", "kinematics is mathematics only"),
         ("kinematics/forward.py", "pydantic", "only the arm-file reader"),
         ("clients/subscription.py", "daemon.clock", "clients connect from outside"),
+        ("broker/reasons.py", "protocol.topics", "getting in at a broker"),
         ("recording/planted.py", "drivers.values", "recording is files"),
         ("lab/planted.py", "simulator.physics", "the lab is off-line"),
         (
@@ -96,6 +97,17 @@ def test_a_planted_import_is_caught(
     broken = [line for line in checked.stdout.splitlines() if line.endswith(" BROKEN")]
     assert checked.returncode == 1, checked.stdout
     assert any(line.startswith(contract) for line in broken), checked.stdout
+
+
+def test_only_what_speaks_mqtt_may_use_the_way_in_at_a_broker() -> None:
+    contracts = CONFIGURATION["tool"]["importlinter"]["contracts"]
+    kept_out = {
+        module
+        for contract in contracts
+        if "broker" in contract.get("forbidden_modules", ())
+        for module in contract["source_modules"]
+    }
+    assert set(PACKAGES) - kept_out == {"traverse", "daemon", "clients", "broker"}
 
 
 def test_every_contract_has_a_violation_that_is_planted_here() -> None:

@@ -1,7 +1,6 @@
 """Files that open the broker: found, checked, never told."""
 
 import pickle
-import ssl
 
 import pytest
 
@@ -107,29 +106,6 @@ def test_a_password_that_crosses_a_network_in_plain_text_is_warned_of(tmp_path):
     far = BrokerAddress("b.example", 1883, "a", "password", folder=tmp_path)
     (text,) = read_access(far).warnings
     assert "plain text" in text
-
-
-def test_tls_checks_the_broker_and_is_new_enough(tmp_path, certificates, arm):
-    given = address(
-        tmp_path,
-        tls=True,
-        ca_file=str(certificates.certificate),
-        certificate_file=str(arm.certificate),
-        key_file=str(arm.key),
-    )
-    context = read_access(given).tls
-    assert context.verify_mode is ssl.CERT_REQUIRED
-    assert context.check_hostname
-    assert context.minimum_version is ssl.TLSVersion.TLSv1_2
-    assert [one["subject"] for one in context.get_ca_certs()] == [
-        ((("commonName", "authority"),),)
-    ]
-
-
-def test_without_a_file_the_authorities_are_those_of_the_system(tmp_path):
-    context = read_access(address(tmp_path, tls=True)).tls
-    assert context.verify_mode is ssl.CERT_REQUIRED
-    assert context.check_hostname
 
 
 def test_a_change_of_any_file_shows_in_the_digest(tmp_path):

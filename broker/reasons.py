@@ -1,0 +1,194 @@
+"""Why there is no connection to a broker, in words that say what to do."""
+
+import errno
+import socket
+import ssl
+from dataclasses import dataclass
+from typing import Protocol
+
+import aiomqtt
+from paho.mqtt.reasoncodes import ReasonCode
+
+from broker.visitor import SilentEndError
+
+_NOT_AUTHORISED = (4, 5, 134, 135)
+_BANNED = 138
+# Of X.509, as OpenSSL numbers them.
+_NOT_YET_VALID, _EXPIRED = 9, 10
+_UNKNOWN_ISSUER = (2, 18, 19, 20, 21)
+_WRONG_NAME = (62, 64)
+_NO_WAY = (errno.EHOSTUNREACH, errno.ENETUNREACH, errno.ENETDOWN)
+_NO_TLS = "does it speak TLS on this port? Else correct the port, or use no TLS"
+_SIGN = "have certificate_file signed by an authority that the broker knows"
+_RENEW = "renew certificate_file"
+# What OpenSSL says, in part, and what it means here, of a visitor and its settings.
+_OF_TLS = (
+    ("WRONG_VERSION_NUMBER", f"it answers without TLS; {_NO_TLS}"),
+    ("RECORD_LAYER_FAILURE", f"it answers without TLS; {_NO_TLS}"),
+    ("UNSUPPORTED_PROTOCOL", "it offers no TLS of version 1.2 or newer; update it"),
+    ("PROTOCOL_VERSION", "it offers no TLS of version 1.2 or newer; update it"),
+    (
+        "CERTIFICATE_REQUIRED",
+        "it wants a certificate of {who}; give certificate_file and key_file{where}",
+    ),
+    (
+        "CERTIFICATE_EXPIRED",
+        f"it says that {{who}}'s certificate has expired; {_RENEW}",
+    ),
+    (
+        "CERTIFICATE_REVOKED",
+        f"it says that {{who}}'s certificate has been revoked; {_RENEW}",
+    ),
+    ("UNKNOWN_CA", f"it does not trust {{who}}'s certificate; {_SIGN}"),
+    ("BAD_CERTIFICATE", f"it does not trust {{who}}'s certificate; {_SIGN}"),
+    (
+        "UNEXPECTED_EOF",
+        "it cuts the connection; does it want a certificate_file that it trusts?",
+    ),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Wording:
+    """How those who are told call things.
+
+    Attributes:
+        who: comes to the broker ("this arm").
+        where: its settings stand, after the name of one (" of [broker]").
+        use_tls: what to do for TLS.
+        absent: what to do where no broker is found, after what was found instead.
+    """
+
+    who: str
+    where: str
+    use_tls: str
+    absent: str
+
+
+class Address(Protocol):
+    """What of a broker's address a refusal may be about."""
+
+    @property
+    def host(self) -> str:
+        """Name of the broker's computer."""
+
+    @property
+    def username(self) -> str | None:
+        """Of our account."""
+
+    @property
+    def tls(self) -> bool:
+        """Whether we speak TLS."""
+
+    @property
+    def ca_file(self) -> object | None:
+        """Certificates that the broker's must come from; None: the system's."""
+
+    @property
+    def certificate_file(self) -> object | None:
+        """Our own certificate."""
+
+
+def reason_of(error: BaseException, address: Address, wording: Wording) -> str:
+    """What went wrong with a connection, and what to do about it."""
+    # aiomqtt puts what happened into a sentence of its own, and hides it.
+    for one in (error, error.__cause__ or error.__context__):
+        if reason := _known(one, address, wording):
+            return reason
+    return str(error) or type(error).__name__
+
+
+def reason_code(error: aiomqtt.MqttCodeError) -> int | None:
+    """The number that a broker gives as its reason, of MQTT 5 or 3.1.1."""
+    return error.rc.value if isinstance(error.rc, ReasonCode) else error.rc
+
+
+def is_refusal(error: BaseException | None) -> bool:
+    """Whether the broker does not want us, or we do not trust it: waiting is in vain.
+
+    One that is just being ended cuts the line in the middle.
+    """
+    match error:
+        case aiomqtt.MqttCodeError():
+            return reason_code(error) in (*_NOT_AUTHORISED, _BANNED)
+        case ssl.SSLEOFError() | ssl.SSLZeroReturnError():
+            return False
+    return isinstance(error, ssl.SSLError)
+
+
+def _known(error: BaseException | None, address: Address, wording: Wording) -> str:
+    """The words for an error; empty where there are none."""
+    match error:
+        case ssl.SSLCertVerificationError():
+            text = _of_certificate(error, address, wording)
+        case ssl.SSLError():
+            text = _of_tls(error, address, wording)
+        case ConnectionRefusedError():
+            text = f"nothing listens there{wording.absent}"
+        case socket.gaierror():
+            text = f"no such host{wording.absent}"
+        case TimeoutError():
+            text = f"no answer{wording.absent}"
+        case OSError() if error.errno in _NO_WAY:
+            text = f"no way there through the network{wording.absent}"
+        case aiomqtt.MqttCodeError():
+            text = _of_code(error, address, wording)
+        case ConnectionResetError() if address.tls:
+            text = f"it cuts the connection; {_NO_TLS}"
+        case SilentEndError() if not address.tls:
+            text = f"{error}; does it want TLS? Then {wording.use_tls}"
+        case _:
+            text = ""
+    return text
+
+
+def _of_code(error: aiomqtt.MqttCodeError, address: Address, wording: Wording) -> str:
+    code = reason_code(error)
+    if code == _BANNED:
+        return "it has banned this client; see its log"
+    if code not in _NOT_AUTHORISED:
+        return str(error)
+    if address.username is not None:
+        return (
+            f"it refuses user {address.username!r} or the password; compare them with "
+            "its accounts"
+        )
+    if address.certificate_file is not None:
+        return f"it knows no account for {wording.who}'s certificate; see its accounts"
+    return (
+        "it lets nobody in without an account; give username and "
+        f"password_file{wording.where}"
+    )
+
+
+def _of_tls(error: ssl.SSLError, address: Address, wording: Wording) -> str:
+    reason = error.reason or str(error)
+    if "HANDSHAKE_FAILURE" in reason and address.certificate_file is None:
+        reason = "CERTIFICATE_REQUIRED"
+    for mark, text in _OF_TLS:
+        if mark in reason:
+            return text.format(who=wording.who, where=wording.where)
+    return f"TLS failed: {reason}"
+
+
+def _of_certificate(
+    error: ssl.SSLCertVerificationError, address: Address, wording: Wording
+) -> str:
+    code, text = error.verify_code, error.verify_message
+    if code in _WRONG_NAME:
+        return (
+            f"its certificate is not for {address.host!r} ({text}); use a name that "
+            "stands in the certificate, or have it made anew"
+        )
+    if code == _EXPIRED:
+        return "its certificate has expired, or this computer's clock is wrong"
+    if code == _NOT_YET_VALID:
+        return "its certificate is not valid yet, or this computer's clock is wrong"
+    if code in _UNKNOWN_ISSUER:
+        file = f"ca_file{wording.where}"
+        signers = "the system's authorities" if address.ca_file is None else file
+        return (
+            f"its certificate is signed by nobody in {signers} ({text}); give the "
+            f"certificate of its authority as {file}"
+        )
+    return f"its certificate cannot be trusted: {text}; have it made anew"

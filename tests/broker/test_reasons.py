@@ -1,0 +1,133 @@
+"""What a broker, OpenSSL and the network say is told in sentences."""
+
+import errno
+import socket
+import ssl
+from dataclasses import dataclass
+
+import aiomqtt
+import pytest
+from paho.mqtt.packettypes import PacketTypes
+from paho.mqtt.reasoncodes import ReasonCode
+
+from broker.reasons import Wording, is_refusal, reason_of
+from broker.tls import tls_context
+from broker.visitor import SilentEndError
+
+WORDING = Wording("this visitor", " of [door]", "speak TLS", "; look elsewhere")
+
+
+@dataclass(frozen=True, slots=True)
+class Door:
+    """An address as the reasons want to see it."""
+
+    host: str = "arms.example"
+    username: str | None = None
+    tls: bool = True
+    ca_file: str | None = None
+    certificate_file: str | None = None
+
+
+def told(error, **door):
+    return reason_of(error, Door(**door), WORDING)
+
+
+def refused_with(code, packet=PacketTypes.CONNACK):
+    return aiomqtt.MqttCodeError(ReasonCode(packet, identifier=code))
+
+
+def error_of_openssl(answer):
+    """What a handshake ends with when a broker answers this, and no more."""
+    incoming, outgoing = ssl.MemoryBIO(), ssl.MemoryBIO()
+    line = tls_context(None).wrap_bio(incoming, outgoing, server_hostname="a")
+    with pytest.raises(ssl.SSLWantReadError):
+        line.do_handshake()
+    incoming.write(answer)
+    incoming.write_eof()
+    with pytest.raises(ssl.SSLError) as caught:
+        line.do_handshake()
+    return caught.value
+
+
+def alert(number):
+    """A fatal alert of TLS 1.2."""
+    return bytes((21, 3, 3, 0, 2, 2, number))
+
+
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        (b"HTTP/1.1 400 Bad Request\r\n", "answers without TLS"),
+        (alert(70), "no TLS of version 1.2 or newer; update it"),
+        (alert(116), "certificate of this visitor; give certificate_file and key_file"),
+        (alert(116), "key_file of [door]"),
+        (alert(40), "wants a certificate of this visitor"),
+        (alert(45), "this visitor's certificate has expired; renew"),
+        (alert(44), "this visitor's certificate has been revoked; renew"),
+        (alert(48), "does not trust this visitor's certificate; have"),
+        (alert(42), "does not trust this visitor's certificate; have"),
+        (b"", "it cuts the connection; does it want a certificate_file"),
+    ],
+)
+def test_what_openssl_says_is_told_in_a_sentence(answer, words):
+    error = error_of_openssl(answer)
+    assert words in told(error)
+    assert is_refusal(error) == (answer != b"")
+
+
+def test_who_showed_a_certificate_in_vain_is_not_asked_for_one():
+    text = told(error_of_openssl(alert(40)), certificate_file="arm.crt")
+    assert text == "TLS failed: SSLV3_ALERT_HANDSHAKE_FAILURE"
+
+
+@pytest.mark.parametrize("code", [4, 5])
+@pytest.mark.parametrize(
+    ("door", "words"),
+    [
+        ({"username": "arm", "certificate_file": "a"}, "user 'arm' or the password"),
+        ({"certificate_file": "a"}, "no account for this visitor's certificate"),
+        ({}, "give username and password_file of [door]"),
+    ],
+)
+def test_a_refused_account_is_told_with_what_was_shown(code, door, words):
+    # of MQTT 3.1.1, and the same of MQTT 5
+    for error in (aiomqtt.MqttCodeError(code), refused_with(code + 130)):
+        assert words in told(error, **door)
+        assert is_refusal(error)
+
+
+def test_a_ban_is_a_refusal():
+    assert "banned" in told(refused_with(138))
+    assert is_refusal(refused_with(138))
+
+
+def test_a_code_that_says_enough_stays():
+    assert told(refused_with(136)) == "[code:136] Server unavailable"
+    assert not is_refusal(refused_with(136))
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (ConnectionRefusedError(), "nothing listens there; look elsewhere"),
+        (socket.gaierror(), "no such host; look elsewhere"),
+        (TimeoutError(), "no answer; look elsewhere"),
+        (OSError(errno.EHOSTUNREACH, "x"), "no way there through the network; look"),
+        (ConnectionResetError(), "does it speak TLS on this port?"),
+    ],
+)
+def test_what_the_network_says_is_found_behind_aiomqtts_sentence(error, words):
+    hidden = aiomqtt.MqttError("something with numbers")
+    hidden.__context__ = error
+    assert words in told(hidden)
+    assert not is_refusal(error)
+
+
+def test_a_silent_end_may_mean_that_tls_is_wanted():
+    assert "does it want TLS? Then speak TLS" in told(SilentEndError(), tls=False)
+    assert told(SilentEndError()) == "it closes the connection without a word"
+
+
+def test_what_nobody_foresaw_is_told_as_it_is():
+    assert told(aiomqtt.MqttError("something else")) == "something else"
+    assert told(ValueError()) == "ValueError"

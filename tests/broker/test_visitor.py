@@ -1,0 +1,48 @@
+"""A visitor of brokers that do not do what brokers do."""
+
+import asyncio
+import contextlib
+
+import pytest
+
+from broker.visitor import SilentEndError, Visitor
+
+HOST = "127.0.0.1"
+
+
+@contextlib.asynccontextmanager
+async def door(meet):
+    """Somebody who listens; gives the port."""
+    server = await asyncio.start_server(meet, HOST, 0)
+    async with server:
+        yield server.sockets[0].getsockname()[1]
+
+
+async def test_an_end_without_an_answer_is_told_at_once():
+    async def close(reader, writer):
+        await reader.read(1)
+        writer.close()
+
+    async with door(close) as port:
+        with pytest.raises(SilentEndError):
+            await Visitor(HOST, port).__aenter__()
+
+
+async def test_who_does_not_wait_for_the_answer_leaves():
+    came, left = asyncio.Event(), asyncio.Event()
+
+    async def be_silent(reader, writer):
+        await reader.readexactly(1)
+        came.set()
+        await reader.read()  # up to the end
+        left.set()
+        writer.close()
+
+    async with door(be_silent) as port:
+        visit = asyncio.create_task(Visitor(HOST, port).__aenter__())
+        await came.wait()
+        visit.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await visit
+        async with asyncio.timeout(10):
+            await left.wait()
