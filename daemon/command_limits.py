@@ -84,7 +84,6 @@ class CommandLimits:
             name: Bucket(OF_KIND.get(name, OTHERS), clock) for name in kinds
         }
         self._unknown = Bucket(OTHERS, clock)
-        self._log = Bucket(LOG_LINES, clock)
         self._last_ns: int | None = None
         self._second_ns = clock.monotonic_ns()
         self._in_second = 0
@@ -104,10 +103,6 @@ class CommandLimits:
     def admit_kind(self, name: str) -> bool:
         """Whether one of a kind may be carried out."""
         return self._of_kind.get(name, self._unknown).take()
-
-    def admit_log_line(self) -> bool:
-        """Whether a refused command may have its line in the log."""
-        return self._log.take()
 
     @property
     def is_flooded(self) -> bool:

@@ -13,6 +13,7 @@ from typing import Any
 from daemon.clock import HostClock
 from daemon.command_answers import Answers
 from daemon.command_limits import PAUSE_S, CommandLimits
+from daemon.command_log import RefusalLog, in_one_line
 from daemon.events import EventLog
 from daemon.hearing import Incoming
 from daemon.outgoing import Outgoing
@@ -73,6 +74,7 @@ class CommandDesk:
         self._events = events
         self._response_topics = response_topics
         self._limits = CommandLimits(clock, self._tell_flood, carry_out)
+        self._refusals = RefusalLog(clock)
         self._answers = Answers()
         self._running: set[asyncio.Task[None]] = set()
         self.received = 0
@@ -100,8 +102,9 @@ class CommandDesk:
         return 0.0
 
     def see_calm(self) -> None:
-        """Tell the end of a flood; call it now and then."""
+        """Tell the end of a flood, and what had no line; call it now and then."""
         self._limits.see_calm()
+        self._refusals.write_rest()
 
     async def close(self) -> None:
         """Abandon what is still running."""
@@ -209,15 +212,14 @@ class CommandDesk:
     def _refuse(self, text: str) -> None:
         """Count a command that was not carried out; senders write no log at will."""
         self.refused += 1
-        if self._limits.admit_log_line():
-            log.warning("%s", _in_one_line(text))
+        self._refusals.write(text)
 
     def _tell_retained(self, topic: str) -> None:
         self.refused += 1
         self._events.report(
             "warning",
             "commands.retained",
-            f"the broker keeps an old command on {_in_one_line(topic)}; ignored",
+            f"the broker keeps an old command on {in_one_line(topic)}; ignored",
             source="commands",
             remedy="clear it: publish an empty retained message there",
         )
@@ -234,11 +236,6 @@ class CommandDesk:
             remedy="find their sender; see the broker's access list" if begins else "",
             data={} if begins else {"dropped": dropped},
         )
-
-
-def _in_one_line(text: str) -> str:
-    """A text of anybody's as it may stand in a log."""
-    return "".join(c if c.isprintable() else " " for c in text)[:1000]
 
 
 def _not_available(name: str, available: list[str]) -> CommandError:

@@ -5,7 +5,15 @@ import logging
 
 import pytest
 
-from daemon.command_limits import ALL, CALM_S, FLOOD, OF_KIND, OTHERS, PAUSE_S
+from daemon.command_limits import (
+    ALL,
+    CALM_S,
+    FLOOD,
+    LOG_LINES,
+    OF_KIND,
+    OTHERS,
+    PAUSE_S,
+)
 from daemon.commands import MAX_CORRELATION_BYTES
 from protocol.messages import COMMANDS, Reply
 from tests.daemon.test_commands import Bench, command
@@ -158,6 +166,33 @@ async def test_senders_cannot_write_the_log_at_will(bench, caplog):
     lines = [record.getMessage() for record in caplog.records]
     assert 1 <= len(lines) <= 25
     assert all(line.isprintable() and len(line) <= 1000 for line in lines)
+
+
+async def test_refusals_without_a_line_are_counted_in_the_log(bench, caplog):
+    caplog.set_level(logging.WARNING)
+
+    async def refuse(n, first):
+        for k in range(first, first + n):
+            bench.receive(command(f"r{k}", {"forged": 1}))
+            await settled(bench)
+
+    def last_line():
+        return caplog.records[-1].getMessage()
+
+    await refuse(LOG_LINES.at_once + 3, 0)
+    assert len(caplog.records) == LOG_LINES.at_once
+    bench.clock.go_on_s(0.5)
+    await refuse(1, 100)
+    assert last_line().endswith("(3 more refused before it)")
+    await refuse(4, 200)
+    bench.desk.see_calm()
+    assert "more commands" not in last_line()
+    bench.clock.go_on_s(1.0)
+    bench.desk.see_calm()
+    assert last_line() == "3 more commands refused"
+    told = len(caplog.records)
+    bench.desk.see_calm()
+    assert len(caplog.records) == told
 
 
 async def test_a_payload_that_announces_more_than_it_holds_costs_no_memory(bench):
