@@ -6,15 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from traverse.broker_options import (
-    BrokerOption,
-    CaFileOption,
-    CertificateOption,
-    KeyOption,
-    PasswordFileOption,
-    UsernameOption,
-    broker_address,
-)
+from traverse.broker_options import BrokerOptions, with_broker
 from traverse.refusals import refusals, refuse
 
 if TYPE_CHECKING:
@@ -24,6 +16,7 @@ NO, UNREACHABLE = 1, 3
 COMMAND = "align"
 
 
+@with_broker
 def align(
     points: Annotated[
         Path,
@@ -86,12 +79,7 @@ def align(
     arm_name: Annotated[
         str | None, typer.Option(help="To which arm to send; else that of the points.")
     ] = None,
-    broker: BrokerOption = "localhost",
-    username: UsernameOption = None,
-    password_file: PasswordFileOption = None,
-    ca_file: CaFileOption = None,
-    client_certificate: CertificateOption = None,
-    client_key: KeyOption = None,
+    broker: BrokerOptions,
 ) -> None:
     """Compute where the part is from common points, and say what that is worth.
 
@@ -142,12 +130,7 @@ def align(
         to = arm_name or values["arm"]
         if to is None:
             refuse(COMMAND, "the points do not tell their arm; give --arm-name")
-        address = broker_address(
-            COMMAND,
-            broker,
-            (username, password_file),
-            (ca_file, client_certificate, client_key),
-        )
+        address = broker.address(COMMAND)
         _send(values, to, address)
 
 

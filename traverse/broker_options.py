@@ -1,7 +1,11 @@
 """Options of commands that go to a broker, and the address that they make."""
 
+import functools
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -10,55 +14,64 @@ from traverse.refusals import refuse
 if TYPE_CHECKING:
     from clients.address import BrokerAddress
 
-BrokerOption = Annotated[
-    str, typer.Option(help="MQTT broker: host, host:port or mqtts://host:port.")
-]
-UsernameOption = Annotated[str | None, typer.Option(help="For the broker.")]
-PasswordFileOption = Annotated[
-    Path | None, typer.Option(help="File with the broker's password.")
-]
-CaFileOption = Annotated[
-    Path | None, typer.Option(help="Certificates that the broker's come from.")
-]
-CertificateOption = Annotated[
-    Path | None,
-    typer.Option("--client-certificate", help="Shown to the broker, PEM."),
-]
-KeyOption = Annotated[
-    Path | None, typer.Option("--client-key", help="Key of that certificate, PEM.")
-]
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BrokerOptions:
+    """The options, in the order of `--help`; `with_broker` gives them to a command."""
+
+    broker: Annotated[
+        str, typer.Option(help="MQTT broker: host, host:port or mqtts://host:port.")
+    ] = "localhost"
+    username: Annotated[str | None, typer.Option(help="For the broker.")] = None
+    password_file: Annotated[
+        Path | None, typer.Option(help="File with the broker's password.")
+    ] = None
+    ca_file: Annotated[
+        Path | None, typer.Option(help="Certificates that the broker's come from.")
+    ] = None
+    client_certificate: Annotated[
+        Path | None, typer.Option(help="Shown to the broker, PEM.")
+    ] = None
+    client_key: Annotated[
+        Path | None, typer.Option(help="Key of that certificate, PEM.")
+    ] = None
+
+    def address(self, command: str) -> "BrokerAddress":
+        """What they say; ends the command where they or their files are bad."""
+        from clients.address import BrokerAddress  # noqa: PLC0415
+
+        try:
+            address = replace(
+                BrokerAddress.parse(self.broker),
+                username=self.username,
+                password_file=self.password_file,
+                ca_file=self.ca_file,
+                certificate_file=self.client_certificate,
+                key_file=self.client_key,
+            )
+            address.options()  # its files can be read
+        except (OSError, ValueError) as error:
+            refuse(command, str(error))
+        return address
 
 
-def broker_address(
-    command: str,
-    broker: str,
-    login: tuple[str | None, Path | None],
-    tls: tuple[Path | None, Path | None, Path | None],
-) -> "BrokerAddress":
-    """What the options say; ends the command where they or their files are bad.
+def with_broker(command: Callable[..., None]) -> Callable[..., None]:
+    """Put the options in the place of a command's parameter `broker`."""
+    ours = inspect.signature(BrokerOptions).parameters
+    own = inspect.signature(command, eval_str=True)
+    parameters = [
+        parameter
+        for name, one in own.parameters.items()
+        for parameter in (ours.values() if name == "broker" else (one,))
+    ]
 
-    Args:
-        command: for what is said.
-        broker: of `--broker`.
-        login: user's name and the file with the password.
-        tls: files of authority, own certificate, its key.
-    """
-    from dataclasses import replace  # noqa: PLC0415 - keeps --help quick
+    @functools.wraps(command)
+    def called(**given: Any) -> None:  # noqa: ANN401 - options of all kinds
+        options = BrokerOptions(**{name: given.pop(name) for name in ours})
+        command(**given, broker=options)
 
-    from clients.address import BrokerAddress  # noqa: PLC0415
-
-    username, password_file = login
-    ca_file, certificate_file, key_file = tls
-    try:
-        address = replace(
-            BrokerAddress.parse(broker),
-            username=username,
-            password_file=password_file,
-            ca_file=ca_file,
-            certificate_file=certificate_file,
-            key_file=key_file,
-        )
-        address.options()  # its files can be read
-    except (OSError, ValueError) as error:
-        refuse(command, str(error))
-    return address
+    # What typer reads.
+    called.__annotations__ = {one.name: one.annotation for one in parameters}
+    signature = own.replace(parameters=parameters)
+    called.__signature__ = signature  # type: ignore[attr-defined]  # of PEP 362
+    return called

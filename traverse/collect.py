@@ -9,20 +9,13 @@ from typing import Annotated
 
 import typer
 
-from traverse.broker_options import (
-    BrokerOption,
-    CaFileOption,
-    CertificateOption,
-    KeyOption,
-    PasswordFileOption,
-    UsernameOption,
-    broker_address,
-)
+from traverse.broker_options import BrokerOptions, with_broker
 from traverse.refusals import refusals, refuse
 
 INCOMPLETE, UNREACHABLE = 1, 3
 
 
+@with_broker
 def collect(
     campaign: Annotated[
         Path, typer.Argument(help="The campaign.toml; poses are put beside it.")
@@ -35,12 +28,7 @@ def collect(
     allow: Annotated[
         str, typer.Option(help="Quality flags that a point may have, with commas.")
     ] = "surface_unknown,empirical",
-    broker: BrokerOption = "localhost",
-    username: UsernameOption = None,
-    password_file: PasswordFileOption = None,
-    ca_file: CaFileOption = None,
-    client_certificate: CertificateOption = None,
-    client_key: KeyOption = None,
+    broker: BrokerOptions,
     as_json: Annotated[
         bool, typer.Option("--json", help="Report as JSON at the end.")
     ] = False,
@@ -61,12 +49,7 @@ def collect(
     from kinematics.arm_file import read_arm  # noqa: PLC0415 - keeps --help quick
 
     flags = frozenset(flag.strip() for flag in allow.split(",") if flag.strip())
-    address = broker_address(
-        "collect",
-        broker,
-        (username, password_file),
-        (ca_file, client_certificate, client_key),
-    )
+    address = broker.address("collect")
     with refusals("collect"):
         from lab.campaign_file import read_campaign_file  # noqa: PLC0415
         from protocol.messages.quality import FLAG_MEANINGS  # noqa: PLC0415

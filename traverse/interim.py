@@ -9,15 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from traverse.broker_options import (
-    BrokerOption,
-    CaFileOption,
-    CertificateOption,
-    KeyOption,
-    PasswordFileOption,
-    UsernameOption,
-    broker_address,
-)
+from traverse.broker_options import BrokerOptions, with_broker
 from traverse.refusals import refusals, refuse
 
 if TYPE_CHECKING:
@@ -31,6 +23,7 @@ HISTORY = "interim.db"
 ALLOWED = frozenset({"surface_unknown", "empirical"})
 
 
+@with_broker
 def interim(
     *,
     arm: Annotated[Path, typer.Option(help="The arm file that the daemon uses.")],
@@ -67,12 +60,7 @@ def interim(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Folder for chart.png, .html.")
     ] = None,
-    broker: BrokerOption = "localhost",
-    username: UsernameOption = None,
-    password_file: PasswordFileOption = None,
-    ca_file: CaFileOption = None,
-    client_certificate: CertificateOption = None,
-    client_key: KeyOption = None,
+    broker: BrokerOptions,
     as_json: Annotated[
         bool, typer.Option("--json", help="Report as JSON on standard output.")
     ] = False,
@@ -96,12 +84,7 @@ def interim(
             checks_of,
         )
 
-        address = broker_address(
-            "interim",
-            broker,
-            (username, password_file),
-            (ca_file, client_certificate, client_key),
-        )
+        address = broker.address("interim")
         model = read_arm(arm)
         path = _history(config, history)
         try:

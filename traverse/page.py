@@ -6,15 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from traverse.broker_options import (
-    BrokerOption,
-    CaFileOption,
-    CertificateOption,
-    KeyOption,
-    PasswordFileOption,
-    UsernameOption,
-    broker_address,
-)
+from traverse.broker_options import BrokerOptions, with_broker
 
 if TYPE_CHECKING:
     from clients.address import BrokerAddress
@@ -23,18 +15,14 @@ LOOPBACK = ("127.0.0.1", "::1", "localhost")
 FIND_S = 5.0
 
 
+@with_broker
 def page(
     *,
     arm: Annotated[
         str | None,
         typer.Option(help="Name of the arm; without it the only one on the broker."),
     ] = None,
-    broker: BrokerOption = "localhost",
-    username: UsernameOption = None,
-    password_file: PasswordFileOption = None,
-    ca_file: CaFileOption = None,
-    client_certificate: CertificateOption = None,
-    client_key: KeyOption = None,
+    broker: BrokerOptions,
     host: Annotated[
         str, typer.Option(help="Address to listen on; beyond this machine see below.")
     ] = "127.0.0.1",
@@ -75,12 +63,7 @@ def page(
             "and --key, or listen on 127.0.0.1",
             param_hint="--host",
         )
-    address = broker_address(
-        "page",
-        broker,
-        (username, password_file),
-        (ca_file, client_certificate, client_key),
-    )
+    address = broker.address("page")
     try:
         token = None if token_file is None else read_token(token_file)
         for file in (certificate, key):

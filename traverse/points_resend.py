@@ -6,15 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from traverse.broker_options import (
-    BrokerOption,
-    CaFileOption,
-    CertificateOption,
-    KeyOption,
-    PasswordFileOption,
-    UsernameOption,
-    broker_address,
-)
+from traverse.broker_options import BrokerOptions, with_broker
 from traverse.refusals import refuse
 
 if TYPE_CHECKING:
@@ -32,6 +24,7 @@ ToOption = Annotated[
 ]
 
 
+@with_broker
 def resend(
     session: Annotated[
         str | None, typer.Argument(help="Of the points; without it, list sessions.")
@@ -41,12 +34,7 @@ def resend(
         str | None, typer.Option(help="Blocks of this scan instead of points.")
     ] = None,
     arm: Annotated[str, typer.Option(help="Name of the arm.")],
-    broker: BrokerOption = "localhost",
-    username: UsernameOption = None,
-    password_file: PasswordFileOption = None,
-    ca_file: CaFileOption = None,
-    client_certificate: CertificateOption = None,
-    client_key: KeyOption = None,
+    broker: BrokerOptions,
     from_seq: FromOption = 0,
     to_seq: ToOption = None,
     as_json: Annotated[
@@ -74,12 +62,7 @@ def resend(
             f"--to {to_seq} is below --from {from_seq}, --scan stands beside a "
             "session, or an option is bad",
         )
-    address = broker_address(
-        COMMAND,
-        broker,
-        (username, password_file),
-        (ca_file, client_certificate, client_key),
-    )
+    address = broker.address(COMMAND)
     try:
         answer = asyncio.run(_answer(address, arm, args))
     except CommandRefused as error:

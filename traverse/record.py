@@ -7,15 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from traverse.broker_options import (
-    BrokerOption,
-    CaFileOption,
-    CertificateOption,
-    KeyOption,
-    PasswordFileOption,
-    UsernameOption,
-    broker_address,
-)
+from traverse.broker_options import BrokerOptions, with_broker
 
 if TYPE_CHECKING:
     from clients.address import BrokerAddress
@@ -23,16 +15,12 @@ if TYPE_CHECKING:
 REFUSED, UNREACHABLE = 2, 3
 
 
+@with_broker
 def record(
     name: Annotated[str, typer.Argument(help="Of the recording, a new one.")],
     *,
     arm: Annotated[str, typer.Option(help="Name of the arm.")],
-    broker: BrokerOption = "localhost",
-    username: UsernameOption = None,
-    password_file: PasswordFileOption = None,
-    ca_file: CaFileOption = None,
-    client_certificate: CertificateOption = None,
-    client_key: KeyOption = None,
+    broker: BrokerOptions,
     seconds: Annotated[
         float | None,
         typer.Option(min=0.1, help="How long; else until Ctrl-C."),
@@ -49,12 +37,7 @@ def record(
     """
     from clients.errors import ClientError, CommandRefused  # noqa: PLC0415 - quick help
 
-    address = broker_address(
-        "record",
-        broker,
-        (username, password_file),
-        (ca_file, client_certificate, client_key),
-    )
+    address = broker.address("record")
     try:
         recorded = asyncio.run(
             _record(name, arm, address, seconds, note, quiet=as_json)

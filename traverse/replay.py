@@ -7,15 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from traverse.broker_options import (
-    BrokerOption,
-    CaFileOption,
-    CertificateOption,
-    KeyOption,
-    PasswordFileOption,
-    UsernameOption,
-    broker_address,
-)
+from traverse.broker_options import BrokerOptions, with_broker
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,6 +20,7 @@ if TYPE_CHECKING:
 DIFFERENT, REFUSED, UNREACHABLE = 1, 2, 3
 
 
+@with_broker
 def replay(
     file: Annotated[Path, typer.Argument(help="A recording of the daemon (MCAP).")],
     *,
@@ -46,12 +39,7 @@ def replay(
         bool,
         typer.Option("--publish", help="Publish the points, in their own session."),
     ] = False,
-    broker: BrokerOption = "localhost",
-    username: UsernameOption = None,
-    password_file: PasswordFileOption = None,
-    ca_file: CaFileOption = None,
-    client_certificate: CertificateOption = None,
-    client_key: KeyOption = None,
+    broker: BrokerOptions,
     as_json: Annotated[bool, typer.Option("--json", help="Report as JSON.")] = False,
 ) -> None:
     """Compute the points of a recording again, and compare them with those in it.
@@ -64,12 +52,7 @@ def replay(
     from recording.run_reader import RunReader  # noqa: PLC0415 - quick help
     from traverse.replay_report import report_of, report_text  # noqa: PLC0415
 
-    address = broker_address(
-        "replay",
-        broker,
-        (username, password_file),
-        (ca_file, client_certificate, client_key),
-    )
+    address = broker.address("replay")
     points: list[Point] = []
     try:
         lines = None if out is None else out.open("w", encoding="utf-8")

@@ -7,15 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from traverse.broker_options import (
-    BrokerOption,
-    CaFileOption,
-    CertificateOption,
-    KeyOption,
-    PasswordFileOption,
-    UsernameOption,
-    broker_address,
-)
+from traverse.broker_options import BrokerOptions, with_broker
 
 if TYPE_CHECKING:
     from clients.address import BrokerAddress
@@ -25,14 +17,10 @@ DISPLAY_S = 0.1
 KINDS = ("status", "point", "scan", "event", "health", "live")
 
 
+@with_broker
 def watch(
     *,
-    broker: BrokerOption = "localhost",
-    username: UsernameOption = None,
-    password_file: PasswordFileOption = None,
-    ca_file: CaFileOption = None,
-    client_certificate: CertificateOption = None,
-    client_key: KeyOption = None,
+    broker: BrokerOptions,
     arm: Annotated[str, typer.Option(help="Name of the arm; + for all.")] = "+",
     kinds: Annotated[
         str, typer.Option(help=f"What to show, of: {', '.join(KINDS)}.")
@@ -57,12 +45,7 @@ def watch(
             f"{', '.join(unknown) or 'nothing'} is none of: {', '.join(KINDS)}",
             param_hint="--kinds",
         )
-    address = broker_address(
-        "watch",
-        broker,
-        (username, password_file),
-        (ca_file, client_certificate, client_key),
-    )
+    address = broker.address("watch")
     try:
         if sys.stdout.isatty() and not (lines or as_json):
             name = _only_arm(address) if arm == "+" else arm
