@@ -7,7 +7,7 @@ from daemon.align_requests import AlignRequests
 from daemon.alignment import PartSystem, alignment_asked_for
 from drivers.values import DeviceUp
 from protocol.messages import AlignArgs
-from tests.daemon.test_measuring import BOARD, Bench
+from tests.daemon.measuring_bench import BOARD, Bench
 from tests.daemon.values import arm_model, count_samples, latch
 
 QUARTER = ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))

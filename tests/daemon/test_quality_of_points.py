@@ -5,7 +5,7 @@ import pytest
 
 from daemon.quality_section import EndStopSection, QualitySection
 from drivers.values import DeviceUp
-from tests.daemon.test_measuring import BOARD, Bench
+from tests.daemon.measuring_bench import BOARD, Bench
 from tests.daemon.values import arm_model, count_samples, latch
 
 TURN = 65536  # of J1, on channel 2

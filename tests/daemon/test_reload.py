@@ -13,7 +13,7 @@ from daemon.reload import Inputs, Reload
 from daemon.startup import read_inputs
 from drivers.values import DeviceUp
 from protocol.messages import ReloadArgs
-from tests.daemon.test_measuring import BOARD, Bench
+from tests.daemon.measuring_bench import BOARD, Bench
 from tests.daemon.values import ARM, arm_file, latch
 
 CONFIGURATION = """\

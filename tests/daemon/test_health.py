@@ -1,0 +1,97 @@
+"""The figures of the daemon."""
+
+import numpy as np
+import pytest
+
+from drivers.values import (
+    DeviceCounters,
+    DeviceFault,
+    DeviceTemperatures,
+    DeviceUp,
+)
+from protocol.encoding import decode, encode
+from protocol.messages import BrokerHealth, Health, OutboxHealth, RecordingHealth
+from protocol.messages.health import LATENCIES
+from tests.daemon.measuring_bench import BOARD, Bench
+from tests.daemon.values import (
+    arm_model,
+    count_samples,
+    latch,
+)
+
+
+@pytest.fixture
+async def bench(tmp_path):
+    bench = Bench(arm_model(tmp_path))
+    yield bench
+    bench.device.driver.close()
+
+
+async def test_health_tells_figures_and_takes_them_anew_each_time(bench):
+    bench.take(
+        DeviceUp("base", BOARD, False),
+        DeviceCounters("base", {"samples_received": 200, "samples_lost": 3}),
+        DeviceTemperatures("base", (None, 21.5)),
+        DeviceFault("base", "samples_lost", "3 lost", "faster line", 3),
+    )
+    samples = count_samples(np.zeros((4, 3)))
+    bench.clock.now_ns = samples.received_ns + 250_000
+    bench.take(samples, latch((1, 2, 3), now_ns=bench.clock.now_ns - 40_000))
+    bench.clock.now_ns = 10**12 + 2 * 10**9
+    first = health(bench)
+    assert first.counters["samples_received"] == 200
+    assert first.counters["samples_lost"] == 3
+    assert first.counters["points_captured"] == 1
+    assert first.rates_hz["samples_received"] == pytest.approx(100.0)
+    assert first.uptime_s == pytest.approx(2.0)
+    assert first.temperatures_c == {"arm": 21.5}
+    assert first.latencies["queue_wait"].max_us == 250.0
+    assert first.latencies["capture_to_publish"].p50_us == 40.0
+    assert set(first.latencies) <= set(LATENCIES)
+    (device,) = first.devices
+    assert device.rate_hz == pytest.approx(2.0)
+    assert device.temperatures_c == {"1": 21.5}
+    assert device.age_s == pytest.approx(2 - 0.03125)  # since the last of them
+    assert first.rss_bytes > 1_000_000
+    bench.clock.now_ns += 10**9
+    second = health(bench)
+    assert second.latencies == {}
+    assert second.rates_hz["samples_received"] == 0.0
+    assert second.counters["samples_received"] == 200
+    assert decode(Health, encode(second, "msgpack")) == second
+
+
+def health(bench) -> Health:
+    return bench.health.message(
+        arm="bench-7",
+        session="s",
+        devices=[bench.device],
+        broker=BrokerHealth(
+            state="connected",
+            host="localhost",
+            port=1883,
+            reconnects=0,
+            queued=0,
+            queue_limit=10,
+            unacknowledged=0,
+            dropped=0,
+        ),
+        outbox=OutboxHealth(
+            state="ready", points=0, unsent=0, bytes=0, oldest_unsent_ns=None
+        ),
+        spool=None,
+        recording=RecordingHealth(
+            state="off",
+            name=None,
+            bytes=0,
+            flight_bytes=0,
+            queued=0,
+            dropped=0,
+            kept=0,
+            kept_dropped=0,
+        ),
+        counters={"points_captured": len(bench.points)},
+        temperature_c=bench.device.temperature_c,
+        lacks={},
+        skew_mm=None,
+    )
