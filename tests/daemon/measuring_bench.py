@@ -15,14 +15,8 @@ from daemon.measuring import Measuring
 from daemon.pipeline import Pipeline
 from daemon.scanner import Scanner
 from daemon.uncertainty import Uncertainty
-from drivers.values import (
-    Identity,
-)
-from tests.daemon.values import (
-    MODULI,
-    SetClock,
-    kept_at_once,
-)
+from drivers.values import Identity
+from tests.daemon.values import MODULI, SetClock, kept_at_once
 
 BOARD = Identity("latch board 07", "1.2.3", MODULI, 2, 10_000.0)
 

@@ -3,19 +3,9 @@
 import numpy as np
 import pytest
 
-from drivers.values import (
-    DeviceAlarm,
-    DeviceLost,
-    DeviceTemperatures,
-    DeviceUp,
-)
+from drivers.values import DeviceAlarm, DeviceLost, DeviceTemperatures, DeviceUp
 from tests.daemon.measuring_bench import BOARD, OTHER_BOARD, Bench
-from tests.daemon.values import (
-    ARM,
-    arm_model,
-    count_samples,
-    latch,
-)
+from tests.daemon.values import ARM, arm_model, count_samples, latch
 
 
 @pytest.fixture

@@ -3,21 +3,12 @@
 import numpy as np
 import pytest
 
-from drivers.values import (
-    DeviceCounters,
-    DeviceFault,
-    DeviceTemperatures,
-    DeviceUp,
-)
+from drivers.values import DeviceCounters, DeviceFault, DeviceTemperatures, DeviceUp
 from protocol.encoding import decode, encode
 from protocol.messages import BrokerHealth, Health, OutboxHealth, RecordingHealth
 from protocol.messages.health import LATENCIES
 from tests.daemon.measuring_bench import BOARD, Bench
-from tests.daemon.values import (
-    arm_model,
-    count_samples,
-    latch,
-)
+from tests.daemon.values import arm_model, count_samples, latch
 
 
 @pytest.fixture

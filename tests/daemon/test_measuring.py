@@ -8,18 +8,9 @@ import pytest
 from daemon.pipeline import Pipeline
 from daemon.poses import PoseBlock
 from daemon.scan_plan import plan_scan
-from drivers.values import (
-    CountSamples,
-    DeviceUp,
-    StreamStarted,
-)
+from drivers.values import CountSamples, DeviceUp, StreamStarted
 from tests.daemon.measuring_bench import BOARD, Bench
-from tests.daemon.values import (
-    SetClock,
-    arm_model,
-    count_samples,
-    latch,
-)
+from tests.daemon.values import SetClock, arm_model, count_samples, latch
 
 
 @pytest.fixture
