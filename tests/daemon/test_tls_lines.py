@@ -8,7 +8,7 @@ import pytest
 from daemon.broker_access import BrokerAddress
 from daemon.outgoing import Outgoing
 from tests.certificates import Authority
-from tests.daemon.test_publisher import Bench, Witness
+from tests.daemon.publisher_bench import Bench, Witness
 from tests.drivers.taken import until
 
 pytestmark = pytest.mark.broker
