@@ -5,10 +5,11 @@ import pytest
 
 from drivers.values import DeviceCounters, DeviceFault, DeviceTemperatures, DeviceUp
 from protocol.encoding import decode, encode
-from protocol.messages import BrokerHealth, Health, OutboxHealth, RecordingHealth
+from protocol.messages import Health
 from protocol.messages.health import LATENCIES
 from tests.daemon.measuring_bench import BOARD, Bench
 from tests.daemon.values import arm_model, count_samples, latch
+from tests.protocol.message_examples import HEALTH
 
 
 @pytest.fixture
@@ -57,30 +58,10 @@ def health(bench) -> Health:
         arm="bench-7",
         session="s",
         devices=[bench.device],
-        broker=BrokerHealth(
-            state="connected",
-            host="localhost",
-            port=1883,
-            reconnects=0,
-            queued=0,
-            queue_limit=10,
-            unacknowledged=0,
-            dropped=0,
-        ),
-        outbox=OutboxHealth(
-            state="ready", points=0, unsent=0, bytes=0, oldest_unsent_ns=None
-        ),
+        broker=HEALTH.broker,
+        outbox=HEALTH.outbox,
         spool=None,
-        recording=RecordingHealth(
-            state="off",
-            name=None,
-            bytes=0,
-            flight_bytes=0,
-            queued=0,
-            dropped=0,
-            kept=0,
-            kept_dropped=0,
-        ),
+        recording=HEALTH.recording,
         counters={"points_captured": len(bench.points)},
         temperature_c=bench.device.temperature_c,
         lacks={},
