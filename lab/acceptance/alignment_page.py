@@ -1,7 +1,6 @@
 """The alignment as a page: everything in one file."""
 
 from collections.abc import Iterator, Mapping
-from html import escape
 from typing import Any
 
 from lab.acceptance.alignment_pictures import alignment_paintings
@@ -15,7 +14,7 @@ from lab.acceptance.alignment_words import (
     transformation_text,
     verdict_text,
 )
-from lab.acceptance.certificate_page import PAGE_STYLE
+from lab.identification.report.frame import framed
 from lab.identification.report.markup import image, note, paragraph, section, table
 from lab.identification.report.pictures import picture
 
@@ -29,11 +28,9 @@ def alignment_page(values: Mapping[str, Any]) -> str:
         values: As in alignment.json.
     """
     given = values["alignment"]
-    title = f"Alignment {given['name']}"
     good = values["passed"] and not values["flags"]
     kind = "verdict" if good else "verdict bad"
     parts = [
-        f"<h1>{escape(title)}</h1>",
         note(
             f"{METHODS[values['method']]}; {values['measured']} onto "
             f"{values['nominal']}; computed {values['date_utc']}"
@@ -44,13 +41,7 @@ def alignment_page(values: Mapping[str, Any]) -> str:
         _points(values),
         *_pictures(values),
     ]
-    body = "\n".join(part for part in parts if part)
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(title)}</title>\n<style>{PAGE_STYLE}</style>\n</head>\n"
-        f"<body>\n{body}\n</body>\n</html>\n"
-    )
+    return framed(f"Alignment {given['name']}", parts)
 
 
 def _transformation(values: Mapping[str, Any]) -> str:

@@ -16,28 +16,15 @@ from lab.acceptance.words import (
     mm,
     source_text,
 )
+from lab.identification.report.frame import framed
 from lab.identification.report.markup import image, note, paragraph, section, table
 from lab.identification.report.pictures import picture
 
 _WIDTH_MM = 165.0
-PAGE_STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; color: #1a1a1a; background: #fff;
-       max-width: 62rem; margin: 2rem auto; padding: 0 1rem; }
-h1 { font-size: 1.5rem; margin-bottom: 0; } h2 { font-size: 1.15rem; margin-top: 2.2rem;
-     border-bottom: 1px solid #ccc; padding-bottom: .2rem; }
+_STYLE = """
 h3 { font-size: 1rem; margin-bottom: 0; } h3 + p { margin-top: .2rem; }
-.verdict { border-left: .4rem solid #0072B2; padding: .2rem 1rem; background: #f4f7fa; }
-.verdict.bad { border-color: #D55E00; background: #fdf3ec; }
-.note { color: #555; font-size: .85rem; } code { font-size: .75rem; }
-figure { margin: 1rem 0; } img { max-width: 100%; } .wide { overflow-x: auto; }
-table { border-collapse: collapse; font-size: .85rem; margin: .8rem 0; }
-th, td { padding: .18rem .8rem .18rem 0; text-align: left; vertical-align: top;
-         border-bottom: 1px solid #e4e4e4; }
-th { border-bottom: 1px solid #777; }
-.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
-th.number { white-space: normal; }
+code { font-size: .75rem; }
 #data p { overflow-wrap: anywhere; font-size: .8rem; }
-@media print { section { break-inside: avoid-page; } }
 """
 
 
@@ -48,7 +35,6 @@ def certificate_page(certificate: Sealed) -> str:
     good = values["complete"] and values["verdict"] in (None, "accept")
     kind = "verdict" if good else "verdict bad"
     parts = [
-        f"<h1>{escape(title)}</h1>",
         note(f"Computed {values['date_utc']}; arm file {values['arm']['digest'][:16]}"),
         f'<div class="{kind}">{paragraph(conclusion(values))}</div>',
         _figures(values),
@@ -57,13 +43,7 @@ def certificate_page(certificate: Sealed) -> str:
         *_pictures(values),
         _data(certificate, values),
     ]
-    body = "\n".join(part for part in parts if part)
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(title)}</title>\n<style>{PAGE_STYLE}</style>\n</head>\n"
-        f"<body>\n{body}\n</body>\n</html>\n"
-    )
+    return framed(title, parts, _STYLE)
 
 
 def _figures(values: Mapping[str, Any]) -> str:

@@ -1,12 +1,12 @@
 """The page: everything about an identification in one file without references."""
 
-from html import escape
 from pathlib import Path
 
 import numpy as np
 
 from kinematics.arm_text import write_whole
 from lab.identification.distance_deviations import known_arm, noise_deviations_mm
+from lab.identification.report.frame import framed, navigation
 from lab.identification.report.markup import note, paragraph, section
 from lab.identification.report.parameter_sections import (
     correlation_section,
@@ -35,25 +35,6 @@ from lab.identification.report.words import (
 from lab.identification.result import Identification
 from lab.identification.uncertainty_map import UncertaintyMap, uncertainty_map
 
-_STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; color: #1a1a1a; background: #fff;
-       max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
-h1 { font-size: 1.5rem; margin-bottom: 0; } h2 { font-size: 1.15rem; margin-top: 2.2rem;
-     border-bottom: 1px solid #ccc; padding-bottom: .2rem; }
-.verdict { border-left: .4rem solid #0072B2; padding: .2rem 1rem; background: #f4f7fa; }
-.verdict.bad { border-color: #D55E00; background: #fdf3ec; }
-.note { color: #555; font-size: .85rem; }
-figure { margin: 1rem 0; } img { max-width: 100%; }
-.wide { overflow-x: auto; }
-table { border-collapse: collapse; font-size: .85rem; margin: .8rem 0; }
-th, td { padding: .18rem .8rem .18rem 0; text-align: left; vertical-align: top;
-         border-bottom: 1px solid #e4e4e4; }
-th { border-bottom: 1px solid #777; }
-.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
-th.number { white-space: normal; }
-nav a { margin-right: 1rem; white-space: nowrap; font-size: .85rem; }
-@media print { nav { display: none; } section { break-inside: avoid-page; } }
-"""
 _CONTENTS = {
     "artefacts": "artefacts",
     "joints": "joints",
@@ -85,12 +66,9 @@ def write_report(result: Identification, found: UncertaintyMap, path: Path) -> N
 
 def report_page(result: Identification, found: UncertaintyMap) -> str:
     """Make the page; the text is complete in itself."""
-    title = f"Identification of {result.arm.name}"
-    links = "".join(f'<a href="#{name}">{text}</a>' for name, text in _CONTENTS.items())
     parts = [
-        f"<h1>{escape(title)}</h1>",
         note(_provenance(result)),
-        f"<nav>{links}</nav>",
+        navigation(_CONTENTS),
         _verdict(result, found),
         artefact_section(result),
         joint_section(result),
@@ -102,13 +80,7 @@ def report_page(result: Identification, found: UncertaintyMap) -> str:
         excluded_section(result),
         advice_section(result),
     ]
-    body = "\n".join(parts)
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(title)}</title>\n<style>{_STYLE}</style>\n</head>\n"
-        f"<body>\n{body}\n</body>\n</html>\n"
-    )
+    return framed(f"Identification of {result.arm.name}", parts)
 
 
 def _provenance(result: Identification) -> str:
