@@ -1,0 +1,46 @@
+"""What the two commands that make campaigns have in common: words, refusals, status."""
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from kinematics.arm_file import FileError
+from simulator.campaigns.siting import UnreachableError
+
+DONE, REFUSED = 0, 2
+
+Make = Callable[[Path, Path, int | None], Sequence[str]]
+"""From specification, folder and seed (None: the specification's) to a summary."""
+
+
+def run_command(
+    name: str, description: str, make: Make, arguments: Sequence[str] | None
+) -> int:
+    """Run one; its exit status: 0 made, 2 the specification was refused.
+
+    Args:
+        name: How it is called.
+        description: What it makes.
+        make: Makes it.
+        arguments: Those of the command line where None.
+    """
+    parser = argparse.ArgumentParser(prog=name, description=description)
+    parser.add_argument("spec", type=Path, help="specification, TOML")
+    parser.add_argument("--out", type=Path, required=True, help="folder to write")
+    parser.add_argument("--seed", type=int, help="in place of the specification's")
+    given = parser.parse_args(arguments)
+    if given.seed is not None and given.seed < 0:
+        parser.error(f"--seed {given.seed} is negative; expected 0 or more")
+    try:
+        summary = make(given.spec, given.out, given.seed)
+    except FileError as error:
+        problems = FileError(str(given.spec), error.problems)
+        is_ours = error.source == "campaign specification"
+        print(problems if is_ours else error, file=sys.stderr)  # noqa: T201 - how a command refuses a file
+        return REFUSED
+    except (UnreachableError, OSError) as error:
+        print(f"{given.spec}: {error}", file=sys.stderr)  # noqa: T201 - as above
+        return REFUSED
+    print("\n".join(summary))  # noqa: T201 - what the command reports
+    return DONE
