@@ -95,6 +95,11 @@ class OutgoingQueue:
         """How many messages may wait, of all kinds that are not thinned."""
         return sum(self._limits.values())
 
+    @property
+    def n_waiting(self) -> int:
+        """How many messages have not been taken to be sent."""
+        return sum(map(len, self._waiting.values()))
+
     def waiting(self, kind: str) -> int:
         """How many messages of ``kind`` the broker does not have yet."""
         return len(self._waiting[kind]) + len(self._on_the_way[kind])

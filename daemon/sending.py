@@ -1,6 +1,7 @@
 """One connection's messages on their way: written when offered, done when answered."""
 
 import asyncio
+import contextlib
 import logging
 import time
 from collections.abc import Callable
@@ -79,14 +80,16 @@ class Sending:
         if self._is_sending or self._failed.done() or self._resumes_s:
             return
         client = self._client
+        several = self._queue.n_waiting > 1
         self._is_sending = True
         try:
-            while (
-                len(self._on_the_way) < client.most_on_the_way
-                and not client.is_congested
-                and (taken := self._queue.next()) is not None
-            ):
-                self._send_one(*taken)
+            with client.together() if several else contextlib.nullcontext():
+                while (
+                    len(self._on_the_way) < client.most_on_the_way
+                    and not client.is_congested
+                    and (taken := self._queue.next()) is not None
+                ):
+                    self._send_one(*taken)
         except aiomqtt.MqttError as error:
             self._failed.set_exception(error)
         finally:

@@ -207,10 +207,12 @@ class Service:
 
     async def _consume(self, device: Device) -> None:
         while True:
-            for delivery in await device.crossing.take():
-                begun_ns = self._clock.monotonic_ns()
-                self._measuring.take(device, delivery)
-                self._life.note(device, delivery, begun_ns)
+            deliveries = await device.crossing.take()
+            with self._output.queue.together():
+                for delivery in deliveries:
+                    begun_ns = self._clock.monotonic_ns()
+                    self._measuring.take(device, delivery)
+                    self._life.note(device, delivery, begun_ns)
 
     async def _keep_house(self) -> None:
         due_s = 0.0

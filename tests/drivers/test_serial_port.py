@@ -1,7 +1,9 @@
 """The serial port on a pty: silence is not the end, the end is."""
 
 import contextlib
+import fcntl
 import os
+import termios
 import tty
 
 import pytest
@@ -25,6 +27,11 @@ def line():
         os.close(master)
 
 
+def unread(pipe: int) -> int:
+    """How many bytes wait in a pipe."""
+    return int.from_bytes(fcntl.ioctl(pipe, termios.FIONREAD, bytes(4)), "little")
+
+
 def test_reading_when_nothing_has_come_gives_nothing(line):
     port, master, _ = line
     assert port.read() == b""
@@ -39,6 +46,17 @@ def test_a_waker_ends_the_waiting_without_bytes(line):
     os.write(wake_write, b"\0")
     assert not port.wait(5.0)
     assert port.read() == b""
+
+
+def test_a_waker_that_comes_with_bytes_is_told_when_they_have_been_read(line):
+    port, master, wake_write = line
+    os.write(master, b"hello")
+    os.write(wake_write, b"\0")
+    assert port.wait(5.0)
+    assert unread(wake_write) == 1
+    assert port.read() == b"hello"
+    assert not port.wait(5.0)
+    assert unread(wake_write) == 0
 
 
 def test_a_port_whose_other_end_is_gone_is_told(line):
