@@ -17,6 +17,7 @@ from kinematics.dh import (
 from kinematics.forward import probe_pose
 from kinematics.geometry import Geometry, unit_vectors
 from tests.kinematics.arms import geometries, seeds, size_mm
+from tests.kinematics.matrices import rotation
 
 UR10 = DHTable(
     convention="classic",
@@ -29,16 +30,6 @@ UR10 = DHTable(
 )
 
 
-def turned(axis, angle_rad):
-    """A 4x4 rotation by Rodrigues' formula."""
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    matrix = np.eye(4)
-    matrix[:3, :3] += np.sin(angle_rad) * cross
-    matrix[:3, :3] += (1.0 - np.cos(angle_rad)) * cross @ cross
-    return matrix
-
-
 def shifted(x, y, z):
     matrix = np.eye(4)
     matrix[:3, 3] = x, y, z
@@ -49,10 +40,10 @@ def multiplied_out(table, angles_rad):
     """The probe's transform, elementary motion by elementary motion."""
     pose = table.base
     for k, angle_rad in enumerate(angles_rad):
-        about_z = turned([0, 0, 1], table.theta_rad[k] + angle_rad)
+        about_z = rotation([0, 0, 1], table.theta_rad[k] + angle_rad)
         along_z = shifted(0, 0, table.d_mm[k])
         along_x = shifted(table.a_mm[k], 0, 0)
-        about_x = turned([1, 0, 0], table.alpha_rad[k])
+        about_x = rotation([1, 0, 0], table.alpha_rad[k])
         if table.convention == "classic":
             pose = pose @ about_z @ along_z @ along_x @ about_x
         else:
@@ -61,7 +52,7 @@ def multiplied_out(table, angles_rad):
 
 
 def random_rigid(rng):
-    return shifted(*rng.uniform(-500, 500, 3)) @ turned(
+    return shifted(*rng.uniform(-500, 500, 3)) @ rotation(
         unit_vectors(rng.normal(size=3)), rng.uniform(-np.pi, np.pi)
     )
 
@@ -174,7 +165,7 @@ def test_a_modified_table_is_a_classic_one_with_its_rows_moved_by_one():
         a_mm=np.append(0.0, classic.a_mm[:-1]),
         alpha_rad=np.append(0.0, classic.alpha_rad[:-1]),
         tool=shifted(classic.a_mm[-1], 0, 0)
-        @ turned([1, 0, 0], classic.alpha_rad[-1])
+        @ rotation([1, 0, 0], classic.alpha_rad[-1])
         @ classic.tool,
     )
     readings_rad = random_readings(6, 4)

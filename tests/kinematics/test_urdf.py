@@ -15,24 +15,15 @@ from kinematics.urdf import (
     transform,
 )
 from tests.kinematics.arms import seeds, size_mm
-
-
-def about(axis, angle_rad):
-    """A 4x4 rotation by Rodrigues' formula."""
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    matrix = np.eye(4)
-    matrix[:3, :3] += np.sin(angle_rad) * cross
-    matrix[:3, :3] += (1.0 - np.cos(angle_rad)) * cross @ cross
-    return matrix
+from tests.kinematics.matrices import rotation
 
 
 def placed(xyz_mm, rpy_rad):
     """What the URDF specification says: R_z(yaw) R_y(pitch) R_x(roll)."""
     matrix = (
-        about([0, 0, 1], rpy_rad[2])
-        @ about([0, 1, 0], rpy_rad[1])
-        @ about([1, 0, 0], rpy_rad[0])
+        rotation([0, 0, 1], rpy_rad[2])
+        @ rotation([0, 1, 0], rpy_rad[1])
+        @ rotation([1, 0, 0], rpy_rad[0])
     )
     matrix[:3, 3] = xyz_mm
     return matrix
@@ -63,7 +54,7 @@ def frames(chain, readings_rad):
         pose = pose @ joint.origin
         if joint.axis is not None:
             axis = joint.axis / np.linalg.norm(joint.axis)
-            pose = pose @ about(axis, readings_rad[turned])
+            pose = pose @ rotation(axis, readings_rad[turned])
             turned += 1
         found.append((pose, turned))
     return found

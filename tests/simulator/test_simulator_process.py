@@ -4,43 +4,17 @@ import json
 import os
 import select
 import signal
-import subprocess
-import sys
 import time
 from contextlib import contextmanager
 
 import pytest
 
 from tests.simulator.conftest import config_text
+from tests.simulator.processes import SPHERE, simulator
 
 HELLO = bytes.fromhex("00 07 01 01 01 01 54 E6 00")
 START_1_KHZ = bytes.fromhex("06 03 03 40 42 0F 03 4D 23 00")
 STOP = bytes.fromhex("05 04 04 4F 91 00")
-SPHERE = """
-[[motion]]
-kind = "sphere"
-centre_mm = [500.0, 100.0, 50.0]
-radius_mm = 25.4
-points = 3
-"""
-PROGRAM = "import sys; from simulator.run import run_simulator; "
-PROGRAM += "sys.exit(run_simulator(sys.argv[1]))"
-
-
-@contextmanager
-def simulator(folder, text):
-    (folder / "sim.toml").write_text(text)
-    with subprocess.Popen(
-        [sys.executable, "-c", PROGRAM, str(folder / "sim.toml")],
-        stdout=subprocess.PIPE,
-        text=True,
-    ) as process:
-        try:
-            line = process.stdout.readline()
-            assert line == f"ready base {folder / 'port' / 'base'}\n"
-            yield process
-        finally:
-            process.kill()
 
 
 @contextmanager

@@ -5,42 +5,23 @@ import math
 import os
 import select
 import signal
-import subprocess
-import sys
 import time
 
 from tests.simulator.conftest import arm_text, config_text
-from tests.simulator.test_simulator_process import PROGRAM
+from tests.simulator.processes import SPHERE, simulator
 
 PORTS = [f"port/{number}" for number in range(7)]
-MOVING = """
-[[motion]]
-kind = "sphere"
-centre_mm = [500.0, 100.0, 50.0]
-radius_mm = 25.4
-points = 3
-"""
 
 
 def test_the_truth_log_tells_what_was_latched_when(folder):
     (folder / "arm.toml").write_text(arm_text().replace("8388608", "262144"))
     head = 'truth_log = "truth.jsonl"\ntruth_readings = true\nstart = "first_start"'
     keys = f'kind = "rls"\nports = {PORTS}\nbits = 18'
-    text = config_text(MOVING, head).replace('port = "port/base"', keys)
-    (folder / "sim.toml").write_text(text)
-    with subprocess.Popen(
-        [sys.executable, "-c", PROGRAM, str(folder / "sim.toml")],
-        stdout=subprocess.PIPE,
-        text=True,
-    ) as process:
-        try:
-            where = " ".join(str(folder / port) for port in PORTS)
-            assert process.stdout.readline() == f"ready base {where}\n"
-            asked = [ask(folder / PORTS[k % 7], b"1", 4) for k in range(70)]
-            process.send_signal(signal.SIGTERM)
-            assert process.wait(10.0) == 0
-        finally:
-            process.kill()
+    text = config_text(SPHERE, head).replace('port = "port/base"', keys)
+    with simulator(folder, text, PORTS) as process:
+        asked = [ask(folder / PORTS[k % 7], b"1", 4) for k in range(70)]
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(10.0) == 0
     *readings, summary = map(
         json.loads, (folder / "truth.jsonl").read_text("utf-8").splitlines()
     )

@@ -1,22 +1,15 @@
 """`traverse blind`, run as a program: what it tells, writes and refuses."""
 
 import json
-import subprocess
-import sys
+from pathlib import Path
 
 import pytest
 
-END_S = 100
+from tests.traverse.programs import run_traverse
 
 
 def run_blind(*arguments):
-    return subprocess.run(
-        [sys.executable, "-W", "error", "-m", "traverse", "blind", *arguments],
-        capture_output=True,
-        text=True,
-        timeout=END_S,
-        check=False,
-    )
+    return run_traverse(Path.cwd(), "blind", *arguments)
 
 
 @pytest.fixture(scope="module")

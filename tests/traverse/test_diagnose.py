@@ -14,8 +14,8 @@ import pytest
 from kinematics.arm_file import effect_from_table, read_arm, write_arm
 from tests.lab.diagnosis.bank_rows import measured
 from tests.lab.simulated import written
+from tests.traverse.programs import END_S, run_traverse
 
-END_S = 120.0
 COMMENT = "# Measured on a Friday."
 ECCENTRIC = {
     "kind": "encoder_eccentricity",
@@ -27,15 +27,7 @@ ECCENTRIC = {
 
 def run_diagnose(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     """Run it in a folder, its output piped; warnings are errors."""
-    return subprocess.run(
-        [sys.executable, "-W", "error", "-m", "traverse", "diagnose", *arguments],
-        capture_output=True,
-        text=True,
-        timeout=END_S,
-        check=False,
-        cwd=folder,
-        env={**os.environ, "COLUMNS": "200"},
-    )
+    return run_traverse(folder, "diagnose", *arguments)
 
 
 @pytest.fixture(scope="session")

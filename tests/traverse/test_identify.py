@@ -16,7 +16,8 @@ import pytest
 import traverse
 from kinematics.arm_file import Arm, read_arm, write_arm
 from simulator.campaigns import CampaignSpec, draw_noise, make_poses, write_campaign
-from tests.traverse.identification import END_S, run_identify, said_json
+from tests.traverse.identification import run_identify, said_json
+from tests.traverse.programs import END_S
 
 DESIGN = Path(traverse.__file__).parent / "demo_data" / "arm.toml"
 FILES = {

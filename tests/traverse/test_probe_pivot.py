@@ -123,6 +123,16 @@ def test_a_probe_that_is_not_in_the_library_is_refused(bench, tmp_path):
     assert "it has: ball-6, other" in done.stderr
 
 
+def check_like_plain(bench, folder):
+    """With the effect of this folder's arm the vector is that of the plain arm."""
+    shutil.copy(bench / "campaign.toml", folder)
+    with_effect = run(folder, "--cone", "cone-0", "--json")
+    plain = run(bench, "--cone", "cone-0", "--json")
+    assert with_effect.exit_code == 0, with_effect.output
+    vectors = [json.loads(done.stdout)["vector_mm"] for done in (with_effect, plain)]
+    assert vectors[0] == pytest.approx(vectors[1], abs=1e-6)
+
+
 def test_effects_of_the_readings_are_taken_out(bench, tmp_path):
     """With an eccentricity in the file and the same in the readings nothing changes."""
     arm = read_arm(bench / "arm.toml")
@@ -140,12 +150,7 @@ def test_effects_of_the_readings_are_taken_out(bench, tmp_path):
         cells[column] = repr(float(seen))
         changed.append(",".join(cells))
     (tmp_path / "poses.csv").write_text("\n".join(changed) + "\n")
-    shutil.copy(bench / "campaign.toml", tmp_path)
-    with_effect = run(tmp_path, "--cone", "cone-0", "--json")
-    plain = run(bench, "--cone", "cone-0", "--json")
-    assert with_effect.exit_code == 0, with_effect.output
-    vectors = [json.loads(done.stdout)["vector_mm"] for done in (with_effect, plain)]
-    assert vectors[0] == pytest.approx(vectors[1], abs=1e-6)
+    check_like_plain(bench, tmp_path)
 
 
 def test_effects_of_the_links_are_taken_out(bench, tmp_path):
@@ -165,9 +170,4 @@ def test_effects_of_the_links_are_taken_out(bench, tmp_path):
     assert "temperature_c" not in header
     warm = [f"{header},temperature_c", *(f"{row},{warm_c}" for row in rows)]
     (tmp_path / "poses.csv").write_text("\n".join(warm) + "\n")
-    shutil.copy(bench / "campaign.toml", tmp_path)
-    with_effect = run(tmp_path, "--cone", "cone-0", "--json")
-    plain = run(bench, "--cone", "cone-0", "--json")
-    assert with_effect.exit_code == 0, with_effect.output
-    vectors = [json.loads(done.stdout)["vector_mm"] for done in (with_effect, plain)]
-    assert vectors[0] == pytest.approx(vectors[1], abs=1e-6)
+    check_like_plain(bench, tmp_path)
