@@ -6,19 +6,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.derivatives import probe_derivatives
 from kinematics.forward import probe_centre
-from kinematics.geometry import Geometry
 from lab.campaign import Poses
 from lab.diagnosis.rows import Rows, rows_of
 from lab.identification.adjustment import Adjustment, adjust
-from lab.identification.network import State, Station, stations
+from lab.identification.network import State, stations
+from lab.identification.touching import reached
 
 Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]
-
-_STEPS = 15
-_REACHED_MM = 1e-3
 
 
 def further_contacts(
@@ -96,16 +92,15 @@ def _contacts(
     like = rng.integers(len(station.poses), size=n_tries)
     part = station.part(like)
     tries_rad = rng.uniform(least_rad, largest_rad, (n_tries, len(least_rad)))
-    angles_rad = _reached(part, geometry, state.unknowns[at], tries_rad)
-    centres_mm = probe_centre(geometry, angles_rad)
-    equations = part.artefact.equations(state.unknowns[at], centres_mm, part.touches)
-    misses_mm = np.max(np.abs(equations.misclosures_mm), axis=1)
-    good = misses_mm < _REACHED_MM
-    good &= np.all((angles_rad >= least_rad) & (angles_rad <= largest_rad), axis=1)
+    came = reached(part.artefact, state.unknowns[at], part.touches, geometry, tries_rad)
+    angles_rad = came.angles_rad
+    good = came.is_touching & np.all(
+        (angles_rad >= least_rad) & (angles_rad <= largest_rad), axis=1
+    )
     poses = network.campaign.poses.part(part.poses)
     poses = replace(poses, angles_rad=angles_rad)
     if poses.directions is not None and part.artefact.rows_per_pose == 1:
-        normals = equations.by_centre[:, 0]
+        normals = came.equations.by_centre[:, 0]
         before = station.artefact.equations(
             state.unknowns[at],
             probe_centre(geometry, network.campaign.poses.angles_rad[station.poses]),
@@ -114,23 +109,3 @@ def _contacts(
         along = np.sum(before * poses.directions, axis=1, keepdims=True)
         poses = replace(poses, directions=np.sign(along) * normals)
     return poses.part(good)
-
-
-def _reached(
-    station: Station, geometry: Geometry, unknowns: Floats, tries_rad: Floats
-) -> Floats:
-    """Turn the joints by least steps until the ball touches, (n, n_joints)."""
-    angles_rad = tries_rad
-    for _ in range(_STEPS):
-        derivatives = probe_derivatives(geometry, angles_rad)
-        equations = station.artefact.equations(
-            unknowns, derivatives.centres_mm, station.touches
-        )
-        slopes = equations.by_centre @ derivatives.by_angles
-        square = slopes @ slopes.swapaxes(1, 2)
-        # A hundredth of the reach keeps steps bounded where the arm is stretched.
-        square = square + 100.0 * np.eye(square.shape[1])
-        solved = np.linalg.solve(square, equations.misclosures_mm[:, :, np.newaxis])
-        step = -(slopes.swapaxes(1, 2) @ solved)[:, :, 0]
-        angles_rad = angles_rad + np.clip(step, -0.5, 0.5)
-    return angles_rad

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kinematics.derivatives import probe_derivatives
-from kinematics.forward import probe_centre
 from lab.identification.adjustment import Adjustment
 from lab.identification.artefacts.artefact import Touches
 from lab.identification.coverage import joint_coverage
 from lab.identification.network import Network
 from lab.identification.probe_effect import posture_columns
+from lab.identification.touching import reached
 from lab.identification.whitening import whiteners
 
 Floats = NDArray[np.float64]
@@ -25,8 +25,6 @@ Floats = NDArray[np.float64]
 _SEED = 3
 _TRIES_AN_ARTEFACT = 60
 _MOST_ARTEFACTS = 12
-_STEPS = 15
-_REACHED_MM = 1e-3
 _WIDER_RAD = np.radians(30.0)
 
 
@@ -128,7 +126,7 @@ def _travel(network: Network) -> tuple[Floats, Floats]:
 
 
 def _candidates(adjustment: Adjustment) -> list[_Candidate]:
-    network = adjustment.network
+    network, state = adjustment.network, adjustment.state
     rng = np.random.default_rng(_SEED)
     least, largest = _travel(network)
     chosen = network.stations[:_MOST_ARTEFACTS]
@@ -146,8 +144,17 @@ def _candidates(adjustment: Adjustment) -> list[_Candidate]:
             station.touches.radius_mm,
             station.touches.feature_names,
         )
-        reached_rad, good = _reached(adjustment, at, tries_rad, touches)
-        good &= np.all((reached_rad >= least) & (reached_rad <= largest), axis=1)
+        came = reached(
+            station.artefact,
+            state.unknowns[at],
+            touches,
+            state.arm.geometry,
+            tries_rad,
+        )
+        reached_rad = came.angles_rad
+        good = came.is_touching & np.all(
+            (reached_rad >= least) & (reached_rad <= largest), axis=1
+        )
         rows = _rows(adjustment, at, reached_rad, touches)
         for index in np.flatnonzero(good):
             full = np.zeros((rows.shape[1], int(offsets[-1])))
@@ -155,31 +162,6 @@ def _candidates(adjustment: Adjustment) -> list[_Candidate]:
             full[:, offsets[at] : offsets[at + 1]] = rows[index, :, n_free:]
             found.append(_Candidate(at, int(features[index]), reached_rad[index], full))
     return found
-
-
-def _reached(
-    adjustment: Adjustment, at: int, tries_rad: Floats, touches: Touches
-) -> tuple[Floats, NDArray[np.bool_]]:
-    """Turn the joints until the ball touches the artefact, as far as possible."""
-    station = adjustment.network.stations[at]
-    state = adjustment.state
-    angles_rad = tries_rad
-    for _ in range(_STEPS):
-        derivatives = probe_derivatives(state.arm.geometry, angles_rad)
-        equations = station.artefact.equations(
-            state.unknowns[at], derivatives.centres_mm, touches
-        )
-        slopes = equations.by_centre @ derivatives.by_angles
-        square = slopes @ slopes.swapaxes(1, 2)
-        # A hundredth of the reach keeps the steps bounded where the arm is stretched.
-        square = square + 100.0 * np.eye(square.shape[1])
-        solved = np.linalg.solve(square, equations.misclosures_mm[:, :, np.newaxis])
-        step = -(slopes.swapaxes(1, 2) @ solved)[:, :, 0]
-        angles_rad = angles_rad + np.clip(step, -0.5, 0.5)
-    centres_mm = probe_centre(state.arm.geometry, angles_rad)
-    equations = station.artefact.equations(state.unknowns[at], centres_mm, touches)
-    misses_mm = np.max(np.abs(equations.misclosures_mm), axis=1)
-    return angles_rad, misses_mm < _REACHED_MM
 
 
 def _rows(
