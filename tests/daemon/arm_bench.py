@@ -18,7 +18,7 @@ from daemon.uncertainty import Uncertainty
 from drivers.crossing import Crossing
 from drivers.driver import Driver
 from drivers.values import DeviceUp, Identity, LatchedCounts, StreamStarted
-from tests.daemon.two_devices import BEGIN_NS, model_on_two
+from tests.daemon.two_devices import BEGIN_NS, base, model_on_two, wrist
 from tests.daemon.values import SetClock, kept_at_once
 
 IDENTITIES = {
@@ -120,6 +120,14 @@ class ArmBench:
     def take(self, *deliveries):
         for delivery in deliveries:
             self.measuring.take(self.devices[delivery.device], delivery)
+
+    def stream(self, first, end, speed=0.0):
+        """Samples of both devices, 100 a second, up to a number."""
+        self.take(
+            wrist(rate_hz=100.0, speed=speed).samples(range(first, end)),
+            base(speed=speed).samples(range(first, end)),
+        )
+        self.clock.now_ns = BEGIN_NS + (end - 1) * 10_000_000
 
     def later(self, seconds):
         self.clock.now_ns += int(seconds * 1e9)

@@ -10,28 +10,16 @@ from daemon.commands import CommandError
 from drivers.values import DeviceLost
 from protocol.messages import LabelArgs, PointArgs, SessionArgs, UndoArgs
 from tests.daemon.arm_bench import ArmBench, edge
-from tests.daemon.two_devices import BEGIN_NS, base, wrist
-
-REST = {"speed": 0.0}
+from tests.daemon.two_devices import BEGIN_NS
 
 
 @pytest.fixture
 async def bench(tmp_path):
     bench = ArmBench(tmp_path)
     bench.up()
-    stream(bench, 0, 40)
+    bench.stream(0, 40)
     yield bench
     bench.close()
-
-
-def stream(bench, first, end, **motion):
-    """Samples of both devices, 100 a second, up to a number; the arm at rest."""
-    motion = motion or REST
-    bench.take(
-        wrist(rate_hz=100.0, **motion).samples(range(first, end)),
-        base(**motion).samples(range(first, end)),
-    )
-    bench.clock.now_ns = BEGIN_NS + (end - 1) * 10_000_000
 
 
 def press(bench, at, token=0):
@@ -46,9 +34,9 @@ async def asked(command):
 
 async def test_a_mean_is_taken_of_the_samples_that_come(bench):
     asking = await asked(bench.point_requests.take_point(PointArgs(samples=20)))
-    stream(bench, 40, 55)
+    bench.stream(40, 55)
     assert bench.points == []
-    stream(bench, 55, 70)
+    bench.stream(55, 70)
     result = await asking
     (point,) = bench.points
     assert (result["samples"], result["seq"], result["id"]) == (20, 0, point.id)
@@ -61,12 +49,12 @@ async def test_a_mean_is_taken_of_the_samples_that_come(bench):
 
 async def test_a_mean_over_a_time_has_all_samples_of_it(bench):
     asking = await asked(bench.point_requests.take_point(PointArgs(dwell_s=0.2)))
-    stream(bench, 40, 62)
+    bench.stream(40, 62)
     assert (await asking)["samples"] == 21  # 0.2 s of 100 Hz, both ends
 
 
 async def test_a_mean_is_refused_at_once_while_the_arm_moves(bench):
-    stream(bench, 40, 60, speed=1.0)
+    bench.stream(40, 60, speed=1.0)
     with pytest.raises(CommandError, match="mm/s when samples were to be") as refusal:
         await bench.point_requests.take_point(PointArgs(samples=10))
     assert refusal.value.code == "capture.refused"
@@ -76,8 +64,8 @@ async def test_a_mean_is_refused_at_once_while_the_arm_moves(bench):
 
 async def test_an_arm_that_begins_to_move_is_refused_its_mean(bench):
     asking = await asked(bench.point_requests.take_point(PointArgs(samples=20)))
-    stream(bench, 40, 45)
-    stream(bench, 45, 70, speed=1.0)
+    bench.stream(40, 45)
+    bench.stream(45, 70, speed=1.0)
     with pytest.raises(CommandError, match=r"moved at|spread by"):
         await asking
     assert bench.points == []
@@ -85,10 +73,10 @@ async def test_an_arm_that_begins_to_move_is_refused_its_mean(bench):
 
 async def test_edges_during_a_mean_wait_for_their_turn_and_keep_their_place(bench):
     asking = await asked(bench.point_requests.take_point(PointArgs(samples=20)))
-    stream(bench, 40, 45, **REST)
+    bench.stream(40, 45)
     press(bench, 42.5, token=7)
     assert (bench.points, bench.acknowledged("handle")) == ([], [])
-    stream(bench, 45, 70)
+    bench.stream(45, 70)
     await asking
     assert [p.trigger for p in bench.points] == ["command", "button"]
     assert [p.seq for p in bench.points] == [0, 1]
@@ -99,7 +87,7 @@ async def test_edges_during_a_mean_wait_for_their_turn_and_keep_their_place(benc
 
 async def test_more_edges_than_a_board_keeps_end_a_mean(bench):
     asking = await asked(bench.point_requests.take_point(PointArgs(samples=20)))
-    stream(bench, 40, 45)
+    bench.stream(40, 45)
     for token in range(12):
         press(bench, 41.5, token)
     with pytest.raises(CommandError, match="too many edges"):
@@ -110,7 +98,7 @@ async def test_more_edges_than_a_board_keeps_end_a_mean(bench):
 
 async def test_a_stream_that_stops_ends_a_mean_with_the_reason(bench):
     asking = await asked(bench.point_requests.take_point(PointArgs(samples=20)))
-    stream(bench, 40, 45)
+    bench.stream(40, 45)
     bench.take(DeviceLost("base", "gone", "plug it in"))
     bench.later(1.0)
     with pytest.raises(CommandError, match="of 20 samples came"):
@@ -158,7 +146,7 @@ async def test_undo_concerns_a_point_that_was_asked_for_and_still_waits(bench):
     press(bench, 45.5)  # its readings have not come
     undoing = await asked(bench.point_requests.undo(UndoArgs()))
     assert not undoing.done()
-    stream(bench, 40, 50)
+    bench.stream(40, 50)
     told = await undoing
     assert told["retracts"] == bench.points[1].id
     assert [p.retracts for p in bench.points] == [None, None, bench.points[1].id]
@@ -170,7 +158,7 @@ async def test_labels_go_to_the_points_that_were_asked_for_after_them(bench):
         bench.point_requests.label(LabelArgs(artefact="bar", feature="2"))
     )
     press(bench, 46.5, 1)
-    stream(bench, 40, 50)
+    bench.stream(40, 50)
     assert await setting == {"label": {"artefact": "bar", "feature": "2"}}
     await bench.point_requests.label(LabelArgs())
     press(bench, 47.5, 2)
@@ -211,7 +199,7 @@ async def test_a_command_that_was_given_up_takes_no_point(bench):
     asking = await asked(bench.point_requests.take_point(PointArgs(samples=20)))
     asking.cancel()
     await asyncio.sleep(0)
-    stream(bench, 40, 70)
+    bench.stream(40, 70)
     assert bench.points == []
     press(bench, 60.5)
     assert len(bench.points) == 1
@@ -221,11 +209,11 @@ async def test_points_carry_the_pose_of_their_instant_not_of_their_turn(bench):
     """An edge that waits behind a mean has been looked at when it came."""
     model = bench.model
     asking = await asked(bench.point_requests.take_point(PointArgs(samples=20)))
-    stream(bench, 40, 45)
+    bench.stream(40, 45)
     press(bench, 42.5, token=7)
     other = replace(model, digest="f" * 64)
     bench.pipeline.model = other
-    stream(bench, 45, 70)
+    bench.stream(45, 70)
     await asking
     assert [p.model for p in bench.points] == [other.digest, model.digest]
 

@@ -15,7 +15,7 @@ from kinematics.forward import probe_centre
 from protocol.messages import PointArgs, ProbeArgs
 from tests.daemon.arm_bench import ArmBench, edge
 from tests.daemon.effect_entries import effect
-from tests.daemon.two_devices import BEGIN_NS, ON_TWO, base, wrist
+from tests.daemon.two_devices import BEGIN_NS, ON_TWO
 from tests.daemon.values import ARM, arm_file, arm_model
 
 LIBRARY = """\
@@ -111,17 +111,9 @@ def test_what_is_known_of_a_probe_goes_with_it(tmp_path):
 async def bench(tmp_path):
     bench = ArmBench(tmp_path)
     bench.up()
-    stream(bench, 0, 40)
+    bench.stream(0, 40)
     yield bench
     bench.close()
-
-
-def stream(bench, first, end):
-    bench.take(
-        wrist(rate_hz=100.0, speed=0.0).samples(range(first, end)),
-        base(speed=0.0).samples(range(first, end)),
-    )
-    bench.clock.now_ns = BEGIN_NS + (end - 1) * 10_000_000
 
 
 def requests(bench, path):
@@ -140,10 +132,10 @@ async def test_points_after_the_change_are_of_the_new_probe(bench, tmp_path):
     changing = asyncio.create_task(probes.change(ProbeArgs(name="long")))
     await asyncio.sleep(0.05)  # the library is read in another thread
     bench.take(edge("handle", BEGIN_NS + 415_000_000, 2))
-    stream(bench, 40, 60)
+    bench.stream(40, 60)
     result = await changing
     bench.take(edge("handle", BEGIN_NS + 575_000_000, 3))
-    stream(bench, 60, 62)  # motion is told anew from the change on
+    bench.stream(60, 62)  # motion is told anew from the change on
     models = [point.model for point in bench.points]
     assert models[:2] == [before] * 2
     assert models[-1] == result["model"] != before
@@ -160,9 +152,9 @@ async def test_a_mean_is_of_one_probe(bench, tmp_path):
     await asyncio.sleep(0)
     changing = asyncio.create_task(probes.change(ProbeArgs(name="long")))
     await asyncio.sleep(0.05)
-    stream(bench, 40, 50)
+    bench.stream(40, 50)
     assert not changing.done()
-    stream(bench, 50, 70)
+    bench.stream(50, 70)
     await asking
     await changing
     assert bench.points[0].probe_radius_mm == 3.0

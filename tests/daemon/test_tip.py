@@ -15,7 +15,7 @@ from kinematics.effects.block import Block
 from protocol.messages import QualityFlag
 from tests.daemon.arm_bench import ArmBench, edge
 from tests.daemon.effect_entries import effect
-from tests.daemon.two_devices import BEGIN_NS, ON_TWO, base, wrist
+from tests.daemon.two_devices import BEGIN_NS, ON_TWO
 from tests.daemon.values import ARM, PoseMaker, arm_file, arm_model
 
 START_NS, PERIOD_NS = 10**12, 10_000_000
@@ -159,11 +159,7 @@ def make_bench(tmp_path):
 
 
 def stream(bench, first, end):
-    bench.take(
-        wrist(rate_hz=100.0).samples(range(first, end)),
-        base().samples(range(first, end)),
-    )
-    bench.clock.now_ns = BEGIN_NS + (end - 1) * 10_000_000
+    bench.stream(first, end, speed=1.0)
     bench.measuring.keep_time()
 
 

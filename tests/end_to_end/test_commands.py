@@ -13,17 +13,9 @@ from protocol.messages import Command, PointArgs, Reply, UndoArgs
 from tests.end_to_end.arm_matrices import MatrixArm
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import PATIENCE_S, until
-from tests.end_to_end.workbench import REST, Workbench
+from tests.end_to_end.workbench import Workbench
 
 pytestmark = pytest.mark.broker
-
-
-@pytest.fixture
-def resting(bench: Workbench) -> Workbench:
-    """An arm at rest, so that only commands give points."""
-    bench.write_simulator(REST)
-    bench.write_daemon()
-    return bench
 
 
 async def test_a_point_is_taken_on_command_and_the_answer_names_it(

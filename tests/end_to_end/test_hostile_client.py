@@ -18,21 +18,13 @@ from protocol.messages import Command, PointArgs, ScanArgs
 from tests.end_to_end.listener import Listener
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import PATIENCE_S, until
-from tests.end_to_end.workbench import REST, SPHERE, Workbench
+from tests.end_to_end.workbench import SPHERE, Workbench
 from tests.hostile_messages import examples, fixed, names, payloads
 
 pytestmark = pytest.mark.broker
 
 MORE_RSS_BYTES = 40_000_000
 OTHER = "arm-of-somebody-else"
-
-
-@pytest.fixture
-def resting(bench: Workbench) -> Workbench:
-    """An arm at rest, so that only commands give points."""
-    bench.write_simulator(REST)
-    bench.write_daemon()
-    return bench
 
 
 def command(request: str) -> bytes:

@@ -16,18 +16,10 @@ from protocol.messages import PointArgs, ResendArgs
 from tests.end_to_end.listener import Listener, listening
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import Program, until
-from tests.end_to_end.workbench import REST, SPHERE, Workbench
+from tests.end_to_end.workbench import SPHERE, Workbench
 from tests.mosquitto import Mosquitto
 
 pytestmark = pytest.mark.broker
-
-
-@pytest.fixture
-def resting(bench: Workbench) -> Workbench:
-    """An arm at rest, so that only commands give points."""
-    bench.write_simulator(REST)
-    bench.write_daemon()
-    return bench
 
 
 def on_disk(bench: Workbench) -> list[tuple[str, int, bool]]:

@@ -14,16 +14,8 @@ from protocol.encoding import decode
 from protocol.messages import Point, PointArgs, Status
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import PATIENCE_S, Program, until
-from tests.end_to_end.workbench import REST, Workbench
+from tests.end_to_end.workbench import Workbench
 from tests.mosquitto import HOST, free_port
-
-
-@pytest.fixture
-def resting(bench: Workbench) -> Workbench:
-    """An arm at rest."""
-    bench.write_simulator(REST)
-    bench.write_daemon()
-    return bench
 
 
 def watch(bench: Workbench, *options: str) -> Program:

@@ -1,14 +1,13 @@
 """The simulated AMT21 line, spoken to in bytes by hand."""
 
 import os
-import tty
 from contextlib import contextmanager
 
 import pytest
 from pydantic import ValidationError
 
 from simulator.devices.amt21 import Amt21Line, Amt21Table
-from tests.simulator.host_side import heard
+from tests.simulator.host_side import heard, hosts_of
 from tests.simulator.one_hinge import mounted
 
 # 1000 counts a second, channel 1 a second ahead; check bits by hand:
@@ -23,14 +22,9 @@ def encoders(folder, *faults, n=2, **keys):
     table = Amt21Table(kind="amt21", id="line", port="line", **keys)
     mounting = mounted(folder, table, *faults, n_channels=n, per_turn=1 << table.bits)
     device = Amt21Line(table, mounting)
-    host = os.open(folder / "line", os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    tty.setraw(host)
-    device.live(0.0)
-    try:
+    with hosts_of(device, folder / "line") as (host,):
+        device.live(0.0)
         yield device, lambda request, at_s: asked(device, host, request, at_s)
-    finally:
-        device.close()
-        os.close(host)
 
 
 def asked(device, host, request, at_s):

@@ -2,7 +2,6 @@
 
 import os
 import termios
-import tty
 from contextlib import contextmanager
 
 import pytest
@@ -10,7 +9,7 @@ from pydantic import ValidationError
 
 from simulator.devices.microscribe import Microscribe, MicroscribeTable
 from simulator.script import ScriptEvent
-from tests.simulator.host_side import heard
+from tests.simulator.host_side import heard, hosts_of
 from tests.simulator.one_hinge import mounted
 
 SIGN_ON = (b"\xc5IMMC", b"BEGIN")
@@ -29,14 +28,9 @@ def arm(folder, *faults, n=6, events=(), **keys):
         folder, table, *faults, n_channels=n, per_turn=8000, events=events
     )
     device = Microscribe(table, mounting)
-    host = os.open(folder / "line", os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    tty.setraw(host)
-    device.live(0.0)
-    try:
+    with hosts_of(device, folder / "line") as (host,):
+        device.live(0.0)
         yield device, host, lambda data, at_s=0.0: asked(device, host, data, at_s)
-    finally:
-        device.close()
-        os.close(host)
 
 
 def asked(device, host, data, at_s):

@@ -1,13 +1,12 @@
 """The simulated Modbus encoders, spoken to in frames out of manuals and by hand."""
 
 import os
-import tty
 from contextlib import contextmanager
 
 import pytest
 
 from simulator.devices.modbus import ModbusLine, ModbusTable, crc
-from tests.simulator.host_side import heard
+from tests.simulator.host_side import heard, hosts_of
 from tests.simulator.one_hinge import mounted
 
 
@@ -35,20 +34,15 @@ def encoders(folder, *faults, per_turn=2**20, **keys):
         kind="modbus", id="m", port="line", **{"addresses": (1, 2)} | keys
     )
     device = ModbusLine(table, mounted(folder, table, *faults, per_turn=per_turn))
-    host = os.open(folder / "line", os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    tty.setraw(host)
-    device.live(0.0)
+    with hosts_of(device, folder / "line") as (host,):
+        device.live(0.0)
 
-    def ask(frame, at_s):
-        os.write(host, bytes.fromhex(frame) if isinstance(frame, str) else frame)
-        device.live(at_s)
-        return heard(host).hex(" ").upper()
+        def ask(frame, at_s):
+            os.write(host, bytes.fromhex(frame) if isinstance(frame, str) else frame)
+            device.live(at_s)
+            return heard(host).hex(" ").upper()
 
-    try:
         yield device, ask
-    finally:
-        device.close()
-        os.close(host)
 
 
 @pytest.mark.parametrize(

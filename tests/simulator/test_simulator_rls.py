@@ -1,13 +1,12 @@
 """The simulated RLS encoders, spoken to in bytes by hand."""
 
 import os
-import tty
 from contextlib import contextmanager
 
 import pytest
 
 from simulator.devices.rls import Rls, RlsTable
-from tests.simulator.host_side import heard
+from tests.simulator.host_side import heard, hosts_of
 from tests.simulator.one_hinge import mounted
 
 
@@ -17,18 +16,9 @@ def encoders(folder, *faults, n=2, **keys):
     table = RlsTable(kind="rls", id="wrist", ports=ports, **keys)
     mounting = mounted(folder, table, *faults, n_channels=n, per_turn=1 << table.bits)
     device = Rls(table, mounting)
-    hosts = [
-        os.open(folder / p, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK) for p in ports
-    ]
-    for host in hosts:
-        tty.setraw(host)
-    device.live(0.0)
-    try:
+    with hosts_of(device, *(folder / port for port in ports)) as hosts:
+        device.live(0.0)
         yield device, hosts
-    finally:
-        device.close()
-        for host in hosts:
-            os.close(host)
 
 
 def asked(device, host, request, at_s):

@@ -3,7 +3,6 @@
 import os
 import select
 import time
-import tty
 from contextlib import contextmanager
 
 import pytest
@@ -14,7 +13,7 @@ from simulator.devices.kinds import KINDS, class_named
 from simulator.devices.serial_device import SerialDevice, SerialTable
 from simulator.devices.table import DeviceTable
 from simulator.pacing import live_real
-from tests.simulator.host_side import heard
+from tests.simulator.host_side import heard, hosts_of, opened
 from tests.simulator.one_hinge import mounted
 
 
@@ -40,19 +39,8 @@ def teller(folder, *faults, **keys):
     table = TellerTable(kind="teller", id="t", **keys)
     mounting = mounted(folder, table, *faults)
     device = Teller(table, mounting)
-    hosts = [opened(folder / port) for port in table.ports]
-    try:
+    with hosts_of(device, *(folder / port for port in table.ports)) as hosts:
         yield device, hosts
-    finally:
-        device.close()
-        for host in hosts:
-            os.close(host)
-
-
-def opened(path):
-    host = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    tty.setraw(host)
-    return host
 
 
 def test_a_request_is_answered_at_once_with_what_is_true_then(tmp_path):
