@@ -3,17 +3,16 @@
 import math
 from collections.abc import Callable
 
-import numpy as np
-
 from benchmarks.virtual_time import Cable, Straight, VirtualTime, played
 from drivers.amt21 import Amt21
-from drivers.values import STATUS_MISSING, CountSamples, DeviceAlarm, DeviceCounters
+from drivers.values import DeviceAlarm
+from tests.drivers.delivered import Delivered
 from tests.drivers.fake_amt21 import FakeEncoder, FakeLine, VirtualEncoders
 
 ADDRESSES = (0x54, 0x58, 0x5C)
 
 
-class Played:
+class Played(Delivered):
     """A line with a driver on it, in virtual time, and what it has delivered."""
 
     def __init__(
@@ -52,21 +51,8 @@ class Played:
     def next_due_s(self, block_s: float) -> float:
         return self._at[0][0] if self._at else math.inf
 
-    def of(self, kind):
-        return [one for one in self.all if isinstance(one, kind)]
-
-    def joined(self, name: str) -> np.ndarray:
-        return np.concatenate([getattr(b, name) for b in self.of(CountSamples)])
-
-    def missing(self) -> np.ndarray:
-        """(n, n_channels) of samples that lack a reading."""
-        return (self.joined("status") & STATUS_MISSING) != 0
-
     def alarms(self) -> list[tuple[int | None, bool]]:
         return [(alarm.channel, alarm.raised) for alarm in self.of(DeviceAlarm)]
-
-    def counters(self) -> dict[str, int]:
-        return dict(self.of(DeviceCounters)[-1].values)
 
 
 def line(n: int = 3, *, echo: bool = False, **encoder) -> FakeLine:

@@ -18,36 +18,24 @@ from benchmarks.virtual_time import (
     played,
 )
 from drivers.driver import Driver
-from drivers.values import STATUS_MISSING, CountSamples, DeviceAlarm, DeviceCounters
+from drivers.values import DeviceAlarm
 from simulator.devices.device import make_device
+from tests.drivers.delivered import Delivered
 from tests.simulator.one_hinge import mounted
 
 FIRST_NS = 10**12
 
 
 @dataclass
-class Told:
+class Told(Delivered):
     """What a driver has delivered."""
 
     all: list[Any]
     notes: Any
     totals: dict[str, Any] = field(default_factory=dict)
 
-    def of(self, kind):
-        return [one for one in self.all if isinstance(one, kind)]
-
-    def joined(self, name: str) -> np.ndarray:
-        return np.concatenate([getattr(b, name) for b in self.of(CountSamples)])
-
-    def missing(self) -> np.ndarray:
-        """(n, n_channels) of samples that lack a reading."""
-        return (self.joined("status") & STATUS_MISSING) != 0
-
     def alarms(self) -> list[tuple[int | None, str, bool]]:
         return [(a.channel, a.code, a.raised) for a in self.of(DeviceAlarm)]
-
-    def counters(self) -> dict[str, int]:
-        return dict(self.of(DeviceCounters)[-1].values)
 
     def read_ns(self) -> np.ndarray:
         """(n, n_channels) instants of the readings, from the time's begin."""

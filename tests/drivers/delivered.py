@@ -1,0 +1,26 @@
+"""What a driver has delivered, taken apart."""
+
+from typing import Any
+
+import numpy as np
+
+from drivers.values import STATUS_MISSING, CountSamples, DeviceCounters
+
+
+class Delivered:
+    """All deliveries, in order."""
+
+    all: list[Any]
+
+    def of(self, kind):
+        return [one for one in self.all if isinstance(one, kind)]
+
+    def joined(self, name: str) -> np.ndarray:
+        return np.concatenate([getattr(b, name) for b in self.of(CountSamples)])
+
+    def missing(self) -> np.ndarray:
+        """(n, n_channels) of samples that lack a reading."""
+        return (self.joined("status") & STATUS_MISSING) != 0
+
+    def counters(self) -> dict[str, int]:
+        return dict(self.of(DeviceCounters)[-1].values)
