@@ -11,6 +11,7 @@ from kinematics.arm_file import Arm, FileError, Problem, read_arm
 from simulator.config import SimulatorConfig
 from simulator.course import Course
 from simulator.devices.table import DeviceTable
+from simulator.disturbed_line import ON_THE_WIRE, SPEECHLESS
 from simulator.effects import (
     FaultyArm,
     effect_problems,
@@ -19,7 +20,6 @@ from simulator.effects import (
 )
 from simulator.effects.faulty_arm import faulty_arm
 from simulator.encoder import EncoderSet
-from simulator.faults import ON_THE_WIRE, SPEECHLESS
 from simulator.inverse import Reach
 from simulator.motions import Replay
 from simulator.motions.stage import Operator, Stage, UnreachableError

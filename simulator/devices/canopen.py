@@ -12,7 +12,8 @@ from simulator.devices.canopen_table import CanOpenTable
 from simulator.devices.device import Mounting
 from simulator.devices.loop_network import LoopNetwork
 from simulator.devices.slcan_adapter import SlcanAdapter
-from simulator.faults import DisturbedLine, EmcyFault
+from simulator.disturbed_line import DisturbedLine
+from simulator.faults import EmcyFault
 
 NMT, SYNC, LSS = 0x000, 0x080, 0x7E5
 SDO_REQUEST, EMCY, TPDO1 = 0x600, 0x080, 0x180

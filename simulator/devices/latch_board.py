@@ -12,8 +12,8 @@ from simulator.board import Board
 from simulator.devices.device import Mounting
 from simulator.devices.drops import Drops
 from simulator.devices.table import DeviceTable
+from simulator.disturbed_line import DisturbedLine
 from simulator.edges import LatchedEdge
-from simulator.faults import DisturbedLine
 from simulator.latched import Frame
 from simulator.pty_port import PtyPort
 from simulator.ticks import TickCounter

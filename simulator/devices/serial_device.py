@@ -18,7 +18,7 @@ from pydantic import Field
 from simulator.devices.device import Mounting
 from simulator.devices.serial_line import LineTiming, SerialLine
 from simulator.devices.table import DeviceTable
-from simulator.faults import DisturbedLine
+from simulator.disturbed_line import DisturbedLine
 
 
 class SerialTable(DeviceTable):

@@ -3,10 +3,11 @@ import pytest
 
 from simulator.climate import ClimateTable
 from simulator.course import Course
+from simulator.disturbed_line import DisturbedLine
 from simulator.effects import FaultyArm
 from simulator.effects.posture import Build
 from simulator.encoder import EncoderSet
-from simulator.faults import DisturbedLine, fault_from_table
+from simulator.faults import fault_from_table
 from simulator.latched import AlarmChange
 from simulator.physics import Mechanism
 from simulator.script import Script
