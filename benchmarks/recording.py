@@ -24,7 +24,8 @@ from benchmarks.rounds import load
 from benchmarks.stream import ARM, order_scan
 from clients.address import BrokerAddress
 from clients.subscription import connection, received, subscribe
-from daemon.replay import Replay, ReplayResult
+from daemon.replay import Replay
+from daemon.replay_result import ReplayResult
 from protocol.encoding import encode
 from protocol.messages import Command, Health, RecordArgs, Reply
 from protocol.topics import command_topic

@@ -110,9 +110,9 @@ class Assembly:
                     np.searchsorted(block.sample_time_ns, self._reach_ns(), "right")
                 )
             if n:
-                made.append(self._assembled(_rows(block, slice(None, n))))
+                made.append(self._assembled(block.rows(slice(None, n))))
             if n < len(block.seq):
-                self._waiting[0] = (_rows(block, slice(n, None)), deadline_ns)
+                self._waiting[0] = (block.rows(slice(n, None)), deadline_ns)
                 break
             self._waiting.popleft()
         return [one for one in made if one is not None]
@@ -167,7 +167,7 @@ class Assembly:
             for device, source in self._sources.items():
                 early = block.sample_time_ns < source.history.begin_ns
                 self.dropped[device] += int(early.sum())
-            block = _rows(block, known)
+            block = block.rows(known)
         if not len(block.seq):
             return None
         found = {
@@ -187,7 +187,7 @@ class Assembly:
             return Assembled(samples, doubts)
         if not passed.any():
             return None
-        return Assembled(_rows(samples, passed), doubts[passed])
+        return Assembled(samples.rows(passed), doubts[passed])
 
     def _joined(
         self, found: Mapping[str, Columns]
@@ -214,18 +214,3 @@ class Assembly:
             return np.ones(len(told), np.bool_)
         self.dropped[device] += int((missing | late).sum())
         return np.asarray(~(missing | late))
-
-
-def _rows(block: CountSamples, which: slice | NDArray[np.bool_]) -> CountSamples:
-    """Some of the samples of a block."""
-    return replace(
-        block,
-        seq=block.seq[which],
-        device_ticks=block.device_ticks[which],
-        sample_time_ns=block.sample_time_ns[which],
-        inputs=block.inputs[which],
-        counts=block.counts[which],
-        status=block.status[which],
-        skew_ns=None if block.skew_ns is None else block.skew_ns[which],
-        fractions=None if block.fractions is None else block.fractions[which],
-    )

@@ -5,7 +5,6 @@ else. Blocks of samples may be cut, or joined where nothing lies between, as wan
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,8 @@ from daemon.recorder_entries import STEPS
 from daemon.recorder_state import WARM_NS
 from daemon.replay_bench import ReplayBench, ReplayClock
 from daemon.replay_inputs import read_recorded
-from daemon.replay_match import PointMatch, ScanMatch, Tally
+from daemon.replay_match import PointMatch, ScanMatch
+from daemon.replay_result import ReplayResult
 from drivers.delivery_maps import delivery_of
 from drivers.values import CountSamples
 from kinematics.kernel.choice import KERNEL
@@ -24,54 +24,6 @@ from recording.maps import bytes_to_map
 from recording.run_reader import RunReader
 from recording.run_writer import Entry
 from recording.views import bytes_to_cloud
-
-
-@dataclass(frozen=True, slots=True)
-class ReplayResult:
-    """What came of a replay.
-
-    Attributes:
-        points: that do not depend on the time before the recording.
-        early: of the first seconds of a recording that began in the middle.
-        scans: points of scans that are in the recording from their beginning.
-        missing, missing_scan: published then, not given by the replay.
-        left_out: points of scans that had begun before the recording.
-        new: given by the replay, not published then.
-        not_kept: refused by the disk then.
-        excused: see `daemon.replay_match.PointMatch`.
-        samples: sets of counts that were replayed.
-        gaps: how often something is missing in the recording.
-        kernel_then, kernel_now: what computed.
-        tolerance_mm: by which another kernel may differ.
-        tear: where the file ends before its end, or None.
-    """
-
-    points: Tally
-    early: Tally
-    scans: Tally
-    missing: int
-    missing_scan: int
-    left_out: int
-    new: int
-    not_kept: int
-    excused: int
-    samples: int
-    gaps: int
-    kernel_then: str
-    kernel_now: str
-    tolerance_mm: float
-    tear: str | None
-
-    @property
-    def holds(self) -> bool:
-        """The claim: the same bits with the same kernel, else within the tolerance."""
-        is_same_kernel = self.kernel_then == self.kernel_now
-        compared = (self.points, self.scans)
-        if is_same_kernel:
-            agree = all(tally.same == tally.n for tally in compared)
-        else:
-            agree = all(tally.within == tally.n for tally in compared)
-        return agree and not self.missing and not self.missing_scan
 
 
 class Replay:
@@ -282,14 +234,4 @@ def _cut(samples: CountSamples, block: int | None) -> Iterator[CountSamples]:
         yield samples
         return
     for start in range(0, n, block):
-        rows = slice(start, start + block)
-        yield replace(
-            samples,
-            seq=samples.seq[rows],
-            device_ticks=samples.device_ticks[rows],
-            sample_time_ns=samples.sample_time_ns[rows],
-            inputs=samples.inputs[rows],
-            counts=samples.counts[rows],
-            status=samples.status[rows],
-            skew_ns=None if samples.skew_ns is None else samples.skew_ns[rows],
-        )
+        yield samples.rows(slice(start, start + block))

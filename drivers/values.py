@@ -1,7 +1,7 @@
 """What a driver delivers: frozen values, one for each thing that can happen."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -90,6 +90,20 @@ class CountSamples:
             np.concatenate([block.status for block in blocks]),
             _joined_if_any([block.skew_ns for block in blocks]),
             _joined_if_any([block.fractions for block in blocks]),
+        )
+
+    def rows(self, which: slice | NDArray[np.bool_]) -> "CountSamples":
+        """Some of the samples."""
+        return replace(
+            self,
+            seq=self.seq[which],
+            device_ticks=self.device_ticks[which],
+            sample_time_ns=self.sample_time_ns[which],
+            inputs=self.inputs[which],
+            counts=self.counts[which],
+            status=self.status[which],
+            skew_ns=None if self.skew_ns is None else self.skew_ns[which],
+            fractions=None if self.fractions is None else self.fractions[which],
         )
 
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from clients.address import BrokerAddress
-    from daemon.replay import ReplayResult
+    from daemon.replay_result import ReplayResult
     from protocol.messages import Point
     from recording.run_reader import RunReader
 

@@ -3,8 +3,8 @@
 import json
 from collections.abc import Mapping
 
-from daemon.replay import ReplayResult
 from daemon.replay_match import Tally
+from daemon.replay_result import ReplayResult
 
 
 def report_of(about: Mapping[str, str], result: ReplayResult) -> str:

@@ -5,8 +5,8 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-from daemon.replay import ReplayResult
 from daemon.replay_match import Tally
+from daemon.replay_result import ReplayResult
 from recording.run_writer import RunHead, RunWriter
 from traverse.__main__ import app
 from traverse.replay_report import report_of, report_text
