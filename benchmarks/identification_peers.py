@@ -16,7 +16,8 @@ from scipy.optimize import (  # type: ignore[import-untyped] # scipy ships no ty
 
 from benchmarks.identification_problem import Problem
 from kinematics.derivatives import derivative_chunks
-from lab.identification.network import State, Station, misclosures_mm
+from lab.identification.network import State, Station
+from lab.identification.station_equations import misclosures_mm
 from lab.identification.system import linearise
 from lab.identification.whitening import Floats
 

@@ -12,9 +12,10 @@ from kinematics.arm_file import Arm
 from kinematics.geometry import geometry_from_arm
 from lab.campaign import Campaign, Poses
 from lab.identification.datum import with_datum
-from lab.identification.network import Network, State, start_state, stations
+from lab.identification.network import Network, State, stations
 from lab.identification.noise import a_priori_noise
 from lab.identification.parameters import ArmValues, arm_parameters
+from lab.identification.station_equations import start_state
 from simulator.campaigns import CampaignSpec, draw_noise, make_poses
 from traverse.blind_campaign import handed_over
 

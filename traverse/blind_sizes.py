@@ -21,9 +21,10 @@ from lab.diagnosis.rows import Rows, rows_of
 from lab.diagnosis.score import Identity
 from lab.identification.adjustment import adjust
 from lab.identification.identify import prepared
-from lab.identification.network import Network, start_state, stations
+from lab.identification.network import Network, stations
 from lab.identification.noise import a_priori_noise
 from lab.identification.options import Options
+from lab.identification.station_equations import start_state
 from simulator.campaigns import Campaign as Columns
 from simulator.campaigns import NoiseTable, PoseSet, draw_noise
 from simulator.campaigns.blind import Hidden, played

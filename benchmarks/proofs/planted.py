@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from lab.campaign import Campaign
 from lab.identification.identify import Options, identify
-from lab.identification.network import Station, WhiteRows, white_rows
+from lab.identification.network import Station
+from lab.identification.station_equations import WhiteRows, white_rows
 from lab.identification.system import certified
 from simulator.campaigns import PoseSet, SimulatedCampaign, draw_noise
 from simulator.campaigns.spec import NoiseTable

@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 
 from lab.campaign import Campaign
 from lab.identification.adjustment import Adjustment
-from lab.identification.network import Station, station_centres, stations, white_rows
+from lab.identification.network import Station, stations
 from lab.identification.noise import Noise
+from lab.identification.station_equations import station_centres, white_rows
 
 Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]

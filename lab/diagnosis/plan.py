@@ -18,9 +18,10 @@ from lab.diagnosis.rows import Rows, rows_of
 from lab.identification.adjustment import adjust
 from lab.identification.effect_model import effect_model
 from lab.identification.identify import prepared
-from lab.identification.network import Network, start_state, stations
+from lab.identification.network import Network, stations
 from lab.identification.noise import a_priori_noise
 from lab.identification.options import Options
+from lab.identification.station_equations import start_state
 
 
 def planned(campaign: Campaign, arm: Arm) -> tuple[Detectable, ...]:

@@ -8,16 +8,11 @@ from numpy.typing import NDArray
 from lab.identification.adjustment import Adjustment
 from lab.identification.datum import scale_direction
 from lab.identification.distributions import equivalent_normal
-from lab.identification.network import (
-    Station,
-    has_length,
-    station_centres,
-    stations,
-    white_rows,
-)
+from lab.identification.network import Station, has_length, stations
 from lab.identification.noise import Noise
 from lab.identification.pose_statistics import PoseStatistics, outsiders_statistics
 from lab.identification.rank import split
+from lab.identification.station_equations import station_centres, white_rows
 from lab.identification.system import certified, linearise
 
 Floats = NDArray[np.float64]

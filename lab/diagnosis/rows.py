@@ -24,8 +24,9 @@ from kinematics.effects.setting import utc_ns
 from lab.identification.adjustment import Adjustment
 from lab.identification.datum import scale_direction
 from lab.identification.effect_model import block_of
-from lab.identification.network import has_length, white_rows
+from lab.identification.network import has_length
 from lab.identification.plausible import campaign_start
+from lab.identification.station_equations import white_rows
 from lab.identification.system import certified
 
 Floats = NDArray[np.float64]

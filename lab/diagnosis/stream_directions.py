@@ -7,7 +7,8 @@ import numpy as np
 from lab.campaign import Campaign
 from lab.identification.artefacts.ball_bar import BallBar
 from lab.identification.artefacts.sphere import Sphere
-from lab.identification.network import Network, State, station_centres
+from lab.identification.network import Network, State
+from lab.identification.station_equations import station_centres
 
 
 def with_directions(campaign: Campaign, network: Network, state: State) -> Campaign:

@@ -25,7 +25,8 @@ from lab.diagnosis.harmonics import HIGHEST_ORDER, harmonic_bank
 from lab.diagnosis.rows import Rows
 from lab.diagnosis.stage import is_high_order
 from lab.diagnosis.thinning import whole_network
-from lab.identification.network import Network, State, Station, WhiteRows, white_rows
+from lab.identification.network import Network, State, Station
+from lab.identification.station_equations import WhiteRows, white_rows
 from lab.identification.system import certified
 
 Floats = NDArray[np.float64]

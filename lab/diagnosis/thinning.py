@@ -17,12 +17,8 @@ from lab.campaign import Campaign
 from lab.diagnosis.fit import fitted
 from lab.diagnosis.stream_directions import with_directions
 from lab.identification.adjustment import Adjustment
-from lab.identification.network import (
-    Network,
-    State,
-    misclosures_mm,
-    stations,
-)
+from lab.identification.network import Network, State, stations
+from lab.identification.station_equations import misclosures_mm
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

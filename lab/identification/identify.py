@@ -20,7 +20,7 @@ from lab.identification.conclusions import (
 from lab.identification.coverage import joint_coverage
 from lab.identification.datum import with_datum
 from lab.identification.effect_model import effect_model
-from lab.identification.network import Network, start_state, stations
+from lab.identification.network import Network, stations
 from lab.identification.noise import a_priori_noise
 from lab.identification.options import Options
 from lab.identification.parameters import (
@@ -33,6 +33,7 @@ from lab.identification.result import ExcludedPose, Identification
 from lab.identification.rounds import Rounds
 from lab.identification.serial_noise import serial_noise
 from lab.identification.start import coarse_start
+from lab.identification.station_equations import start_state
 from lab.identification.undetermined import undetermined_directions, weak_directions
 
 __all__ = ["IdentificationError", "Options", "identify"]

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from lab.identification.network import Network, State, misclosures_mm
+from lab.identification.network import Network, State
+from lab.identification.station_equations import misclosures_mm
 
 
 def rms_mm(network: Network, state: State) -> float:

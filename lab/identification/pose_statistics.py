@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from lab.identification.adjustment import Adjustment
 from lab.identification.artefacts.artefact import Integers
 from lab.identification.distributions import equivalent_normal
-from lab.identification.network import Network, Station, WhiteRows, white_rows
+from lab.identification.network import Network, Station
+from lab.identification.station_equations import WhiteRows, white_rows
 from lab.identification.triangle import Elimination
 
 Floats = NDArray[np.float64]

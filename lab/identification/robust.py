@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.identification.adjustment import adjust
-from lab.identification.network import Network, State, white_rows
+from lab.identification.network import Network, State
 from lab.identification.parameters import ArmValues
+from lab.identification.station_equations import white_rows
 
 Floats = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from lab.campaign import Campaign
 from lab.identification.adjustment import Adjustment, Iteration, Progress, adjust
-from lab.identification.network import Network, State, start_state, stations
+from lab.identification.network import Network, State, stations
 from lab.identification.noise import Noise
 from lab.identification.options import Options
 from lab.identification.parameters import ArmValues, Booleans
@@ -18,6 +18,7 @@ from lab.identification.pose_statistics import (
 from lab.identification.robust import robust_state
 from lab.identification.serial_noise import SerialNoise
 from lab.identification.snooping import Snooping, robust_scale, snoop
+from lab.identification.station_equations import start_state
 from lab.identification.variance_components import (
     VarianceModel,
     better_noise,

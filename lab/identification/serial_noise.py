@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from lab.campaign import Campaign
 from lab.identification.adjustment import Adjustment
-from lab.identification.network import white_rows
+from lab.identification.station_equations import white_rows
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

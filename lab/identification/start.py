@@ -13,15 +13,10 @@ from numpy.typing import NDArray
 
 from lab.campaign import Campaign
 from lab.identification.adjustment import adjust
-from lab.identification.network import (
-    Network,
-    State,
-    misclosures_mm,
-    start_state,
-    stations,
-)
+from lab.identification.network import Network, State, stations
 from lab.identification.noise import Noise
 from lab.identification.parameters import ArmValues, Parameters
+from lab.identification.station_equations import misclosures_mm, start_state
 
 Floats = NDArray[np.float64]
 

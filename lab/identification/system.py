@@ -5,14 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.identification.network import (
-    Network,
-    State,
-    Station,
-    misclosures_mm,
-    white_rows,
-)
+from lab.identification.network import Network, State, Station
 from lab.identification.parameters import ArmValues
+from lab.identification.station_equations import misclosures_mm, white_rows
 from lab.identification.triangle import Elimination, eliminate, triangle
 
 Floats = NDArray[np.float64]

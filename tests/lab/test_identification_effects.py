@@ -16,9 +16,10 @@ from lab.identification.identify import (
     prepared,
 )
 from lab.identification.misfit import rms_mm
-from lab.identification.network import Network, start_state, stations
+from lab.identification.network import Network, stations
 from lab.identification.noise import a_priori_noise
 from lab.identification.plausible import campaign_span
+from lab.identification.station_equations import start_state
 from lab.identification.system import certified
 from simulator.campaigns import (
     BallBar,

@@ -14,8 +14,8 @@ from lab.identification.distributions import (
     tau_critical,
 )
 from lab.identification.identify import Options, identify
-from lab.identification.network import white_rows
 from lab.identification.rank import split
+from lab.identification.station_equations import white_rows
 from lab.identification.triangle import eliminate, triangle
 from lab.identification.whitening import whiteners
 from tests.lab.simulated import (

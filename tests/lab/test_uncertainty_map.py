@@ -15,10 +15,11 @@ from lab.identification.distance_deviations import (
     known_arm,
     noise_deviations_mm,
 )
-from lab.identification.network import Network, start_state, stations
+from lab.identification.network import Network, stations
 from lab.identification.noise import a_priori_noise
 from lab.identification.parameters import ArmValues, arm_parameters
 from lab.identification.reaching import posture_cloud, reach
+from lab.identification.station_equations import start_state
 from lab.identification.uncertainty_map import uncertainty_map
 from tests.lab.simulated import bar, cones, disturbed, seven_joints, simulate
 

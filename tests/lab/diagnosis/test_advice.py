@@ -18,7 +18,7 @@ from lab.diagnosis.findings import project
 from lab.diagnosis.known_pairs import known_pair
 from lab.diagnosis.library import library_bank
 from lab.diagnosis.options import DiagnosisOptions
-from lab.identification.network import station_centres
+from lab.identification.station_equations import station_centres
 from tests.lab.diagnosis.bank_rows import measured, measured_rows
 
 

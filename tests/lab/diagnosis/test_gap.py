@@ -18,7 +18,8 @@ from lab.diagnosis.gap import (
 from lab.diagnosis.holdout import split
 from lab.diagnosis.prediction import predicted, with_noise
 from lab.diagnosis.rows import rows_of
-from lab.identification.network import stations, white_rows
+from lab.identification.network import stations
+from lab.identification.station_equations import white_rows
 from tests.lab.diagnosis.bank_rows import measured
 from tests.lab.simulated import PROBE_RADIUS_MM
 
