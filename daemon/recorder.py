@@ -19,7 +19,8 @@ from daemon.recorder_jobs import RecorderJobs
 from daemon.recorder_named import Recorded
 from daemon.recorder_queue import Item, RecorderQueue
 from daemon.recorder_state import LastTold, MeasuringState
-from daemon.recorder_thread import RecorderThread, Told
+from daemon.recorder_thread import RecorderThread
+from daemon.recorder_told import Told
 from daemon.recording_section import RecordingSection
 from daemon.sessions import Session
 from daemon.tape import Tape

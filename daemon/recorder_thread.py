@@ -6,16 +6,17 @@ import shutil
 import threading
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import partial
 from operator import methodcaller
 from pathlib import Path
 
 from daemon.recorder_entries import EntryMaker
 from daemon.recorder_flight import FlightRecorder
+from daemon.recorder_guard import GuardedFlight
 from daemon.recorder_named import NamedRecording, Recorded, head_of
 from daemon.recorder_queue import Item, RecorderQueue
 from daemon.recorder_ring import Ring
+from daemon.recorder_told import Told, reason_of
 from daemon.recording_section import RecordingSection
 from drivers.pulse import Pulse
 from protocol.messages import Scan
@@ -23,24 +24,7 @@ from recording.run_writer import Entry
 
 log = logging.getLogger("daemon.recorder")
 
-RETRY_S = 30.0
 TURN_S = 30.0  # that a slow disk may take
-
-
-@dataclass(frozen=True, slots=True)
-class Told:
-    """What the thread tells the loop.
-
-    Attributes:
-        flight_failed: a failure of the flight recorder begins, with its reason; or
-            ends, "".
-        stopped: a recording has ended by itself: what there is of it, and why.
-        kept: a file kept after a fault.
-    """
-
-    flight_failed: str | None = None
-    stopped: tuple[Recorded | None, str] | None = None
-    kept: Path | None = None
 
 
 class RecorderThread:
@@ -79,8 +63,7 @@ class RecorderThread:
         self._tell = tell
         self._ring = Ring()
         self._flight = FlightRecorder(folder, section, about)
-        self._flies = section.flight
-        self._retry_s: float | None = None
+        self._guarded = GuardedFlight(self._flight, is_wanted=section.flight, tell=tell)
         self._named: NamedRecording | None = None
         self._flushed_s = 0.0
         self._ended = False
@@ -141,8 +124,7 @@ class RecorderThread:
 
     def keep(self, why: str) -> None:
         """Keep the last minutes, after a fault."""
-        if self._flies and self._retry_s is None:
-            self._in_flight(lambda: self._tell_kept(self._flight.keep(why)))
+        self._guarded.keep(why)
 
     def end(self) -> None:
         """Finish everything, then end the thread."""
@@ -152,8 +134,7 @@ class RecorderThread:
 
     def _run(self) -> None:
         try:
-            if self._flies:
-                self._in_flight(lambda: self._tell_kept(self._flight.rescue()))
+            self._guarded.rescue()
             while not self._ended:
                 self.pulse.beat(TURN_S)
                 for item in self._queue.take():
@@ -180,7 +161,7 @@ class RecorderThread:
         if item.kind == "state":
             self._ring.begin_part(item.at_ns)
             utc_ns = item.at_ns + self._maker.utc_offset_ns
-            self._in_flight(
+            self._guarded.do(
                 lambda: self._flight.begin_segment(item.at_ns, utc_ns, self._files)
             )
         elif isinstance(item.value, Scan) and self._named is None:
@@ -199,19 +180,17 @@ class RecorderThread:
         self._files = dict(files)
         self._ring.clear()  # what is in it was made with other files
         for name, content in files.items():
-            self._in_flight(partial(self._flight.attach, name, content))
+            self._guarded.do(partial(self._flight.attach, name, content))
             self._in_named(methodcaller("attach", name, content))
         self._flight.end_segment()
 
     def _record(self, entry: Entry) -> None:
         self._ring.add(entry)
-        self._in_flight(lambda: self._flight.add(entry))
+        self._guarded.do(lambda: self._flight.add(entry))
         self._in_named(lambda named: named.add(entry))
 
     def _flush(self, now_s: float) -> None:
-        if self._retry_s is not None and now_s >= self._retry_s:
-            self._retry_s = None  # the next state begins a segment, if it can be
-            self._tell(Told(flight_failed=""))
+        self._guarded.try_again(now_s)
 
         def flush_flight() -> None:
             self._check_room()
@@ -221,18 +200,8 @@ class RecorderThread:
             self._check_room()
             named.flush()
 
-        self._in_flight(flush_flight)
+        self._guarded.do(flush_flight)
         self._in_named(flush_named)
-
-    def _in_flight(self, act: Callable[[], object]) -> None:
-        if not self._flies or self._retry_s is not None:
-            return
-        try:
-            act()
-        except OSError as error:
-            self._flight.abandon()
-            self._retry_s = time.monotonic() + RETRY_S
-            self._tell(Told(flight_failed=_reason(error)))
 
     def _in_named(self, act: Callable[[NamedRecording], object]) -> None:
         if self._named is None:
@@ -247,11 +216,7 @@ class RecorderThread:
         self._named = None
         if named is not None:
             named.abandon()
-        self._tell(Told(stopped=(recorded, _reason(error))))
-
-    def _tell_kept(self, path: Path | None) -> None:
-        if path is not None:
-            self._tell(Told(kept=path))
+        self._tell(Told(stopped=(recorded, reason_of(error))))
 
     def _check_room(self) -> None:
         """See that others, above all the outbox, find room on the disk, too."""
@@ -265,13 +230,13 @@ class RecorderThread:
             )
 
     def _close(self) -> None:
-        self._in_flight(self._flight.close)
+        self._guarded.do(self._flight.close)
         if self._named is not None:
             try:
                 recorded: Recorded | None = self.finish()
                 self._tell(Told(stopped=(recorded, "the daemon ends")))
             except OSError as error:
-                self._tell(Told(stopped=(None, _reason(error))))
+                self._tell(Told(stopped=(None, reason_of(error))))
 
     def _refuse_rest(self) -> None:
         """After a fault: nobody who asks must wait for ever."""
@@ -279,9 +244,3 @@ class RecorderThread:
             for item in self._queue.take():
                 if item.kind == "job":
                     item.value()
-
-
-def _reason(error: Exception) -> str:
-    if isinstance(error, OSError) and error.strerror:
-        return error.strerror
-    return str(error) or repr(error)
