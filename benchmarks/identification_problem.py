@@ -11,10 +11,11 @@ from benchmarks.proofs.campaigns import demo_arm
 from kinematics.arm_file import Arm
 from kinematics.geometry import geometry_from_arm
 from lab.campaign import Campaign, Poses
+from lab.identification.arm_parameters import arm_parameters
 from lab.identification.datum import with_datum
 from lab.identification.network import Network, State, stations
 from lab.identification.noise import a_priori_noise
-from lab.identification.parameters import ArmValues, arm_parameters
+from lab.identification.parameters import ArmValues
 from lab.identification.station_equations import start_state
 from simulator.campaigns import CampaignSpec, draw_noise, make_poses
 from traverse.blind_campaign import handed_over

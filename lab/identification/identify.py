@@ -7,6 +7,7 @@ from kinematics.geometry import geometry_from_arm
 from lab.campaign import Campaign
 from lab.identification.adjustment import Progress
 from lab.identification.advice import suggestions
+from lab.identification.arm_parameters import arm_parameters, masked
 from lab.identification.conclusions import (
     artefact_results,
     cartesian_covariance,
@@ -23,12 +24,7 @@ from lab.identification.effect_model import effect_model
 from lab.identification.network import Network, stations
 from lab.identification.noise import a_priori_noise
 from lab.identification.options import Options
-from lab.identification.parameters import (
-    ArmValues,
-    Parameters,
-    arm_parameters,
-    masked,
-)
+from lab.identification.parameters import ArmValues, Parameters
 from lab.identification.result import ExcludedPose, Identification
 from lab.identification.rounds import Rounds
 from lab.identification.serial_noise import serial_noise

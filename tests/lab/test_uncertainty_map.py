@@ -8,6 +8,7 @@ import pytest
 from kinematics.forward import probe_centre
 from kinematics.geometry import Geometry
 from lab.identification.adjustment import Adjustment, adjust
+from lab.identification.arm_parameters import arm_parameters
 from lab.identification.datum import with_datum
 from lab.identification.distance_deviations import (
     KnownArm,
@@ -17,7 +18,7 @@ from lab.identification.distance_deviations import (
 )
 from lab.identification.network import Network, stations
 from lab.identification.noise import a_priori_noise
-from lab.identification.parameters import ArmValues, arm_parameters
+from lab.identification.parameters import ArmValues
 from lab.identification.reaching import posture_cloud, reach
 from lab.identification.station_equations import start_state
 from lab.identification.uncertainty_map import uncertainty_map
