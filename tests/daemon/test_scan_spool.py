@@ -3,108 +3,17 @@
 import contextlib
 import sqlite3
 
-import numpy as np
-import pytest
-
-from daemon.commands import CommandError
-from daemon.events import EventLog
-from daemon.outgoing import MAX_SPOOLED, OutgoingQueue
-from daemon.outlet import Outlet
-from daemon.resend_requests import ResendRequests
+from daemon.outgoing import MAX_SPOOLED
 from daemon.scan_section import ScanSection
-from daemon.scan_spool import MAX_WAITING, ScanSpool
-from protocol.encoding import decode
-from protocol.messages import ResendArgs, Scan
+from daemon.scan_spool import MAX_WAITING
 from tests.daemon.outbox_bench import execute, rows
-from tests.daemon.values import SetClock
+from tests.daemon.scan_spool_bench import POINTS, Bench, block
 from tests.end_to_end.programs import until
-from tests.protocol.message_examples import SCAN
 
 FULL = (
     "CREATE TRIGGER full BEFORE INSERT ON {0} "
     "BEGIN SELECT RAISE(FAIL, 'database or disk is full'); END"
 )
-POINTS = 5
-
-
-def block(number, *, scan="scan", last=False, points=POINTS):
-    """The block with this number of a scan of equal blocks."""
-    rows_of = {
-        name: np.resize(value, (points, *value.shape[1:]))
-        for name in ("xyz_mm", "ijk", "angles_rad", "counts", "part_xyz_mm", "quality")
-        if (value := getattr(SCAN, name)) is not None
-    }
-    seq = number * POINTS
-    return SCAN.model_copy(
-        update={
-            **rows_of,
-            "scan": scan,
-            "seq": seq,
-            "dtime_ns": np.arange(points, dtype=np.int64),
-            "last": last,
-            "total": seq + points if last else None,
-        }
-    )
-
-
-class Bench:
-    """A spool in a folder, and its broker."""
-
-    def __init__(self, folder, **section):
-        self.path = folder / "scans.db"
-        self.queue = OutgoingQueue()
-        self.occurrences = []
-        self.clock = SetClock()
-        self.taken_back = []
-        self.spool = ScanSpool(
-            self.path,
-            arm="bench-7",
-            encoding="msgpack",
-            clock=self.clock,
-            section=ScanSection(**{"delivery": "complete", **section}),
-            outlet=Outlet("bench-7", "msgpack", self.queue, self.clock),
-            queue=self.queue,
-            events=EventLog(self.clock, self.occurrences.append),
-        )
-        self.spool.taken_back = lambda scan, n: self.taken_back.append((scan, n))
-
-    async def offer(self, *numbers, **options):
-        taken = [self.spool.offer(block(n, **options)) for n in numbers]
-        await self.spool.idle()
-        return taken
-
-    def send(self):
-        """Be a broker that takes all there is; gives (scan, number) of the blocks."""
-        sent = []
-        while (taken := self.queue.next()) is not None:
-            kind, message = taken
-            assert message.qos == (0 if kind == "scan" else 1)
-            assert message.topic == "traverse/bench-7/scan"
-            got = decode(Scan, message.payload, "msgpack")
-            sent.append((got.scan, got.seq // POINTS))
-            self.queue.done(kind, message)
-        return sent
-
-    async def send_all(self, n):
-        sent = []
-
-        def so_many():
-            self.spool.keep_house()
-            sent.extend(self.send())
-            return len(sent) >= n
-
-        await until(so_many, f"{n} blocks are sent")
-        return sent
-
-    async def all_marked(self):
-        def marked():
-            self.spool.keep_house()
-            return all(is_sent for *_, is_sent in rows(self.path))
-
-        await until(marked, "all blocks are marked")
-
-    def codes(self):
-        return [(o.code, o.active) for o in self.occurrences]
 
 
 async def test_a_live_scan_touches_no_disk(tmp_path):
@@ -234,69 +143,6 @@ async def test_what_neither_disk_nor_queue_takes_is_taken_back(tmp_path):
         await bench.offer(MAX_SPOOLED)
         assert bench.taken_back == [("scan", POINTS)]
         assert bench.spool.counted["dropped"] == 1
-
-
-@pytest.mark.parametrize(
-    ("from_seq", "to_seq", "numbers"),
-    [
-        (0, None, [0, 1, 2, 4]),
-        (7, 7, [1]),
-        (9, 10, [1, 2]),
-        (15, 19, []),
-        (17, 21, [4]),
-        (5, 14, [1, 2]),
-        (25, None, []),
-    ],
-)
-async def test_a_range_of_points_comes_again_in_whole_blocks(
-    tmp_path, from_seq, to_seq, numbers
-):
-    """Block 3, points 15 to 19, has never been: it was dropped."""
-    bench = Bench(tmp_path)
-    requests = ResendRequests(None, bench.spool.again)
-    async with bench.spool.running():
-        await bench.offer(0, 1, 2)
-        await bench.offer(4, last=True)
-        await bench.send_all(4)
-        result = await requests.carry_out(
-            ResendArgs(scan="scan", from_seq=from_seq, to_seq=to_seq)
-        )
-        assert result == {
-            "scan": "scan",
-            "session": SCAN.session,
-            "from_seq": from_seq,
-            "to_seq": to_seq,
-            "blocks": len(numbers),
-            "first_seq": 0,
-            "last_seq": 24,
-            "total": 25,
-        }
-        sent = await bench.send_all(len(numbers))
-    assert sent == [("scan", number) for number in numbers]
-
-
-async def test_scans_are_listed_and_unknown_ones_are_nothing(tmp_path):
-    bench = Bench(tmp_path)
-
-    async def points(args):
-        return {"sessions": []}
-
-    requests = ResendRequests(points, bench.spool.again)
-    async with bench.spool.running():
-        await bench.offer(0, 1, scan="a")
-        await bench.offer(0, scan="b")
-        listed = await requests.carry_out(ResendArgs())
-        assert [(s["scan"], s["last_block_seq"]) for s in listed["scans"]] == [
-            ("a", POINTS),
-            ("b", 0),
-        ]
-        assert {s["session"] for s in listed["scans"]} == {SCAN.session}
-        unknown = await requests.carry_out(ResendArgs(scan="c"))
-        assert (unknown["blocks"], unknown["session"]) == (0, None)
-        for _ in range(32):
-            bench.spool._passage.again.send("a", 0, 9)
-        with pytest.raises(CommandError, match="32 ranges"):
-            await requests.carry_out(ResendArgs(scan="a"))
 
 
 async def test_a_damaged_file_gives_what_can_be_read_of_it(tmp_path):

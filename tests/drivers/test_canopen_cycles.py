@@ -1,19 +1,19 @@
-"""Sets of positions by SYNC, the schedule of SYNCs, and frames from a socket."""
+"""Sets of positions by SYNC."""
 
-import socket
 import struct
 
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.can_socket import FRAMES_LOST, SocketFrames
 from drivers.canopen_cycle import Cycles
-from drivers.canopen_sync import HostSync, SeenSync
 from drivers.values import STATUS_ERROR, STATUS_LATE, STATUS_MISSING, CountSamples
 
 NODES = (3, 7, 11)
+
+
 TURN = 1 << 20
+
+
 LATE_NS = 100_000
 
 
@@ -231,111 +231,3 @@ def test_no_sequence_of_frames_invents_or_reorders(events: list[object]) -> None
         for node, count in zip(NODES, counts, strict=True):
             assert count in sent[node]
     assert taken.cycles.lost + len(rows) in (n_syncs, n_syncs - 1)
-
-
-def test_host_syncs_keep_their_schedule_and_make_up_for_delays() -> None:
-    schedule = HostSync(1000.0, 0)
-    assert schedule.due_ns == 1_000_000
-    assert schedule.take(1_050_000) == 1
-    assert schedule.due_ns == 2_000_000
-    assert schedule.take(4_700_000) == 1  # late: 3 and 4 follow, not too close
-    assert schedule.due_ns == 5_500_000
-    assert schedule.take(5_500_000) == 1
-    assert schedule.due_ns == 6_300_000
-    assert schedule.take(106_300_000) == 103  # 4 to 106 with one SYNC
-    assert schedule.due_ns == 107_100_000
-
-
-@settings(deadline=None)  # a busy computer stops for seconds
-@given(st.lists(st.integers(1, 4), max_size=50), st.randoms(use_true_random=False))
-def test_seen_syncs_are_numbered_by_time(steps: list[int], random: object) -> None:
-    seen = SeenSync(1000.0)
-    assert seen.take(0) == 1
-    at = 0
-    for step in steps:
-        at += step
-        jitter = random.uniform(-200_000, 200_000)  # type: ignore[attr-defined]  # hypothesis' own Random
-        assert seen.take(round(at * 1_000_100 + jitter)) == step
-
-
-def test_seen_syncs_that_come_later_and_later_are_not_taken_for_missing_ones() -> None:
-    # The broadcast manager of Linux: each a period, and a delay, after the last.
-    seen = SeenSync(1000.0)
-    assert {seen.take(k * 1_100_000) for k in range(1000)} == {1}
-
-
-def test_seen_syncs_of_another_master_are_counted_one_by_one() -> None:
-    seen = SeenSync(None)
-    assert [seen.take(t) for t in (0, 10**9, 10**9 + 5)] == [1, 1, 1]
-
-
-def frame(can_id: int, data: bytes) -> bytes:
-    return struct.pack("=IB3x8s", can_id, len(data), data)
-
-
-@pytest.fixture
-def pair() -> tuple[socket.socket, socket.socket]:
-    # As on a CAN socket, one read gives one frame.
-    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
-    with ours, theirs:
-        yield ours, theirs
-
-
-def test_frames_of_a_socket_are_split(
-    pair: tuple[socket.socket, socket.socket],
-) -> None:
-    ours, theirs = pair
-    frames = SocketFrames(ours, lambda: 7_000, lambda: 2_000)
-    theirs.send(frame(0x185, b"\x40\xe2\x01\x00"))
-    theirs.send(frame(0x080, b""))
-    theirs.send(frame(0x8000_0185, bytes(4)))  # 29 bits
-    theirs.send(frame(0x4000_0185, b""))  # remote
-    theirs.send(b"short")
-    theirs.send(frame(0x2000_0040, bytes(8)))  # the controller's own words
-    got = [(can_id, data) for can_id, data, _ in frames.read(64)]
-    assert got == [
-        (0x185, b"\x40\xe2\x01\x00"),
-        (0x080, b""),
-        (0x2000_0040, bytes(8)),
-    ]
-    assert list(frames.read(64)) == []
-
-
-def test_no_more_frames_are_read_than_asked_for(
-    pair: tuple[socket.socket, socket.socket],
-) -> None:
-    ours, theirs = pair
-    frames = SocketFrames(ours)
-    for _ in range(5):
-        theirs.send(frame(0x185, bytes(4)))
-    assert [len(frames.read(2)) for _ in range(3)] == [2, 2, 1]
-
-
-class StampedSocket:
-    """A socket as the kernel gives it on CAN: with control messages."""
-
-    def __init__(self, received: list[tuple[bytes, list[tuple[int, int, bytes]]]]):
-        self._received = received
-
-    def setsockopt(self, level: int, option: int, value: int) -> None:
-        raise OSError("refused")
-
-    def recvmsg(self, size: int, control: int, flags: int) -> object:
-        del size, control, flags
-        if not self._received:
-            raise BlockingIOError
-        data, messages = self._received.pop(0)
-        return data, messages, 0, None
-
-
-def test_the_kernels_stamp_is_brought_to_the_monotonic_clock() -> None:
-    # Realtime is 1000 s ahead; the frame came 3 ns before it is read.
-    stamp = (socket.SOL_SOCKET, 35, struct.pack("@ll", 1005, 999_999_997))
-    lost = (socket.SOL_SOCKET, 40, struct.pack("@I", 12))
-    port = StampedSocket([(frame(0x080, b""), [stamp, lost])])
-    frames = SocketFrames(port, lambda: 6 * 10**9, lambda: 1006 * 10**9)  # type: ignore[arg-type]  # as much of a socket as is used
-    assert frames.read(8) == [
-        (FRAMES_LOST, b"", 6 * 10**9),
-        (0x080, b"", 6 * 10**9 - 3),
-    ]
-    assert frames.dropped == 12
