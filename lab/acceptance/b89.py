@@ -11,7 +11,6 @@ from lab.acceptance.certified import IncompleteError
 from lab.acceptance.disposition import direction_remarks
 from lab.acceptance.figure import Figure, LengthError, Missing, Part, Scatter
 from lab.acceptance.length_sets import largest_of, length_sets
-from lab.acceptance.lengths import budget_of
 from lab.acceptance.limits import Limits
 from lab.acceptance.measured import Measured
 from lab.acceptance.probing import decided, exactly
@@ -104,10 +103,7 @@ def volumetric(measured: Measured, limits: Limits) -> Iterator[Part]:
     found = [error for errors in sets for error in errors]
     yield from found
     values = np.array([error.error_mm for error in found])
-    worst = largest_of(found)
-    budget = budget_of(
-        measured.artefacts[worst.artefact], measured.of(worst.artefact), limits
-    )
+    worst, budget = largest_of(found, measured, limits)
     two_rms_mm = 2.0 * float(np.sqrt(np.mean(values**2)))
     remarks = tuple(_bar_remarks(measured, found))
     yield Figure(

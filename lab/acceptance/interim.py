@@ -8,7 +8,7 @@ from lab.acceptance.decision import decision_of
 from lab.acceptance.disposition import direction_remarks
 from lab.acceptance.figure import Figure, Missing, Part
 from lab.acceptance.length_sets import largest_of, length_sets
-from lab.acceptance.lengths import SET, budget_of
+from lab.acceptance.lengths import SET
 from lab.acceptance.limits import Limits
 from lab.acceptance.measured import Measured
 
@@ -34,10 +34,7 @@ def interim_check(measured: Measured, limits: Limits) -> Iterator[Part]:
     found = [error for errors in sets for error in errors]
     yield from found
     values = np.array([error.error_mm for error in found])
-    worst = largest_of(found)
-    budget = budget_of(
-        measured.artefacts[worst.artefact], measured.of(worst.artefact), limits
-    )
+    worst, budget = largest_of(found, measured, limits)
     limit = limits.mpe.of(KEY)
     decision = None
     if limit is not None:

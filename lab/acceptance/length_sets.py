@@ -2,9 +2,10 @@
 
 from collections.abc import Sequence
 
+from lab.acceptance.budget import Budget
 from lab.acceptance.certified import IncompleteError
 from lab.acceptance.figure import LengthError
-from lab.acceptance.lengths import errors_of
+from lab.acceptance.lengths import budget_of, errors_of
 from lab.acceptance.limits import Limits
 from lab.acceptance.measured import Measured
 
@@ -45,6 +46,10 @@ def length_sets(
     return sets, problems
 
 
-def largest_of(errors: Sequence[LengthError]) -> LengthError:
-    """Take the error of the largest size, whatever its sign."""
-    return max(errors, key=lambda error: abs(error.error_mm))
+def largest_of(
+    errors: Sequence[LengthError], measured: Measured, limits: Limits
+) -> tuple[LengthError, Budget]:
+    """Take the error of the largest size, whatever its sign, and its uncertainty."""
+    largest = max(errors, key=lambda error: abs(error.error_mm))
+    name = largest.artefact
+    return largest, budget_of(measured.artefacts[name], measured.of(name), limits)

@@ -20,7 +20,7 @@ from lab.acceptance.decision import (
 from lab.acceptance.disposition import direction_remarks
 from lab.acceptance.figure import Figure, LengthError, Missing, Part
 from lab.acceptance.length_sets import largest_of, length_sets
-from lab.acceptance.lengths import SET, budget_of
+from lab.acceptance.lengths import SET
 from lab.acceptance.limits import Limits
 from lab.acceptance.measured import Measured
 
@@ -67,7 +67,7 @@ def _figure(
     measured: Measured, key: str, sets: Sequence[list[LengthError]], limits: Limits
 ) -> Figure:
     counted = [error for found in sets for error in found[:SET]]
-    largest = largest_of(counted)
+    largest, budget = largest_of(counted, measured, limits)
     verdict, remarks = _judged(sets, limits)
     decision = None
     if verdict is not None and largest.limit_mm is not None:
@@ -80,11 +80,7 @@ def _figure(
         f"{DEFINITION}. {_WAYS[key]}",
         "general knowledge",
         largest.error_mm,
-        budget_of(
-            measured.artefacts[largest.artefact],
-            measured.of(largest.artefact),
-            limits,
-        ),
+        budget,
         decision,
         (
             ("mean error", float(values.mean())),

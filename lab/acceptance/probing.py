@@ -137,17 +137,27 @@ def _location_remarks(measured: Measured, names: Sequence[str]) -> Iterator[str]
         )
 
 
+def _told_apart(touched: Touched, name: str, n: int, what: str) -> list[str]:
+    """List the features by which the parts of a test are told apart.
+
+    Raises:
+        IncompleteError: There are more or fewer of them.
+    """
+    found = list(dict.fromkeys(touched.features))
+    if len(found) != n:
+        raise IncompleteError(
+            f"{name}: has {len(found)} {what} ({', '.join(found) or 'none'}), "
+            f"expected {n}, told apart by their feature"
+        )
+    return found
+
+
 def location(measured: Measured, name: str, limits: Limits) -> Iterator[Part]:
     """L_DIA of ISO 10360-12; features name the five groups."""
     touched = measured.of(name)
     try:
         sphere = certified_sphere(measured.artefacts.get(name), name)
-        groups = list(dict.fromkeys(touched.features))
-        if len(groups) != 5:
-            raise IncompleteError(
-                f"{name}: has {len(groups)} groups ({', '.join(groups) or 'none'}), "
-                "expected 5, told apart by their feature"
-            )
+        groups = _told_apart(touched, name, 5, "groups")
         centres_mm = []
         for group in groups:
             part = touched.of(group)
@@ -187,12 +197,7 @@ def effective_diameter(measured: Measured, name: str, limits: Limits) -> Iterato
     touched = measured.of(name)
     try:
         sphere = certified_sphere(measured.artefacts.get(name), name)
-        repeats = list(dict.fromkeys(touched.features))
-        if len(repeats) != 3:
-            raise IncompleteError(
-                f"{name}: has {len(repeats)} repeats ({', '.join(repeats) or 'none'}), "
-                "expected 3, told apart by their feature"
-            )
+        repeats = _told_apart(touched, name, 3, "repeats")
         errors_mm: dict[str, float] = {}
         for repeat in repeats:
             part = touched.of(repeat)
