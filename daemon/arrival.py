@@ -71,8 +71,9 @@ class Arrival:
         reason = await self._publisher.probe()
         if reason is not None:
             where = self._publisher.address
-            text = f"broker {where}: {reason}; start it, or correct [broker]"
-            failures.append((UNREACHABLE, text))
+            # What is more than its absence comes with a remedy of its own.
+            remedy = "" if ";" in reason else "; start it, or correct [broker]"
+            failures.append((UNREACHABLE, f"broker {where}: {reason}{remedy}"))
         if not failures:
             return
         worst = min(status for status, _ in failures)
