@@ -25,6 +25,8 @@ from recording.run_writer import Entry
 log = logging.getLogger("daemon.recorder")
 
 TURN_S = 30.0  # that a slow disk may take
+# Whoever reads a press waits until this thread lets go of the interpreter.
+LONGEST_S, PAUSE_S = 0.0005, 0.0001
 
 
 class RecorderThread:
@@ -137,8 +139,13 @@ class RecorderThread:
             self._guarded.rescue()
             while not self._ended:
                 self.pulse.beat(TURN_S)
-                for item in self._queue.take():
+                items = self._queue.take()
+                begun_s = time.monotonic()
+                for item in items:
                     self._take(item)
+                    if time.monotonic() - begun_s > LONGEST_S:
+                        time.sleep(PAUSE_S)
+                        begun_s = time.monotonic()
                 now_s = time.monotonic()
                 if now_s - self._flushed_s >= self._section.flush_s:
                     self._flushed_s = now_s
