@@ -37,7 +37,7 @@ def bars(axes: Axes, names: dict[str, tuple[list[float], bool]], title: str) -> 
         low, middle, high = np.percentile(times_s, (10, 50, 90)) * 1e9
         axes.barh(place, middle, color=THEIRS if is_peer else OURS)
         axes.plot((low, high), (place, place), color="black", linewidth=1)
-        axes.text(middle * 1.08, place, f"{middle:,.0f}", va="center", fontsize=8)
+        axes.text(high * 1.06, place, f"{middle:,.0f}", va="center", fontsize=8)
         axes.text(
             0.0,
             place,
