@@ -2,8 +2,10 @@
 
 from collections.abc import Sequence
 
+from daemon.configuration import CaptureSection
 from daemon.device import Device
 from daemon.model import ArmModel
+from drivers.crossing import GATHER_NS
 
 
 class ArmDevices:
@@ -48,6 +50,12 @@ class ArmDevices:
         """Of the arm: what the first of them tells that has a sensor."""
         told_c = (device.temperature_c for device in self.all)
         return next((c for c in told_c if c is not None), None)
+
+    def let_gather(self, settings: CaptureSection) -> None:
+        """Let samples come together as long as nobody who looks at them waits."""
+        gather_s = min(settings.scan_block_s, 1.0 / settings.live_rate_hz) / 2.0
+        for device in self.all:
+            device.crossing.gather_ns = min(GATHER_NS, int(gather_s * 1e9))
 
     def request_stream(self, rate_hz: float) -> None:
         """Let all of them be read at a rate, or as fast as each can be."""

@@ -31,10 +31,6 @@ MAX_LATCHES = 16
 # not while its point is on its way, and several are at once.
 QUIET_S = 0.003
 OVERDUE_NS = 20_000_000
-# On a fast stream samples come together before they are decoded: a block of one costs
-# as much as a block of many. Bytes are read as they come, so none wait in the port.
-FAST_STREAM_HZ = 50.0
-GATHER_S = 0.025  # two blocks of samples fill a message of 50 ms
 GATHER_OWING_S = 0.005
 
 
@@ -162,10 +158,15 @@ class LatchBoard(Driver):
             line.check_alive()
 
     def _gather_s(self) -> float:
-        """How long to let samples come together."""
-        if self._rate_hz <= FAST_STREAM_HZ:
+        """How long to let samples come together before they are decoded.
+
+        A block of one costs as much as a block of many. Bytes are read as they come, so
+        none wait in the port.
+        """
+        gather_s = self._crossing.gather_ns * 1e-9
+        if self._rate_hz * gather_s <= 1.0:
             return 0.0
-        return GATHER_OWING_S if self._edges.owes else GATHER_S
+        return min(gather_s, GATHER_OWING_S) if self._edges.owes else gather_s
 
     def _disconnect(self) -> None:
         self._session = None

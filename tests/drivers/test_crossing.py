@@ -120,15 +120,20 @@ async def test_samples_wake_the_loop_seldom_and_everything_else_at_once():
     crossing.put(samples(1))
     assert loop.woken == 1
     await crossing.take()
-    clock.now_ns += GATHER_NS - 1
+    clock.now_ns += 4 * GATHER_NS // 5 - 1
     crossing.put(samples(1))
     assert loop.woken == 1  # gathered
     crossing.put(LATCH)
     assert loop.woken == 2
     await crossing.take()
-    clock.now_ns += GATHER_NS
+    clock.now_ns += 4 * GATHER_NS // 5
     crossing.put(samples(1))
     assert loop.woken == 3
+    await crossing.take()
+    crossing.gather_ns = 10_000_000  # somebody wants them sooner
+    clock.now_ns += 8_000_000
+    crossing.put(samples(1))
+    assert loop.woken == 4
 
 
 async def test_a_loop_that_has_been_woken_is_not_woken_again_before_it_comes():
