@@ -19,8 +19,6 @@ from drivers.values import Identity
 from tests.daemon.values import MODULI, SetClock, kept_at_once
 
 BOARD = Identity("latch board 07", "1.2.3", MODULI, 2, 10_000.0)
-
-
 OTHER_BOARD = Identity("latch board 08", "1.2.3", MODULI[:1], 2, 10_000.0)
 
 

@@ -9,8 +9,6 @@ from drivers.canopen_cycle import Cycles
 from drivers.values import STATUS_ERROR, STATUS_LATE, STATUS_MISSING, CountSamples
 
 NODES = (3, 7, 11)
-
-
 TURN = 1 << 20
 
 

@@ -6,14 +6,7 @@ import tomlkit
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kinematics.arm_file import (
-    FileError,
-    Problem,
-    StrictModel,
-    parse_arm,
-    parse_strict,
-    read_arm,
-)
+from kinematics.arm_file import FileError, parse_arm, read_arm
 from tests.kinematics.arms import ARM_TEXT
 
 EVERYTHING_WRONG = """\
@@ -89,7 +82,6 @@ cos_rad = 1
 sin_rad = 1.0
 epoch_utc = 2026-11-20T09:00:00
 """
-
 _PLACES = """
 schema name origin_mm colour joints[0].axis joints[0].link joints[0].link_mm
 joints[0].zero_rad joints[0].mass_kg joints[0].encoder.counts_per_turn
@@ -232,45 +224,6 @@ def test_missing_and_unreadable_files_are_refused_with_the_reason(tmp_path):
     [problem] = caught.value.problems
     assert problem.where == "line 2, column 10"
     assert "0xfc is not UTF-8" in problem.message
-
-
-class Device(StrictModel):
-    id: str
-    rate_hz: float = 1.0
-
-
-class Settings(StrictModel):
-    device: tuple[Device, ...] = ()
-    broker: Device | None = None
-
-
-def no_spaces(raw):
-    for index, device in enumerate(raw.get("device", [])):
-        if " " in str(device.get("id")):
-            yield Problem(f"device[{index}].id", "has a space")
-
-
-def test_strict_reading_serves_other_files():
-    text = '[[device]]\nid = "a"\nrate_hz = 5\n'
-    assert parse_strict(text, "d.toml", Settings, no_spaces) == Settings(
-        device=(Device(id="a", rate_hz=5.0),)
-    )
-    text = '[[device]]\nid = "a b"\nrate = 5\n[broker]\nId = 1\n'
-    with pytest.raises(FileError) as caught:
-        parse_strict(text, "d.toml", Settings, no_spaces)
-    assert str(caught.value).splitlines() == [
-        "d.toml: 4 problems",
-        "  device[0].id: has a space",
-        "  device[0].rate: unknown key 'rate'; did you mean 'rate_hz'? "
-        "units are part of the name",
-        "  broker.Id: unknown key 'Id'; did you mean 'id'?",
-        "  broker.id: is missing; add it",
-    ]
-
-
-def test_cross_check_alone_refuses_a_file():
-    with pytest.raises(FileError, match="has a space"):
-        parse_strict('[[device]]\nid = "a b"\n', "d.toml", Settings, no_spaces)
 
 
 junk = st.recursive(
