@@ -36,6 +36,7 @@ from daemon.configuration import AssemblySection
 from daemon.joint_counts import JointCounts
 from daemon.model import ArmModel, read_model
 from daemon.pipeline import Pipeline
+from drivers.crossing import GATHER_NS
 from drivers.driver import Driver
 from drivers.values import (
     STATUS_MISSING,
@@ -65,6 +66,7 @@ class Taker:
 
     dropped_samples = dropped_others = 0
     max_samples = 1 << 20
+    gather_ns = GATHER_NS
 
     def __init__(self, asked_hz: float, over: threading.Event) -> None:
         self.all: list[Delivery] = []

@@ -7,6 +7,8 @@ from daemon.device import Device
 from daemon.model import ArmModel
 from drivers.crossing import GATHER_NS
 
+AWAITED_NS = 20_000_000
+
 
 class ArmDevices:
     """Those of all devices that the arm file names.
@@ -51,11 +53,18 @@ class ArmDevices:
         told_c = (device.temperature_c for device in self.all)
         return next((c for c in told_c if c is not None), None)
 
-    def let_gather(self, settings: CaptureSection) -> None:
-        """Let samples come together as long as nobody who looks at them waits."""
-        gather_s = min(settings.scan_block_s, 1.0 / settings.live_rate_hz) / 2.0
+    def let_gather(self, settings: CaptureSection, *, may_wait: bool) -> None:
+        """Let samples come together, as long as nobody who looks at them waits.
+
+        Args:
+            settings: how often blocks of scans and live poses are wanted.
+            may_wait: points wait for samples.
+        """
+        # A little longer, or a block that lacks a sample would wait for as much again.
+        gather_s = 1.04 * min(settings.scan_block_s, 1.0 / settings.live_rate_hz)
+        longest_ns = AWAITED_NS if may_wait else GATHER_NS
         for device in self.all:
-            device.crossing.gather_ns = min(GATHER_NS, int(gather_s * 1e9))
+            device.crossing.gather_ns = min(longest_ns, int(gather_s * 1e9))
 
     def request_stream(self, rate_hz: float) -> None:
         """Let all of them be read at a rate, or as fast as each can be."""

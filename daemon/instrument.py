@@ -65,7 +65,6 @@ class Instrument:
         loop = asyncio.get_running_loop()
         self.devices = [open_device(d, loop) for d in configuration.device]
         self.arm_devices = ArmDevices(model, self.devices)
-        self.arm_devices.let_gather(settings)
         self.measuring = Measuring(
             clock=steps,
             devices=self.arm_devices,
@@ -85,11 +84,6 @@ class Instrument:
             tape=recorder,
         )
         recorder.state = MeasuringState(self.measuring, self.capture)
-
-    def use(self, configuration: Configuration, model: ArmModel) -> None:
-        """Go by another arm file and configuration; only while nothing is measured."""
-        self.measuring.use(configuration, model)
-        self.arm_devices.let_gather(configuration.capture)
 
     async def keep_time(self) -> None:
         """See to what waits for readings, or for time to pass; else sleep."""

@@ -104,6 +104,7 @@ class Measuring:
         self._temperature = TemperatureWatch(clock, events)
         self._health = health
         self._offer_live = offer_live
+        self._settings = taking or CaptureSection()
         self.assembly = Assembly(pipeline.model, settings)
         self._states = DeviceStates(
             clock=clock,
@@ -135,7 +136,7 @@ class Measuring:
             self._stage,
             capture=capture,
             triggers=triggers,
-            settings=taking or CaptureSection(),
+            settings=self._settings,
             events=events,
             health=health,
         )
@@ -144,6 +145,7 @@ class Measuring:
         self.rate_hz = 0.0
         # Points come out of the stream where nothing latches all joints for them.
         self._remembers = not triggers.devices <= set(pipeline.model.devices)
+        self._let_gather()
 
     @property
     def clock_device(self) -> Device:
@@ -163,7 +165,7 @@ class Measuring:
 
     def use(self, configuration: Configuration, model: ArmModel) -> None:
         """Go by another arm file and configuration; only while `is_idle`."""
-        capture = configuration.capture
+        capture = self._settings = configuration.capture
         self._triggers = triggers_of(capture)
         self._remembers |= not self._triggers.devices <= set(model.devices)
         self._uncertainty = Uncertainty(configuration.uncertainty)
@@ -173,6 +175,7 @@ class Measuring:
         self.points.use(self._stage, self._triggers, capture)
         self._live.use_rate(capture.live_rate_hz)
         self._scanner.use_settings(capture.scan_block_s, configuration.scan)
+        self._let_gather()
 
     def use_probe(self, model: ArmModel) -> None:
         """Measure with another probe on the same arm from the next sample on."""
@@ -265,6 +268,7 @@ class Measuring:
                 # What cannot latch gives its points out of the stream.
                 not_latching = not delivery.identity.latches
                 self._remembers |= not_latching and device in self._devices
+                self._let_gather()
             case DeviceLost():
                 self._states.take_lost(device, delivery)
             case DeviceAlarm():
@@ -274,6 +278,9 @@ class Measuring:
                 )
             case DeviceFault():
                 self._states.take_fault(device, delivery)
+
+    def _let_gather(self) -> None:
+        self._devices.let_gather(self._settings, may_wait=self.may_wait)
 
     def _take_samples(self, device: Device, samples: CountSamples) -> None:
         device.samples += len(samples.seq)

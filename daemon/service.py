@@ -183,7 +183,7 @@ class Service:
     def _use(self, inputs: Inputs) -> None:
         """Go by a new configuration and arm file."""
         configuration = self._configuration = inputs.configuration
-        self._instrument.use(configuration, inputs.model)
+        self._measuring.use(configuration, inputs.model)
         self._table.use(inputs)
         self._output.use(configuration)
         self._publisher.renew()

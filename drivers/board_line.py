@@ -13,8 +13,8 @@ TRIES = 8
 SILENCE_S = 2.0  # four heartbeats
 
 MOST_BYTES = 16_384
-# A whole frame of an edge: neither the code of COBS in front nor the type are zero.
-_EDGE = re.compile(rb"(?:\A|\0)[^\0]%b[^\0]*\0" % re.escape(bytes((wire.EDGE,))))
+# A whole frame of anything but a timed sample.
+_OTHER = re.compile(rb"(?:\A|\0)(?!%b)[^\0]+\0" % re.escape(wire.TIMED))
 
 Answer = wire.Hello | wire.Reply | wire.Latched
 
@@ -74,14 +74,14 @@ class BoardLine:
         """Read what there is and dispatch it.
 
         Args:
-            gather_s: so long timed samples may come together first; an edge among them
-                ends it, and so does a wake-up.
+            gather_s: so long timed samples may come together first; anything else
+                among them ends it, an edge above all, and so does a wake-up.
         """
         data, received_ns = self._port.read(), self._now_ns()
         pieces, n_bytes = [data], len(data)
         until_ns = received_ns + int(gather_s * 1e9)
         while (
-            not self._ends_edge(data)
+            not self._brings_others(data)
             and n_bytes < MOST_BYTES
             and received_ns < until_ns
             and self._port.wait((until_ns - received_ns) * 1e-9)
@@ -97,11 +97,14 @@ class BoardLine:
                 self._answer = message
             self._dispatch(message, received_ns)
 
-    def _ends_edge(self, data: bytes) -> bool:
-        """Whether these bytes, the next ones of the line, complete an edge."""
+    def _brings_others(self, data: bytes) -> bool:
+        """Whether these bytes, the next ones of the line, are not of samples alone.
+
+        An edge is not to wait; what tells the board's time is to be taken when it came.
+        """
         joined = self._begun + data
         self._begun = joined.rpartition(b"\0")[2][:MAX_SEGMENT]
-        return _EDGE.search(joined) is not None
+        return _OTHER.search(joined) is not None
 
     def begin(self) -> None:
         """End whatever the line carried before."""

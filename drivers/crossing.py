@@ -27,7 +27,7 @@ from drivers.values import (
     StreamStarted,
 )
 
-GATHER_NS = 25_000_000
+GATHER_NS = 52_000_000
 EDGES_NS = 500_000
 MOST_JOINED = 500  # samples; more than come in that time, at any rate
 ROOM_FOR_STATES = 64

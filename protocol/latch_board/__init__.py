@@ -45,6 +45,7 @@ from protocol.latch_board.requests import (
     start_request,
     stop_request,
 )
+from protocol.latch_board.samples import TIMED
 
 __all__ = [
     "ALARMS",
@@ -64,6 +65,7 @@ __all__ = [
     "STATUS_STALE",
     "STATUS_WARNING",
     "STOP",
+    "TIMED",
     "WHOLE_BOARD",
     "Alarm",
     "Channel",

@@ -4,6 +4,9 @@ import numpy as np
 
 from protocol.latch_board.messages import SampleBlock
 
+TIMED = b"\x02\x83"
+"""How the frame of a timed sample begins, and no other: its type, then a token of 0."""
+
 
 def _sample_dtype(n_channels: int) -> np.dtype[np.void]:
     return np.dtype(

@@ -1,10 +1,13 @@
 """How long samples of the arm's devices may come together."""
 
+from dataclasses import replace
+
 import pytest
 
 from daemon.arm_devices import ArmDevices
 from daemon.configuration import CaptureSection
-from tests.daemon.measuring_bench import Bench
+from drivers.values import DeviceUp
+from tests.daemon.measuring_bench import BOARD, Bench
 from tests.daemon.values import arm_model
 
 
@@ -16,17 +19,24 @@ async def bench(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("settings", "gather_ns"),
+    ("settings", "may_wait", "gather_ns"),
     [
-        (CaptureSection(), 25_000_000),
-        (CaptureSection(live_rate_hz=100.0), 5_000_000),
-        (CaptureSection(scan_block_s=0.01), 5_000_000),
-        (CaptureSection(scan_block_s=1.0, live_rate_hz=0.5), 25_000_000),
+        (CaptureSection(), False, 52_000_000),
+        (CaptureSection(), True, 20_000_000),
+        (CaptureSection(live_rate_hz=100.0), False, 10_400_000),
+        (CaptureSection(scan_block_s=0.01), True, 10_400_000),
+        (CaptureSection(scan_block_s=1.0, live_rate_hz=0.5), False, 52_000_000),
     ],
 )
-async def test_samples_come_together_as_long_as_no_message_waits_for_them(
-    bench, settings, gather_ns
+async def test_samples_come_together_as_long_as_nobody_waits_for_them(
+    bench, settings, may_wait, gather_ns
 ):
     devices = ArmDevices(bench.measuring.model, [bench.device])
-    devices.let_gather(settings)
+    devices.let_gather(settings, may_wait=may_wait)
     assert bench.device.crossing.gather_ns == gather_ns
+
+
+async def test_an_arm_that_cannot_latch_is_taken_up_sooner(bench):
+    assert bench.device.crossing.gather_ns == 52_000_000
+    bench.take(DeviceUp("base", replace(BOARD, latches=False), False))
+    assert bench.device.crossing.gather_ns == 20_000_000

@@ -61,6 +61,19 @@ def edge() -> bytes:
     return wire.edge(0, 1, 1, seq=0, ticks=3, counts=COUNTS, status=STATUS)
 
 
+def heartbeat() -> bytes:
+    return wire.heartbeat(
+        1,
+        0,
+        3,
+        edges_back=0,
+        next_sample_seq=2,
+        next_edge_seq=0,
+        tx_dropped=0,
+        rx_rejected=0,
+    )
+
+
 def reads(*script: tuple[int, bytes]) -> list[tuple[int, str]]:
     """When each message was dispatched, and what it is."""
     port = ScriptedPort(*script)
@@ -107,6 +120,11 @@ def test_an_edge_begun_in_the_read_before_is_taken_up_when_it_is_whole():
             (8 * MS_NS, whole[cut:]),
         ]
         assert (8 * MS_NS, "Edge") in reads(*script)
+
+
+def test_the_time_of_a_heartbeat_is_when_it_came():
+    script = [(MS_NS, sample(1)), (2 * MS_NS, heartbeat()), (3 * MS_NS, sample(2))]
+    assert (2 * MS_NS, "Heartbeat") in reads(*script)
 
 
 def test_samples_that_hold_the_type_of_an_edge_are_no_edges():
