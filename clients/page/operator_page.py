@@ -7,20 +7,21 @@ from nicegui import ui
 
 from clients.arm import Arm
 from clients.display.follower import Follower
-from clients.display.guided import GuidedCheck
 from clients.display.sight import Change
-from clients.display.verdict import Verdict, verdict
+from clients.display.verdict import verdict
 from clients.page.arm_scene import ArmScene
+from clients.page.banner import Banner
+from clients.page.check_panel import CheckPanel
 from clients.page.controls import Controls, Soft
-from clients.page.figures import Figures, point_rows
-from clients.page.tables import alarm_list, coverage_bars, health_table
+from clients.page.figures import Figures
+from clients.page.points_panel import PointsPanel
+from clients.page.tables import alarm_list, health_table
 from protocol.messages import Point
 
 HERE = Path(__file__).parent
 FAST_S = 0.05
 SLOW_S = 0.5
 CLOUD_S = 0.25
-SHOWN_POINTS = 60
 VIEWS = (
     ("Probe", "probe", "p"),
     ("All", "iso", "f"),
@@ -28,8 +29,6 @@ VIEWS = (
     ("Front", "front", "2"),
     ("Right", "right", "3"),
 )
-FILES = (("CSV", "csv"), ("JSON", "jsonl"), ("PLY", "ply"))
-CHECKS = (("Single point", "articulation", 10), ("Sphere", "sphere", 9))
 AVERAGE_S = 0.5
 
 
@@ -51,7 +50,6 @@ class OperatorPage:
         self._follower = follower
         self._sight = follower.sight
         self._export = export
-        self._check: GuidedCheck | None = None
         self._seen_live: object = None
         self._seen_cloud = (-1, -1)
         self._session: str | None = None
@@ -70,7 +68,7 @@ class OperatorPage:
         ui.add_css(HERE / "page.css")
         ui.add_body_html(f"<script>{(HERE / 'sounds.js').read_text('utf-8')}</script>")
         with ui.element("main").classes("page"):
-            self._build_banner()
+            self._banner = Banner(self._follower.name, self._mute, self._turn_light)
             self._figures = Figures()
             with ui.element("section").classes("panel scene-panel"):
                 self._scene = ArmScene(cloud_url)
@@ -94,53 +92,11 @@ class OperatorPage:
                 keys,
             )
             with ui.element("section").classes("lists"):
-                self._build_points()
-                self._build_middle()
+                self._points = PointsPanel(self._label, self._saving)
+                self._check = CheckPanel()
                 self._build_health()
         self._told = ui.label().classes("visually-hidden")
         self._told.props('role="status" aria-live="polite"')
-
-    def _build_banner(self) -> None:
-        with ui.element("header").classes("panel banner good") as self._banner:
-            ui.label(self._follower.name).classes("arm")
-            with ui.element("div").classes("said").props('role="alert"'):
-                self._sentence = ui.label()
-                self._remedy = ui.label().classes("remedy")
-            self._mute_button = ui.button("Sound on", on_click=self._mute, color=None)
-            self._mute_button.props('flat dense aria-keyshortcuts="M"')
-            self._light_button = ui.button(
-                "Light", on_click=self._turn_light, color=None
-            )
-            self._light_button.props('flat dense aria-keyshortcuts="D"')
-
-    def _build_points(self) -> None:
-        with ui.element("section").classes("panel"):
-            with ui.element("div").classes("bar"):
-                self._points_title = ui.html("<h2>Points</h2>", sanitize=False)
-                ui.space()
-                label = ui.button("Label (L)", on_click=self._label, color=None)
-                label.props("flat dense")
-                for name, kind in FILES:
-                    save = ui.button(name, on_click=self._saving(kind), color=None)
-                    save.props(f'flat dense aria-label="Save points as {name}"')
-            self._rows = ui.html(point_rows([], None), sanitize=False)
-
-    def _build_middle(self) -> None:
-        with ui.element("section").classes("panel"):
-            with ui.element("div").classes("bar"):
-                ui.html("<h2>Guided checks</h2>", sanitize=False)
-                ui.space()
-                for name, kind, wanted in CHECKS:
-                    begin = self._beginning(kind, wanted)
-                    button = ui.button(name, on_click=begin, color=None)
-                    button.props("outline dense")
-                self._close = ui.button("Close", on_click=self._end_check, color=None)
-                self._close.props("flat dense").set_visibility(False)
-            self._instruction = ui.label().classes("instruction")
-            self._results = ui.html("", sanitize=False)
-            with ui.element("div") as self._coverage:
-                ui.html("<h2>Where the joints have been</h2>", sanitize=False)
-                self._bars = ui.html("", sanitize=False)
 
     def _build_health(self) -> None:
         with ui.element("section").classes("panel"):
@@ -159,18 +115,13 @@ class OperatorPage:
         point = change.point
         if change.kind == "point" and point is not None:
             self._scene.add_points([point])
-            if self._check is not None:
-                self._check.take(point)
         elif point is not None and point.retracts is not None:
             self._scene.remove_point(point.retracts)
-            if self._check is not None:
-                self._check.undo(point.retracts)
         elif change.kind == "refused":
-            with self._banner:
-                ui.notify(change.text, type="negative", timeout=8000, position="top")
+            self._banner.tell_refused(change.text)
         if point is not None:
             self._show_points(point.id)
-            self._show_check()
+            self._check.take(point)
         if change.kind in ("alarm", "cleared", "link", "status"):
             self._show_verdict()
         session = self._sight.status.session if self._sight.status else None
@@ -190,7 +141,7 @@ class OperatorPage:
         self._show_verdict()
         self._health.set_content(health_table(self._sight))
         self._alarms.set_content(alarm_list(self._sight))
-        self._bars.set_content(coverage_bars(self._sight))
+        self._check.show_coverage(self._sight)
         scan = self._sight.scan
         runs = scan is not None and not scan.last
         self._controls.name("s", "Stop scan" if runs else "Start scan", is_on=runs)
@@ -202,19 +153,11 @@ class OperatorPage:
             self._scene.show_cloud(cloud.version, cloud.n_kept, cloud.n_seen)
 
     def _show_verdict(self) -> None:
-        said: Verdict = verdict(self._sight)
-        others = {"good", "warning", "bad"} - {said.level}
-        self._banner.classes(add=said.level, remove=" ".join(others))
-        more = f" (and {said.others} more)" if said.others else ""
-        self._sentence.set_text(said.sentence + more)
-        self._remedy.set_text(said.remedy)
+        self._banner.show(verdict(self._sight))
 
     def _show_points(self, newest: str | None) -> None:
         points = list(self._sight.points.values())
-        self._rows.set_content(point_rows(points[-SHOWN_POINTS:], newest))
-        lost = self._sight.lost_points
-        told = f", {lost} lost" if lost else ""
-        self._points_title.set_content(f"<h2>Points: {len(points)}{told}</h2>")
+        self._points.show(points, self._sight.lost_points, newest)
 
     def _all_points(self) -> None:
         self._scene.theme(dark=bool(self._dark.value))
@@ -222,22 +165,6 @@ class OperatorPage:
         self._show_points(None)
         self._scene.forget_pose()
         self._seen_live, self._seen_cloud = None, (-1, -1)
-
-    def _show_check(self) -> None:
-        check = self._check
-        self._close.set_visibility(check is not None)
-        self._coverage.set_visibility(check is None)
-        self._instruction.set_text("" if check is None else check.instruction)
-        rows = [] if check is None else check.results
-        self._results.set_content(
-            '<table class="plain wrap"><tbody>'
-            + "".join(
-                f'<tr><td class="text">{name}</td><td><b>{value}</b></td>'
-                f'<td class="text"><small>{told}</small></td></tr>'
-                for name, value, told in rows
-            )
-            + "</tbody></table>"
-        )
 
     # -- what is done -----------------------------------------------------------
 
@@ -292,25 +219,14 @@ class OperatorPage:
         return lambda: self._scene.view(view)
 
     def _mute(self) -> None:
-        muted = self._mute_button.text == "Sound on"
-        self._mute_button.set_text("Sound off" if muted else "Sound on")
-        self._run(f"traverse_sounds.muted = {str(muted).lower()}")
+        muted = str(self._banner.turn_sound()).lower()
+        self._run(f"traverse_sounds.muted = {muted}")
 
     def _turn_light(self) -> None:
         self._dark.toggle()
-        self._light_button.set_text("Light" if self._dark.value else "Dark")
-        self._scene.theme(dark=bool(self._dark.value))
-
-    def _beginning(self, kind: str, wanted: int) -> Callable[[], None]:
-        def begin() -> None:
-            self._check = GuidedCheck(kind, wanted)
-            self._show_check()
-
-        return begin
-
-    def _end_check(self) -> None:
-        self._check = None
-        self._show_check()
+        is_dark = bool(self._dark.value)
+        self._banner.name_light(is_dark=is_dark)
+        self._scene.theme(dark=is_dark)
 
     def _run(self, script: str) -> None:
         self._scene.client.run_javascript(script)
