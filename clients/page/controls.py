@@ -53,10 +53,12 @@ class Controls:
         ui.keyboard(
             self._letter, repeating=False, ignore=["input", "select", "textarea"]
         )
-        # A button clicked by hand would else keep the focus, and Space its meaning.
+        # A button clicked by hand, or what is in it, would else keep the focus, and
+        # Space its meaning.
         ui.add_body_html(
-            "<script>addEventListener('pointerup', () => setTimeout(() =>"
-            " document.activeElement?.closest('button')?.blur()))</script>"
+            "<script>addEventListener('pointerup', () => setTimeout(() => {"
+            " const focused = document.activeElement;"
+            " if (focused?.closest('button')) focused.blur() }))</script>"
         )
 
     def name(self, key: str, name: str, *, is_on: bool) -> None:
