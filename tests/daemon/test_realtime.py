@@ -13,7 +13,7 @@ import pytest
 from pydantic import ValidationError
 
 from daemon.events import EventLog
-from daemon.realtime import prepare
+from daemon.realtime import NET_NEW_OBJECTS, prepare
 from daemon.realtime_section import RealtimeSection
 from tests.daemon.values import SetClock
 
@@ -112,7 +112,7 @@ def test_all_that_is_refused_is_one_warning_with_its_remedy():
 
 
 def test_threads_have_their_names_in_the_kernel_and_the_start_is_frozen():
-    ending = threading.Event()
+    ending, thresholds = threading.Event(), gc.get_threshold()
     reader = threading.Thread(target=ending.wait, name="driver-a-long-name")
     reader.start()
     try:
@@ -121,8 +121,10 @@ def test_threads_have_their_names_in_the_kernel_and_the_start_is_frozen():
         name = Path(f"/proc/self/task/{reader.native_id}/comm").read_text()
         assert name == "driver-a-long-n\n"
         assert gc.get_freeze_count() > before
+        assert gc.get_threshold()[0] == NET_NEW_OBJECTS
     finally:
         gc.unfreeze()
+        gc.set_threshold(*thresholds)
         ending.set()
         reader.join()
 
