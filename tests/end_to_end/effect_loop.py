@@ -26,7 +26,7 @@ from drivers.values import Delivery
 from kinematics.arm_file import Arm, Effect, Identification, write_arm
 from protocol.messages import Point
 from tests.daemon.values import kept_at_once
-from tests.end_to_end.virtual_time import VirtualBoard, played
+from tests.end_to_end.virtual_time import Straight, VirtualBoard, played
 from tests.simulator.effect_examples import START, heavy_arm
 
 RATE_HZ = 100.0  # of the tracking stream that the daemon runs by itself
@@ -142,7 +142,7 @@ class Daemon:
         section = section_of(
             {"id": "base", "driver": "latch-board", "port": "board.pty"}
         )
-        self._device = Device(section, None, None)
+        self._device = Device(section, Straight(lambda delivery: None), None)
         self._pipeline = Pipeline(self.model, clock)
         self._measuring = Measuring(
             clock=clock,

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from daemon.clock import HostClock
+from drivers.crossing import GATHER_NS
 from drivers.driver import Driver
 from drivers.latch_board import LatchBoard
 from drivers.serial_port import SerialPort
@@ -139,6 +140,7 @@ class Straight:
 
     dropped_samples = 0
     dropped_others = 0
+    gather_ns = GATHER_NS
 
     def __init__(self, take: Callable[[Delivery], object]) -> None:
         self._take = take
