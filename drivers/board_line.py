@@ -1,7 +1,7 @@
 """The line to a latch board: requests that are answered, reads that are decoded."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from drivers.serial_port import SerialPort
 from drivers.values import DeviceError, DeviceRefusedError
@@ -16,6 +16,9 @@ MOST_BYTES = 16_384
 # A whole frame of anything but a timed sample.
 _OTHER = re.compile(rb"(?:\A|\0)(?!%b)[^\0]+\0" % re.escape(wire.TIMED))
 
+EarlierReads = Sequence[tuple[int, int]]
+"""Of reads that ended in the midst of a block: its last row there, and the time."""
+
 Answer = wire.Hello | wire.Reply | wire.Latched
 
 
@@ -25,8 +28,8 @@ class BoardLine:
     Args:
         port: open port; whoever opened it closes it.
         monotonic_ns: the host's clock.
-        dispatch: called with every message and the time right after its read,
-            answers included.
+        dispatch: called with every message, answers included, the time right after
+            its read, and what earlier reads have brought of a block of samples.
         stopping: asked between waits; True ends an unanswered request.
 
     Attributes:
@@ -37,7 +40,7 @@ class BoardLine:
         self,
         port: SerialPort,
         monotonic_ns: Callable[[], int],
-        dispatch: Callable[[wire.Message, int], None],
+        dispatch: Callable[[wire.Message, int, EarlierReads], None],
         stopping: Callable[[], bool],
     ) -> None:
         self._port = port
@@ -78,7 +81,7 @@ class BoardLine:
                 among them ends it, an edge above all, and so does a wake-up.
         """
         data, received_ns = self._port.read(), self._now_ns()
-        pieces, n_bytes = [data], len(data)
+        reads, n_bytes = [(data, received_ns)], len(data)
         until_ns = received_ns + int(gather_s * 1e9)
         while (
             not self._brings_others(data)
@@ -87,15 +90,18 @@ class BoardLine:
             and self._port.wait((until_ns - received_ns) * 1e-9)
         ):
             data, received_ns = self._port.read(), self._now_ns()
-            pieces.append(data)
+            reads.append((data, received_ns))
             n_bytes += len(data)
-        messages = self._decoder.feed(b"".join(pieces))
+        before = self._decoder.accepted
+        messages = self._decoder.feed(b"".join(data for data, _ in reads))
         if messages:
             self._heard_ns = received_ns
+        earlier = _earlier(reads, self._decoder.accepted - before)
         for message in messages:
             if isinstance(message, Answer) and message.request == self._request:
                 self._answer = message
-            self._dispatch(message, received_ns)
+            self._dispatch(message, received_ns, earlier)
+            earlier = ()  # they are of the first block
 
     def _brings_others(self, data: bytes) -> bool:
         """Whether these bytes, the next ones of the line, are not of samples alone.
@@ -168,3 +174,15 @@ class BoardLine:
                 "change the configuration to what the board can do",
             )
         return answer
+
+
+def _earlier(reads: Sequence[tuple[bytes, int]], accepted: int) -> EarlierReads:
+    """What all reads but the last have brought; nothing where a frame was broken."""
+    if len(reads) == 1:
+        return ()
+    ended, found = 0, []
+    for data, received_ns in reads[:-1]:
+        if n := data.count(0):
+            ended += n
+            found.append((ended - 1, received_ns))
+    return found if ended + reads[-1][0].count(0) == accepted else ()

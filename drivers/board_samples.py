@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from drivers.board_line import EarlierReads
 from drivers.board_reports import BoardReports
 from drivers.stream_sequence import StreamSequence
 from drivers.tick_clock import TickClock
@@ -44,8 +45,16 @@ class BoardSamples:
         """A stream is under way, as far as the board has been told."""
         return self._request != 0
 
-    def take(self, block: wire.SampleBlock, received_ns: int) -> None:
-        """Hand over what is new in a block."""
+    def take(
+        self,
+        block: wire.SampleBlock,
+        received_ns: int,
+        earlier: EarlierReads = (),
+    ) -> None:
+        """Hand over what is new in a block.
+
+        Each read tells the clock of one delay, and the smallest of many is to be found.
+        """
         counters = self._reports.counters
         if block.request != self._request:
             counters["samples_of_old_stream"] += len(block.seq)
@@ -57,6 +66,9 @@ class BoardSamples:
         self._report_lost(lost)
         if not len(seq):
             return
+        for row, at_ns in earlier:
+            if row < len(block.ticks):
+                self._clock.update(self._clock.unwrap_one(int(block.ticks[row])), at_ns)
         rows = slice(None) if kept is None else kept
         ticks = self._clock.unwrap(block.ticks[rows])
         self._clock.update(int(ticks[-1]), received_ns)

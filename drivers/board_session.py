@@ -1,6 +1,7 @@
 """A latch board that has said who it is: what it says from then on is taken here."""
 
 from drivers.board_latches import BoardLatches
+from drivers.board_line import EarlierReads
 from drivers.board_reports import BoardReports
 from drivers.board_samples import BoardSamples
 from drivers.edge_order import EdgeOrder
@@ -34,7 +35,9 @@ class BoardSession:
         self.samples = BoardSamples(self._clock, reports)
         self.latches = BoardLatches(self._clock, edges, reports)
 
-    def take(self, message: wire.Message, received_ns: int) -> None:
+    def take(
+        self, message: wire.Message, received_ns: int, earlier: EarlierReads = ()
+    ) -> None:
         """Take what is about samples, edges and time; all else is not for here.
 
         Raises:
@@ -42,7 +45,7 @@ class BoardSession:
         """
         match message:
             case wire.SampleBlock():
-                self.samples.take(message, received_ns)
+                self.samples.take(message, received_ns, earlier)
             case wire.Edge():
                 self.latches.take_edge(message, received_ns)
             case wire.Heartbeat():

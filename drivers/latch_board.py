@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Callable
 
 from drivers.board_hello import alarm_of, check_hello, identity_of
-from drivers.board_line import Answer, BoardLine
+from drivers.board_line import Answer, BoardLine, EarlierReads
 from drivers.board_reports import BoardReports
 from drivers.board_session import BoardSession
 from drivers.crossing import Crossing
@@ -215,7 +215,9 @@ class LatchBoard(Driver):
             self._fault("request_refused", str(error), error.remedy)
             return None
 
-    def _dispatch(self, message: wire.Message, received_ns: int) -> None:
+    def _dispatch(
+        self, message: wire.Message, received_ns: int, earlier: EarlierReads
+    ) -> None:
         session = self._session  # until HELLO it may be of another board
         match message:
             case wire.Reply(request_type=wire.START, result=0) if session is not None:
@@ -229,7 +231,7 @@ class LatchBoard(Driver):
             case wire.Alarm():
                 self._crossing.put(alarm_of(self.device, message))
             case _ if session is not None:
-                session.take(message, received_ns)
+                session.take(message, received_ns, earlier)
             case wire.SampleBlock():
                 self._counters["samples_of_old_stream"] += len(message.seq)
             case _:

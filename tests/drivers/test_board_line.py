@@ -74,19 +74,26 @@ def heartbeat() -> bytes:
     )
 
 
-def reads(*script: tuple[int, bytes]) -> list[tuple[int, str]]:
-    """When each message was dispatched, and what it is."""
+def dispatched(*script: tuple[int, bytes]) -> list[tuple]:
+    """What is dispatched: message, time, what earlier reads have brought of it."""
     port = ScriptedPort(*script)
-    found: list[tuple[int, str]] = []
+    found: list[tuple] = []
     line = BoardLine(
         port,
         lambda: port.now_ns,
-        lambda message, at_ns: found.append((at_ns, type(message).__name__)),
+        lambda *what: found.append(what),
         lambda: False,
     )
     while port.wait(0.1):
         line.read(GATHER_S)
     return found
+
+
+def reads(*script: tuple[int, bytes]) -> list[tuple[int, str]]:
+    """When each message was dispatched, and what it is."""
+    return [
+        (at_ns, type(message).__name__) for message, at_ns, _ in dispatched(*script)
+    ]
 
 
 def test_samples_come_together_for_the_time_that_is_given():
@@ -142,3 +149,33 @@ def test_a_flood_is_taken_up_before_the_time_is_over():
     flood = b"".join(sample(seq) for seq in range(400))
     script = [(MS_NS, flood), (2 * MS_NS, sample(400))]
     assert reads(*script)[0] == (MS_NS, "SampleBlock")
+
+
+def test_each_read_tells_when_its_last_sample_came():
+    third = sample(3)
+    script = [
+        (MS_NS, sample(1)),
+        (2 * MS_NS, sample(2) + third[:5]),
+        (3 * MS_NS, third[5:9]),
+        (4 * MS_NS, third[9:] + sample(4)),
+    ]
+    [(block, at_ns, earlier)] = dispatched(*script)
+    assert block.seq.tolist() == [1, 2, 3, 4]
+    assert at_ns == 4 * MS_NS
+    assert list(earlier) == [(0, MS_NS), (1, 2 * MS_NS)]
+
+
+def test_where_a_frame_is_broken_nobody_can_say_which_sample_came_when():
+    broken = bytearray(sample(2))
+    broken[9] ^= 0x40
+    script = [(MS_NS, sample(1)), (2 * MS_NS, bytes(broken)), (3 * MS_NS, sample(3))]
+    [(block, at_ns, earlier)] = dispatched(*script)
+    assert block.seq.tolist() == [1, 3]
+    assert (at_ns, list(earlier)) == (3 * MS_NS, [])
+
+
+def test_what_earlier_reads_brought_is_of_the_samples_alone():
+    script = [(MS_NS, sample(1)), (2 * MS_NS, sample(2) + edge())]
+    (_, _, of_samples), (_, _, of_edge) = dispatched(*script)
+    assert list(of_samples) == [(0, MS_NS)]
+    assert list(of_edge) == []
