@@ -1,14 +1,19 @@
-"""An MQTT client that learns why it was not let in."""
+"""An MQTT client that learns why it was not let in, and ends when it is told to."""
 
+import asyncio
 import logging
+import math
 import socket
-from typing import Any, Self
+from collections.abc import Awaitable
+from typing import Any, Self, TypeVar
 
 import aiomqtt
 from paho.mqtt.client import Client as PahoClient
 from paho.mqtt.client import DisconnectFlags
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
+
+T = TypeVar("T")
 
 
 class SilentEndError(aiomqtt.MqttError):
@@ -72,6 +77,20 @@ class Visitor(aiomqtt.Client):
             self._is_left = True
             self._client.disconnect()  # aiomqtt would leave it as it is
             raise
+
+    async def _wait_for(
+        self,
+        fut: Awaitable[T],
+        timeout: float | None,  # noqa: ASYNC109 - as aiomqtt declares it
+    ) -> T:
+        # As aiomqtt's own, but for asyncio.wait_for: up to Python 3.11 that forgets a
+        # cancellation that comes as its work is done, and we would never end.
+        timeout_s = self.timeout if timeout is None else timeout
+        try:
+            async with asyncio.timeout(None if timeout_s == math.inf else timeout_s):
+                return await fut
+        except TimeoutError:
+            raise aiomqtt.MqttError("Operation timed out") from None
 
     def _on_disconnect(
         self,

@@ -10,8 +10,9 @@ AGAIN_S = 0.5
 async def end(tasks: Iterable[asyncio.Task[Any]]) -> None:
     """Cancel tasks and wait for their end.
 
-    Cancelled again where it did not help: up to Python 3.11 `asyncio.wait_for`, which
-    aiomqtt uses everywhere, forgets a cancellation that comes as its work is done.
+    Cancelled again where it did not help: up to Python 3.11 `asyncio.wait_for` forgets
+    a cancellation that comes as its work is done. `broker.visitor` does without it;
+    what else a task waits for may not.
     """
     left = set(tasks)
     while left:

@@ -8,11 +8,10 @@ example where an access list forbids the topic. Brokers of MQTT 3.1.1 cannot say
 
 import asyncio
 import contextlib
-import math
 import socket
 import threading
-from collections.abc import Awaitable, Callable, Iterator
-from typing import Any, TypeVar
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import aiomqtt
 from paho.mqtt.client import Client as PahoClient
@@ -24,7 +23,6 @@ from paho.mqtt.reasoncodes import ReasonCode
 from broker.visitor import Visitor
 from daemon.outgoing import Outgoing
 
-T = TypeVar("T")
 MOST_ON_THE_WAY = 16  # paho holds back what is beyond 20
 
 
@@ -52,20 +50,6 @@ class BrokerClient(Visitor):
     def __init__(self, *arguments: Any, **options: Any) -> None:  # noqa: ANN401
         super().__init__(*arguments, **options)
         self._own_thread = threading.current_thread()
-
-    async def _wait_for(
-        self,
-        fut: Awaitable[T],
-        timeout: float | None,  # noqa: ASYNC109 - as aiomqtt declares it
-    ) -> T:
-        # As aiomqtt's own, but for asyncio.wait_for: up to Python 3.11 that forgets a
-        # cancellation that comes as its work is done, and we would never end.
-        timeout_s = self.timeout if timeout is None else timeout
-        try:
-            async with asyncio.timeout(None if timeout_s == math.inf else timeout_s):
-                return await fut
-        except TimeoutError:
-            raise aiomqtt.MqttError("Operation timed out") from None
 
     async def ended(self) -> None:
         """Wait until the connection is gone.

@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 
+import aiomqtt
 import pytest
 
 from broker.visitor import SilentEndError, Visitor
@@ -46,3 +47,20 @@ async def test_who_does_not_wait_for_the_answer_leaves():
             await visit
         async with asyncio.timeout(10):
             await left.wait()
+
+
+async def test_a_cancellation_as_the_work_ends_is_not_forgotten():
+    work = asyncio.get_running_loop().create_future()
+    waiting = asyncio.create_task(Visitor("nowhere")._wait_for(work, None))
+    await asyncio.sleep(0)
+    work.set_result("done")
+    waiting.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await waiting
+
+
+async def test_work_that_takes_too_long_is_given_up():
+    work = asyncio.get_running_loop().create_future()
+    with pytest.raises(aiomqtt.MqttError, match="timed out"):
+        await Visitor("nowhere")._wait_for(work, 0.01)
+    assert work.cancelled()

@@ -14,23 +14,6 @@ ACCEPTED = bytes((0x20, 3, 0, 0, 0))  # MQTT 5: CONNACK, success, no properties
 POSE = b"\x30\x0a" + b"\x00\x04live" + b"\x00" + b"abc"  # PUBLISH, QoS 0
 
 
-async def test_a_cancellation_as_the_work_ends_is_not_forgotten():
-    work = asyncio.get_running_loop().create_future()
-    waiting = asyncio.create_task(BrokerClient("nowhere")._wait_for(work, None))
-    await asyncio.sleep(0)
-    work.set_result("done")
-    waiting.cancel()
-    with pytest.raises(asyncio.CancelledError):
-        await waiting
-
-
-async def test_work_that_takes_too_long_is_given_up():
-    work = asyncio.get_running_loop().create_future()
-    with pytest.raises(aiomqtt.MqttError, match="timed out"):
-        await BrokerClient("nowhere")._wait_for(work, 0.01)
-    assert work.cancelled()
-
-
 async def accepted(listener: socket.socket) -> socket.socket:
     """The broker's side of a connection that it has taken."""
     loop = asyncio.get_running_loop()
