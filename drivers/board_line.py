@@ -89,7 +89,11 @@ class BoardLine:
             and received_ns < until_ns
             and self._port.wait((until_ns - received_ns) * 1e-9)
         ):
-            data, received_ns = self._port.read(), self._now_ns()
+            try:
+                data = self._port.read()
+            except DeviceError:
+                break  # the next read says so; what has come is taken up first
+            received_ns = self._now_ns()
             reads.append((data, received_ns))
             n_bytes += len(data)
         before = self._decoder.accepted

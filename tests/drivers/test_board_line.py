@@ -1,8 +1,10 @@
 """Reads of a fast stream: samples come together, an edge waits for none of them."""
 
 import numpy as np
+import pytest
 
 from drivers.board_line import BoardLine
+from drivers.values import DeviceError
 from protocol import latch_board
 from simulator import wire
 
@@ -10,6 +12,7 @@ COUNTS = np.arange(1, 8, dtype=np.uint32)
 STATUS = np.zeros(7, np.uint8)
 MS_NS = 1_000_000
 GATHER_S = 0.005
+GONE = b"gone"  # in a script: the port goes away and stays away
 
 
 class ScriptedPort:
@@ -37,6 +40,8 @@ class ScriptedPort:
         return True
 
     def read(self) -> bytes:
+        if self._script and self._script[0][1] == GONE:
+            raise DeviceError("gone", "plug it in")
         come = b""
         while self._script and self._script[0][0] <= self.now_ns:
             come += self._script.pop(0)[1]
@@ -179,3 +184,18 @@ def test_what_earlier_reads_brought_is_of_the_samples_alone():
     (_, _, of_samples), (_, _, of_edge) = dispatched(*script)
     assert list(of_samples) == [(0, MS_NS)]
     assert list(of_edge) == []
+
+
+def test_samples_before_the_port_went_away_are_taken_up_first():
+    port = ScriptedPort((MS_NS, sample(1)), (2 * MS_NS, sample(2)), (3 * MS_NS, GONE))
+    found = []
+    line = BoardLine(
+        port, lambda: port.now_ns, lambda *what: found.append(what), lambda: False
+    )
+    assert line.wait(0.1)
+    line.read(GATHER_S)
+    [(block, at_ns, _)] = found
+    assert (block.seq.tolist(), at_ns) == ([1, 2], 2 * MS_NS)
+    assert line.wait(0.1)
+    with pytest.raises(DeviceError):
+        line.read(GATHER_S)
