@@ -3,15 +3,15 @@
 Runs on the event loop, in plain calls; nothing here waits.
 """
 
-import asyncio
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arm_devices import ArmDevices
 from daemon.arm_points import Answer, ArmPoints
+from daemon.arm_scans import ArmScans
 from daemon.arm_sight import Stage
 from daemon.assembly import Assembly
 from daemon.capture import Capture, Triggers, triggers_of
@@ -27,7 +27,6 @@ from daemon.pipeline import Pipeline
 from daemon.poses import PoseBlock
 from daemon.quality_section import QualitySection
 from daemon.quality_watch import QualityWatch
-from daemon.scan_plan import ScanPlan
 from daemon.scanner import Scanner
 from daemon.skew import SkewWatch
 from daemon.tape import Tape
@@ -60,16 +59,15 @@ class Measuring:
         uncertainty: states the covariance of points.
         offer_live: hands a live pose to the outgoing queue.
         status_changed: called when a device's state has changed.
-        quality: limits beyond which measurements are marked.
         taking: how points are taken; by default at each press.
         quality: limits beyond which measurements are marked.
         tape: told of each step, before it is taken.
 
     Attributes:
         points: takes points at edges and on request.
+        scans: takes scans.
         latches: who waits for a latch on request, by its token.
         rate_hz: of the samples of the arm that come now.
-        stream_started: set when the stream that the scan waits for has begun.
     """
 
     def __init__(
@@ -98,7 +96,6 @@ class Measuring:
         self._pipeline = pipeline
         self._capture = capture
         self._triggers = triggers
-        self._scanner = scanner
         self._events = events
         self._live = live
         self._temperature = TemperatureWatch(clock, events)
@@ -141,7 +138,7 @@ class Measuring:
             health=health,
         )
         self.latches: dict[int, Answer] = {}
-        self.stream_started = asyncio.Event()
+        self.scans = ArmScans(scanner, capture=capture, events=events, asked=self.asked)
         self.rate_hz = 0.0
         # Points come out of the stream where nothing latches all joints for them.
         self._remembers = not triggers.devices <= set(pipeline.model.devices)
@@ -174,7 +171,7 @@ class Measuring:
         self._stage = replace(self._stage, uncertainty=self._uncertainty)
         self.points.use(self._stage, self._triggers, capture)
         self._live.use_rate(capture.live_rate_hz)
-        self._scanner.use_settings(capture.scan_block_s, configuration.scan)
+        self.scans.use(capture.scan_block_s, configuration.scan)
         self._let_gather()
 
     def use_probe(self, model: ArmModel) -> None:
@@ -183,11 +180,6 @@ class Measuring:
         self.quality.use_model(model)
         self.path.forget()  # it was that of another ball
         self.points.arm_changed()
-
-    @property
-    def is_scanning(self) -> bool:
-        """A scan runs."""
-        return self._scanner.plan is not None
 
     @property
     def pipeline_state(self) -> dict[str, object]:
@@ -216,19 +208,6 @@ class Measuring:
             self.asked("give_up_latch", token=token)
         self.latches.pop(token, None)
         answer.cancel()
-
-    def start_scan(self, plan: ScanPlan) -> None:
-        """Begin a scan; it ends a running one."""
-        self.stop_scan()
-        self.asked("start_scan", **asdict(plan))
-        self.stream_started.clear()
-        self._scanner.start(plan, self.model, self._capture.session.id)
-
-    def stop_scan(self) -> int:
-        """End the running scan; gives how many points it has."""
-        if self._scanner.plan is not None:
-            self.asked("stop_scan")
-        return self._scanner.stop()
 
     def keep_time(self) -> None:
         """Go on with what has waited long enough; call it every few milliseconds.
@@ -314,7 +293,7 @@ class Measuring:
         self._health.latencies["sample_to_pose"].add(taken_ns)
         self.path.add(poses)
         self.points.follow(poses)
-        self._scanner.take(model, poses)
+        self.scans.take(model, poses)
         session = self._capture.session.id
         live = self._live.message(model, poses, session, samples.device)
         if live is not None:
@@ -339,26 +318,12 @@ class Measuring:
 
     def _take_latch(self, device: Device, latch: LatchedCounts) -> None:
         if latch.input is not None:
-            if self._triggers.trigger_of(device.section.id, latch.input) == "button":
-                self._hold_scan(device, latch.input, latch)
+            name = device.section.id
+            if self._triggers.trigger_of(name, latch.input) == "button":
+                self.scans.take_button(name, latch.input, latch)
             self.points.take_edge(device, latch)
         elif (answer := self.latches.pop(latch.token, None)) is not None:
             self.points.take_latched(latch, answer)
-
-    def _hold_scan(self, device: Device, number: int, latch: LatchedCounts) -> None:
-        """A button was pressed or released: a scan may depend on it."""
-        name = device.section.id
-        late_s = self._scanner.edge((name, number), latch.sample_time_ns, latch.active)
-        if late_s:
-            self._events.report(
-                "warning",
-                "scan.edge_late",
-                f"an edge of a button came {late_s:.3f} s too late: the held scan "
-                f"{'begins' if latch.active else 'ends'} so much late here",
-                source=f"{name}/{number}",
-                remedy="raise held_wait_s of [scan], or lower the debounce time",
-                data={"late_s": late_s},
-            )
 
     def _take_stream(self, started: StreamStarted) -> None:
         model = self._pipeline.model
@@ -366,7 +331,4 @@ class Measuring:
             self.assembly.stream(started.device, started.rate_hz)
         if started.device == self.assembly.clock:
             self.rate_hz = started.rate_hz
-        if started.device == self.assembly.clock and self._scanner.follow(
-            started.stream, started.rate_hz
-        ):
-            self.stream_started.set()
+            self.scans.take_stream(started)

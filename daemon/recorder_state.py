@@ -79,7 +79,7 @@ class MeasuringState:
     @property
     def is_idle(self) -> bool:
         """Nothing is under way that a state would have to tell."""
-        return self._measuring.is_idle and not self._measuring.is_scanning
+        return self._measuring.is_idle and not self._measuring.scans.is_running
 
     def state(self) -> dict[str, object]:
         """All of it, as plain values and arrays."""

@@ -186,9 +186,9 @@ class ReplayBench:
                 if given_up is not None:
                     self.measuring.give_up_latch(values["token"], given_up)
             case "start_scan":
-                self.measuring.start_scan(ScanPlan(**values))
+                self.measuring.scans.start(ScanPlan(**values), self.measuring.model)
             case "stop_scan":
-                self.measuring.stop_scan()
+                self.measuring.scans.stop()
             case _:
                 self._change(what, values)
 

@@ -47,7 +47,7 @@ class Requests:
         """Start a scan, or stop the running one; gives its id."""
         if args.action == "stop":
             plan = self._scanner.plan
-            total = self._measuring.stop_scan()
+            total = self._measuring.scans.stop()
             if plan is not None:
                 self.track()
             return {"scan": None if plan is None else plan.id, "total": total}
@@ -67,14 +67,14 @@ class Requests:
         plan = scan_asked_for(
             args, self._scan, largest_hz=largest_hz, tracking_rate_hz=tracking_hz
         )
-        self._measuring.start_scan(plan)
+        self._measuring.scans.start(plan, self._measuring.model)
         self._devices.request_stream(plan.device_rate_hz)
         try:
             async with asyncio.timeout(STREAM_S):
-                await self._measuring.stream_started.wait()
+                await self._measuring.scans.stream_started.wait()
         except TimeoutError as error:
             if self._scanner.plan is plan:  # else another command has had its way
-                self._measuring.stop_scan()
+                self._measuring.scans.stop()
                 self.track()
             raise CommandError(
                 "device.no_answer",

@@ -197,7 +197,7 @@ class Service:
             await self._table.reload.on_signal()
 
     async def _drain(self) -> None:
-        self._measuring.stop_scan()
+        self._measuring.scans.stop()
         self._output.events.flush(at_once=True)
         self._output.outlet.publish("status", self._reports.status(online=False))
         log.info("stopping")
