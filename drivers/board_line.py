@@ -73,16 +73,15 @@ class BoardLine:
         """Wait for bytes; False after ``seconds`` or a wake-up without any."""
         return self._port.wait(seconds)
 
-    def read(self, gather_s: float = 0.0) -> None:
+    def read(self, until_ns: int = 0) -> None:
         """Read what there is and dispatch it.
 
         Args:
-            gather_s: so long timed samples may come together first; anything else
-                among them ends it, an edge above all, and so does a wake-up.
+            until_ns: so long timed samples may come together; anything else among them
+                ends it, an edge above all, and so does a wake-up.
         """
         data, received_ns = self._port.read(), self._now_ns()
         reads, n_bytes = [(data, received_ns)], len(data)
-        until_ns = received_ns + int(gather_s * 1e9)
         while (
             not self._brings_others(data)
             and n_bytes < MOST_BYTES

@@ -31,7 +31,7 @@ MAX_LATCHES = 16
 # not while its point is on its way, and several are at once.
 QUIET_S = 0.003
 OVERDUE_NS = 20_000_000
-GATHER_OWING_S = 0.005
+GATHER_OWING_NS = 5_000_000
 
 
 class LatchBoard(Driver):
@@ -74,6 +74,7 @@ class LatchBoard(Driver):
         self._boot_id: int | None = None
         self._session: BoardSession | None = None  # until the board is known
         self._acknowledged_ns = 0
+        self._taken_ns = 0  # until when what has come has been taken up
         self._frames_before = 0
         self._streams_begun = 0
         self._stream = 0
@@ -150,23 +151,23 @@ class LatchBoard(Driver):
             if not line.wait(QUIET_S if self._edges.owes else 0.1):
                 self._acknowledge(line)
             else:
-                line.read(self._gather_s())
+                until_ns = max(self._taken_ns + self._gather_ns(), self._now_ns())
+                line.read(until_ns)
+                self._taken_ns = min(until_ns, self._now_ns())
                 self._report_broken(line.broken - broken)
                 broken = line.broken
             self._counters["frames_received"] = self._frames_before + line.accepted
             self._report_counters()
             line.check_alive()
 
-    def _gather_s(self) -> float:
+    def _gather_ns(self) -> int:
         """How long to let samples come together before they are decoded.
 
         A block of one costs as much as a block of many. Bytes are read as they come, so
         none wait in the port.
         """
-        gather_s = self._crossing.gather_ns * 1e-9
-        if self._rate_hz * gather_s <= 1.0:
-            return 0.0
-        return min(gather_s, GATHER_OWING_S) if self._edges.owes else gather_s
+        gather_ns = self._crossing.gather_ns
+        return min(gather_ns, GATHER_OWING_NS) if self._edges.owes else gather_ns
 
     def _disconnect(self) -> None:
         self._session = None

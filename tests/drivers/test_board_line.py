@@ -11,7 +11,7 @@ from simulator import wire
 COUNTS = np.arange(1, 8, dtype=np.uint32)
 STATUS = np.zeros(7, np.uint8)
 MS_NS = 1_000_000
-GATHER_S = 0.005
+GATHER_NS = 5_000_000
 GONE = b"gone"  # in a script: the port goes away and stays away
 
 
@@ -90,7 +90,7 @@ def dispatched(*script: tuple[int, bytes]) -> list[tuple]:
         lambda: False,
     )
     while port.wait(0.1):
-        line.read(GATHER_S)
+        line.read(port.now_ns + GATHER_NS)
     return found
 
 
@@ -193,9 +193,9 @@ def test_samples_before_the_port_went_away_are_taken_up_first():
         port, lambda: port.now_ns, lambda *what: found.append(what), lambda: False
     )
     assert line.wait(0.1)
-    line.read(GATHER_S)
+    line.read(port.now_ns + GATHER_NS)
     [(block, at_ns, _)] = found
     assert (block.seq.tolist(), at_ns) == ([1, 2], 2 * MS_NS)
     assert line.wait(0.1)
     with pytest.raises(DeviceError):
-        line.read(GATHER_S)
+        line.read(port.now_ns + GATHER_NS)
