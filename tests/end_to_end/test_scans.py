@@ -11,6 +11,8 @@ from tests.end_to_end.workbench import REST, SPHERE, SWEEP, Workbench
 
 pytestmark = pytest.mark.broker
 
+TRIES = 3
+
 
 async def scanned(listener: Listener, rate_hz: float, n: int) -> list[Scan]:
     """Blocks of a whole scan, stopped after at least n points."""
@@ -45,8 +47,14 @@ async def test_a_scan_is_complete_at_its_rate(
     bench.write_simulator(SWEEP, top="repeat = true")
     bench.write_daemon()
     async with measuring(bench) as (listener, _, _):
-        blocks = await scanned(listener, rate_hz, int(seconds * rate_hz))
-        points = len(numbers(blocks))
+        for _ in range(TRIES):
+            blocks = await scanned(listener, rate_hz, int(seconds * rate_hz))
+            points = len(numbers(blocks))
+            if not blocks[-1].lost:
+                break
+            # At 10 kHz a board's buffer lasts 0.13 s: a busy computer may lose, but not
+            # in silence.
+            assert (blocks[-1].total or 0) - points == blocks[-1].lost
     assert_complete(blocks, rate_hz)
     assert points >= int(seconds * rate_hz)
     arm = MatrixArm(bench.arm_file)

@@ -91,10 +91,16 @@ async def test_the_reader_of_points_in_javascript_prints_what_was_captured(
         measuring(bench) as (listener, _, _),
     ):
         await until(lambda: len(lines) >= 3, "three points under node")
-        printed, points = list(lines), list(listener.points)
-    captured = {(point.session, point.seq): point.xyz_mm for point in points}
-    for session, seq, *xyz in printed:
-        assert tuple(map(float, xyz[:3])) == captured[session, int(seq)]
+        printed = {(session, int(seq)): xyz for session, seq, *xyz in lines}
+        captured = {}
+
+        def heard() -> bool:  # node may have been quicker
+            captured.update({(p.session, p.seq): p.xyz_mm for p in listener.points})
+            return printed.keys() <= captured.keys()
+
+        await until(heard, "the same points here")
+    for point, xyz in printed.items():
+        assert tuple(map(float, xyz[:3])) == captured[point]
 
 
 async def test_the_reader_of_scans_in_javascript_takes_arrays_apart(
@@ -107,9 +113,16 @@ async def test_the_reader_of_scans_in_javascript_takes_arrays_apart(
     ):
         await listener.command(ScanArgs(action="start", rate_hz=100.0))
         await until(lambda: len(lines) >= 3, "three blocks under node")
-        printed, blocks = list(lines), {(s.scan, s.seq): s for s in listener.scans}
-    for scan, seq, n, *numbers in printed:
-        block = blocks[scan, int(seq)]
+        printed = {(scan, int(seq)): numbers for scan, seq, *numbers in lines}
+        blocks = {}
+
+        def heard() -> bool:  # node may have been quicker
+            blocks.update({(s.scan, s.seq): s for s in listener.scans})
+            return printed.keys() <= blocks.keys()
+
+        await until(heard, "the same blocks here")
+    for key, (n, *numbers) in printed.items():
+        block = blocks[key]
         assert int(n) == len(block.xyz_mm)
         assert [float(x) for x in numbers] == block.xyz_mm[-1].tolist()
 
