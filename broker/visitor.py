@@ -50,7 +50,7 @@ class Visitor(aiomqtt.Client):
     def __init__(
         self,
         *arguments: Any,  # noqa: ANN401 - of aiomqtt, which has many kinds
-        **options: Any,  # noqa: ANN401
+        **options: Any,  # noqa: ANN401 - as above
     ) -> None:
         self._is_left = False
         self._faults = _Faults("paho", logging.ERROR)

@@ -7,7 +7,7 @@ from daemon.device import Device
 from daemon.model import ArmModel
 from drivers.crossing import GATHER_NS
 
-AWAITED_NS = 20_000_000
+AWAITED_NS = 20_000_000  # longer would be felt: a point is told so much later
 
 
 class ArmDevices:

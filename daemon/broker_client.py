@@ -47,7 +47,11 @@ class BrokerClient(Visitor):
     most_payload_bytes: int | None = None
     _is_sending = False
 
-    def __init__(self, *arguments: Any, **options: Any) -> None:  # noqa: ANN401
+    def __init__(
+        self,
+        *arguments: Any,  # noqa: ANN401 - as aiomqtt's
+        **options: Any,  # noqa: ANN401 - as aiomqtt's
+    ) -> None:
         super().__init__(*arguments, **options)
         self._own_thread = threading.current_thread()
 
@@ -130,7 +134,7 @@ class BrokerClient(Visitor):
         self,
         client: PahoClient,
         userdata: Any,  # noqa: ANN401 - as aiomqtt declares it
-        flags: Any,  # noqa: ANN401
+        flags: Any,  # noqa: ANN401 - as aiomqtt's
         reason_code: ReasonCode,
         properties: Properties | None = None,
     ) -> None:
@@ -141,8 +145,8 @@ class BrokerClient(Visitor):
     def _on_socket_register_write(
         self,
         client: PahoClient,
-        userdata: Any,  # noqa: ANN401
-        sock: Any,  # noqa: ANN401
+        userdata: Any,  # noqa: ANN401 - as aiomqtt's
+        sock: Any,  # noqa: ANN401 - as aiomqtt's
     ) -> None:
         if self._is_sending:
             return  # it is written without watching
@@ -155,7 +159,7 @@ class BrokerClient(Visitor):
     def _on_message(
         self,
         client: PahoClient,
-        userdata: Any,  # noqa: ANN401
+        userdata: Any,  # noqa: ANN401 - as aiomqtt's
         message: MQTTMessage,
     ) -> None:
         if self.received is not None:
@@ -166,7 +170,7 @@ class BrokerClient(Visitor):
     def _on_publish(
         self,
         client: PahoClient,
-        userdata: Any,  # noqa: ANN401
+        userdata: Any,  # noqa: ANN401 - as aiomqtt's
         mid: int,
         reason_code: ReasonCode,
         properties: Properties,

@@ -73,7 +73,7 @@ def show(
     with refusals("arm"):
         values = read_arm(file)
         if png is not None:
-            from lab.arm_picture import draw_base_posture  # noqa: PLC0415 - extra
+            from lab.arm_picture import draw_base_posture  # noqa: PLC0415 - extra `lab`
 
             draw_base_posture(values, png)
     summary = arm_summary(values)
