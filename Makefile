@@ -8,40 +8,56 @@ PEERS := .venv-peers
 # Tests that run at once: many wait for real time, so one more than there are cores.
 WORKERS ?= $(shell expr $$(nproc) + 1)
 FIGURES := build/figures
+# Groups of Debian packages that the tests need, in deploy/debian-packages.sh.
+TEST_GROUPS := mosquitto openssl jq chromium node systemd groff
+# The Debian of `make test-fresh`, and options of deploy/fresh_machine.py.
+SUITE ?= bookworm
+FRESH ?=
 # What the kernel in C is built from.
 KERNEL := setup.py $(foreach kind,pyx pxd pxi c h inc,$(wildcard kinematics/kernel/*.$(kind)))
 
-.PHONY: docs help venv system node demo test lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance prove-alignment blind blind-full fuzz soak endurance bench-client test-vm install deb clean bench-kernel audit bench-fleet bench-page screenshots
+.PHONY: docs help venv system node demo test test-fresh lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance prove-alignment blind blind-full fuzz soak endurance bench-client test-vm install deb clean bench-kernel audit bench-fleet bench-page screenshots
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
 
 venv: $(STAMP)  ## the virtual environment in .venv
 
-$(STAMP): pyproject.toml requirements.lock $(KERNEL)
-	@sh deploy/debian-packages.sh python
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --constraint requirements.lock --editable '.[demo,lab,dev]'
-	touch $(STAMP)
+# Its first layer: what measuring with the simulated arm needs.
+$(VENV)/.demo: pyproject.toml requirements-demo.lock
+	@$(PYTHON) -c 'import sys; sys.exit("Traverse needs Python 3.11 or newer; $(PYTHON) is " + sys.version.split()[0] + \
+	    ". Name another one: make PYTHON=python3.13" if sys.version_info < (3, 11) else 0)'
+	@PYTHON=$(PYTHON) sh deploy/debian-packages.sh python
+	@$(PYTHON) -m venv $(VENV)
+	@$(BIN)/python deploy/environment.py requirements-demo.lock demo
+	@touch $@
+
+$(STAMP): $(VENV)/.demo pyproject.toml requirements.lock $(KERNEL)
+	@PYTHON=$(BIN)/python sh deploy/debian-packages.sh compiler
+	@$(BIN)/python deploy/environment.py requirements.lock demo,lab,dev
+	@touch $@
 
 system:  # Debian packages that the tests need
-	@sh deploy/debian-packages.sh mosquitto
-	@sh deploy/debian-packages.sh chromium
+	@sh deploy/debian-packages.sh $(TEST_GROUPS)
 
-demo: venv  ## one round of measurements with a simulated arm
+demo: $(VENV)/.demo  ## one round of measurements with a simulated arm
 	$(BIN)/traverse demo --once
 
 node: build/node/.ready  # packages of npm, for the tests of readers in JavaScript
 
 build/node/.ready: tests/interface/package.json tests/interface/package-lock.json
 	@sh deploy/debian-packages.sh node
-	mkdir -p build/node
-	cp tests/interface/package.json tests/interface/package-lock.json build/node/
-	npm ci --prefix build/node --no-audit --no-fund --loglevel=error
-	touch $@
+	@mkdir -p build/node
+	@cp tests/interface/package.json tests/interface/package-lock.json build/node/
+	@npm ci --prefix build/node --no-audit --no-fund --loglevel=error
+	@touch $@
 
 test: venv system node  ## all tests
-	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n $(WORKERS) --dist loadfile
+	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n $(WORKERS) --dist loadfile --required="$(TEST_GROUPS)"
+
+test-fresh:  ## the README's commands in a pristine Debian (SUITE=trixie for another); root, a quarter of an hour
+	@sh deploy/debian-packages.sh fresh || true
+	@$(PYTHON) deploy/fresh_machine.py $(SUITE) $(FRESH)
 
 lint: venv  ## ruff, mypy --strict, import contracts
 	$(BIN)/ruff format --check .
@@ -144,9 +160,11 @@ test-vm: deb system  ## CANopen on SocketCAN, and the package with systemd, in v
 docs: venv  ## the documentation as a site, in site/
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
-lock: venv  ## requirements.lock anew from pyproject.toml
+lock: venv  ## requirements.lock and requirements-demo.lock anew from pyproject.toml
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --all-extras --no-emit-index-url --no-header \
 	    --output-file requirements.lock pyproject.toml
+	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --extra demo --no-emit-index-url --no-header \
+	    --constraint requirements.lock --output-file requirements-demo.lock pyproject.toml
 
 clean:  ## remove what was built
 	rm -rf $(VENV) $(PEERS) build dist site *.egg-info kinematics/kernel/*.so .pytest_cache .mypy_cache .ruff_cache .hypothesis

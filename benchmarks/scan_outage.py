@@ -15,11 +15,12 @@ import numpy as np
 
 from benchmarks.rounds import load
 from protocol.messages import Scan, ScanArgs
+from tests import programs
 from tests.end_to_end.listener import numbers
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import until
 from tests.end_to_end.workbench import SWEEP, Workbench
-from tests.mosquitto import Mosquitto, find_mosquitto
+from tests.mosquitto import Mosquitto
 
 SECONDS = 20.0
 RATE_HZ = 1000.0
@@ -66,10 +67,10 @@ class Outage:
 
 async def outage(folder: Path, delivery: str, seconds: float) -> Outage:
     """One scan with an outage of the broker."""
-    program = find_mosquitto()
+    program = programs.find("mosquitto")
     if program is None:
         raise SystemExit("benchmarks.scan_outage: mosquitto is not installed")
-    broker = Mosquitto(program, folder)
+    broker = Mosquitto(folder, program=program)
     broker.start()
     bench = Workbench(folder, broker.host, broker.port)
     bench.write_simulator(SWEEP, top="repeat = true")

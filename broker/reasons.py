@@ -41,11 +41,8 @@ _OF_TLS = (
     ),
     ("UNKNOWN_CA", f"it does not trust {{who}}'s certificate; {_SIGN}"),
     ("BAD_CERTIFICATE", f"it does not trust {{who}}'s certificate; {_SIGN}"),
-    (
-        "UNEXPECTED_EOF",
-        "it cuts the connection; does it want a certificate_file that it trusts?",
-    ),
 )
+_CUT = "it cuts the connection; does it want a certificate_file that it trusts?"
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,6 +118,8 @@ def _known(error: BaseException | None, address: Address, wording: Wording) -> s
     match error:
         case ssl.SSLCertVerificationError():
             text = _of_certificate(error, address, wording)
+        case ssl.SSLEOFError() | ssl.SSLZeroReturnError():
+            text = _CUT  # each Python and OpenSSL words it differently
         case ssl.SSLError():
             text = _of_tls(error, address, wording)
         case ConnectionRefusedError():

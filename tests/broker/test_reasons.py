@@ -75,6 +75,13 @@ def test_what_openssl_says_is_told_in_a_sentence(answer, words):
     assert is_refusal(error) == (answer != b"")
 
 
+@pytest.mark.parametrize("kind", [ssl.SSLEOFError, ssl.SSLZeroReturnError])
+def test_a_cut_line_is_known_by_its_kind_not_by_words_that_pythons_change(kind):
+    error = kind(8, "TLS/SSL connection has been closed (EOF) (_ssl.c:992)")
+    assert "does it want a certificate_file" in told(error)
+    assert not is_refusal(error)
+
+
 def test_who_showed_a_certificate_in_vain_is_not_asked_for_one():
     text = told(error_of_openssl(alert(40)), certificate_file="arm.crt")
     assert text == "TLS failed: SSLV3_ALERT_HANDSHAKE_FAILURE"

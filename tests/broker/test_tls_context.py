@@ -9,6 +9,7 @@ from broker.tls import tls_context
 from tests.certificates import Authority
 
 
+@pytest.mark.needs("openssl")
 def test_the_broker_is_checked_against_a_file_and_the_line_is_new_enough(tmp_path):
     context = tls_context(Authority(tmp_path).certificate)
     assert context.verify_mode is ssl.CERT_REQUIRED

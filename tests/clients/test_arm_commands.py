@@ -19,7 +19,7 @@ from tests.clients.reading import PATIENCE_S, read, until
 from tests.clients.virtual_daemon import VirtualDaemon
 from tests.protocol.message_examples import HEALTH, LIVE, POINT, SCAN
 
-pytestmark = pytest.mark.broker
+pytestmark = pytest.mark.needs("mosquitto")
 
 
 async def test_capture_gives_the_point_and_undo_its_retraction(

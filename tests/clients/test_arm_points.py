@@ -17,7 +17,7 @@ from tests.clients.virtual_daemon import VirtualDaemon
 from tests.mosquitto import Mosquitto, free_port
 from tests.protocol.message_examples import EVENT
 
-pytestmark = pytest.mark.broker
+pytestmark = pytest.mark.needs("mosquitto")
 
 
 async def test_points_come_as_they_are_taken(

@@ -12,7 +12,7 @@ from tests.clients.virtual_daemon import VirtualDaemon
 from tests.mosquitto import free_port
 from tests.protocol.message_examples import EVENT, LIVE, SCAN
 
-pytestmark = pytest.mark.broker
+pytestmark = pytest.mark.needs("mosquitto")
 QUIET_S = 20.0
 Do = Callable[[Coroutine[Any, Any, Any]], Any]
 

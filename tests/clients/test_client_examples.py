@@ -52,7 +52,7 @@ def test_pages_show_the_examples_that_are_run(name: str) -> None:
     assert {path.stem for path in EXAMPLES.glob("*.py")} == set(PAGES)
 
 
-@pytest.mark.broker
+@pytest.mark.needs("mosquitto")
 async def test_notebook_takes_points_and_looks_at_them(
     virtual: VirtualDaemon, broker: str, tmp_path: Path
 ) -> None:
@@ -65,7 +65,7 @@ async def test_notebook_takes_points_and_looks_at_them(
         assert [line.split()[0] for line in lines[1:]] == ["0", "1", "2"]
 
 
-@pytest.mark.broker
+@pytest.mark.needs("mosquitto")
 async def test_follow_goes_on_where_it_stopped(
     virtual: VirtualDaemon, broker: str, tmp_path: Path
 ) -> None:
@@ -85,7 +85,7 @@ async def test_follow_goes_on_where_it_stopped(
         assert [line.split()[0] for line in example.output.splitlines()] == ["3"]
 
 
-@pytest.mark.broker
+@pytest.mark.needs("mosquitto")
 async def test_store_has_every_point_once_after_being_killed(
     virtual: VirtualDaemon, broker: str, tmp_path: Path
 ) -> None:

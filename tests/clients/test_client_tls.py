@@ -22,7 +22,7 @@ from tests.end_to_end.programs import Program
 from tests.mosquitto import HOST, Mosquitto, free_port
 from traverse.__main__ import app
 
-pytestmark = pytest.mark.broker
+pytestmark = pytest.mark.needs("mosquitto", "openssl")
 
 GUIDE = "docs/how-to/secure-the-broker.md"
 SECRET = "Xy-not-to-be-shown-8"
@@ -64,9 +64,7 @@ class House:
 
 
 @pytest.fixture(scope="module")
-def house(
-    mosquitto_program: str, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[House]:
+def house(tmp_path_factory: pytest.TempPathFactory) -> Iterator[House]:
     folder = tmp_path_factory.mktemp("house")
     authority, stranger = Authority(folder, "house"), Authority(folder, "strange")
     pair, person = authority.sign("broker", "DNS:localhost"), authority.sign("person")
@@ -78,7 +76,7 @@ def house(
         f"keyfile {pair.key}",
         "require_certificate true",
     )
-    broker = Mosquitto(mosquitto_program, folder, {"person": SECRET}, lines)
+    broker = Mosquitto(folder, {"person": SECRET}, lines)
     (folder / "password").write_text(SECRET + "\n")
     (folder / "wrong").write_text("a wrong guess")
     address = BrokerAddress(

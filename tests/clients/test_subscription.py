@@ -13,7 +13,7 @@ from protocol.topics import event_topic, point_topic, reply_topic, status_topic
 from tests.mosquitto import Mosquitto
 from tests.protocol import message_examples as examples
 
-pytestmark = pytest.mark.broker
+pytestmark = pytest.mark.needs("mosquitto")
 PATIENCE_S = 10.0
 
 

@@ -2,7 +2,6 @@
 
 import asyncio
 import re
-import shutil
 import socket
 import subprocess
 from pathlib import Path
@@ -98,7 +97,7 @@ def test_what_is_not_known_is_left_out():
     assert family("x", "gauge", "nothing", []) == ""
 
 
-@pytest.mark.skipif(shutil.which("promtool") is None, reason="no promtool here")
+@pytest.mark.needs("prometheus")
 def test_promtool_finds_nothing_to_complain_of():
     command = ["promtool", "check", "metrics"]
     done = subprocess.run(

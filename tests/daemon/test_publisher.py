@@ -11,7 +11,7 @@ from daemon.outgoing import Outgoing
 from tests.daemon.publisher_bench import STATUS, Bench, Witness, address
 from tests.drivers.taken import until
 
-pytestmark = pytest.mark.broker
+pytestmark = pytest.mark.needs("mosquitto")
 
 
 async def test_points_arrive_in_order_with_their_content_type(mosquitto):

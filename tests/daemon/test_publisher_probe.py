@@ -9,7 +9,7 @@ from daemon.broker_access import BrokerAddress
 from daemon.embedded_broker import BrokerStartError, embedded_broker
 from tests.daemon.publisher_bench import Bench, address
 
-pytestmark = pytest.mark.broker
+pytestmark = pytest.mark.needs("mosquitto")
 
 
 async def test_a_broker_that_is_not_there_is_told(make_mosquitto):

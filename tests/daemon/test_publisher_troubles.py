@@ -10,7 +10,7 @@ from daemon.outgoing import Outgoing
 from tests.daemon.publisher_bench import STATUS, Bench, Witness, address
 from tests.drivers.taken import until
 
-pytestmark = pytest.mark.broker
+pytestmark = pytest.mark.needs("mosquitto")
 
 
 async def test_the_will_is_published_when_the_process_vanishes(mosquitto):

@@ -106,7 +106,7 @@ def test_a_clock_that_reads_no_joint_is_refused(tmp_path):
     assert "assembly.clock: 'handle' reads no joint; one of these does: base" in told
 
 
-@pytest.mark.broker
+@pytest.mark.needs("mosquitto")
 def test_a_board_that_does_not_fit_the_arm_file_is_refused(tmp_path, mosquitto):
     with FakeBoard(tmp_path / "ttyBoard") as board:  # two channels, the arm has three
         path = write(tmp_path, CONFIGURATION, port=mosquitto.port, device=board.link)
@@ -115,7 +115,7 @@ def test_a_board_that_does_not_fit_the_arm_file_is_refused(tmp_path, mosquitto):
     assert "joint 1 of the arm is on channel 2, but base has 2 channels" in told
 
 
-@pytest.mark.broker
+@pytest.mark.needs("mosquitto")
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 async def test_it_runs_until_it_is_told_to_stop(tmp_path, mosquitto, number):
     with FakeBoard(tmp_path / "ttyBoard") as board:

@@ -17,6 +17,9 @@ from tests.certificates import Authority, openssl
 SECRET = "correct horse"
 
 
+pytestmark = pytest.mark.needs("openssl")
+
+
 @pytest.fixture(scope="module")
 def certificates(tmp_path_factory):
     return Authority(tmp_path_factory.mktemp("certificates"))

@@ -11,7 +11,7 @@ from tests.certificates import Authority
 from tests.daemon.publisher_bench import Bench, Witness
 from tests.drivers.taken import until
 
-pytestmark = pytest.mark.broker
+pytestmark = pytest.mark.needs("mosquitto", "openssl")
 
 
 @pytest.fixture(scope="module")

@@ -50,7 +50,6 @@ ELSEWHERE: Final = {
 }
 _ROOT = "changes a computer; `make test-vm` installs, starts, upgrades and removes"
 NOT_RUN: Final = {
-    r"git clone ": "there is no address yet; the tests run in a checkout",
     r"(mkdir|CHECKOUT=|export PATH=)": "the reader's folder; tests have their own",
     r"ls -l /dev/serial/": "no adapter here",
     r"cat /sys/bus/usb-serial/": "no adapter here",

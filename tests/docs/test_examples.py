@@ -95,7 +95,7 @@ def running(program: str) -> Iterator[subprocess.Popen[str]]:
         process.communicate()
 
 
-@pytest.mark.broker
+@pytest.mark.needs("mosquitto")
 def test_point_reader_prints_a_point(mosquitto: Mosquitto) -> None:
     ((_, text),) = examples("points")
     assert "1883" in text

@@ -17,7 +17,7 @@ from tests.end_to_end.agreement import assert_one_point_an_edge
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.workbench import CONE, DEMO_ARM, REST, SPHERE, Workbench
 
-pytestmark = pytest.mark.broker
+pytestmark = pytest.mark.needs("mosquitto")
 
 CENTRE_MM, RADIUS_MM = np.array([700.0, 100.0, 120.0]), 50.8
 BALL_MM = read_arm(DEMO_ARM).probe.radius_mm

@@ -26,7 +26,7 @@ from tests.end_to_end.workbench import (
 )
 
 BALL_MM = read_arm(DEMO_ARM).probe.radius_mm
-pytestmark = pytest.mark.broker
+pytestmark = pytest.mark.needs("mosquitto")
 
 
 async def scanned(listener: Listener, args: ScanArgs, n: int) -> list[Scan]:

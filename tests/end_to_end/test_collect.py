@@ -42,7 +42,7 @@ def campaign(bench: Workbench) -> Workbench:
     return bench
 
 
-@pytest.mark.broker
+@pytest.mark.needs("mosquitto")
 async def test_a_campaign_is_collected_as_it_is_touched(campaign: Workbench) -> None:
     bench = campaign
     lead_in = '[[motion]]\nkind = "rest"\nduration_s = 1.0'
@@ -77,7 +77,7 @@ async def test_a_campaign_is_collected_as_it_is_touched(campaign: Workbench) -> 
     assert (np.abs(np.nan_to_num(senses)).sum(axis=1) > 0).all()
 
 
-@pytest.mark.broker
+@pytest.mark.needs("mosquitto")
 async def test_an_ended_collection_goes_on_where_it_was(campaign: Workbench) -> None:
     bench = campaign
     bench.write_simulator(REST)
@@ -98,7 +98,7 @@ async def test_an_ended_collection_goes_on_where_it_was(campaign: Workbench) -> 
     assert len(lines) == 1 + 4
 
 
-@pytest.mark.broker
+@pytest.mark.needs("mosquitto")
 async def test_keys_at_a_terminal_undo_and_quit(campaign: Workbench) -> None:
     bench = campaign
     bench.write_simulator(REST)

@@ -15,7 +15,7 @@ from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import PATIENCE_S, until
 from tests.end_to_end.workbench import Workbench
 
-pytestmark = pytest.mark.broker
+pytestmark = pytest.mark.needs("mosquitto")
 
 
 async def test_a_point_is_taken_on_command_and_the_answer_names_it(

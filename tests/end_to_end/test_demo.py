@@ -66,7 +66,7 @@ async def measure_until_ctrl_c(folder: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.broker
+@pytest.mark.needs("mosquitto")
 async def test_three_demonstrations_beside_each_other(
     mosquitto: Mosquitto, tmp_path: Path
 ) -> None:

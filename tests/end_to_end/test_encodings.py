@@ -14,7 +14,7 @@ from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import PATIENCE_S, until
 from tests.end_to_end.workbench import REST, SPHERE, Workbench
 
-pytestmark = pytest.mark.broker
+pytestmark = pytest.mark.needs("mosquitto")
 
 
 async def raw(bench: Workbench, kinds: set[str]) -> dict[str, aiomqtt.Message]:

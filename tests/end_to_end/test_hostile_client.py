@@ -21,7 +21,7 @@ from tests.end_to_end.programs import PATIENCE_S, until
 from tests.end_to_end.workbench import SPHERE, Workbench
 from tests.hostile_messages import examples, fixed, names, payloads
 
-pytestmark = pytest.mark.broker
+pytestmark = pytest.mark.needs("mosquitto")
 
 MORE_RSS_BYTES = 40_000_000
 OTHER = "arm-of-somebody-else"

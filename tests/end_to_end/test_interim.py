@@ -9,7 +9,7 @@ from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import Program
 from tests.end_to_end.workbench import CONE, SPHERE, Workbench
 
-pytestmark = pytest.mark.broker
+pytestmark = pytest.mark.needs("mosquitto")
 
 LEAD_IN = '[[motion]]\nkind = "rest"\nduration_s = 1.0'
 

@@ -39,7 +39,7 @@ def more(text: str, bench: Workbench) -> None:
     path.write_text(f"{path.read_text('utf-8')}\n{text}\n", "utf-8")
 
 
-@pytest.mark.broker
+@pytest.mark.needs("mosquitto")
 async def test_a_service_is_ready_watched_reloaded_and_stopped(
     bench: Workbench, manager: Manager
 ) -> None:
@@ -116,7 +116,7 @@ async def test_what_is_absent_is_told_and_does_not_keep_a_service_from_starting(
             assert await daemon.stop() == 0
 
 
-@pytest.mark.broker
+@pytest.mark.needs("mosquitto")
 async def test_a_reader_that_is_stuck_stops_the_feeding(
     bench: Workbench, manager: Manager
 ) -> None:
@@ -143,7 +143,7 @@ async def test_a_reader_that_is_stuck_stops_the_feeding(
         assert "_serve" in daemon.log  # where the reader thread stood
 
 
-@pytest.mark.broker
+@pytest.mark.needs("mosquitto")
 async def test_prometheus_reads_what_health_says(bench: Workbench) -> None:
     port = free_port()
     bench.write_simulator(REST)

@@ -16,7 +16,7 @@ from tests.end_to_end.workbench import Workbench
 from tests.mosquitto import Mosquitto
 from traverse.__main__ import app
 
-pytestmark = pytest.mark.broker
+pytestmark = pytest.mark.needs("mosquitto")
 
 ALPHA = (0, 16384, 0, -16384, 16384, -16384)
 A = (0, 750, 10250, 750, 0, 0)

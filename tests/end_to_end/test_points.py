@@ -11,7 +11,7 @@ from tests.end_to_end.arm_matrices import MatrixArm
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.workbench import CONE, SPHERE, Workbench
 
-pytestmark = pytest.mark.broker
+pytestmark = pytest.mark.needs("mosquitto")
 
 
 async def measured(

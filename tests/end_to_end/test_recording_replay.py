@@ -24,7 +24,7 @@ from tests.end_to_end.programs import Program, until
 from tests.end_to_end.test_capture_points import LIBRARY, change, result
 from tests.end_to_end.workbench import SPHERE, Workbench
 
-pytestmark = pytest.mark.broker
+pytestmark = pytest.mark.needs("mosquitto")
 
 
 async def replayed(

@@ -15,7 +15,7 @@ from tests.end_to_end.programs import until
 from tests.end_to_end.workbench import SWEEP, Workbench
 from tests.mosquitto import Mosquitto
 
-pytestmark = pytest.mark.broker
+pytestmark = pytest.mark.needs("mosquitto")
 
 
 async def test_a_complete_scan_has_every_point_after_an_outage(

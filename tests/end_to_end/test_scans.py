@@ -9,7 +9,7 @@ from tests.end_to_end.listener import Listener, numbers, times_ns
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.workbench import REST, SPHERE, SWEEP, Workbench
 
-pytestmark = pytest.mark.broker
+pytestmark = pytest.mark.needs("mosquitto")
 
 TRIES = 3
 

@@ -104,7 +104,7 @@ async def test_an_arm_that_does_not_fit_the_board_is_refused(
         assert await simulator.stop() == 0
 
 
-@pytest.mark.broker
+@pytest.mark.needs("mosquitto")
 async def test_a_second_daemon_on_the_port_says_so(
     bench: Workbench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -119,7 +119,7 @@ async def test_a_second_daemon_on_the_port_says_so(
         assert listener.told("device.lost", active=True) == []
 
 
-@pytest.mark.broker
+@pytest.mark.needs("mosquitto")
 async def test_a_second_daemon_leaves_the_first_in_peace(
     bench: Workbench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -152,7 +152,7 @@ async def test_a_signal_ends_it_while_it_waits_for_a_mute_board(
         os.close(line)
 
 
-@pytest.mark.broker
+@pytest.mark.needs("mosquitto")
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 async def test_a_signal_ends_the_daemon_in_order(
     bench: Workbench, number: signal.Signals

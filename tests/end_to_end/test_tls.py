@@ -18,7 +18,7 @@ from tests.end_to_end.programs import PATIENCE_S, Program, until
 from tests.end_to_end.workbench import REST, Workbench
 from tests.mosquitto import HOST, Mosquitto, free_port
 
-pytestmark = pytest.mark.broker
+pytestmark = pytest.mark.needs("mosquitto", "openssl")
 
 ACL = Path(__file__).parents[2] / "deploy" / "mosquitto" / "acl"
 OPERATOR, DISPLAY, ARCHIVE = "bench-7-operator", "bench-7-display", "archive"

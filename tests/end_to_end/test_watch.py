@@ -38,7 +38,7 @@ def watched_by_head(bench: Workbench) -> tuple[str, str]:
     return ended.stdout, ended.stderr
 
 
-@pytest.mark.broker
+@pytest.mark.needs("mosquitto")
 async def test_lines_tell_status_health_and_points_with_units(
     resting: Workbench,
 ) -> None:
@@ -56,7 +56,7 @@ async def test_lines_tell_status_health_and_points_with_units(
             assert watching.log == ""
 
 
-@pytest.mark.broker
+@pytest.mark.needs("mosquitto")
 async def test_json_lines_are_messages(resting: Workbench) -> None:
     async with measuring(resting) as (listener, _, _):
         with watch(resting, "--json", "--kinds", "status,point") as watching:
@@ -83,7 +83,7 @@ async def test_an_unknown_kind_is_refused(resting: Workbench) -> None:
         assert "points is none of" in watching.log
 
 
-@pytest.mark.broker
+@pytest.mark.needs("mosquitto")
 async def test_it_ends_when_nobody_reads_its_lines_any_more(
     resting: Workbench,
 ) -> None:
@@ -93,7 +93,7 @@ async def test_it_ends_when_nobody_reads_its_lines_any_more(
     assert err == ""
 
 
-@pytest.mark.broker
+@pytest.mark.needs("mosquitto")
 async def test_on_a_terminal_it_is_a_display(resting: Workbench) -> None:
     where = ("--broker", f"{resting.host}:{resting.port}")
     command = [sys.executable, "-m", "traverse", "watch", *where, "--arm", resting.arm]

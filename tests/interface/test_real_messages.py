@@ -19,7 +19,7 @@ from tests.interface.conftest import ROOT
 from tests.interface.test_asyncapi import validator
 from tests.mosquitto import Mosquitto
 
-pytestmark = pytest.mark.broker
+pytestmark = pytest.mark.needs("mosquitto", "node")
 
 GOLDEN = ROOT / "tests" / "protocol" / "golden"
 

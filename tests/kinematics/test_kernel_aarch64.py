@@ -1,9 +1,5 @@
-"""The portable kernel built for aarch64 and run in an emulator: the same bits.
+"""The portable kernel built for aarch64 and run in an emulator: the same bits."""
 
-Needs Debian's gcc-aarch64-linux-gnu, libc6-dev-arm64-cross and qemu-user.
-"""
-
-import shutil
 import subprocess
 from dataclasses import replace
 from pathlib import Path
@@ -19,10 +15,7 @@ compiled = pytest.importorskip("kinematics.kernel.compiled")
 
 ROOT = Path(__file__).parent.parent.parent
 COMPILER, EMULATOR = "aarch64-linux-gnu-gcc", "qemu-aarch64"
-pytestmark = pytest.mark.skipif(
-    shutil.which(COMPILER) is None or shutil.which(EMULATOR) is None,
-    reason=f"needs {COMPILER} and {EMULATOR}",
-)
+pytestmark = pytest.mark.needs("aarch64")
 
 # Those of kernel_poses.c.
 TERMS = (

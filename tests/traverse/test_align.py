@@ -177,7 +177,7 @@ def test_a_leapfrog_onto_an_alignment_leads_to_the_part(files, tmp_path):
     assert all(a > b for a, b in pairs)
 
 
-@pytest.mark.broker
+@pytest.mark.needs("mosquitto")
 def test_a_file_is_sent_later_or_at_once(files, tmp_path, mosquitto):
     points, nominal = files
     out = tmp_path / "out"

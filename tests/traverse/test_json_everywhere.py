@@ -131,7 +131,7 @@ def test_points_of_an_outbox_are_a_document_a_line(desk: Path) -> None:
     assert [json.loads(one)["seq"] for one in ran.stdout.splitlines()] == [POINT.seq]
 
 
-@pytest.mark.broker
+@pytest.mark.needs("mosquitto")
 async def test_a_recording_is_told_in_one_document(
     mosquitto: Mosquitto, tmp_path: Path
 ) -> None:
