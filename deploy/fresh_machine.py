@@ -137,8 +137,9 @@ def made_tree(suite: str, python: str) -> Path:
     say(f"Making a tree of Debian {suite}, once, about a minute: {archive.name}")
     include = ",".join((*PACKAGES, python))
     command = ["mmdebstrap", "--quiet", "--mode=root", "--variant=minbase"]
-    command += [f"--include={include}", suite, str(part), "-"]
-    made = subprocess.run(command, input=sources(suite), text=True, check=False)
+    wanted = sources(suite)
+    command += [*apt_settings(), f"--include={include}", suite, str(part), "-"]
+    made = subprocess.run(command, input=wanted, text=True, check=False)
     if made.returncode:
         raise NotHereError(f"mmdebstrap cannot make Debian {suite}; see above")
     part.rename(archive)
@@ -165,9 +166,20 @@ def sources(suite: str) -> str:
         raise NotHereError("no lists of packages here; run: apt-get update")
     if any(codename == suite for _, codename, _ in rows):
         return "".join(f"deb {uri} {codename} main\n" for uri, codename, _ in rows)
-    return "".join(
-        f"deb {uri} {suite} main\n" for uri, _, label in rows if label == "Debian"
+    mirrors = {uri for uri, _, label in rows if label == "Debian"}
+    return "".join(f"deb {uri} {suite} main\n" for uri in sorted(mirrors))
+
+
+def apt_settings() -> list[str]:
+    """Read how this machine's apt gets at its mirror: proxies, dates, authorities."""
+    ran = subprocess.run(
+        ["apt-config", "dump", "Acquire"], capture_output=True, text=True, check=True
     )
+    return [
+        f"--aptopt={line}"
+        for line in ran.stdout.splitlines()
+        if re.match("Acquire::(Check|https?::(Proxy|CA))", line)
+    ]
 
 
 @contextmanager
