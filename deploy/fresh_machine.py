@@ -189,6 +189,9 @@ def unpacked(archive: Path) -> Iterator[Path]:
     remove(tree)
     tree.mkdir()
     subprocess.run(["tar", "-xf", archive, "-C", tree], check=True)
+    # Debian's installer writes them; mmdebstrap copies the names of this machine's.
+    (tree / "etc/hostname").write_text("fresh\n")
+    (tree / "etc/hosts").write_text("127.0.0.1 localhost fresh\n::1 localhost\n")
     try:
         with ExitStack() as mounts:
             for path in settings_files():

@@ -9,6 +9,7 @@ from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import hypothesis
 import pytest
 
 from tests import programs
@@ -16,6 +17,9 @@ from tests.mosquitto import Mosquitto
 
 GRACE_S = 2.0
 LINKS = pytest.StashKey[Path]()
+# How long an example takes says how busy this machine is.
+hypothesis.settings.register_profile("any_machine", deadline=None)
+hypothesis.settings.load_profile("any_machine")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -101,7 +101,7 @@ def started(since: dict[str, int] | None = None) -> tuple[PointOrder, Outbox, st
     return order, outbox, session
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.integers(0, 2**32), st.floats(0.0, 0.6), st.floats(0.0, 0.1))
 def test_every_number_is_handed_on_once_and_in_order_whatever_a_broker_loses(
     seed: int, loss: float, forgetting: float

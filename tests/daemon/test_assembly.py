@@ -28,7 +28,7 @@ def cuts(draw, n):
     return [range(a, b) for a, b in pairwise(bounds)]
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(data=st.data())
 def test_every_sample_once_and_as_interpolation_by_other_means_has_it(
     data, tmp_path_factory

@@ -70,7 +70,7 @@ def send_all(messages) -> list[Reply]:
         max_size=5,
     )
 )
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 def test_whatever_comes_is_answered_or_dropped_without_a_fault(messages):
     for reply in send_all(messages):
         assert reply.ok or reply.error.code != "command.failed"

@@ -2,7 +2,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from daemon.motion import GAP_NS, KEPT_NS, MotionTrail
@@ -99,7 +99,6 @@ def stream(rng, n=120, *, rough=True):
     return np.cumsum(steps_ns), angles, are_valid
 
 
-@settings(deadline=None)
 @given(streams, st.lists(st.integers(1, 119), max_size=12))
 def test_cutting_a_stream_changes_no_bit_of_the_motion(rng, cuts):
     times_ns, angles, are_valid = stream(rng)
@@ -110,7 +109,6 @@ def test_cutting_a_stream_changes_no_bit_of_the_motion(rng, cuts):
         assert whole[name].tobytes() == cut[name].tobytes() == single[name].tobytes()
 
 
-@settings(deadline=None)
 @given(streams, st.integers(1, 119))
 def test_a_latch_has_the_motion_of_a_sample_however_late_it_comes(rng, row):
     times_ns, angles, _ = stream(rng, rough=False)

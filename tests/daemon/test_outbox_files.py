@@ -117,7 +117,7 @@ def test_a_killed_process_leaves_all_that_was_committed_and_nothing_else(path):
     store.close()
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(cut=st.integers(0, 60_000))
 def test_a_log_that_is_cut_anywhere_leaves_whole_groups_in_order(tmp_path_factory, cut):
     """What a power cut leaves of a disk that writes in order."""

@@ -248,7 +248,7 @@ def test_all_filters_are_tried_below():
     assert {table["kind"] for table in ALL_FILTERS} == set(FILTERS)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 10**6), st.permutations(ALL_FILTERS), st.integers(1, 5))
 def test_daemon_and_off_line_filters_give_the_same_points(model, seed, tables, n):
     random = np.random.default_rng(seed)

@@ -89,7 +89,7 @@ def played(source: Source, answers: list[tuple[int | None, ...]]) -> tuple[int, 
 
 
 @pytest.mark.parametrize("source", ["host", "kernel"])
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(answers=ANSWERS, stalls=st.tuples(*[st.integers(0, 60)] * 3))
 def test_a_count_without_a_flag_is_of_its_sync(source, answers, stalls):
     rows = [list(row) for row in answers]

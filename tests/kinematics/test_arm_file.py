@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 import tomlkit
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from kinematics.arm_file import (
@@ -169,7 +169,6 @@ numbers = st.one_of(
 vectors = st.tuples(numbers, numbers, numbers)
 
 
-@settings(deadline=None)
 @given(st.data())
 def test_writing_and_reading_keep_every_number_bit_for_bit(tmp_path_factory, data):
     arm = parse_arm(EVERYTHING)

@@ -268,7 +268,7 @@ def effects_text():
     )
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(st.data())
 def test_whatever_stands_in_a_file_it_is_read_or_refused_in_our_words(data):
     table = tomlkit.parse(effects_text()).unwrap()

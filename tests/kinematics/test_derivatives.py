@@ -35,7 +35,7 @@ def _difference(geometry, angles_rad, field, index, step):
     return (plus - minus) / (2 * step)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(geometries, seeds)
 def test_every_derivative_agrees_with_central_differences(geometry, seed):
     angles_rad = _angles(seed, geometry)
@@ -62,7 +62,7 @@ def test_every_derivative_agrees_with_central_differences(geometry, seed):
         assert np.allclose(found.by_origin[:, :, c], origin, rtol=0, atol=1e-9)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(geometries, seeds)
 def test_centres_are_those_of_the_forward_kinematics(geometry, seed):
     angles_rad = _angles(seed, geometry)
@@ -71,7 +71,7 @@ def test_centres_are_those_of_the_forward_kinematics(geometry, seed):
     assert np.allclose(found, expected, rtol=0, atol=1e-12 * size_mm(geometry))
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(geometries, seeds)
 def test_moving_a_hinge_along_its_axis_is_an_exact_null_direction(geometry, seed):
     found = probe_derivatives(geometry, _angles(seed, geometry))
@@ -82,7 +82,7 @@ def test_moving_a_hinge_along_its_axis_is_an_exact_null_direction(geometry, seed
         assert np.allclose(change, 0.0, rtol=0, atol=1e-13)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(geometries, seeds)
 def test_an_axis_has_no_derivative_along_itself(geometry, seed):
     found = probe_derivatives(geometry, _angles(seed, geometry))
@@ -90,7 +90,7 @@ def test_an_axis_has_no_derivative_along_itself(geometry, seed):
     assert np.allclose(along, 0.0, rtol=0, atol=1e-12 * size_mm(geometry))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(1, 40), seeds)
 def test_chunks_give_the_same_as_one_block(chunk_samples, seed):
     geometry = random_geometry(7, 5)

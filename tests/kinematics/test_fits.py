@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from kinematics.fits import fit_sphere, fit_sphere_of_radius, spread_about_mean
@@ -29,7 +29,6 @@ def gradient(points, centre, radius):
     return by_centre.sum(axis=0), -misclosures.sum()
 
 
-@settings(deadline=None)
 @given(seeds, st.integers(8, 60), st.floats(1.0, 500.0))
 def test_exact_points_give_the_sphere_back(seed, n_points, radius):
     points = on_a_cap(seed, n_points, radius)
@@ -39,7 +38,6 @@ def test_exact_points_give_the_sphere_back(seed, n_points, radius):
         assert sphere.rms_mm < 1e-9
 
 
-@settings(deadline=None)
 @given(seeds)
 def test_noisy_points_give_the_least_squares_sphere(seed):
     points = on_a_cap(seed, 40, 25.4)

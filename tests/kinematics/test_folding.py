@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from kinematics.folding import Folded, HalfTurns
@@ -12,7 +12,6 @@ from kinematics.geometry import unit_vectors
 SPECIAL_RAD = (0.0, math.pi / 2, math.pi, -math.pi, 3 * math.pi, 1e-200, -1e-9, 1e4)
 
 
-@settings(deadline=None)
 @given(st.lists(st.floats(-1e4, 1e4), min_size=1, max_size=40))
 def test_sines_and_cosines_of_tangents_are_those_of_the_angle(angles_rad):
     angles_rad = [*angles_rad, *SPECIAL_RAD]

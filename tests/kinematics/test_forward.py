@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from kinematics.forward import (
@@ -49,7 +49,6 @@ def pose_by_matrices(geometry, angles):
     return (motion @ probe)[:3], motion[:3, :3] @ geometry.probe_direction
 
 
-@settings(deadline=None)
 @given(geometries, seeds)
 def test_pose_agrees_with_homogeneous_matrices(geometry, seed):
     angles = postures(geometry, seed)
@@ -80,7 +79,6 @@ def test_planar_arm_of_two_joints_by_hand():
     np.testing.assert_allclose(joint_positions(geometry, angles), skeleton, atol=1e-12)
 
 
-@settings(deadline=None)
 @given(geometries)
 def test_base_posture_adds_up_the_links(geometry):
     centre, direction = probe_pose(geometry, geometry.zeros_rad[np.newaxis])
@@ -92,7 +90,6 @@ def test_base_posture_adds_up_the_links(geometry):
     np.testing.assert_array_equal(direction[0], geometry.probe_direction)
 
 
-@settings(deadline=None)
 @given(geometries, seeds)
 def test_rigid_motion_of_the_base_posture_moves_the_probe_rigidly(geometry, seed):
     rng = np.random.default_rng(seed)
@@ -118,7 +115,6 @@ def test_rigid_motion_of_the_base_posture_moves_the_probe_rigidly(geometry, seed
     )
 
 
-@settings(deadline=None)
 @given(geometries, seeds, st.data())
 def test_turns_of_a_joint_add_up(geometry, seed, data):
     """To turn by a in a new base posture is to turn by b + a in the old one."""
@@ -147,7 +143,6 @@ def test_turns_of_a_joint_add_up(geometry, seed, data):
     )
 
 
-@settings(deadline=None)
 @given(geometries, seeds, st.integers(-3, 3))
 def test_whole_turns_change_nothing(geometry, seed, turns):
     angles = postures(geometry, seed)
@@ -167,7 +162,6 @@ def test_whole_turns_change_nothing(geometry, seed, turns):
     )
 
 
-@settings(deadline=None)
 @given(geometries, seeds, st.data())
 def test_shift_along_an_axis_between_neighbours_leaves_the_probe(geometry, seed, data):
     """Invariance (3) of the paper: r_(k-1) - a u_k with r_k + a u_k.
@@ -192,7 +186,6 @@ def test_shift_along_an_axis_between_neighbours_leaves_the_probe(geometry, seed,
     )
 
 
-@settings(deadline=None)
 @given(geometries, seeds)
 def test_skeleton_keeps_the_lengths_of_the_links(geometry, seed):
     skeleton = joint_positions(geometry, postures(geometry, seed))
@@ -211,7 +204,6 @@ def test_skeleton_keeps_the_lengths_of_the_links(geometry, seed):
     )
 
 
-@settings(deadline=None)
 @given(st.lists(st.integers(0, 2600), max_size=6), st.booleans())
 def test_cutting_a_stream_into_blocks_keeps_every_bit(cuts, in_columns):
     geometry = random_geometry(seed=4, n_joints=7)

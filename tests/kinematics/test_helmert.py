@@ -40,7 +40,7 @@ def noise(rng, covariances):
     )
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(SEEDS)
 def test_the_rotation_is_that_of_scipy(seed):
     rng = np.random.default_rng(seed)
@@ -121,7 +121,7 @@ def test_the_adjustment_is_where_scipy_finds_the_least_squares_of_both_sides(
     np.testing.assert_allclose(corrected, b + found.to_corrections_mm, atol=1e-9)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(SEEDS)
 def test_the_result_moves_with_the_systems(seed):
     rng = np.random.default_rng(seed)
@@ -309,7 +309,7 @@ def test_points_without_errors_are_refused():
         adjusted_helmert(a, a, none, flat)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(SEEDS)
 def test_whatever_the_points_are_they_are_adjusted_or_refused(seed):
     rng = np.random.default_rng(seed)

@@ -122,7 +122,7 @@ def test_gil_is_free_while_a_block_is_computed(with_effects):
         thread.join()
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(geometries, seeds)
 def test_plain_floats_agree_with_numpy(geometry, seed):
     angles = np.random.default_rng(seed).uniform(-8, 8, (3, geometry.n_joints))

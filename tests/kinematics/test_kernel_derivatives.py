@@ -45,7 +45,7 @@ def by_complex_step(geometry, angles, name):
     return found
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(1, 9), seeds)
 def test_every_derivative_agrees_with_complex_steps(n_joints, seed):
     geometry = random_geometry(seed, n_joints)

@@ -2,7 +2,7 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from kinematics.arm_file import parse_arm
@@ -42,7 +42,6 @@ def walks(draw):
     return np.array(turns), np.stack(columns, axis=1)
 
 
-@settings(deadline=None)
 @given(walks(), st.lists(st.integers(0, 30), max_size=4))
 def test_unwrapping_follows_the_true_counts_whatever_the_blocks(walk, cuts):
     counts_per_turn, true_counts = walk
@@ -83,7 +82,6 @@ def test_half_a_turn_is_taken_downwards(counts_per_turn, raw, expected):
     np.testing.assert_array_equal(unwrapped[:, 0], expected)
 
 
-@settings(deadline=None)
 @given(
     counts_per_turns,
     st.sampled_from([1, -1]),

@@ -193,7 +193,7 @@ def test_suggested_poses_touch_and_help(result):
     assert again.adjustment.sigma0 == pytest.approx(result.sigma0, rel=0.02)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(1, 3000), st.integers(1, 40), st.integers(0, 2**32 - 1))
 def test_a_triangle_stands_for_all_rows(n_rows, n_columns, seed):
     rng = np.random.default_rng(seed)
@@ -233,7 +233,7 @@ def test_rank_is_decided_in_units_of_the_tolerances():
         assert step == pytest.approx([2.0, 7.0 if determined == 1 else 25.0])
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.sampled_from([1, 3]), st.integers(0, 2**32 - 1))
 def test_whitening_makes_unit_dispersions(n_rows, seed):
     rng = np.random.default_rng(seed)

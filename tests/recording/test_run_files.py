@@ -103,7 +103,7 @@ def test_a_file_cut_within_its_head_says_so(tmp_path):
         assert entries == []
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.data())
 def test_no_changed_byte_crashes_the_reader_or_changes_a_message(
     tmp_path_factory, data

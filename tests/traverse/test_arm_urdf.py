@@ -223,7 +223,7 @@ def test_what_is_no_description_is_refused(made, content, said):
     assert said in output
 
 
-@settings(max_examples=100, deadline=None)  # a busy machine is no fault
+@settings(max_examples=100)  # a busy machine is no fault
 @given(st.data())
 def test_a_damaged_description_is_read_or_refused_and_nothing_else(data):
     text = bytearray(ROBOT.encode())

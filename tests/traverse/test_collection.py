@@ -76,7 +76,7 @@ def test_the_table_is_a_campaign(tmp_path):
     assert poses.temperature_c.tolist() == [20.5] * 3
 
 
-@settings(max_examples=20, deadline=None)  # every step waits for the disk
+@settings(max_examples=20)  # every step waits for the disk
 @given(
     st.lists(st.tuples(st.integers(0, 3), st.booleans(), st.booleans()), max_size=12)
 )

@@ -41,7 +41,7 @@ def joined(parts):
     return b"".join(array.tobytes() for array in (centres, shanks, *flags))
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.lists(st.integers(0, 1300), max_size=6))
 def test_cutting_a_stream_with_all_effects_keeps_every_bit(cuts):
     block = full_block(seed=3, n_samples=1300)

@@ -119,7 +119,7 @@ def test_a_slow_drift_is_not_learned_once_the_base_is_settled():
     assert found[-1].centre == pytest.approx(values[:BASE].mean())
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(
     st.lists(st.floats(-5, 5), min_size=3, max_size=20),
     st.floats(0.1, 100),

@@ -238,7 +238,7 @@ def test_a_curve_that_is_applied_leaves_nothing_of_itself():
     st.lists(st.floats(-3.0, 3.0), min_size=12, max_size=60),
     st.integers(0, 20),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_knots_rise_and_span_the_values(values, n_repeated):
     values = np.array(values + [values[0]] * n_repeated)
     if np.ptp(values) < 1e-2:
