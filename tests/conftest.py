@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from tests import warm_start
 from tests.mosquitto import Mosquitto, find_mosquitto
 
 GRACE_S = 2.0
@@ -22,7 +23,7 @@ def _children() -> set[int]:
             found.update(map(int, (task / "children").read_text().split()))
         except OSError:  # that thread has just ended
             continue
-    return found
+    return found - warm_start.pids()
 
 
 def _command_of(pid: int) -> str:
@@ -66,6 +67,11 @@ def no_task_is_left(
     function = getattr(request, "function", None)
     if inspect.iscoroutinefunction(function):
         request.getfixturevalue("_no_task")
+
+
+def pytest_sessionfinish() -> None:
+    """End what programs were forked from."""
+    warm_start.close_all()
 
 
 @pytest.fixture(scope="session")
