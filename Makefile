@@ -5,11 +5,14 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
 # Other libraries to be compared with, never in the environment that Traverse runs in.
 PEERS := .venv-peers
-# Tests that run at once: many wait for real time, so one more than there are cores.
-WORKERS ?= $(shell expr $$(nproc) + 1)
+# Tests that run at once: many wait for real time, so two more than there are cores.
+WORKERS ?= $(shell expr $$(nproc) + 2)
 FIGURES := build/figures
 # What the kernel in C is built from.
 KERNEL := setup.py $(foreach kind,pyx pxd pxi c h inc,$(wildcard kinematics/kernel/*.$(kind)))
+
+# Compiled modules are kept: without them every program that a test starts compiles anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: docs help venv system node demo test lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance prove-alignment blind blind-full fuzz soak endurance bench-client test-vm install deb clean bench-kernel audit bench-fleet bench-page screenshots
 
@@ -41,7 +44,7 @@ build/node/.ready: tests/interface/package.json tests/interface/package-lock.jso
 	touch $@
 
 test: venv system node  ## all tests
-	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n $(WORKERS) --dist loadfile
+	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 lint: venv  ## ruff, mypy --strict, import contracts
 	$(BIN)/ruff format --check .
