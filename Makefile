@@ -14,7 +14,7 @@ KERNEL := setup.py $(foreach kind,pyx pxd pxi c h inc,$(wildcard kinematics/kern
 # Compiled modules are kept: without them every program that a test starts compiles anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: docs help venv system node demo test lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance prove-alignment blind blind-full fuzz soak endurance bench-client test-vm install deb clean bench-kernel audit bench-fleet bench-page screenshots
+.PHONY: docs help venv system node demo test check lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance prove-alignment blind blind-full fuzz soak endurance bench-client test-vm install deb clean bench-kernel audit bench-fleet bench-page screenshots
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -45,6 +45,9 @@ build/node/.ready: tests/interface/package.json tests/interface/package-lock.jso
 
 test: venv system node  ## all tests
 	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
+
+check: lint  ## lint, and the quick tests of what has changed; about a minute
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.changed -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 lint: venv  ## ruff, mypy --strict, import contracts
 	$(BIN)/ruff format --check .
