@@ -116,7 +116,13 @@ def selected(root: Path, changed: set[str]) -> list[str]:
             ranks[test] = away[test]
         elif any(name in text for name in others):
             ranks[test] = 1
-    return sorted(ranks, key=lambda test: (ranks[test], test))
+    words = {part for name in changed for part in PurePosixPath(name).parts[:-1]}
+
+    def order(test: str) -> tuple[float, int, str]:
+        """Nearest first; then those whose names have more of the changed folders."""
+        return ranks[test], -sum(word in test for word in words), test
+
+    return sorted(ranks, key=order)
 
 
 def main(root: Path, options: list[str]) -> None:

@@ -10,6 +10,7 @@ import ctypes
 import gc
 import importlib
 import json
+import math
 import os
 import runpy
 import signal
@@ -50,7 +51,7 @@ class Process:
                 self.returncode = os.waitstatus_to_exitcode(status)
         return self.returncode
 
-    def wait(self, timeout: float) -> int:
+    def wait(self, timeout: float = math.inf) -> int:
         """Wait for its end."""
         end_s = time.monotonic() + timeout
         while (status := self.poll()) is None:
