@@ -5,8 +5,8 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
 # Other libraries to be compared with, never in the environment that Traverse runs in.
 PEERS := .venv-peers
-# Tests that run at once: many wait for real time, so one more than there are cores.
-WORKERS ?= $(shell expr $$(nproc) + 1)
+# Tests that run at once: many wait for real time, so two more than there are cores.
+WORKERS ?= $(shell expr $$(nproc) + 2)
 FIGURES := build/figures
 # Groups of Debian packages that the tests need, in deploy/debian-packages.sh.
 TEST_GROUPS := mosquitto openssl jq chromium node systemd groff
@@ -16,7 +16,10 @@ FRESH ?=
 # What the kernel in C is built from.
 KERNEL := setup.py $(foreach kind,pyx pxd pxi c h inc,$(wildcard kinematics/kernel/*.$(kind)))
 
-.PHONY: docs help venv system node demo test test-fresh lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance prove-alignment blind blind-full fuzz soak endurance bench-client test-vm install deb clean bench-kernel audit bench-fleet bench-page screenshots
+# Compiled modules are kept: without them every program that a test starts compiles anew.
+unexport PYTHONDONTWRITEBYTECODE
+
+.PHONY: docs help venv system node demo test test-fresh check lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance prove-alignment blind blind-full fuzz soak endurance bench-client test-vm install deb clean bench-kernel audit bench-fleet bench-page screenshots
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -53,11 +56,15 @@ build/node/.ready: tests/interface/package.json tests/interface/package-lock.jso
 	@touch $@
 
 test: venv system node  ## all tests
-	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n $(WORKERS) --dist loadfile --required="$(TEST_GROUPS)"
+	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder \
+	    --required="$(TEST_GROUPS)"
 
 test-fresh:  ## the README's commands in a pristine Debian (SUITE=trixie for another); root, a quarter of an hour
 	@sh deploy/debian-packages.sh fresh || true
 	@$(PYTHON) deploy/fresh_machine.py $(SUITE) $(FRESH)
+
+check: lint  ## lint, and the quick tests of what has changed; about a minute
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.changed -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 lint: venv  ## ruff, mypy --strict, import contracts
 	$(BIN)/ruff format --check .

@@ -1,6 +1,7 @@
 """What all tests share: nothing survives a test, and a real broker."""
 
 import asyncio
+import gc
 import inspect
 import os
 import threading
@@ -12,10 +13,12 @@ from typing import Any
 import hypothesis
 import pytest
 
-from tests import programs
+from tests import programs, warm_start
 from tests.mosquitto import Mosquitto
 
 GRACE_S = 2.0
+# Folders with the longest files of tests.
+LONG = ("browser", "docs", "end_to_end", "lab", "traverse")
 LINKS = pytest.StashKey[Path]()
 # How long an example takes says how busy this machine is.
 hypothesis.settings.register_profile("any_machine", deadline=None)
@@ -28,15 +31,6 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         default="",
         help="groups of programs whose tests fail, not skip, where one is missing",
     )
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    for item in items:
-        for group in _needed(item) - programs.groups().keys():
-            raise pytest.UsageError(
-                f"{item.nodeid} needs group {group!r}, which {programs.INSTALLER} "
-                "does not know: add it there, with its programs and packages"
-            )
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -67,7 +61,7 @@ def _children() -> set[int]:
             found.update(map(int, (task / "children").read_text().split()))
         except OSError:  # that thread has just ended
             continue
-    return found
+    return found - warm_start.pids()
 
 
 def _command_of(pid: int) -> str:
@@ -111,6 +105,34 @@ def no_task_is_left(
     function = getattr(request, "function", None)
     if inspect.iscoroutinefunction(function):
         request.getfixturevalue("_no_task")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put long files first, by turns of those that wait and those that compute.
+
+    Workers take file by file in this order: they end at about the same time.
+    """
+    for item in items:
+        for group in _needed(item) - programs.groups().keys():
+            raise pytest.UsageError(
+                f"{item.nodeid} needs group {group!r}, which {programs.INSTALLER} "
+                "does not know: add it there, with its programs and packages"
+            )
+    files = {item.path: None for item in items}
+    ranks: dict[Path, tuple[bool, int]] = {}
+    counts: dict[str, int] = {}
+    for path in files:
+        folder = os.path.relpath(path, Path(__file__).parent).partition("/")[0]
+        ranks[path] = (folder not in LONG, counts.setdefault(folder, 0))
+        counts[folder] += 1
+    items.sort(key=lambda item: ranks[item.path])
+    gc.collect()
+    gc.freeze()  # what was imported and collected is not looked through again
+
+
+def pytest_sessionfinish() -> None:
+    """End what programs were forked from."""
+    warm_start.close_all()
 
 
 @pytest.fixture(scope="session")

@@ -3,12 +3,12 @@
 import asyncio
 import os
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
+
+from tests.warm_start import warm_start
 
 PATIENCE_S = 20.0
 LOOK_S = 0.01
@@ -38,14 +38,12 @@ class Program(AbstractContextManager["Program"]):
         self.name = name
         self._out, self._err = folder / f"{name}.out", folder / f"{name}.err"
         with self._out.open("wb") as out, self._err.open("wb") as err:
-            self.process = subprocess.Popen(
-                [sys.executable, "-m", "traverse", *arguments],
-                cwd=folder,
-                env={**os.environ, "PYTHONUNBUFFERED": "1", "TMPDIR": str(folder)},
-                stdin=subprocess.DEVNULL,
+            self.process = warm_start().start(
+                arguments,
+                folder,
+                {**os.environ, "PYTHONUNBUFFERED": "1", "TMPDIR": str(folder)},
                 stdout=out,
                 stderr=err,
-                start_new_session=True,
             )
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:

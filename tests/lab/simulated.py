@@ -1,6 +1,6 @@
 """Simulated campaigns for the tests: an arm of 3 x 3 matrices, no code under test.
 
-Rodrigues' formula as matrices, inverse kinematics by differences, noise added to
+Rodrigues' formula as matrices, inverse kinematics by Newton's method, noise added to
 readings and contacts.
 """
 
@@ -36,13 +36,29 @@ class TrueArm:
     origin_mm: np.ndarray
 
     def centres(self, angles_rad):
+        return self._chain(angles_rad)[0]
+
+    def centres_and_slopes(self, angles_rad):
+        """Centres (n, 3), and how they follow the angles, (n, 3, n_joints).
+
+        A joint turns the centre about its axis: u x (centre - where the axis is).
+        """
+        centres, starts, directions = self._chain(angles_rad)
+        slopes = np.cross(directions, centres[:, None] - starts)
+        return centres, slopes.swapaxes(1, 2)
+
+    def _chain(self, angles_rad):
+        """Centres; the place of every axis and its direction, (n, n_joints, 3)."""
         turned = np.broadcast_to(np.eye(3), (len(angles_rad), 3, 3))
         centres = np.tile(self.origin_mm, (len(angles_rad), 1))
+        starts, directions = [], []
         for k in range(len(self.axes)):
             angle = angles_rad[:, k] - self.zeros_rad[k]
+            starts.append(centres)
+            directions.append(turned @ self.axes[k])
             turned = turned @ rotations(self.axes[k], angle)
             centres = centres + turned @ self.links_mm[k]
-        return centres
+        return centres, np.stack(starts, axis=1), np.stack(directions, axis=1)
 
     def geometry(self) -> Geometry:
         return Geometry(
@@ -98,19 +114,18 @@ def postures(arm: TrueArm, targets_mm, rng, travel_rad):
             return found
         turns = rng.uniform(-1, 1, (len(missing), n_joints)) * travel_rad
         angles = arm.zeros_rad + turns
+        moving = np.arange(len(missing))  # rows leave when they have arrived
         for _ in range(25):
-            away = targets_mm[missing] - arm.centres(angles)
-            slopes = np.stack(
-                [
-                    (arm.centres(angles + 1e-6 * unit) - arm.centres(angles)) / 1e-6
-                    for unit in np.eye(n_joints)
-                ],
-                axis=2,
-            )
+            centres, slopes = arm.centres_and_slopes(angles[moving])
+            away = targets_mm[missing[moving]] - centres
+            far = np.linalg.norm(away, axis=1) > 1e-10
+            moving, away, slopes = moving[far], away[far], slopes[far]
+            if len(moving) == 0:
+                break
             square = slopes @ slopes.swapaxes(1, 2) + 10.0 * np.eye(3)
             step = slopes.swapaxes(1, 2) @ np.linalg.solve(square, away[:, :, None])
-            angles = np.clip(
-                angles + np.clip(step[:, :, 0], -0.3, 0.3),
+            angles[moving] = np.clip(
+                angles[moving] + np.clip(step[:, :, 0], -0.3, 0.3),
                 arm.zeros_rad - travel_rad,
                 arm.zeros_rad + travel_rad,
             )
