@@ -174,4 +174,4 @@ lock: venv  ## requirements.lock and requirements-demo.lock anew from pyproject.
 	    --constraint requirements.lock --output-file requirements-demo.lock pyproject.toml
 
 clean:  ## remove what was built
-	rm -rf $(VENV) $(PEERS) build dist site *.egg-info kinematics/kernel/*.so .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(PEERS) build dist site src/*.egg-info kinematics/kernel/*.so .pytest_cache .mypy_cache .ruff_cache .hypothesis

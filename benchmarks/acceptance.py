@@ -29,7 +29,7 @@ from benchmarks.acceptance_arms import (
     limits_of,
     tested_arm,
 )
-from lab.acceptance.decision import decision_of
+from traverse.lab.acceptance.decision import decision_of
 
 Floats = NDArray[np.float64]
 

@@ -8,30 +8,35 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm_file import Arm, read_arm
-from kinematics.forward import probe_centre
-from kinematics.geometry import geometry_from_arm
-from lab.acceptance.decision import Verdict, decision_of
-from lab.acceptance.figure import Figure, LengthError
-from lab.acceptance.length_tests import AGAIN, MOST_SETS, length_names, length_test
-from lab.acceptance.lengths import SET
-from lab.acceptance.limits import Limits, Mpe, Standards
-from lab.acceptance.measured import Measured, Touched, reach_of
-from lab.acceptance.standards import verified
-from lab.identification.artefacts import artefact_from_table
-from simulator.campaigns import NoiseTable
-from simulator.campaigns.acceptance import (
+from traverse.kinematics.arm_file import Arm, read_arm
+from traverse.kinematics.forward import probe_centre
+from traverse.kinematics.geometry import geometry_from_arm
+from traverse.lab.acceptance.decision import Verdict, decision_of
+from traverse.lab.acceptance.figure import Figure, LengthError
+from traverse.lab.acceptance.length_tests import (
+    AGAIN,
+    MOST_SETS,
+    length_names,
+    length_test,
+)
+from traverse.lab.acceptance.lengths import SET
+from traverse.lab.acceptance.limits import Limits, Mpe, Standards
+from traverse.lab.acceptance.measured import Measured, Touched, reach_of
+from traverse.lab.acceptance.standards import verified
+from traverse.lab.identification.artefacts import artefact_from_table
+from traverse.simulator.campaigns import NoiseTable
+from traverse.simulator.campaigns.acceptance import (
     acceptance_poses,
     drawn_acceptance,
     touched_by,
 )
-from simulator.campaigns.campaign import SimulatedCampaign, StatedArtefact
-from simulator.campaigns.pose_set import PoseSet
-from simulator.truth import Deviations, true_arm
+from traverse.simulator.campaigns.campaign import SimulatedCampaign, StatedArtefact
+from traverse.simulator.campaigns.pose_set import PoseSet
+from traverse.simulator.truth import Deviations, true_arm
 
 Floats = NDArray[np.float64]
 
-ARM = Path(__file__).parent.parent / "traverse" / "demo_data" / "arm.toml"
+ARM = Path(__file__).parent.parent / "cli" / "demo_data" / "arm.toml"
 STANDARD = "iso10360-12"
 STD_MM = 0.0007
 EXPANSION_PER_C = 11.5e-6

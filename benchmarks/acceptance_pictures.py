@@ -9,21 +9,21 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks import acceptance, acceptance_arms
-from kinematics.arm_file import read_arm
-from lab.acceptance.certificate_json import sealed
-from lab.acceptance.limits import Limits
-from lab.acceptance.pictures import paintings
-from lab.acceptance.reading import read_measured
-from lab.acceptance.standards import verified
-from lab.identification.report.pictures import (
+from traverse.kinematics.arm_file import read_arm
+from traverse.lab.acceptance.certificate_json import sealed
+from traverse.lab.acceptance.limits import Limits
+from traverse.lab.acceptance.pictures import paintings
+from traverse.lab.acceptance.reading import read_measured
+from traverse.lab.acceptance.standards import verified
+from traverse.lab.identification.report.pictures import (
     BLUE,
     GREY,
     ORANGE,
     VERMILION,
     picture,
 )
-from simulator.campaigns import write_campaign
-from simulator.campaigns.acceptance import acceptance_poses, drawn_acceptance
+from traverse.simulator.campaigns import write_campaign
+from traverse.simulator.campaigns.acceptance import acceptance_poses, drawn_acceptance
 
 if TYPE_CHECKING:
     from benchmarks.acceptance_arms import Tested

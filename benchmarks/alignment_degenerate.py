@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.alignment_dispositions import STD_MM, drawn_rotation
-from kinematics.helmert import Helmert
-from kinematics.helmert_adjustment import HelmertError
-from kinematics.helmert_volume import Box
-from lab.acceptance.alignment_common import CommonPoints, Place
-from lab.acceptance.alignment_fit import fitted_alignment
-from lab.acceptance.alignment_volume import fixed_volume
+from traverse.kinematics.helmert import Helmert
+from traverse.kinematics.helmert_adjustment import HelmertError
+from traverse.kinematics.helmert_volume import Box
+from traverse.lab.acceptance.alignment_common import CommonPoints, Place
+from traverse.lab.acceptance.alignment_fit import fitted_alignment
+from traverse.lab.acceptance.alignment_volume import fixed_volume
 
 Floats = NDArray[np.float64]
 

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.helmert import Helmert, rotation_matrix
-from kinematics.helmert_adjustment import HelmertError
-from kinematics.helmert_volume import Box, disposition_index
-from lab.acceptance.alignment_common import CommonPoints, Place
-from lab.acceptance.alignment_fit import fitted_alignment
-from lab.acceptance.alignment_volume import fixed_volume
+from traverse.kinematics.helmert import Helmert, rotation_matrix
+from traverse.kinematics.helmert_adjustment import HelmertError
+from traverse.kinematics.helmert_volume import Box, disposition_index
+from traverse.lab.acceptance.alignment_common import CommonPoints, Place
+from traverse.lab.acceptance.alignment_fit import fitted_alignment
+from traverse.lab.acceptance.alignment_volume import fixed_volume
 
 Floats = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 
 from benchmarks.alignment_dispositions import Outcome
 from benchmarks.alignment_example import Example, examples
-from lab.acceptance.alignment_pictures import ellipsoids_painting
-from lab.identification.report.pictures import (
+from traverse.lab.acceptance.alignment_pictures import ellipsoids_painting
+from traverse.lab.identification.report.pictures import (
     BLUE,
     GREY,
     VERMILION,

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from drivers.driver import Driver
-from drivers.polled import Polled
-from drivers.registry import driver_class
+from traverse.drivers.driver import Driver
+from traverse.drivers.polled import Polled
+from traverse.drivers.registry import driver_class
 
-ARM = Path(__file__).parent.parent / "traverse" / "demo_data" / "arm.toml"
+ARM = Path(__file__).parent.parent / "cli" / "demo_data" / "arm.toml"
 N_JOINTS = 7
 ADAPTER = {"request_delay_s": 0.00015, "reply_delay_s": 0.00035}
 NODES = tuple(range(1, N_JOINTS + 1))

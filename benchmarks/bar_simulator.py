@@ -10,17 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.bar_devices import Make
-from simulator.climate import ClimateTable
-from simulator.clock import MonotonicClock
-from simulator.config import SimulatorConfig
-from simulator.course import Course
-from simulator.devices.device import Mounting, SimulatedDevice, make_device
-from simulator.pacing import live_real
-from simulator.physics import probe_pose
-from simulator.script import Script
-from simulator.truth_log import TruthLog
-from simulator.virtual_arm import VirtualArm, build_arm, build_course, build_script
-from simulator.wiring import ScriptedCounts
+from traverse.simulator.climate import ClimateTable
+from traverse.simulator.clock import MonotonicClock
+from traverse.simulator.config import SimulatorConfig
+from traverse.simulator.course import Course
+from traverse.simulator.devices.device import Mounting, SimulatedDevice, make_device
+from traverse.simulator.pacing import live_real
+from traverse.simulator.physics import probe_pose
+from traverse.simulator.script import Script
+from traverse.simulator.truth_log import TruthLog
+from traverse.simulator.virtual_arm import (
+    VirtualArm,
+    build_arm,
+    build_course,
+    build_script,
+)
+from traverse.simulator.wiring import ScriptedCounts
 
 STEP_RAD = 1e-6
 DISTANCE_MM, RADIUS_MM = 500.0, 25.4  # of the bar and its spheres

@@ -19,12 +19,12 @@ import aiomqtt
 from benchmarks import rig
 from benchmarks.network import Network
 from benchmarks.rounds import load
-from clients import Arm
-from protocol.encoding import decode, encode
-from protocol.messages import Point
-from protocol.topics import point_topic
-from tests.clients.virtual_daemon import VirtualDaemon
+from tests.client.virtual_daemon import VirtualDaemon
 from tests.protocol.message_examples import POINT
+from traverse.client import Arm
+from traverse.protocol.encoding import decode, encode
+from traverse.protocol.messages import Point
+from traverse.protocol.topics import point_topic
 
 N_POINTS = 10_000
 N_CUTS = 20

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.tick_clock import WRAP, TickClock
+from traverse.drivers.tick_clock import WRAP, TickClock
 
 RATE_HZ = 100.0
 SECONDS = 60.0

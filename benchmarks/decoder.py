@@ -7,8 +7,8 @@ import tracemalloc
 
 import numpy as np
 
-from protocol.latch_board import Decoder, SampleBlock
-from simulator import wire
+from traverse.protocol.latch_board import Decoder, SampleBlock
+from traverse.simulator import wire
 
 READ = 4096
 

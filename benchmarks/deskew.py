@@ -22,13 +22,13 @@ from benchmarks.moving_arm import (
     read_really,
     read_virtually,
 )
-from daemon.assembly import Assembly
-from daemon.clock import HostClock
-from daemon.configuration import AssemblySection
-from daemon.pipeline import Pipeline
-from daemon.poses import PoseBlock
-from daemon.skew import SkewWatch
-from drivers.values import (
+from traverse.daemon.assembly import Assembly
+from traverse.daemon.clock import HostClock
+from traverse.daemon.configuration import AssemblySection
+from traverse.daemon.pipeline import Pipeline
+from traverse.daemon.poses import PoseBlock
+from traverse.daemon.skew import SkewWatch
+from traverse.drivers.values import (
     STATUS_LATE,
     STATUS_MISSING,
     CountSamples,

@@ -30,15 +30,15 @@ from benchmarks.virtual_time import (
     lines_through,
     played,
 )
-from daemon.assembly import Assembly
-from daemon.clock import HostClock
-from daemon.configuration import AssemblySection
-from daemon.joint_counts import JointCounts
-from daemon.model import ArmModel, read_model
-from daemon.pipeline import Pipeline
-from drivers.crossing import GATHER_NS
-from drivers.driver import Driver
-from drivers.values import (
+from traverse.daemon.assembly import Assembly
+from traverse.daemon.clock import HostClock
+from traverse.daemon.configuration import AssemblySection
+from traverse.daemon.joint_counts import JointCounts
+from traverse.daemon.model import ArmModel, read_model
+from traverse.daemon.pipeline import Pipeline
+from traverse.drivers.crossing import GATHER_NS
+from traverse.drivers.driver import Driver
+from traverse.drivers.values import (
     STATUS_MISSING,
     CountSamples,
     Delivery,
@@ -46,8 +46,8 @@ from drivers.values import (
     LatchedCounts,
     StreamStarted,
 )
-from kinematics.fits import fit_sphere_of_radius
-from simulator.clock import MonotonicClock
+from traverse.kinematics.fits import fit_sphere_of_radius
+from traverse.simulator.clock import MonotonicClock
 
 UP_S = 20.0  # until a device has been found
 LEAD_S = 0.3  # from there to the begin of the motion

@@ -20,17 +20,17 @@ import numpy as np
 from can.interfaces.virtual import channels
 from canopen.objectdictionary import ODRecord, ODVariable, datatypes
 
-from drivers.canopen import CanOpen
-from drivers.canopen_cycle import Cycles
-from drivers.crossing import Crossing
-from drivers.values import (
+from tests.drivers.fake_canopen import FakeNodes, u32
+from traverse.drivers.canopen import CanOpen
+from traverse.drivers.canopen_cycle import Cycles
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.values import (
     STATUS_MISSING,
     CountSamples,
     DeviceFault,
     DeviceUp,
     StreamStarted,
 )
-from tests.drivers.fake_canopen import FakeNodes, u32
 
 NODES = (1, 2, 3, 4, 5, 6, 7)
 RATE_HZ = 1000.0

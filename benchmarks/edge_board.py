@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from simulator import wire
+from traverse.simulator import wire
 
 BITS = (23, 23, 23, 23, 22, 22, 22)
 IDENTITY = wire.Identity(

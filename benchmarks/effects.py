@@ -17,17 +17,17 @@ import numpy as np
 from benchmarks import rig
 from benchmarks.rounds import load
 from benchmarks.stream import follow_scan
-from kinematics.arm_file import (
+from traverse.kinematics.arm_file import (
     Arm,
     Identification,
     effect_from_table,
     read_arm,
     write_arm,
 )
-from kinematics.effects.arm_effects import effects_from_arm
-from kinematics.effects.block import Block
-from kinematics.effects.pose import corrected_pose
-from kinematics.geometry import geometry_from_arm
+from traverse.kinematics.effects.arm_effects import effects_from_arm
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.pose import corrected_pose
+from traverse.kinematics.geometry import geometry_from_arm
 
 if TYPE_CHECKING:
     import subprocess

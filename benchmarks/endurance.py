@@ -23,8 +23,8 @@ from typing import Any
 
 from benchmarks import rig
 from benchmarks.rounds import load
-from clients import Arm
-from protocol.messages import Scan
+from traverse.client import Arm
+from traverse.protocol.messages import Scan
 
 ARM = "demo-7"
 TRUTH = "truth.jsonl"

@@ -17,11 +17,11 @@ import numpy as np
 
 from benchmarks import rig
 from benchmarks.stream import ARM, order_scan
-from clients.address import BrokerAddress
-from clients.subscription import connection, received, subscribe
-from daemon.filters import filter_chain, filter_of
-from kinematics.filters import FilterChain, PointBlock
-from protocol.messages import Health, Scan
+from traverse.client.address import BrokerAddress
+from traverse.client.subscription import connection, received, subscribe
+from traverse.daemon.filters import filter_chain, filter_of
+from traverse.kinematics.filters import FilterChain, PointBlock
+from traverse.protocol.messages import Health, Scan
 
 if TYPE_CHECKING:
     import subprocess

@@ -25,16 +25,16 @@ from benchmarks.path.plain_loop import PlainLoop
 from benchmarks.path.whole import LIKE_A_LINE, Timing, scanner
 from benchmarks.rig import ARM
 from benchmarks.rounds import load
-from daemon.clock import HostClock
-from daemon.model import ArmModel, read_model
-from daemon.pipeline import Pipeline
-from drivers.values import CountSamples
-from kinematics.effects.arm_effects import effects_from_arm
-from kinematics.effects.pose import corrected_pose
-from kinematics.forward import numpy_pose, probe_pose
-from kinematics.geometry import geometry_from_arm
-from protocol.encoding import encode
-from protocol.latch_board import Decoder, SampleBlock
+from traverse.daemon.clock import HostClock
+from traverse.daemon.model import ArmModel, read_model
+from traverse.daemon.pipeline import Pipeline
+from traverse.drivers.values import CountSamples
+from traverse.kinematics.effects.arm_effects import effects_from_arm
+from traverse.kinematics.effects.pose import corrected_pose
+from traverse.kinematics.forward import numpy_pose, probe_pose
+from traverse.kinematics.geometry import geometry_from_arm
+from traverse.protocol.encoding import encode
+from traverse.protocol.latch_board import Decoder, SampleBlock
 
 N_POSES = 100_000
 N_PLAIN = 200

@@ -20,9 +20,9 @@ from benchmarks import rig
 from benchmarks.latency import ARM, begin_scan
 from benchmarks.raw_mqtt import PUBLISH, RawClient, packet, text
 from benchmarks.rounds import load
-from protocol.encoding import decode, encode
-from protocol.messages import Command, PointArgs, Scan
-from protocol.topics import command_topic
+from traverse.protocol.encoding import decode, encode
+from traverse.protocol.messages import Command, PointArgs, Scan
+from traverse.protocol.topics import command_topic
 
 POINTS = 200
 PACE_S = 0.025  # below the limit of 50 points a second

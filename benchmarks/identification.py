@@ -27,11 +27,11 @@ import numpy as np
 from benchmarks.identification_peers import DensePeer
 from benchmarks.identification_problem import large_campaign, problem
 from benchmarks.proofs.campaigns import demo_arm
-from kinematics.forward import probe_centre
-from kinematics.geometry import Geometry
-from lab.campaign import Campaign
-from lab.identification.adjustment import adjust
-from lab.identification.identify import identify
+from traverse.kinematics.forward import probe_centre
+from traverse.kinematics.geometry import Geometry
+from traverse.lab.campaign import Campaign
+from traverse.lab.identification.adjustment import adjust
+from traverse.lab.identification.identify import identify
 
 SIZES = (500, 5_000, 50_000, 500_000)
 # Beyond these a peer takes more minutes or memory than it is worth.

@@ -15,11 +15,11 @@ from scipy.optimize import (  # type: ignore[import-untyped] # scipy ships no ty
 )
 
 from benchmarks.identification_problem import Problem
-from kinematics.derivatives import derivative_chunks
-from lab.identification.network import State, Station
-from lab.identification.station_equations import misclosures_mm
-from lab.identification.system import linearise
-from lab.identification.whitening import Floats
+from traverse.kinematics.derivatives import derivative_chunks
+from traverse.lab.identification.network import State, Station
+from traverse.lab.identification.station_equations import misclosures_mm
+from traverse.lab.identification.system import linearise
+from traverse.lab.identification.whitening import Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,17 +8,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.proofs.campaigns import demo_arm
-from kinematics.arm_file import Arm
-from kinematics.geometry import geometry_from_arm
-from lab.campaign import Campaign, Poses
-from lab.identification.arm_parameters import arm_parameters
-from lab.identification.datum import with_datum
-from lab.identification.network import Network, State, stations
-from lab.identification.noise import a_priori_noise
-from lab.identification.parameters import ArmValues
-from lab.identification.station_equations import start_state
-from simulator.campaigns import CampaignSpec, draw_noise, make_poses
-from traverse.blind_campaign import handed_over
+from traverse.cli.blind_campaign import handed_over
+from traverse.kinematics.arm_file import Arm
+from traverse.kinematics.geometry import geometry_from_arm
+from traverse.lab.campaign import Campaign, Poses
+from traverse.lab.identification.arm_parameters import arm_parameters
+from traverse.lab.identification.datum import with_datum
+from traverse.lab.identification.network import Network, State, stations
+from traverse.lab.identification.noise import a_priori_noise
+from traverse.lab.identification.parameters import ArmValues
+from traverse.lab.identification.station_equations import start_state
+from traverse.simulator.campaigns import CampaignSpec, draw_noise, make_poses
 
 _MOST_DIFFERENT = 5000
 _SCAN_RADIUS_MM = 40.0

@@ -13,19 +13,23 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm_file import read_arm
-from kinematics.forward import probe_centre
-from kinematics.geometry import geometry_from_arm
-from lab.acceptance.control_chart import charted, rules
-from lab.acceptance.interim_figures import KINDS, InterimFigures, interim_figures
-from lab.acceptance.measured import Measured, Touched
-from lab.identification.artefacts import Artefact
-from lab.identification.artefacts.cone import Cone
-from lab.identification.artefacts.sphere import Sphere
+from traverse.kinematics.arm_file import read_arm
+from traverse.kinematics.forward import probe_centre
+from traverse.kinematics.geometry import geometry_from_arm
+from traverse.lab.acceptance.control_chart import charted, rules
+from traverse.lab.acceptance.interim_figures import (
+    KINDS,
+    InterimFigures,
+    interim_figures,
+)
+from traverse.lab.acceptance.measured import Measured, Touched
+from traverse.lab.identification.artefacts import Artefact
+from traverse.lab.identification.artefacts.cone import Cone
+from traverse.lab.identification.artefacts.sphere import Sphere
 
 Floats = NDArray[np.float64]
 
-ARM = Path(__file__).parent.parent / "traverse" / "demo_data" / "arm.toml"
+ARM = Path(__file__).parent.parent / "cli" / "demo_data" / "arm.toml"
 YEARS = 600
 CHECKS = 250
 BEGINS = 50

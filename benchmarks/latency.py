@@ -26,9 +26,9 @@ from benchmarks import rig
 from benchmarks.disk import syncs_ns
 from benchmarks.raw_mqtt import RawClient
 from benchmarks.rounds import load
-from protocol.encoding import encode
-from protocol.messages import Command, ScanArgs
-from protocol.topics import command_topic
+from traverse.protocol.encoding import encode
+from traverse.protocol.messages import Command, ScanArgs
+from traverse.protocol.topics import command_topic
 
 ARM = "demo-7"
 RAW = "raw"

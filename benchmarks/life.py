@@ -17,13 +17,13 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import rig
-from daemon.clock import HostClock
-from daemon.cycles import Collections, Cycles
-from daemon.latencies import Latencies
-from daemon.metrics import exposition
-from drivers.values import CountSamples
 from tests.end_to_end.manager import stopped_thread
 from tests.protocol.message_examples import HEALTH
+from traverse.daemon.clock import HostClock
+from traverse.daemon.cycles import Collections, Cycles
+from traverse.daemon.latencies import Latencies
+from traverse.daemon.metrics import exposition
+from traverse.drivers.values import CountSamples
 
 STARTS = 7
 WATCHDOG_S = 10.0  # as the unit in deploy/ has it

@@ -21,24 +21,24 @@ from benchmarks.virtual_time import (
     lines_through,
     played,
 )
-from daemon.model import ArmModel, read_model
-from drivers.amt21 import Amt21
-from drivers.values import Delivery
-from simulator.climate import ClimateTable
-from simulator.clock import MonotonicClock
-from simulator.config import SimulatorConfig
-from simulator.course import Course
-from simulator.devices.amt21 import Amt21Line, Amt21Table
-from simulator.devices.device import Mounting
-from simulator.faults import fault_from_table
-from simulator.pacing import live_real
-from simulator.script import Script
-from simulator.trajectory import Trajectory, spline_pieces
-from simulator.truth_log import TruthLog
-from simulator.virtual_arm import build_arm
-from simulator.wiring import ScriptClock, ScriptedCounts
+from traverse.daemon.model import ArmModel, read_model
+from traverse.drivers.amt21 import Amt21
+from traverse.drivers.values import Delivery
+from traverse.simulator.climate import ClimateTable
+from traverse.simulator.clock import MonotonicClock
+from traverse.simulator.config import SimulatorConfig
+from traverse.simulator.course import Course
+from traverse.simulator.devices.amt21 import Amt21Line, Amt21Table
+from traverse.simulator.devices.device import Mounting
+from traverse.simulator.faults import fault_from_table
+from traverse.simulator.pacing import live_real
+from traverse.simulator.script import Script
+from traverse.simulator.trajectory import Trajectory, spline_pieces
+from traverse.simulator.truth_log import TruthLog
+from traverse.simulator.virtual_arm import build_arm
+from traverse.simulator.wiring import ScriptClock, ScriptedCounts
 
-ARM = Path(__file__).parent.parent / "traverse" / "demo_data" / "arm.toml"
+ARM = Path(__file__).parent.parent / "cli" / "demo_data" / "arm.toml"
 ADDRESSES = (0x54, 0x58, 0x5C, 0x60, 0x64, 0x68, 0x6C)
 KNOT_S = 0.02
 

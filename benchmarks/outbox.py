@@ -13,16 +13,16 @@ import tempfile
 import time
 from pathlib import Path
 
-from daemon.clock import HostClock
-from daemon.events import EventLog
-from daemon.health import HealthReport
-from daemon.outbox import Outbox
-from daemon.outbox_keeping import Keeping
-from daemon.outbox_section import OutboxSection
-from daemon.outgoing import OutgoingQueue
-from daemon.sessions import Session
-from protocol.encoding import encode
 from tests.protocol.message_examples import POINT
+from traverse.daemon.clock import HostClock
+from traverse.daemon.events import EventLog
+from traverse.daemon.health import HealthReport
+from traverse.daemon.outbox import Outbox
+from traverse.daemon.outbox_keeping import Keeping
+from traverse.daemon.outbox_section import OutboxSection
+from traverse.daemon.outgoing import OutgoingQueue
+from traverse.daemon.sessions import Session
+from traverse.protocol.encoding import encode
 
 N_ALONE = 200
 RUN_S = 2.0

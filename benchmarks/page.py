@@ -23,10 +23,10 @@ import numpy as np
 from playwright.async_api import Page, async_playwright
 
 from benchmarks import rig
-from clients.arm import Arm
-from protocol.encoding import encode
-from protocol.messages import Scan
-from protocol.topics import scan_topic
+from traverse.client.arm import Arm
+from traverse.protocol.encoding import encode
+from traverse.protocol.messages import Scan
+from traverse.protocol.topics import scan_topic
 
 ARM = "demo-7"
 OPTIONS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]

@@ -22,14 +22,14 @@ import aiomqtt
 from benchmarks import rig
 from benchmarks.rounds import load
 from benchmarks.stream import ARM, order_scan
-from clients.address import BrokerAddress
-from clients.subscription import connection, received, subscribe
-from daemon.replay import Replay
-from daemon.replay_result import ReplayResult
-from protocol.encoding import encode
-from protocol.messages import Command, Health, RecordArgs, Reply
-from protocol.topics import command_topic
-from recording.run_reader import RunReader
+from traverse.client.address import BrokerAddress
+from traverse.client.subscription import connection, received, subscribe
+from traverse.daemon.replay import Replay
+from traverse.daemon.replay_result import ReplayResult
+from traverse.protocol.encoding import encode
+from traverse.protocol.messages import Command, Health, RecordArgs, Reply
+from traverse.protocol.topics import command_topic
+from traverse.recording.run_reader import RunReader
 
 RATE_HZ = 10_000.0
 ROUNDS = 4
@@ -188,7 +188,7 @@ def replayed(file: Path, block: int | None) -> tuple[float, ReplayResult]:
 def main(seconds: float, file: Path | None) -> None:
     """Print every figure, and how busy the machine was meanwhile."""
     before = load()
-    logging.getLogger("daemon").setLevel(logging.CRITICAL)  # of the past
+    logging.getLogger("traverse.daemon").setLevel(logging.CRITICAL)  # of the past
     print(before)
     found = cost(seconds)
     print(

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-ARM = Path(__file__).parent.parent / "traverse" / "demo_data" / "arm.toml"
+ARM = Path(__file__).parent.parent / "cli" / "demo_data" / "arm.toml"
 READY_S = 20.0
 
 SIMULATION = """\

@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.rounds import load
-from protocol.messages import Scan, ScanArgs
 from tests import programs
 from tests.end_to_end.listener import numbers
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import until
 from tests.end_to_end.workbench import SWEEP, Workbench
 from tests.mosquitto import Mosquitto
+from traverse.protocol.messages import Scan, ScanArgs
 
 SECONDS = 20.0
 RATE_HZ = 1000.0

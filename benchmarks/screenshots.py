@@ -13,7 +13,7 @@ from pathlib import Path
 from benchmarks import rig
 from benchmarks.page import browser
 
-DEMO = Path(__file__).parent.parent / "traverse" / "demo_data"
+DEMO = Path(__file__).parent.parent / "cli" / "demo_data"
 
 
 async def pictures(folder: Path, out: Path) -> None:

@@ -9,11 +9,11 @@ from pathlib import Path
 import aiomqtt
 
 from benchmarks import rig
-from clients.address import BrokerAddress
-from clients.subscription import connection, received, subscribe
-from protocol.encoding import encode
-from protocol.messages import Command, Event, Health, Scan, ScanArgs
-from protocol.topics import command_topic
+from traverse.client.address import BrokerAddress
+from traverse.client.subscription import connection, received, subscribe
+from traverse.protocol.encoding import encode
+from traverse.protocol.messages import Command, Event, Health, Scan, ScanArgs
+from traverse.protocol.topics import command_topic
 
 ARM = "demo-7"
 

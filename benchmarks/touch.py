@@ -24,13 +24,13 @@ from numpy.typing import NDArray
 
 from benchmarks import rig
 from benchmarks.stream import ARM, order_scan
-from clients.address import BrokerAddress
-from clients.subscription import connection, received, subscribe
-from daemon.interpolation import Limits, Readings, brought
-from daemon.model import ArmModel, read_model
-from kinematics.forward import probe_centre
-from kinematics.readings import counts_to_angles
-from protocol.messages import Point, Scan
+from traverse.client.address import BrokerAddress
+from traverse.client.subscription import connection, received, subscribe
+from traverse.daemon.interpolation import Limits, Readings, brought
+from traverse.daemon.model import ArmModel, read_model
+from traverse.kinematics.forward import probe_centre
+from traverse.kinematics.readings import counts_to_angles
+from traverse.protocol.messages import Point, Scan
 
 SPEED_MM_S = 50.0
 N_POINTS = 15

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Protocol
 from unittest.mock import patch
 
-from drivers.driver import Driver
-from drivers.values import Delivery, DeviceError
-from simulator.latched import Frame
+from traverse.drivers.driver import Driver
+from traverse.drivers.values import Delivery, DeviceError
+from traverse.simulator.latched import Frame
 
 FIRST_NS = 10**12
 AFTERWARDS_S = 0.001  # real time that a wait takes once all is over
@@ -61,7 +61,7 @@ class VirtualTime:
         return FIRST_NS + round(1e9 * self.now_s)
 
     def wait_for(self, wake_fd: int, seconds: float) -> None:
-        """Let the time pass; for `drivers.polled.Polled`."""
+        """Let the time pass; for `traverse.drivers.polled.Polled`."""
         del wake_fd
         self.go_on(seconds)
 
@@ -122,7 +122,7 @@ class Cable:
 
 
 class HostEnd:
-    """The end of a cable that a driver reads, as a `drivers.byte_port.BytePort`."""
+    """The end of a cable that a driver reads, `traverse.drivers.byte_port.BytePort`."""
 
     def __init__(self, cable: Cable, path: str) -> None:
         self._cable = cable
@@ -164,7 +164,7 @@ class HostEnd:
 
 
 class DeviceEnd:
-    """The end of a cable that stands in for `simulator.pty_port.PtyPort`."""
+    """The end of a cable that stands in for `traverse.simulator.pty_port.PtyPort`."""
 
     backlog = False
     host_speed = termios.B115200  # what most ask for
@@ -206,8 +206,8 @@ def lines_through(cables: Sequence[Cable]) -> Iterator[None]:
         return DeviceEnd(next(left))
 
     with (
-        patch("simulator.devices.serial_line.PtyPort", end_of_next),
-        patch("simulator.devices.latch_board.PtyPort", end_of_next),
+        patch("traverse.simulator.devices.serial_line.PtyPort", end_of_next),
+        patch("traverse.simulator.devices.latch_board.PtyPort", end_of_next),
     ):
         yield
 

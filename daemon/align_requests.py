@@ -1,9 +1,9 @@
 """The command `align`: sets and clears the alignment, in order with the points."""
 
-from daemon.alignment import Alignment, PartSystem, alignment_asked_for
-from daemon.commands import Result
-from daemon.measuring import Measuring
-from protocol.messages import AlignArgs
+from traverse.daemon.alignment import Alignment, PartSystem, alignment_asked_for
+from traverse.daemon.commands import Result
+from traverse.daemon.measuring import Measuring
+from traverse.protocol.messages import AlignArgs
 
 
 class AlignRequests:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.messages import AlignArgs
+from traverse.protocol.messages import AlignArgs
 
 Floats = NDArray[np.float64]
 

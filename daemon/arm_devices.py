@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-from daemon.configuration import CaptureSection
-from daemon.device import Device
-from daemon.model import ArmModel
-from drivers.crossing import GATHER_NS
+from traverse.daemon.configuration import CaptureSection
+from traverse.daemon.device import Device
+from traverse.daemon.model import ArmModel
+from traverse.drivers.crossing import GATHER_NS
 
 AWAITED_NS = 20_000_000  # longer would be felt: a point is told so much later
 

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm_covariance import (
+from traverse.kinematics.arm_covariance import (
     ArmCovariance,
     parameter_names,
     read_arm_covariance,
 )
-from kinematics.arm_file import Arm
-from kinematics.effects.arm_effects import ArmEffects
+from traverse.kinematics.arm_file import Arm
+from traverse.kinematics.effects.arm_effects import ArmEffects
 
 
 def read_knowledge(

@@ -5,23 +5,23 @@ import logging
 from collections.abc import Callable
 from typing import Any
 
-from daemon.arm_sight import Stage
-from daemon.averaging import Average
-from daemon.buttons import buttons_of
-from daemon.capture import Capture, CaptureRefusedError, Triggers
-from daemon.configuration import Action, CaptureSection
-from daemon.device import Device
-from daemon.events import EventLog
-from daemon.health import HealthReport
-from daemon.outbox_answers import Answers, Outcome
-from daemon.pending_points import PendingPoints, Request
-from daemon.point_events import PointEvents
-from daemon.point_making import PointMaking
-from daemon.poses import PoseBlock
-from daemon.tip import Tip
-from drivers.values import LatchedCounts
-from protocol.messages import Point
-from protocol.messages.point import Trigger
+from traverse.daemon.arm_sight import Stage
+from traverse.daemon.averaging import Average
+from traverse.daemon.buttons import buttons_of
+from traverse.daemon.capture import Capture, CaptureRefusedError, Triggers
+from traverse.daemon.configuration import Action, CaptureSection
+from traverse.daemon.device import Device
+from traverse.daemon.events import EventLog
+from traverse.daemon.health import HealthReport
+from traverse.daemon.outbox_answers import Answers, Outcome
+from traverse.daemon.pending_points import PendingPoints, Request
+from traverse.daemon.point_events import PointEvents
+from traverse.daemon.point_making import PointMaking
+from traverse.daemon.poses import PoseBlock
+from traverse.daemon.tip import Tip
+from traverse.drivers.values import LatchedCounts
+from traverse.protocol.messages import Point
+from traverse.protocol.messages.point import Trigger
 
 log = logging.getLogger(__name__)
 

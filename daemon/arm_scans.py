@@ -4,14 +4,14 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import asdict
 
-from daemon.capture import Capture
-from daemon.events import EventLog
-from daemon.model import ArmModel
-from daemon.poses import PoseBlock
-from daemon.scan_plan import ScanPlan
-from daemon.scan_section import ScanSection
-from daemon.scanner import Scanner
-from drivers.values import LatchedCounts, StreamStarted
+from traverse.daemon.capture import Capture
+from traverse.daemon.events import EventLog
+from traverse.daemon.model import ArmModel
+from traverse.daemon.poses import PoseBlock
+from traverse.daemon.scan_plan import ScanPlan
+from traverse.daemon.scan_section import ScanSection
+from traverse.daemon.scanner import Scanner
+from traverse.drivers.values import LatchedCounts, StreamStarted
 
 
 class ArmScans:

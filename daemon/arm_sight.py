@@ -4,19 +4,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daemon.arm_devices import ArmDevices
-from daemon.assembly import Assembly
-from daemon.averaging import Average, mean_pose
-from daemon.capture import Measured
-from daemon.clock import HostClock
-from daemon.pending_points import Request
-from daemon.pipeline import Pipeline
-from daemon.poses import LatchedPose
-from daemon.quality_watch import QualityWatch
-from daemon.skew import SkewWatch
-from daemon.tip_path import TipPath
-from daemon.uncertainty import Reading, Uncertainty
-from drivers.values import LatchedCounts
+from traverse.daemon.arm_devices import ArmDevices
+from traverse.daemon.assembly import Assembly
+from traverse.daemon.averaging import Average, mean_pose
+from traverse.daemon.capture import Measured
+from traverse.daemon.clock import HostClock
+from traverse.daemon.pending_points import Request
+from traverse.daemon.pipeline import Pipeline
+from traverse.daemon.poses import LatchedPose
+from traverse.daemon.quality_watch import QualityWatch
+from traverse.daemon.skew import SkewWatch
+from traverse.daemon.tip_path import TipPath
+from traverse.daemon.uncertainty import Reading, Uncertainty
+from traverse.drivers.values import LatchedCounts
 
 
 @dataclass(frozen=True, slots=True, eq=False)

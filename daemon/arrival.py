@@ -9,10 +9,15 @@ import logging
 from collections.abc import Coroutine
 from typing import Any
 
-from daemon.device import Device
-from daemon.events import EventLog
-from daemon.publisher import Publisher
-from daemon.startup import DEVICES_ANSWER_S, UNREACHABLE, StartupError, check_devices
+from traverse.daemon.device import Device
+from traverse.daemon.events import EventLog
+from traverse.daemon.publisher import Publisher
+from traverse.daemon.startup import (
+    DEVICES_ANSWER_S,
+    UNREACHABLE,
+    StartupError,
+    check_devices,
+)
 
 log = logging.getLogger(__name__)
 

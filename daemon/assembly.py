@@ -2,8 +2,9 @@
 
 The instants are those of one device's samples, the clock device. Readings of all
 others, and its own where it reads one encoder after the other, are interpolated
-linearly in time (see `daemon.interpolation`). For a later reading to interpolate to it
-waits, but not for ever; then the last one has to do, and the sample says so.
+linearly in time (see `traverse.daemon.interpolation`). For a later reading to
+interpolate to it waits, but not for ever; then the last one has to do, and the sample
+says so.
 
 Nothing here knows a clock or an event: what is late is counted and returned.
 """
@@ -15,12 +16,17 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.configuration import AssemblySection
-from daemon.history import NEVER_NS
-from daemon.joint_counts import Assembled, AssembledCounts, JointCounts
-from daemon.joint_source import Columns, JointSource
-from daemon.model import ArmModel
-from drivers.values import STATUS_LATE, STATUS_MISSING, CountSamples, LatchedCounts
+from traverse.daemon.configuration import AssemblySection
+from traverse.daemon.history import NEVER_NS
+from traverse.daemon.joint_counts import Assembled, AssembledCounts, JointCounts
+from traverse.daemon.joint_source import Columns, JointSource
+from traverse.daemon.model import ArmModel
+from traverse.drivers.values import (
+    STATUS_LATE,
+    STATUS_MISSING,
+    CountSamples,
+    LatchedCounts,
+)
 
 Floats = NDArray[np.float64]
 

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.capture import CaptureRefusedError
-from daemon.poses import LatchedPose, PoseBlock
-from kinematics.effects.block import Block
-from protocol.messages import QualityFlag
+from traverse.daemon.capture import CaptureRefusedError
+from traverse.daemon.poses import LatchedPose, PoseBlock
+from traverse.kinematics.effects.block import Block
+from traverse.protocol.messages import QualityFlag
 
 Floats = NDArray[np.float64]
 

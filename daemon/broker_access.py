@@ -14,9 +14,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from broker.tls import tls_context
-from daemon.broker_section import BrokerSection
-from kinematics.arm_file import Problem
+from traverse.broker.tls import tls_context
+from traverse.daemon.broker_section import BrokerSection
+from traverse.kinematics.arm_file import Problem
 
 CREDENTIAL = "credential:"
 MAX_FILE_BYTES = 1 << 20

@@ -20,8 +20,8 @@ from paho.mqtt.enums import MQTTErrorCode
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
-from broker.visitor import Visitor
-from daemon.outgoing import Outgoing
+from traverse.broker.visitor import Visitor
+from traverse.daemon.outgoing import Outgoing
 
 MOST_ON_THE_WAY = 16  # paho holds back what is beyond 20
 

@@ -4,9 +4,9 @@ import aiomqtt
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.reasoncodes import ReasonCode
 
-from broker.reasons import Wording
-from broker.reasons import reason_of as reason_of_entrance
-from daemon.broker_access import BrokerAddress
+from traverse.broker.reasons import Wording
+from traverse.broker.reasons import reason_of as reason_of_entrance
+from traverse.daemon.broker_access import BrokerAddress
 
 WORDING = Wording(
     who="this arm",

@@ -5,9 +5,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from kinematics.arm_file import Problem, StrictModel
-from protocol import topics
-from protocol.message_error import MessageError
+from traverse.kinematics.arm_file import Problem, StrictModel
+from traverse.protocol import topics
+from traverse.protocol.message_error import MessageError
 
 TLS_PORT = 8883
 

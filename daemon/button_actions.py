@@ -3,9 +3,9 @@
 import asyncio
 from collections.abc import Awaitable, Callable
 
-from daemon.commands import CommandError, Result
-from daemon.events import EventLog
-from protocol.messages import ScanArgs
+from traverse.daemon.commands import CommandError, Result
+from traverse.daemon.events import EventLog
+from traverse.protocol.messages import ScanArgs
 
 
 class ButtonActions:

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from daemon.configuration import Action, CaptureSection
-from daemon.gestures import Button, Decision, Gesture, GestureTimes
+from traverse.daemon.configuration import Action, CaptureSection
+from traverse.daemon.gestures import Button, Decision, Gesture, GestureTimes
 
 GRACE_NS = 50_000_000  # an edge may be under way for so long
 

@@ -6,15 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.alignment import PartSystem
-from daemon.clock import HostClock
-from daemon.configuration import CaptureSection
-from daemon.model import ArmModel
-from daemon.outbox_keeping import Keeping
-from daemon.poses import LatchedPose
-from daemon.sessions import Session
-from protocol.messages import Label, Point, Quality
-from protocol.messages.point import Compensation, Covariance, Trigger
+from traverse.daemon.alignment import PartSystem
+from traverse.daemon.clock import HostClock
+from traverse.daemon.configuration import CaptureSection
+from traverse.daemon.model import ArmModel
+from traverse.daemon.outbox_keeping import Keeping
+from traverse.daemon.poses import LatchedPose
+from traverse.daemon.sessions import Session
+from traverse.protocol.messages import Label, Point, Quality
+from traverse.protocol.messages.point import Compensation, Covariance, Trigger
 
 QUEUE_FULL = (
     "so many points wait for the disk that no more can be taken",

@@ -6,7 +6,7 @@ MQTT does not tell who has sent a command, so these hold for all senders togethe
 from collections.abc import Callable, Mapping
 from typing import Final, NamedTuple
 
-from daemon.clock import HostClock
+from traverse.daemon.clock import HostClock
 
 NS: Final = 1_000_000_000
 

@@ -2,10 +2,10 @@
 
 import logging
 
-from daemon.clock import HostClock
-from daemon.command_limits import LOG_LINES, NS, Bucket
+from traverse.daemon.clock import HostClock
+from traverse.daemon.command_limits import LOG_LINES, NS, Bucket
 
-log = logging.getLogger("daemon.commands")
+log = logging.getLogger("traverse.daemon.commands")
 
 
 class RefusalLog:

@@ -3,18 +3,18 @@
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from daemon.align_requests import AlignRequests
-from daemon.button_actions import ButtonActions
-from daemon.commands import CommandHandler
-from daemon.instrument import Instrument
-from daemon.notify import Notifier
-from daemon.output import Output
-from daemon.point_requests import PointRequests
-from daemon.probe_requests import ProbeRequests
-from daemon.record_requests import RecordRequests
-from daemon.reload import Inputs, Reload
-from daemon.requests import Requests
-from daemon.resend_requests import ResendRequests
+from traverse.daemon.align_requests import AlignRequests
+from traverse.daemon.button_actions import ButtonActions
+from traverse.daemon.commands import CommandHandler
+from traverse.daemon.instrument import Instrument
+from traverse.daemon.notify import Notifier
+from traverse.daemon.output import Output
+from traverse.daemon.point_requests import PointRequests
+from traverse.daemon.probe_requests import ProbeRequests
+from traverse.daemon.record_requests import RecordRequests
+from traverse.daemon.reload import Inputs, Reload
+from traverse.daemon.requests import Requests
+from traverse.daemon.resend_requests import ResendRequests
 
 
 class CommandTable:

@@ -10,17 +10,17 @@ import logging
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
 
-from daemon.clock import HostClock
-from daemon.command_answers import Answers
-from daemon.command_limits import PAUSE_S, CommandLimits
-from daemon.command_log import RefusalLog, in_one_line
-from daemon.events import EventLog
-from daemon.hearing import Incoming
-from daemon.outgoing import Outgoing
-from protocol.encoding import Encoding, decode, encode, parse_args
-from protocol.message_error import MessageError
-from protocol.messages import COMMANDS, Command, Reply, ReplyError
-from protocol.topics import is_response_topic, parse_topic, reply_topic
+from traverse.daemon.clock import HostClock
+from traverse.daemon.command_answers import Answers
+from traverse.daemon.command_limits import PAUSE_S, CommandLimits
+from traverse.daemon.command_log import RefusalLog, in_one_line
+from traverse.daemon.events import EventLog
+from traverse.daemon.hearing import Incoming
+from traverse.daemon.outgoing import Outgoing
+from traverse.protocol.encoding import Encoding, decode, encode, parse_args
+from traverse.protocol.message_error import MessageError
+from traverse.protocol.messages import COMMANDS, Command, Reply, ReplyError
+from traverse.protocol.topics import is_response_topic, parse_topic, reply_topic
 
 log = logging.getLogger(__name__)
 

@@ -9,16 +9,16 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from daemon.broker_section import BrokerSection, broker_table_problems
-from daemon.device_section import AnyDevice
-from daemon.metrics_section import MetricsSection
-from daemon.outbox_section import OutboxSection
-from daemon.quality_section import QualitySection
-from daemon.realtime_section import RealtimeSection
-from daemon.recording_section import RecordingSection
-from daemon.scan_section import ScanSection
-from kinematics.arm_file import Problem, StrictModel, read_strict
-from protocol.messages.point import Compensation
+from traverse.daemon.broker_section import BrokerSection, broker_table_problems
+from traverse.daemon.device_section import AnyDevice
+from traverse.daemon.metrics_section import MetricsSection
+from traverse.daemon.outbox_section import OutboxSection
+from traverse.daemon.quality_section import QualitySection
+from traverse.daemon.realtime_section import RealtimeSection
+from traverse.daemon.recording_section import RecordingSection
+from traverse.daemon.scan_section import ScanSection
+from traverse.kinematics.arm_file import Problem, StrictModel, read_strict
+from traverse.protocol.messages.point import Compensation
 
 Action = Literal["point", "average", "undo", "scan", "stop", "session", "air", "none"]
 INPUT_PATTERN = r"^[A-Za-z0-9_-]+/[0-7]$"

@@ -1,14 +1,14 @@
 """What the daemon has done so far, in numbers for the health message."""
 
-from daemon.capture import Capture
-from daemon.commands import CommandDesk
-from daemon.filters import removed_counters
-from daemon.live import LiveView
-from daemon.outgoing import OutgoingQueue
-from daemon.publisher import Publisher
-from daemon.scan_spool import ScanSpool
-from daemon.scanner import Scanner
-from protocol.messages import BrokerHealth
+from traverse.daemon.capture import Capture
+from traverse.daemon.commands import CommandDesk
+from traverse.daemon.filters import removed_counters
+from traverse.daemon.live import LiveView
+from traverse.daemon.outgoing import OutgoingQueue
+from traverse.daemon.publisher import Publisher
+from traverse.daemon.scan_spool import ScanSpool
+from traverse.daemon.scanner import Scanner
+from traverse.protocol.messages import BrokerHealth
 
 
 def broker_health(publisher: Publisher, queue: OutgoingQueue) -> BrokerHealth:

@@ -7,12 +7,12 @@ makes it do least (no motion, the reference temperature) and the sample is flagg
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.clock import HostClock
-from daemon.model import ArmModel
-from daemon.motion import Motion, MotionTrail
-from kinematics.effects.block import Block
-from kinematics.effects.covariate import Covariate
-from protocol.messages import QualityFlag
+from traverse.daemon.clock import HostClock
+from traverse.daemon.model import ArmModel
+from traverse.daemon.motion import Motion, MotionTrail
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.covariate import Covariate
+from traverse.protocol.messages import QualityFlag
 
 Floats = NDArray[np.float64]
 Bits = NDArray[np.uint32]

@@ -17,9 +17,9 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from daemon.clock import HostClock
-from daemon.latencies import Latencies
-from drivers.values import CountSamples, Delivery
+from traverse.daemon.clock import HostClock
+from traverse.daemon.latencies import Latencies
+from traverse.drivers.values import CountSamples, Delivery
 
 KEPT = 1000
 FILES = 10

@@ -7,12 +7,12 @@ from collections.abc import AsyncIterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from daemon.device_section import DeviceSection
-from drivers.crossing import Crossing
-from drivers.driver import Driver
-from drivers.registry import driver_class
-from drivers.values import DeviceLost, Identity
-from protocol.messages import DeviceHealth, DriverStatus
+from traverse.daemon.device_section import DeviceSection
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.driver import Driver
+from traverse.drivers.registry import driver_class
+from traverse.drivers.values import DeviceLost, Identity
+from traverse.protocol.messages import DeviceHealth, DriverStatus
 
 DeviceStateName = Literal["starting", "ready", "lost", "failed", "stopped"]
 

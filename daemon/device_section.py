@@ -13,10 +13,10 @@ from pydantic import (
     field_validator,
 )
 
-from drivers.options import DriverOptions
-from drivers.registry import DRIVERS, DriverUnavailableError, driver_class
-from kinematics.arm_file import StrictModel
-from kinematics.file_problems import unknown_name_message
+from traverse.drivers.options import DriverOptions
+from traverse.drivers.registry import DRIVERS, DriverUnavailableError, driver_class
+from traverse.kinematics.arm_file import StrictModel
+from traverse.kinematics.file_problems import unknown_name_message
 
 
 class DeviceSection(DriverOptions, StrictModel):

@@ -2,13 +2,13 @@
 
 from collections.abc import Callable
 
-from daemon.arm_devices import ArmDevices
-from daemon.assembly import Assembly
-from daemon.clock import HostClock
-from daemon.device import Device
-from daemon.events import EventLog
-from daemon.pipeline import Pipeline
-from drivers.values import DeviceAlarm, DeviceFault, DeviceLost, DeviceUp
+from traverse.daemon.arm_devices import ArmDevices
+from traverse.daemon.assembly import Assembly
+from traverse.daemon.clock import HostClock
+from traverse.daemon.device import Device
+from traverse.daemon.events import EventLog
+from traverse.daemon.pipeline import Pipeline
+from traverse.drivers.values import DeviceAlarm, DeviceFault, DeviceLost, DeviceUp
 
 
 class DeviceStates:

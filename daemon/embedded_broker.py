@@ -35,7 +35,7 @@ async def embedded_broker(port: int) -> AsyncIterator[int]:
     """
     number = port or free_port()
     process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "daemon.embedded_broker", str(number)),
+        *(sys.executable, "-m", "traverse.daemon.embedded_broker", str(number)),
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

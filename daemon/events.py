@@ -11,9 +11,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from daemon.clock import HostClock
+from traverse.daemon.clock import HostClock
 
-log = logging.getLogger("daemon.events")
+log = logging.getLogger("traverse.daemon.events")
 
 QUIET_NS = 1_000_000_000
 MAX_DISTINCT = 20  # in a second: more than hands can do, less than a broken button
@@ -27,7 +27,7 @@ Severity = Literal["info", "warning", "error"]
 
 @dataclass(frozen=True, slots=True)
 class Occurrence:
-    """What happened, before it is a message; see `protocol.messages.Event`."""
+    """What happened, before it is a message; see `traverse.protocol.messages.Event`."""
 
     severity: Severity
     code: str

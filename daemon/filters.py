@@ -17,10 +17,10 @@ from pydantic import (
     model_validator,
 )
 
-from kinematics.arm_file import StrictModel
-from kinematics.file_problems import unknown_name_message
-from kinematics.filters import FILTERS, FilterChain, PointFilter
-from protocol.messages import QualityFlag
+from traverse.kinematics.arm_file import StrictModel
+from traverse.kinematics.file_problems import unknown_name_message
+from traverse.kinematics.filters import FILTERS, FilterChain, PointFilter
+from traverse.protocol.messages import QualityFlag
 
 FLAGS = {flag.name.lower(): flag for flag in QualityFlag if flag.name}
 """The quality flags by the names that they have in files and messages."""

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 from paho.mqtt.client import MQTTMessage
 
-from daemon.broker_client import BrokerClient
+from traverse.daemon.broker_client import BrokerClient
 
-log = logging.getLogger("daemon.publisher")
+log = logging.getLogger("traverse.daemon.publisher")
 
 REFUSED_SUBSCRIPTION = 128  # and above, in MQTT 3.1.1 and 5
 

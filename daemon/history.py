@@ -5,8 +5,8 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.interpolation import Integers, Readings, are_valid
-from drivers.values import CountSamples
+from traverse.daemon.interpolation import Integers, Readings, are_valid
+from traverse.drivers.values import CountSamples
 
 KEPT_NS = 5_000_000_000  # an edge that is older finds nothing to interpolate
 MAX_READINGS = 100_000

@@ -3,21 +3,21 @@
 import asyncio
 from collections.abc import Callable
 
-from daemon.alignment import PartSystem
-from daemon.arm_devices import ArmDevices
-from daemon.capture import Capture, triggers_of
-from daemon.configuration import Configuration
-from daemon.device import open_device
-from daemon.health import HealthReport
-from daemon.live import LiveView
-from daemon.measuring import Measuring
-from daemon.model import ArmModel
-from daemon.output import Output
-from daemon.pipeline import Pipeline
-from daemon.recorder_state import MeasuringState
-from daemon.scanner import Scanner
-from daemon.step_clock import StepClock
-from daemon.uncertainty import Uncertainty
+from traverse.daemon.alignment import PartSystem
+from traverse.daemon.arm_devices import ArmDevices
+from traverse.daemon.capture import Capture, triggers_of
+from traverse.daemon.configuration import Configuration
+from traverse.daemon.device import open_device
+from traverse.daemon.health import HealthReport
+from traverse.daemon.live import LiveView
+from traverse.daemon.measuring import Measuring
+from traverse.daemon.model import ArmModel
+from traverse.daemon.output import Output
+from traverse.daemon.pipeline import Pipeline
+from traverse.daemon.recorder_state import MeasuringState
+from traverse.daemon.scanner import Scanner
+from traverse.daemon.step_clock import StepClock
+from traverse.daemon.uncertainty import Uncertainty
 
 TIME_S = 0.02
 TURNS = 4  # of the loop, in which deliveries that wait already are taken

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.values import STATUS_ERROR, STATUS_LATE, STATUS_MISSING
+from traverse.drivers.values import STATUS_ERROR, STATUS_LATE, STATUS_MISSING
 
 STATUS_INTERPOLATED = 32
 """A bit of a channel's status beside those that drivers set."""

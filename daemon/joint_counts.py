@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.values import CountSamples
+from traverse.drivers.values import CountSamples
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,7 +32,7 @@ class Assembled:
     Attributes:
         samples: their channels are the joints, brought to common instants.
         doubts_counts: (n, n_joints, 2) how far each count may be off for that, see
-            `daemon.interpolation.Brought`.
+            `traverse.daemon.interpolation.Brought`.
     """
 
     samples: CountSamples

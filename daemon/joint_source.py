@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.history import History
-from daemon.interpolation import Integers, Limits, are_valid, brought
-from drivers.values import CountSamples, LatchedCounts
+from traverse.daemon.history import History
+from traverse.daemon.interpolation import Integers, Limits, are_valid, brought
+from traverse.drivers.values import CountSamples, LatchedCounts
 
 PERIODS_APART = 3  # readings further apart than so many periods have lost others
 
@@ -19,7 +19,7 @@ class Columns:
     Attributes:
         counts: (n, k) int64; whole turns are of no meaning.
         fractions: (n, k). status: (n, k) uint8.
-        doubts_counts: (n, k, 2), see `daemon.interpolation.Brought`.
+        doubts_counts: (n, k, 2), see `traverse.daemon.interpolation.Brought`.
     """
 
     counts: Integers

@@ -15,24 +15,24 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from daemon.allocation import give_back_free_memory
-from daemon.clock import HostClock
-from daemon.configuration import Configuration
-from daemon.cycles import Collections, Cycles, write_report
-from daemon.device import Device
-from daemon.events import EventLog, Occurrence
-from daemon.health import HealthReport
-from daemon.metrics import exposition
-from daemon.metrics_endpoint import metrics_endpoint
-from daemon.notify import Notifier
-from daemon.publisher import Publisher
-from daemon.realtime import prepare
-from daemon.status_line import StatusLine
-from daemon.watchdog import Watchdog
-from drivers.driver import CLOSE_S
-from drivers.pulse import Pulse
-from drivers.values import Delivery
-from protocol.messages import Health
+from traverse.daemon.allocation import give_back_free_memory
+from traverse.daemon.clock import HostClock
+from traverse.daemon.configuration import Configuration
+from traverse.daemon.cycles import Collections, Cycles, write_report
+from traverse.daemon.device import Device
+from traverse.daemon.events import EventLog, Occurrence
+from traverse.daemon.health import HealthReport
+from traverse.daemon.metrics import exposition
+from traverse.daemon.metrics_endpoint import metrics_endpoint
+from traverse.daemon.notify import Notifier
+from traverse.daemon.publisher import Publisher
+from traverse.daemon.realtime import prepare
+from traverse.daemon.status_line import StatusLine
+from traverse.daemon.watchdog import Watchdog
+from traverse.drivers.driver import CLOSE_S
+from traverse.drivers.pulse import Pulse
+from traverse.drivers.values import Delivery
+from traverse.protocol.messages import Health
 
 log = logging.getLogger(__name__)
 

@@ -8,10 +8,10 @@ reach, so its limit is a share of that.
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.model import ArmModel
-from daemon.quality_section import QualitySection
-from kinematics.derivatives import probe_derivatives
-from protocol.messages import QualityFlag
+from traverse.daemon.model import ArmModel
+from traverse.daemon.quality_section import QualitySection
+from traverse.kinematics.derivatives import probe_derivatives
+from traverse.protocol.messages import QualityFlag
 
 Floats = NDArray[np.float64]
 Bits = NDArray[np.uint32]

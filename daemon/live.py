@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from daemon.alignment import PartSystem
-from daemon.clock import HostClock
-from daemon.model import ArmModel
-from daemon.poses import PoseBlock
-from kinematics.forward import joint_positions
-from protocol.messages import Live, Quality
+from traverse.daemon.alignment import PartSystem
+from traverse.daemon.clock import HostClock
+from traverse.daemon.model import ArmModel
+from traverse.daemon.poses import PoseBlock
+from traverse.kinematics.forward import joint_positions
+from traverse.protocol.messages import Live, Quality
 
 
 class LiveView:

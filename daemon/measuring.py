@@ -9,32 +9,32 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.arm_devices import ArmDevices
-from daemon.arm_points import Answer, ArmPoints
-from daemon.arm_scans import ArmScans
-from daemon.arm_sight import Stage
-from daemon.assembly import Assembly
-from daemon.capture import Capture, Triggers, triggers_of
-from daemon.clock import HostClock
-from daemon.configuration import AssemblySection, CaptureSection, Configuration
-from daemon.device import Device
-from daemon.device_states import DeviceStates
-from daemon.events import EventLog
-from daemon.health import HealthReport
-from daemon.live import LiveView
-from daemon.model import ArmModel
-from daemon.pipeline import Pipeline
-from daemon.poses import PoseBlock
-from daemon.quality_section import QualitySection
-from daemon.quality_watch import QualityWatch
-from daemon.scanner import Scanner
-from daemon.skew import SkewWatch
-from daemon.tape import Tape
-from daemon.tardiness import Tardiness
-from daemon.temperature_watch import TemperatureWatch
-from daemon.tip_path import TipPath
-from daemon.uncertainty import Reading, Uncertainty
-from drivers.values import (
+from traverse.daemon.arm_devices import ArmDevices
+from traverse.daemon.arm_points import Answer, ArmPoints
+from traverse.daemon.arm_scans import ArmScans
+from traverse.daemon.arm_sight import Stage
+from traverse.daemon.assembly import Assembly
+from traverse.daemon.capture import Capture, Triggers, triggers_of
+from traverse.daemon.clock import HostClock
+from traverse.daemon.configuration import AssemblySection, CaptureSection, Configuration
+from traverse.daemon.device import Device
+from traverse.daemon.device_states import DeviceStates
+from traverse.daemon.events import EventLog
+from traverse.daemon.health import HealthReport
+from traverse.daemon.live import LiveView
+from traverse.daemon.model import ArmModel
+from traverse.daemon.pipeline import Pipeline
+from traverse.daemon.poses import PoseBlock
+from traverse.daemon.quality_section import QualitySection
+from traverse.daemon.quality_watch import QualityWatch
+from traverse.daemon.scanner import Scanner
+from traverse.daemon.skew import SkewWatch
+from traverse.daemon.tape import Tape
+from traverse.daemon.tardiness import Tardiness
+from traverse.daemon.temperature_watch import TemperatureWatch
+from traverse.daemon.tip_path import TipPath
+from traverse.daemon.uncertainty import Reading, Uncertainty
+from traverse.drivers.values import (
     CountSamples,
     Delivery,
     DeviceAlarm,
@@ -46,7 +46,7 @@ from drivers.values import (
     LatchedCounts,
     StreamStarted,
 )
-from protocol.messages import Live
+from traverse.protocol.messages import Live
 
 
 class Measuring:

@@ -2,10 +2,10 @@
 
 from collections.abc import Iterable, Mapping
 
-from daemon.exposition import family, histogram
-from daemon.latencies import Latencies
-from protocol.messages import Health
-from protocol.messages.health import COUNTERS, LATENCIES, LATENCY_BOUNDS_US
+from traverse.daemon.exposition import family, histogram
+from traverse.daemon.latencies import Latencies
+from traverse.protocol.messages import Health
+from traverse.protocol.messages.health import COUNTERS, LATENCIES, LATENCY_BOUNDS_US
 
 STATES = ("starting", "ready", "lost", "failed", "stopped")
 CONNECTION = ("connecting", "connected", "lost")

@@ -10,9 +10,9 @@ import math
 from collections.abc import AsyncIterator, Callable
 from email.utils import formatdate
 
-from daemon.events import EventLog
-from daemon.exposition import CONTENT_TYPE
-from daemon.metrics_section import MetricsSection
+from traverse.daemon.events import EventLog
+from traverse.daemon.exposition import CONTENT_TYPE
+from traverse.daemon.metrics_section import MetricsSection
 
 MAX_REQUEST = 8192
 MAX_CLIENTS = 8

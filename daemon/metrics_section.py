@@ -2,7 +2,7 @@
 
 from pydantic import Field
 
-from kinematics.arm_file import StrictModel
+from traverse.kinematics.arm_file import StrictModel
 
 
 class MetricsSection(StrictModel):

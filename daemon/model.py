@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.arm_knowledge import knowledge_with_probe, read_knowledge
-from daemon.model_problems import never_coming, never_known, unusable_encoders
-from daemon.probes import LibraryProbe, with_probe
-from drivers.values import Identity
-from kinematics.arm_covariance import ArmCovariance
-from kinematics.arm_file import Arm, FileError, Problem, arm_digest, read_arm
-from kinematics.effect_kinds import EFFECT_KINDS
-from kinematics.effects.arm_effects import ArmEffects, effects_from_arm
-from kinematics.effects.covariate import Covariate
-from kinematics.geometry import Geometry, geometry_from_arm
-from kinematics.readings import Encoders, encoders_from_arm
+from traverse.daemon.arm_knowledge import knowledge_with_probe, read_knowledge
+from traverse.daemon.model_problems import never_coming, never_known, unusable_encoders
+from traverse.daemon.probes import LibraryProbe, with_probe
+from traverse.drivers.values import Identity
+from traverse.kinematics.arm_covariance import ArmCovariance
+from traverse.kinematics.arm_file import Arm, FileError, Problem, arm_digest, read_arm
+from traverse.kinematics.effect_kinds import EFFECT_KINDS
+from traverse.kinematics.effects.arm_effects import ArmEffects, effects_from_arm
+from traverse.kinematics.effects.covariate import Covariate
+from traverse.kinematics.geometry import Geometry, geometry_from_arm
+from traverse.kinematics.readings import Encoders, encoders_from_arm
 
 OF_GRAVITY = ("joint_compliance", "bearing_compliance", "mount_compliance")
 

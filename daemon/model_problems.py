@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping
 
-from kinematics.arm_file import Arm, Problem
-from kinematics.effects.arm_effects import ArmEffects
-from kinematics.effects.covariate import Covariate
+from traverse.kinematics.arm_file import Arm, Problem
+from traverse.kinematics.effects.arm_effects import ArmEffects
+from traverse.kinematics.effects.covariate import Covariate
 
 LARGEST_TIME_S = 9.2e9  # since 1970, in nanoseconds 63 bits
 

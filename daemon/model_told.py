@@ -2,10 +2,10 @@
 
 import logging
 
-from daemon.model import ArmModel
-from protocol.messages.point import Compensation
+from traverse.daemon.model import ArmModel
+from traverse.protocol.messages.point import Compensation
 
-log = logging.getLogger("daemon.service")
+log = logging.getLogger("traverse.daemon.service")
 
 WITHOUT_DIRECTION: tuple[Compensation, ...] = ("none", "shank")
 

@@ -3,7 +3,7 @@
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 
-from protocol.encoding import Encoding, content_type
+from traverse.protocol.encoding import Encoding, content_type
 
 MAX_UNANSWERED = 32  # commands of QoS 1 on their way to us
 

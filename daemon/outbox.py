@@ -11,22 +11,22 @@ from collections import deque
 from collections.abc import AsyncIterator, Callable, Mapping
 from pathlib import Path
 
-from daemon.clock import HostClock
-from daemon.commands import Result
-from daemon.events import EventLog
-from daemon.latencies import Latencies
-from daemon.outbox_folder import alone_in
-from daemon.outbox_jobs import Condition, Rules
-from daemon.outbox_keeping import InFlight, Keeping
-from daemon.outbox_passage import OutboxPassage
-from daemon.outbox_section import OutboxSection
-from daemon.outbox_values import Entry, Trouble, held_of
-from daemon.outgoing import OutgoingQueue
-from daemon.sessions import Session
-from drivers.pulse import Pulse
-from protocol.encoding import Encoding, encode
-from protocol.messages import OutboxHealth, Point, ResendArgs
-from protocol.topics import point_topic
+from traverse.daemon.clock import HostClock
+from traverse.daemon.commands import Result
+from traverse.daemon.events import EventLog
+from traverse.daemon.latencies import Latencies
+from traverse.daemon.outbox_folder import alone_in
+from traverse.daemon.outbox_jobs import Condition, Rules
+from traverse.daemon.outbox_keeping import InFlight, Keeping
+from traverse.daemon.outbox_passage import OutboxPassage
+from traverse.daemon.outbox_section import OutboxSection
+from traverse.daemon.outbox_values import Entry, Trouble, held_of
+from traverse.daemon.outgoing import OutgoingQueue
+from traverse.daemon.sessions import Session
+from traverse.drivers.pulse import Pulse
+from traverse.protocol.encoding import Encoding, encode
+from traverse.protocol.messages import OutboxHealth, Point, ResendArgs
+from traverse.protocol.topics import point_topic
 
 
 class Outbox:

@@ -7,9 +7,9 @@ that is still on its way to the disk.
 from collections import deque
 from collections.abc import Callable
 
-from daemon.capture import CaptureRefusedError
-from daemon.outbox_keeping import Keeping
-from daemon.pending_points import Request
+from traverse.daemon.capture import CaptureRefusedError
+from traverse.daemon.outbox_keeping import Keeping
+from traverse.daemon.pending_points import Request
 
 Outcome = object | CaptureRefusedError
 

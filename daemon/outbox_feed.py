@@ -10,13 +10,13 @@ all that came after it only then: a broker that takes nothing is not kept busy.
 
 from collections.abc import Callable, Sequence
 
-from daemon.clock import HostClock
-from daemon.latencies import Latencies
-from daemon.outbox_reading import unsent_of
-from daemon.outbox_store import OutboxStore
-from daemon.outbox_values import Held
-from daemon.outgoing import Outgoing, OutgoingQueue
-from protocol.topics import CHANNELS
+from traverse.daemon.clock import HostClock
+from traverse.daemon.latencies import Latencies
+from traverse.daemon.outbox_reading import unsent_of
+from traverse.daemon.outbox_store import OutboxStore
+from traverse.daemon.outbox_values import Held
+from traverse.daemon.outgoing import Outgoing, OutgoingQueue
+from traverse.protocol.topics import CHANNELS
 
 TOGETHER = 100
 REFUSED_NS = 120_000_000_000

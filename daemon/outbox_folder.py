@@ -4,8 +4,8 @@ import contextlib
 from collections.abc import Iterator
 from pathlib import Path
 
-from daemon.outbox_values import OutboxRefusedError
-from daemon.state_folder import OWNER_ONLY, only_user_of
+from traverse.daemon.outbox_values import OutboxRefusedError
+from traverse.daemon.state_folder import OWNER_ONLY, only_user_of
 
 
 @contextlib.contextmanager

@@ -4,9 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from daemon.outbox_section import OutboxSection
-from daemon.outbox_store import OutboxStore
-from daemon.outbox_values import Entry, Figures, Trouble
+from traverse.daemon.outbox_section import OutboxSection
+from traverse.daemon.outbox_store import OutboxStore
+from traverse.daemon.outbox_values import Entry, Figures, Trouble
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,17 +11,17 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeVar
 
-from daemon.outbox_salvage import salvaged
-from daemon.outbox_store import OutboxStore
-from daemon.outbox_trouble import (
+from traverse.daemon.outbox_salvage import salvaged
+from traverse.daemon.outbox_store import OutboxStore
+from traverse.daemon.outbox_trouble import (
     is_damage,
     needs_opening,
     set_aside,
     trouble_of,
 )
-from daemon.outbox_values import Entry, Figures, OutboxRefusedError, Trouble
+from traverse.daemon.outbox_values import Entry, Figures, OutboxRefusedError, Trouble
 
-log = logging.getLogger("daemon.outbox")
+log = logging.getLogger("traverse.daemon.outbox")
 
 T = TypeVar("T")
 

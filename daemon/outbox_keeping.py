@@ -3,9 +3,9 @@
 from collections import deque
 from collections.abc import Callable
 
-from daemon.outbox_values import Trouble
-from daemon.sessions import Session
-from protocol.messages import Point
+from traverse.daemon.outbox_values import Trouble
+from traverse.daemon.sessions import Session
+from traverse.protocol.messages import Point
 
 
 class Keeping:

@@ -3,17 +3,17 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from daemon.clock import HostClock
-from daemon.latencies import Latencies
-from daemon.outbox_feed import TOGETHER, OutboxFeed, Told, Work
-from daemon.outbox_jobs import Ask, Condition, Keep, Rules
-from daemon.outbox_marks import OutboxMarks, Range
-from daemon.outbox_resend import TOGETHER as RESENT_TOGETHER
-from daemon.outbox_resend import OutboxResend
-from daemon.outbox_thread import OutboxThread
-from daemon.outbox_values import Entry, Trouble
-from daemon.outgoing import OutgoingQueue
-from drivers.pulse import Pulse
+from traverse.daemon.clock import HostClock
+from traverse.daemon.latencies import Latencies
+from traverse.daemon.outbox_feed import TOGETHER, OutboxFeed, Told, Work
+from traverse.daemon.outbox_jobs import Ask, Condition, Keep, Rules
+from traverse.daemon.outbox_marks import OutboxMarks, Range
+from traverse.daemon.outbox_resend import TOGETHER as RESENT_TOGETHER
+from traverse.daemon.outbox_resend import OutboxResend
+from traverse.daemon.outbox_thread import OutboxThread
+from traverse.daemon.outbox_values import Entry, Trouble
+from traverse.daemon.outgoing import OutgoingQueue
+from traverse.drivers.pulse import Pulse
 
 
 class OutboxPassage:

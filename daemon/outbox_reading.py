@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from daemon.outbox_schema import check_version
-from daemon.outbox_values import Extent, Held, HeldSession, OutboxRefusedError
+from traverse.daemon.outbox_schema import check_version
+from traverse.daemon.outbox_values import Extent, Held, HeldSession, OutboxRefusedError
 
 COLUMNS = "number, session, seq, id, time_ns, topic, encoding, payload, sent"
 PIECE = 500

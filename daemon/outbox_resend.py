@@ -6,15 +6,15 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
-from daemon.commands import CommandError, Result
-from daemon.outbox_feed import Told, Work, outgoing
-from daemon.outbox_reading import extent_of, messages_of, sessions_of
-from daemon.outbox_store import OutboxStore
-from daemon.outbox_values import Extent
-from daemon.outgoing import OutgoingQueue
-from protocol.messages import ResendArgs
+from traverse.daemon.commands import CommandError, Result
+from traverse.daemon.outbox_feed import Told, Work, outgoing
+from traverse.daemon.outbox_reading import extent_of, messages_of, sessions_of
+from traverse.daemon.outbox_store import OutboxStore
+from traverse.daemon.outbox_values import Extent
+from traverse.daemon.outgoing import OutgoingQueue
+from traverse.protocol.messages import ResendArgs
 
-log = logging.getLogger("daemon.outbox")
+log = logging.getLogger("traverse.daemon.outbox")
 
 TOGETHER = 50
 MAX_RANGES = 32

@@ -5,12 +5,12 @@ import sqlite3
 from pathlib import Path
 from urllib.parse import quote
 
-from daemon.outbox_reading import COLUMNS, held
-from daemon.outbox_values import Entry, Held
-from daemon.scan_reading import block_id
-from protocol.encoding import decode
-from protocol.message_error import MessageError
-from protocol.messages import Point, Scan
+from traverse.daemon.outbox_reading import COLUMNS, held
+from traverse.daemon.outbox_values import Entry, Held
+from traverse.daemon.scan_reading import block_id
+from traverse.protocol.encoding import decode
+from traverse.protocol.message_error import MessageError
+from traverse.protocol.messages import Point, Scan
 
 # By the index first: it leaves the pages alone that only hold what has been sent.
 WAYS = ("INDEXED BY unsent", "NOT INDEXED")

@@ -2,7 +2,7 @@
 
 import sqlite3
 
-from daemon.outbox_values import OutboxRefusedError
+from traverse.daemon.outbox_values import OutboxRefusedError
 
 VERSION = 1
 APPLICATION = 0x54525650  # "TRVP", so that `file` and people can tell whose it is

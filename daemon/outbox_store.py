@@ -12,8 +12,8 @@ import sqlite3
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from daemon.outbox_schema import check_version, make_tables
-from daemon.outbox_values import Entry, Figures
+from traverse.daemon.outbox_schema import check_version, make_tables
+from traverse.daemon.outbox_values import Entry, Figures
 
 BUSY_S = 1.0
 CHECKED_BYTES = 64 << 20  # a larger file takes too long to be checked at each start
@@ -193,7 +193,7 @@ class OutboxStore:
 
     @property
     def connection(self) -> sqlite3.Connection:
-        """For what only reads; see `daemon.outbox_reading`."""
+        """For what only reads; see `traverse.daemon.outbox_reading`."""
         return self._connection
 
     def figures(self) -> Figures:

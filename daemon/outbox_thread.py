@@ -17,14 +17,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-from daemon.clock import HostClock
-from daemon.outbox_jobs import Ask, Condition, Job, Keep, Rules
-from daemon.outbox_keeper import OutboxKeeper
-from daemon.outbox_store import DAY_NS, OutboxStore
-from daemon.outbox_values import Entry, OutboxRefusedError, Trouble
-from drivers.pulse import Pulse
+from traverse.daemon.clock import HostClock
+from traverse.daemon.outbox_jobs import Ask, Condition, Job, Keep, Rules
+from traverse.daemon.outbox_keeper import OutboxKeeper
+from traverse.daemon.outbox_store import DAY_NS, OutboxStore
+from traverse.daemon.outbox_values import Entry, OutboxRefusedError, Trouble
+from traverse.drivers.pulse import Pulse
 
-log = logging.getLogger("daemon.outbox")
+log = logging.getLogger("traverse.daemon.outbox")
 
 LOOK_S = 0.5
 FIGURES_S = 0.2

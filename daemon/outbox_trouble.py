@@ -6,7 +6,7 @@ import sqlite3
 from datetime import UTC, datetime
 from pathlib import Path
 
-from daemon.outbox_values import Trouble
+from traverse.daemon.outbox_values import Trouble
 
 GOES_ON = "; the daemon goes on by itself as soon as it can write"
 DAMAGED = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)

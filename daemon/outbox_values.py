@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from protocol.encoding import Encoding
+from traverse.protocol.encoding import Encoding
 
 
 @dataclass(frozen=True, slots=True)

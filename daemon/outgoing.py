@@ -13,7 +13,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from protocol.encoding import Encoding
+from traverse.protocol.encoding import Encoding
 
 MAX_POINTS = 1000
 MAX_REPLIES = 100

@@ -2,13 +2,13 @@
 
 from collections.abc import Callable
 
-from daemon.clock import HostClock
-from daemon.events import Occurrence
-from daemon.outgoing import Outgoing, OutgoingQueue
-from daemon.tape import Tape
-from protocol import topics
-from protocol.encoding import Encoding, encode
-from protocol.messages import Event, Message
+from traverse.daemon.clock import HostClock
+from traverse.daemon.events import Occurrence
+from traverse.daemon.outgoing import Outgoing, OutgoingQueue
+from traverse.daemon.tape import Tape
+from traverse.protocol import topics
+from traverse.protocol.encoding import Encoding, encode
+from traverse.protocol.messages import Event, Message
 
 
 class Outlet:

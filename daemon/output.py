@@ -4,19 +4,19 @@ import contextlib
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 
-from daemon.clock import HostClock
-from daemon.configuration import Configuration
-from daemon.events import EventLog, Occurrence
-from daemon.health import HealthReport
-from daemon.outbox import Outbox
-from daemon.outgoing import OutgoingQueue
-from daemon.outlet import Outlet
-from daemon.record_requests import recorder_of, tell_reloaded
-from daemon.scan_spool import ScanSpool
-from daemon.state_folder import OUTBOX, SCANS, state_path
-from daemon.step_clock import StepClock
-from drivers.pulse import Pulse
-from protocol.encoding import Encoding
+from traverse.daemon.clock import HostClock
+from traverse.daemon.configuration import Configuration
+from traverse.daemon.events import EventLog, Occurrence
+from traverse.daemon.health import HealthReport
+from traverse.daemon.outbox import Outbox
+from traverse.daemon.outgoing import OutgoingQueue
+from traverse.daemon.outlet import Outlet
+from traverse.daemon.record_requests import recorder_of, tell_reloaded
+from traverse.daemon.scan_spool import ScanSpool
+from traverse.daemon.state_folder import OUTBOX, SCANS, state_path
+from traverse.daemon.step_clock import StepClock
+from traverse.drivers.pulse import Pulse
+from traverse.protocol.encoding import Encoding
 
 
 class Output:

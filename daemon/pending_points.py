@@ -11,14 +11,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from daemon.averaging import Average
-from daemon.buttons import Press
-from daemon.capture import Measured
-from daemon.configuration import Action
-from daemon.device import Device
-from daemon.tip import Pull
-from drivers.values import LatchedCounts
-from protocol.messages.point import Trigger
+from traverse.daemon.averaging import Average
+from traverse.daemon.buttons import Press
+from traverse.daemon.capture import Measured
+from traverse.daemon.configuration import Action
+from traverse.daemon.device import Device
+from traverse.daemon.tip import Pull
+from traverse.drivers.values import LatchedCounts
+from traverse.protocol.messages.point import Trigger
 
 CAPTURING: frozenset[Action] = frozenset(("point", "average"))
 MAX_PENDING = 256

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.clock import HostClock
-from daemon.covariates import Bits, Covariates
-from daemon.interpolation import STATUS_INTERPOLATED
-from daemon.joint_counts import JointCounts
-from daemon.model import ArmModel
-from daemon.poses import LatchedPose, PoseBlock
-from drivers.values import (
+from traverse.daemon.clock import HostClock
+from traverse.daemon.covariates import Bits, Covariates
+from traverse.daemon.interpolation import STATUS_INTERPOLATED
+from traverse.daemon.joint_counts import JointCounts
+from traverse.daemon.model import ArmModel
+from traverse.daemon.poses import LatchedPose, PoseBlock
+from traverse.drivers.values import (
     STATUS_ERROR,
     STATUS_LATE,
     STATUS_MISSING,
@@ -27,10 +27,10 @@ from drivers.values import (
     CountSamples,
     LatchedCounts,
 )
-from kinematics.effects.block import Block
-from kinematics.effects.pose import PoseFlags, corrected_pose
-from kinematics.readings import Encoders, Unwrapper, counts_to_angles
-from protocol.messages import QualityFlag
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.pose import PoseFlags, corrected_pose
+from traverse.kinematics.readings import Encoders, Unwrapper, counts_to_angles
+from traverse.protocol.messages import QualityFlag
 
 
 def _quality_of_status() -> Bits:

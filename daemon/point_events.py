@@ -1,14 +1,14 @@
 """What is told of edges, refusals, labels and sessions."""
 
-from daemon.capture import CaptureRefusedError
-from daemon.device import Device
-from daemon.events import EventLog
-from daemon.model import ArmModel
-from daemon.pending_points import Request
-from daemon.sessions import Session
-from drivers.values import LatchedCounts
-from kinematics.compensation import DirectionError
-from protocol.messages import Label, Point
+from traverse.daemon.capture import CaptureRefusedError
+from traverse.daemon.device import Device
+from traverse.daemon.events import EventLog
+from traverse.daemon.model import ArmModel
+from traverse.daemon.pending_points import Request
+from traverse.daemon.sessions import Session
+from traverse.drivers.values import LatchedCounts
+from traverse.kinematics.compensation import DirectionError
+from traverse.protocol.messages import Label, Point
 
 
 class PointEvents:

@@ -2,15 +2,15 @@
 
 from dataclasses import replace
 
-from daemon.arm_sight import ArmSight, Stage
-from daemon.averaging import Average, AverageLimits
-from daemon.capture import CaptureRefusedError, Measured
-from daemon.configuration import CaptureSection
-from daemon.pending_points import Request
-from daemon.point_events import PointEvents
-from daemon.poses import PoseBlock
-from daemon.tip import Pull, Tip, without_direction
-from kinematics.compensation import DirectionError
+from traverse.daemon.arm_sight import ArmSight, Stage
+from traverse.daemon.averaging import Average, AverageLimits
+from traverse.daemon.capture import CaptureRefusedError, Measured
+from traverse.daemon.configuration import CaptureSection
+from traverse.daemon.pending_points import Request
+from traverse.daemon.point_events import PointEvents
+from traverse.daemon.poses import PoseBlock
+from traverse.daemon.tip import Pull, Tip, without_direction
+from traverse.kinematics.compensation import DirectionError
 
 
 class PointMaking:

@@ -4,16 +4,16 @@ import asyncio
 from collections.abc import Callable
 from typing import TypeVar
 
-from daemon.arm_devices import ArmDevices
-from daemon.arm_points import Answer
-from daemon.averaging import LONGEST_NS, Average, AverageLimits
-from daemon.capture import Capture, CaptureRefusedError
-from daemon.commands import CommandError, Result
-from daemon.configuration import CaptureSection
-from daemon.device import Device
-from daemon.measuring import Measuring
-from drivers.values import DeviceError
-from protocol.messages import (
+from traverse.daemon.arm_devices import ArmDevices
+from traverse.daemon.arm_points import Answer
+from traverse.daemon.averaging import LONGEST_NS, Average, AverageLimits
+from traverse.daemon.capture import Capture, CaptureRefusedError
+from traverse.daemon.commands import CommandError, Result
+from traverse.daemon.configuration import CaptureSection
+from traverse.daemon.device import Device
+from traverse.daemon.measuring import Measuring
+from traverse.drivers.values import DeviceError
+from traverse.protocol.messages import (
     Label,
     LabelArgs,
     Point,

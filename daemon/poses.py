@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.effects.block import Block
+from traverse.kinematics.effects.block import Block
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -15,13 +15,13 @@ class PoseBlock:
     """Poses of n timed samples.
 
     Attributes:
-        stream, seq: identify the samples, see `drivers.values.CountSamples`.
+        stream, seq: identify the samples, see `traverse.drivers.values.CountSamples`.
         sample_time_ns: (n,) host monotonic time of the latch.
         received_ns: host monotonic time of the read that brought them.
         inputs: (n,) bits of the device's inputs.
         counts: (n, n_joints) unwrapped. angles_rad: (n, n_joints) readings.
         xyz_mm: (n, 3) centre of the ball. ijk: (n, 3) the shank, from wrist to ball.
-        quality: (n,) bits of `protocol.messages.QualityFlag`.
+        quality: (n,) bits of `traverse.protocol.messages.QualityFlag`.
     """
 
     stream: int
@@ -74,7 +74,7 @@ class LatchedPose:
     Attributes:
         block: one sample, what the pose was computed of.
         doubts_counts: of interpolated readings, (n_joints, 2), see
-            `daemon.interpolation.Brought`; None where all were latched.
+            `traverse.daemon.interpolation.Brought`; None where all were latched.
     """
 
     sample_time_ns: int

@@ -4,13 +4,13 @@ import asyncio
 from collections.abc import Callable
 from pathlib import Path
 
-from daemon.capture import CaptureRefusedError
-from daemon.commands import CommandError, Result
-from daemon.measuring import Measuring
-from daemon.model import ArmModel, model_with_probe
-from daemon.probes import LibraryProbe, read_probes
-from kinematics.arm_file import FileError
-from protocol.messages import ProbeArgs
+from traverse.daemon.capture import CaptureRefusedError
+from traverse.daemon.commands import CommandError, Result
+from traverse.daemon.measuring import Measuring
+from traverse.daemon.model import ArmModel, model_with_probe
+from traverse.daemon.probes import LibraryProbe, read_probes
+from traverse.kinematics.arm_file import FileError
+from traverse.protocol.messages import ProbeArgs
 
 REFUSED = "capture.probe_refused"
 

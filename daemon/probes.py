@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from kinematics.arm_file import (
+from traverse.kinematics.arm_file import (
     Arm,
     Moment,
     Probe,

@@ -4,12 +4,12 @@ import contextlib
 import logging
 from pathlib import Path
 
-from daemon.allocation import bound_free_memory
-from daemon.broker_section import BrokerSection
-from daemon.embedded_broker import HOST, BrokerStartError, embedded_broker
-from daemon.outbox_values import OutboxRefusedError
-from daemon.service import Service
-from daemon.startup import REFUSED, UNREACHABLE, StartupError, read_inputs
+from traverse.daemon.allocation import bound_free_memory
+from traverse.daemon.broker_section import BrokerSection
+from traverse.daemon.embedded_broker import HOST, BrokerStartError, embedded_broker
+from traverse.daemon.outbox_values import OutboxRefusedError
+from traverse.daemon.service import Service
+from traverse.daemon.startup import REFUSED, UNREACHABLE, StartupError, read_inputs
 
 log = logging.getLogger(__name__)
 

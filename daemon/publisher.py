@@ -15,19 +15,24 @@ from typing import Literal
 import aiomqtt
 from paho.mqtt.properties import Properties
 
-from broker.reasons import reason_code
-from daemon.broker_access import Access, AccessError, BrokerAddress, read_access
-from daemon.broker_client import BrokerClient
-from daemon.broker_reasons import reason_of
-from daemon.hearing import Hearing, Incoming
-from daemon.mqtt_properties import (
+from traverse.broker.reasons import reason_code
+from traverse.daemon.broker_access import (
+    Access,
+    AccessError,
+    BrokerAddress,
+    read_access,
+)
+from traverse.daemon.broker_client import BrokerClient
+from traverse.daemon.broker_reasons import reason_of
+from traverse.daemon.hearing import Hearing, Incoming
+from traverse.daemon.mqtt_properties import (
     UsualProperties,
     connect_properties,
     publish_properties,
 )
-from daemon.outgoing import Outgoing, OutgoingQueue
-from daemon.sending import Sending
-from protocol.encoding import Encoding
+from traverse.daemon.outgoing import Outgoing, OutgoingQueue
+from traverse.daemon.sending import Sending
+from traverse.protocol.encoding import Encoding
 
 log = logging.getLogger(__name__)
 

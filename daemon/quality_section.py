@@ -4,8 +4,8 @@ from typing import Annotated, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from daemon.filters import flag_bits
-from kinematics.arm_file import StrictModel
+from traverse.daemon.filters import flag_bits
+from traverse.kinematics.arm_file import StrictModel
 
 
 class EndStopSection(StrictModel):

@@ -4,17 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from daemon.capture import CaptureRefusedError
-from daemon.clock import HostClock
-from daemon.events import EventLog
-from daemon.filters import flag_bits
-from daemon.limits import Floats, PoseLimits, SpeedTrail
-from daemon.model import ArmModel
-from daemon.poses import LatchedPose, PoseBlock
-from daemon.quality_section import QualitySection
-from daemon.standing import Standing
-from protocol.messages import FLAG_MEANINGS, QualityFlag
-from protocol.messages.quality import flag_names
+from traverse.daemon.capture import CaptureRefusedError
+from traverse.daemon.clock import HostClock
+from traverse.daemon.events import EventLog
+from traverse.daemon.filters import flag_bits
+from traverse.daemon.limits import Floats, PoseLimits, SpeedTrail
+from traverse.daemon.model import ArmModel
+from traverse.daemon.poses import LatchedPose, PoseBlock
+from traverse.daemon.quality_section import QualitySection
+from traverse.daemon.standing import Standing
+from traverse.protocol.messages import FLAG_MEANINGS, QualityFlag
+from traverse.protocol.messages.quality import flag_names
 
 PASSING = {
     QualityFlag.END_STOP: "limit.end_stop",

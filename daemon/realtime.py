@@ -14,8 +14,8 @@ from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
-from daemon.events import EventLog
-from daemon.realtime_section import RealtimeSection
+from traverse.daemon.events import EventLog
+from traverse.daemon.realtime_section import RealtimeSection
 
 MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
 CAP_IPC_LOCK = 14

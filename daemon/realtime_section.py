@@ -5,7 +5,7 @@ from typing import Annotated
 
 from pydantic import Field, field_validator
 
-from kinematics.arm_file import StrictModel
+from traverse.kinematics.arm_file import StrictModel
 
 MAX_PRIORITY = 98  # 99 is the kernel's own threads'
 

@@ -4,16 +4,16 @@ import logging
 from importlib.metadata import version
 from pathlib import Path
 
-from daemon.commands import CommandError, Result
-from daemon.configuration import Configuration
-from daemon.events import EventLog
-from daemon.recorder import Recorder
-from daemon.replay_inputs import files_in_force
-from daemon.startup import REFUSED, StartupError
-from daemon.state_folder import RECORDINGS, state_path
-from daemon.step_clock import StepClock
-from kinematics.kernel.choice import KERNEL
-from protocol.messages import RecordArgs
+from traverse.daemon.commands import CommandError, Result
+from traverse.daemon.configuration import Configuration
+from traverse.daemon.events import EventLog
+from traverse.daemon.recorder import Recorder
+from traverse.daemon.replay_inputs import files_in_force
+from traverse.daemon.startup import REFUSED, StartupError
+from traverse.daemon.state_folder import RECORDINGS, state_path
+from traverse.daemon.step_clock import StepClock
+from traverse.kinematics.kernel.choice import KERNEL
+from traverse.protocol.messages import RecordArgs
 
 log = logging.getLogger(__name__)
 

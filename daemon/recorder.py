@@ -10,25 +10,25 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from daemon.clock import HostClock
-from daemon.events import EventLog
-from daemon.outbox_keeping import Keeping
-from daemon.recorder_events import RecorderEvents
-from daemon.recorder_faults import FaultWatch
-from daemon.recorder_jobs import RecorderJobs
-from daemon.recorder_named import Recorded
-from daemon.recorder_queue import Item, RecorderQueue
-from daemon.recorder_state import LastTold, MeasuringState
-from daemon.recorder_thread import RecorderThread
-from daemon.recorder_told import Told
-from daemon.recording_section import RecordingSection
-from daemon.sessions import Session
-from daemon.tape import Tape
-from drivers.delivery_maps import kind_of
-from drivers.pulse import Pulse
-from drivers.values import Delivery
-from protocol.messages import Event, Message, Point
-from protocol.messages.recording_health import RecordingHealth
+from traverse.daemon.clock import HostClock
+from traverse.daemon.events import EventLog
+from traverse.daemon.outbox_keeping import Keeping
+from traverse.daemon.recorder_events import RecorderEvents
+from traverse.daemon.recorder_faults import FaultWatch
+from traverse.daemon.recorder_jobs import RecorderJobs
+from traverse.daemon.recorder_named import Recorded
+from traverse.daemon.recorder_queue import Item, RecorderQueue
+from traverse.daemon.recorder_state import LastTold, MeasuringState
+from traverse.daemon.recorder_thread import RecorderThread
+from traverse.daemon.recorder_told import Told
+from traverse.daemon.recording_section import RecordingSection
+from traverse.daemon.sessions import Session
+from traverse.daemon.tape import Tape
+from traverse.drivers.delivery_maps import kind_of
+from traverse.drivers.pulse import Pulse
+from traverse.drivers.values import Delivery
+from traverse.protocol.messages import Event, Message, Point
+from traverse.protocol.messages.recording_health import RecordingHealth
 
 STATE_NS = 6_000_000_000
 PATIENCE_NS = 3_000_000_000  # a state is told of a quiet moment, if one comes

@@ -2,12 +2,12 @@
 
 from collections.abc import Iterator
 
-from daemon.recorder_queue import Item
-from drivers.delivery_maps import map_of
-from protocol.messages import Event, Point, Scan
-from recording.maps import map_to_bytes
-from recording.run_writer import Entry
-from recording.views import (
+from traverse.daemon.recorder_queue import Item
+from traverse.drivers.delivery_maps import map_of
+from traverse.protocol.messages import Event, Point, Scan
+from traverse.recording.maps import map_to_bytes
+from traverse.recording.run_writer import Entry
+from traverse.recording.views import (
     cloud_to_bytes,
     log_to_bytes,
     point_to_bytes,

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from daemon.events import EventLog
-from daemon.recorder_named import Recorded
+from traverse.daemon.events import EventLog
+from traverse.daemon.recorder_named import Recorded
 
 SOURCE = "recording"
 

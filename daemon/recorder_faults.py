@@ -1,6 +1,6 @@
 """Faults after which the last minutes are kept, and when."""
 
-from protocol.messages import Event
+from traverse.protocol.messages import Event
 
 AFTERMATH_NS = 2_000_000_000  # what follows a fault is kept with it
 CALM_NS = 30_000_000_000  # after a file was kept, none is for so long

@@ -9,9 +9,9 @@ from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
-from daemon.recording_section import RecordingSection
-from recording.run_reader import RunReader
-from recording.run_writer import Entry, RunHead, RunWriter
+from traverse.daemon.recording_section import RecordingSection
+from traverse.recording.run_reader import RunReader
+from traverse.recording.run_writer import Entry, RunHead, RunWriter
 
 SEGMENT_NS = 10_000_000_000
 FOLDER = "flight"

@@ -4,8 +4,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from daemon.recorder_flight import FlightRecorder
-from daemon.recorder_told import Told, reason_of
+from traverse.daemon.recorder_flight import FlightRecorder
+from traverse.daemon.recorder_told import Told, reason_of
 
 RETRY_S = 30.0
 

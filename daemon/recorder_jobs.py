@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import TypeVar
 
-from daemon.recorder_queue import Item, RecorderQueue
+from traverse.daemon.recorder_queue import Item, RecorderQueue
 
 T = TypeVar("T")
 

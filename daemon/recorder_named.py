@@ -5,8 +5,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from daemon.recording_section import RecordingSection
-from recording.run_writer import Entry, RunHead, RunWriter
+from traverse.daemon.recording_section import RecordingSection
+from traverse.recording.run_writer import Entry, RunHead, RunWriter
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from drivers.values import CountSamples
+from traverse.drivers.values import CountSamples
 
 Kind = Literal[
     "delivered",

@@ -8,8 +8,8 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from daemon.recorder_state import WARM_NS
-from recording.run_writer import Entry
+from traverse.daemon.recorder_state import WARM_NS
+from traverse.recording.run_writer import Entry
 
 MOST_BYTES = 32 << 20
 

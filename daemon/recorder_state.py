@@ -7,11 +7,11 @@ be given some seconds more before all points are as they were (`WARM_NS`).
 from collections.abc import Mapping
 from typing import Any
 
-from daemon.capture import Capture
-from daemon.measuring import Measuring
-from daemon.model import ArmModel
-from drivers.delivery_maps import kind_of, map_of
-from drivers.values import (
+from traverse.daemon.capture import Capture
+from traverse.daemon.measuring import Measuring
+from traverse.daemon.model import ArmModel
+from traverse.drivers.delivery_maps import kind_of, map_of
+from traverse.drivers.values import (
     Delivery,
     DeviceAlarm,
     DeviceLost,

@@ -10,19 +10,19 @@ from functools import partial
 from operator import methodcaller
 from pathlib import Path
 
-from daemon.recorder_entries import EntryMaker
-from daemon.recorder_flight import FlightRecorder
-from daemon.recorder_guard import GuardedFlight
-from daemon.recorder_named import NamedRecording, Recorded, head_of
-from daemon.recorder_queue import Item, RecorderQueue
-from daemon.recorder_ring import Ring
-from daemon.recorder_told import Told, reason_of
-from daemon.recording_section import RecordingSection
-from drivers.pulse import Pulse
-from protocol.messages import Scan
-from recording.run_writer import Entry
+from traverse.daemon.recorder_entries import EntryMaker
+from traverse.daemon.recorder_flight import FlightRecorder
+from traverse.daemon.recorder_guard import GuardedFlight
+from traverse.daemon.recorder_named import NamedRecording, Recorded, head_of
+from traverse.daemon.recorder_queue import Item, RecorderQueue
+from traverse.daemon.recorder_ring import Ring
+from traverse.daemon.recorder_told import Told, reason_of
+from traverse.daemon.recording_section import RecordingSection
+from traverse.drivers.pulse import Pulse
+from traverse.protocol.messages import Scan
+from traverse.recording.run_writer import Entry
 
-log = logging.getLogger("daemon.recorder")
+log = logging.getLogger("traverse.daemon.recorder")
 
 TURN_S = 30.0  # that a slow disk may take
 # Whoever reads a press waits until this thread lets go of the interpreter.

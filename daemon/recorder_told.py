@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from daemon.recorder_named import Recorded
+from traverse.daemon.recorder_named import Recorded
 
 
 @dataclass(frozen=True, slots=True)

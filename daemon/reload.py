@@ -10,15 +10,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from daemon.commands import CommandError, Result
-from daemon.configuration import Configuration
-from daemon.device import Device
-from daemon.events import EventLog
-from daemon.measuring import Measuring
-from daemon.model import ArmModel
-from daemon.notify import Notifier
-from daemon.startup import StartupError, read_inputs
-from protocol.messages import ReloadArgs
+from traverse.daemon.commands import CommandError, Result
+from traverse.daemon.configuration import Configuration
+from traverse.daemon.device import Device
+from traverse.daemon.events import EventLog
+from traverse.daemon.measuring import Measuring
+from traverse.daemon.model import ArmModel
+from traverse.daemon.notify import Notifier
+from traverse.daemon.startup import StartupError, read_inputs
+from traverse.protocol.messages import ReloadArgs
 
 QUIET_S = 5.0
 LOOK_S = 0.01

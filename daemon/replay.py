@@ -9,21 +9,21 @@ from typing import Any
 
 import numpy as np
 
-from daemon.recorder_entries import STEPS
-from daemon.recorder_state import WARM_NS
-from daemon.replay_bench import ReplayBench, ReplayClock
-from daemon.replay_inputs import read_recorded
-from daemon.replay_match import PointMatch, ScanMatch
-from daemon.replay_result import ReplayResult
-from drivers.delivery_maps import delivery_of
-from drivers.values import CountSamples
-from kinematics.kernel.choice import KERNEL
-from protocol.message_error import MessageError
-from protocol.messages import Point, Scan
-from recording.maps import bytes_to_map
-from recording.run_reader import RunReader
-from recording.run_writer import Entry
-from recording.views import bytes_to_cloud
+from traverse.daemon.recorder_entries import STEPS
+from traverse.daemon.recorder_state import WARM_NS
+from traverse.daemon.replay_bench import ReplayBench, ReplayClock
+from traverse.daemon.replay_inputs import read_recorded
+from traverse.daemon.replay_match import PointMatch, ScanMatch
+from traverse.daemon.replay_result import ReplayResult
+from traverse.drivers.delivery_maps import delivery_of
+from traverse.drivers.values import CountSamples
+from traverse.kinematics.kernel.choice import KERNEL
+from traverse.protocol.message_error import MessageError
+from traverse.protocol.messages import Point, Scan
+from traverse.recording.maps import bytes_to_map
+from traverse.recording.run_reader import RunReader
+from traverse.recording.run_writer import Entry
+from traverse.recording.views import bytes_to_cloud
 
 
 class Replay:

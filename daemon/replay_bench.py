@@ -6,32 +6,32 @@ from typing import Any
 
 import numpy as np
 
-from daemon.alignment import Alignment, PartSystem, alignment_asked_for
-from daemon.arm_devices import ArmDevices
-from daemon.averaging import Average, AverageLimits
-from daemon.capture import Capture, CaptureRefusedError, triggers_of
-from daemon.clock import HostClock
-from daemon.configuration import Configuration
-from daemon.device import Device
-from daemon.events import EventLog
-from daemon.health import HealthReport
-from daemon.live import LiveView
-from daemon.measuring import Measuring
-from daemon.model import ArmModel, model_with_probe
-from daemon.outbox_keeping import Keeping
-from daemon.pipeline import Pipeline
-from daemon.probes import LibraryProbe
-from daemon.recorder_state import resume_model
-from daemon.scan_plan import ScanPlan
-from daemon.scanner import Scanner
-from daemon.sessions import Session
-from daemon.tape import Tape
-from daemon.uncertainty import Uncertainty
-from drivers.crossing import Crossing
-from drivers.delivery_maps import delivery_of
-from drivers.driver import Driver
-from drivers.values import Delivery
-from protocol.messages import AlignArgs, Label, Point, Scan
+from traverse.daemon.alignment import Alignment, PartSystem, alignment_asked_for
+from traverse.daemon.arm_devices import ArmDevices
+from traverse.daemon.averaging import Average, AverageLimits
+from traverse.daemon.capture import Capture, CaptureRefusedError, triggers_of
+from traverse.daemon.clock import HostClock
+from traverse.daemon.configuration import Configuration
+from traverse.daemon.device import Device
+from traverse.daemon.events import EventLog
+from traverse.daemon.health import HealthReport
+from traverse.daemon.live import LiveView
+from traverse.daemon.measuring import Measuring
+from traverse.daemon.model import ArmModel, model_with_probe
+from traverse.daemon.outbox_keeping import Keeping
+from traverse.daemon.pipeline import Pipeline
+from traverse.daemon.probes import LibraryProbe
+from traverse.daemon.recorder_state import resume_model
+from traverse.daemon.scan_plan import ScanPlan
+from traverse.daemon.scanner import Scanner
+from traverse.daemon.sessions import Session
+from traverse.daemon.tape import Tape
+from traverse.daemon.uncertainty import Uncertainty
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.delivery_maps import delivery_of
+from traverse.drivers.driver import Driver
+from traverse.drivers.values import Delivery
+from traverse.protocol.messages import AlignArgs, Label, Point, Scan
 
 
 class ReplayClock(HostClock):

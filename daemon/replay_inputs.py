@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from daemon.configuration import Configuration, read_configuration
-from daemon.model import ArmModel, model_with_probe, read_model
-from daemon.probes import LibraryProbe
-from kinematics.arm_file import read_arm
+from traverse.daemon.configuration import Configuration, read_configuration
+from traverse.daemon.model import ArmModel, model_with_probe, read_model
+from traverse.daemon.probes import LibraryProbe
+from traverse.kinematics.arm_file import read_arm
 
 ARM, CONFIGURATION, PROBES = "arm.toml", "traverse.toml", "probes.toml"
 

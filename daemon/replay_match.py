@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.messages import Point, Scan
+from traverse.protocol.messages import Point, Scan
 
 ULPS = 4
 LENGTHS = ("xyz_mm", "surface_mm", "part_xyz_mm")

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from daemon.replay_match import Tally
+from traverse.daemon.replay_match import Tally
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,7 +17,7 @@ class ReplayResult:
         left_out: points of scans that had begun before the recording.
         new: given by the replay, not published then.
         not_kept: refused by the disk then.
-        excused: see `daemon.replay_match.PointMatch`.
+        excused: see `traverse.daemon.replay_match.PointMatch`.
         samples: sets of counts that were replayed.
         gaps: how often something is missing in the recording.
         kernel_then, kernel_now: what computed.

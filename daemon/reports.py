@@ -2,16 +2,16 @@
 
 from importlib.metadata import version
 
-from daemon.clock import HostClock
-from daemon.commands import CommandDesk
-from daemon.counts import broker_health, counters_of
-from daemon.health import HealthReport
-from daemon.instrument import Instrument
-from daemon.output import Output
-from daemon.publisher import Publisher
-from kinematics.kernel.choice import KERNEL
-from protocol.encoding import Encoding
-from protocol.messages import Health, Status
+from traverse.daemon.clock import HostClock
+from traverse.daemon.commands import CommandDesk
+from traverse.daemon.counts import broker_health, counters_of
+from traverse.daemon.health import HealthReport
+from traverse.daemon.instrument import Instrument
+from traverse.daemon.output import Output
+from traverse.daemon.publisher import Publisher
+from traverse.kinematics.kernel.choice import KERNEL
+from traverse.protocol.encoding import Encoding
+from traverse.protocol.messages import Health, Status
 
 
 class Reports:

@@ -2,15 +2,15 @@
 
 import asyncio
 
-from daemon.arm_devices import ArmDevices
-from daemon.commands import CommandError, Result
-from daemon.configuration import CaptureSection
-from daemon.measuring import Measuring
-from daemon.point_requests import check_ready
-from daemon.scan_plan import scan_asked_for
-from daemon.scan_section import ScanSection
-from daemon.scanner import Scanner
-from protocol.messages import ScanArgs
+from traverse.daemon.arm_devices import ArmDevices
+from traverse.daemon.commands import CommandError, Result
+from traverse.daemon.configuration import CaptureSection
+from traverse.daemon.measuring import Measuring
+from traverse.daemon.point_requests import check_ready
+from traverse.daemon.scan_plan import scan_asked_for
+from traverse.daemon.scan_section import ScanSection
+from traverse.daemon.scanner import Scanner
+from traverse.protocol.messages import ScanArgs
 
 STREAM_S = 3.0
 

@@ -2,10 +2,10 @@
 
 from collections.abc import Awaitable, Callable
 
-from daemon.commands import Result
-from daemon.outbox_values import HeldSession
-from daemon.scan_again import ScanAgain
-from protocol.messages import ResendArgs
+from traverse.daemon.commands import Result
+from traverse.daemon.outbox_values import HeldSession
+from traverse.daemon.scan_again import ScanAgain
+from traverse.protocol.messages import ResendArgs
 
 
 class ResendRequests:

@@ -2,11 +2,11 @@
 
 from collections.abc import Callable
 
-from daemon.commands import Result
-from daemon.outbox_reading import sessions_of
-from daemon.outbox_resend import LAST, MAX_SESSIONS, OutboxResend
-from daemon.outbox_values import HeldSession
-from daemon.scan_reading import ScanExtent, extent_of_scan
+from traverse.daemon.commands import Result
+from traverse.daemon.outbox_reading import sessions_of
+from traverse.daemon.outbox_resend import LAST, MAX_SESSIONS, OutboxResend
+from traverse.daemon.outbox_values import HeldSession
+from traverse.daemon.scan_reading import ScanExtent, extent_of_scan
 
 
 class ScanAgain:

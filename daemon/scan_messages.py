@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from daemon.alignment import Alignment
-from daemon.clock import HostClock
-from daemon.model import ArmModel
-from daemon.scan_plan import ScanPlan
-from kinematics.filters import PointBlock
-from protocol.messages import Scan
+from traverse.daemon.alignment import Alignment
+from traverse.daemon.clock import HostClock
+from traverse.daemon.model import ArmModel
+from traverse.daemon.scan_plan import ScanPlan
+from traverse.kinematics.filters import PointBlock
+from traverse.protocol.messages import Scan
 
 
 class ScanMessages:

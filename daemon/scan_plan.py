@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daemon.commands import CommandError
-from daemon.scan_section import ScanSection
-from kinematics.filters import FILTERS, PointFilter
-from protocol.messages import ScanArgs
-from protocol.messages.scan import ScanMode
+from traverse.daemon.commands import CommandError
+from traverse.daemon.scan_section import ScanSection
+from traverse.kinematics.filters import FILTERS, PointFilter
+from traverse.protocol.messages import ScanArgs
+from traverse.protocol.messages.scan import ScanMode
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,9 +7,9 @@ first point. The note of the "session" is the real session's name.
 import sqlite3
 from dataclasses import dataclass
 
-from daemon.outbox_reading import messages_of
-from protocol.encoding import decode
-from protocol.messages import Scan
+from traverse.daemon.outbox_reading import messages_of
+from traverse.protocol.encoding import decode
+from traverse.protocol.messages import Scan
 
 
 def block_id(block: Scan) -> str:

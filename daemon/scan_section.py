@@ -4,8 +4,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from daemon.filters import AnyFilter
-from kinematics.arm_file import StrictModel
+from traverse.daemon.filters import AnyFilter
+from traverse.kinematics.arm_file import StrictModel
 
 
 class ScanSection(StrictModel):

@@ -13,10 +13,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.scan_gate import HeldGate
-from daemon.scan_plan import ScanPlan
-from kinematics.filters import FilterChain, PointBlock
-from protocol.messages import QualityFlag
+from traverse.daemon.scan_gate import HeldGate
+from traverse.daemon.scan_plan import ScanPlan
+from traverse.kinematics.filters import FilterChain, PointBlock
+from traverse.protocol.messages import QualityFlag
 
 INTERPOLATED = np.uint32(QualityFlag.INTERPOLATED)
 

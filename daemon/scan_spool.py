@@ -17,30 +17,30 @@ from collections import Counter
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 
-from daemon.clock import HostClock
-from daemon.events import EventLog
-from daemon.latencies import Latencies
-from daemon.outbox_feed import outgoing
-from daemon.outbox_jobs import Condition, Rules
-from daemon.outbox_passage import OutboxPassage
-from daemon.outbox_section import OutboxSection
-from daemon.outbox_values import (
+from traverse.daemon.clock import HostClock
+from traverse.daemon.events import EventLog
+from traverse.daemon.latencies import Latencies
+from traverse.daemon.outbox_feed import outgoing
+from traverse.daemon.outbox_jobs import Condition, Rules
+from traverse.daemon.outbox_passage import OutboxPassage
+from traverse.daemon.outbox_section import OutboxSection
+from traverse.daemon.outbox_values import (
     Entry,
     OutboxRefusedError,
     Trouble,
     held_of,
 )
-from daemon.outgoing import OutgoingQueue
-from daemon.outlet import Outlet
-from daemon.scan_again import ScanAgain
-from daemon.scan_reading import block_id
-from daemon.scan_section import ScanSection
-from daemon.scan_spool_events import ScanSpoolEvents
-from daemon.scan_waiting import BlocksWaiting
-from drivers.pulse import Pulse
-from protocol.encoding import Encoding, encode
-from protocol.messages import Scan, SpoolHealth
-from protocol.topics import scan_topic
+from traverse.daemon.outgoing import OutgoingQueue
+from traverse.daemon.outlet import Outlet
+from traverse.daemon.scan_again import ScanAgain
+from traverse.daemon.scan_reading import block_id
+from traverse.daemon.scan_section import ScanSection
+from traverse.daemon.scan_spool_events import ScanSpoolEvents
+from traverse.daemon.scan_waiting import BlocksWaiting
+from traverse.drivers.pulse import Pulse
+from traverse.protocol.encoding import Encoding, encode
+from traverse.protocol.messages import Scan, SpoolHealth
+from traverse.protocol.topics import scan_topic
 
 log = logging.getLogger("daemon.scans")
 

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from daemon.events import EventLog
-from daemon.outbox_values import Trouble
+from traverse.daemon.events import EventLog
+from traverse.daemon.outbox_values import Trouble
 
 
 class ScanSpoolEvents:

@@ -3,7 +3,7 @@
 import asyncio
 from collections import deque
 
-from daemon.outbox_values import Entry
+from traverse.daemon.outbox_values import Entry
 
 
 class BlocksWaiting:

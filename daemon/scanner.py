@@ -7,18 +7,18 @@ from itertools import pairwise
 
 import numpy as np
 
-from daemon.alignment import Alignment, PartSystem
-from daemon.clock import HostClock
-from daemon.filters import filter_chain
-from daemon.model import ArmModel
-from daemon.poses import PoseBlock
-from daemon.scan_gate import HeldGate, Key
-from daemon.scan_messages import ScanMessages, no_points
-from daemon.scan_plan import ScanPlan
-from daemon.scan_section import ScanSection
-from daemon.scan_selection import ScanSelection
-from kinematics.filters import PointBlock
-from protocol.messages import Scan
+from traverse.daemon.alignment import Alignment, PartSystem
+from traverse.daemon.clock import HostClock
+from traverse.daemon.filters import filter_chain
+from traverse.daemon.model import ArmModel
+from traverse.daemon.poses import PoseBlock
+from traverse.daemon.scan_gate import HeldGate, Key
+from traverse.daemon.scan_messages import ScanMessages, no_points
+from traverse.daemon.scan_plan import ScanPlan
+from traverse.daemon.scan_section import ScanSection
+from traverse.daemon.scan_selection import ScanSelection
+from traverse.kinematics.filters import PointBlock
+from traverse.protocol.messages import Scan
 
 MAX_POINTS = 1000  # of a message: half a megabyte with 32 joints
 

@@ -9,10 +9,10 @@ from collections.abc import Callable
 import aiomqtt
 from paho.mqtt.properties import Properties
 
-from daemon.broker_client import BrokerClient
-from daemon.outgoing import Outgoing, OutgoingQueue
+from traverse.daemon.broker_client import BrokerClient
+from traverse.daemon.outgoing import Outgoing, OutgoingQueue
 
-log = logging.getLogger("daemon.publisher")
+log = logging.getLogger("traverse.daemon.publisher")
 
 ANSWER_S = 5.0
 LOOK_S = 1.0

@@ -6,28 +6,28 @@ import logging
 import signal
 from pathlib import Path
 
-from daemon.arrival import Arrival
-from daemon.broker_access import address_of
-from daemon.broker_section import BrokerSection
-from daemon.clock import HostClock
-from daemon.command_table import CommandTable
-from daemon.commands import CommandDesk
-from daemon.configuration import Configuration
-from daemon.device import Device, running_drivers
-from daemon.health import HealthReport
-from daemon.instrument import Instrument
-from daemon.life import Life
-from daemon.model import ArmModel
-from daemon.model_told import tell_model
-from daemon.notify import Notifier
-from daemon.output import Output
-from daemon.publisher import Publisher
-from daemon.reload import Inputs
-from daemon.reports import Reports
-from daemon.startup import StartupError
-from daemon.state_folder import state_path
-from daemon.step_clock import StepClock
-from protocol import topics
+from traverse.daemon.arrival import Arrival
+from traverse.daemon.broker_access import address_of
+from traverse.daemon.broker_section import BrokerSection
+from traverse.daemon.clock import HostClock
+from traverse.daemon.command_table import CommandTable
+from traverse.daemon.commands import CommandDesk
+from traverse.daemon.configuration import Configuration
+from traverse.daemon.device import Device, running_drivers
+from traverse.daemon.health import HealthReport
+from traverse.daemon.instrument import Instrument
+from traverse.daemon.life import Life
+from traverse.daemon.model import ArmModel
+from traverse.daemon.model_told import tell_model
+from traverse.daemon.notify import Notifier
+from traverse.daemon.output import Output
+from traverse.daemon.publisher import Publisher
+from traverse.daemon.reload import Inputs
+from traverse.daemon.reports import Reports
+from traverse.daemon.startup import StartupError
+from traverse.daemon.state_folder import state_path
+from traverse.daemon.step_clock import StepClock
+from traverse.protocol import topics
 
 log = logging.getLogger(__name__)
 

@@ -3,7 +3,7 @@
 import uuid
 from collections import deque
 
-from protocol.messages import Point
+from traverse.protocol.messages import Point
 
 MAX_UNDONE = 1000  # points that can be taken back, one after the other
 

@@ -1,7 +1,8 @@
 """What reading joints at different instants may do to a point, in millimetres.
 
 With m_j and t_j how far the count of joint j may be off, by its motion and by its
-instant (`daemon.interpolation`), as angles, and l_j = |dx/dalpha_j| for the ball,
+instant (`traverse.daemon.interpolation`), as angles, and l_j = |dx/dalpha_j| for the
+ball,
 
     error = sum over j of l_j m_j  +  root of the sum over j of (l_j t_j)^2
 
@@ -14,10 +15,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.model import ArmModel
-from daemon.poses import LatchedPose, PoseBlock
-from kinematics.derivatives import probe_derivatives
-from protocol.messages import QualityFlag
+from traverse.daemon.model import ArmModel
+from traverse.daemon.poses import LatchedPose, PoseBlock
+from traverse.kinematics.derivatives import probe_derivatives
+from traverse.protocol.messages import QualityFlag
 
 Floats = NDArray[np.float64]
 

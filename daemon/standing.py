@@ -3,10 +3,10 @@
 from collections import deque
 from collections.abc import Iterable
 
-from daemon.clock import HostClock
-from daemon.model import ArmModel
-from daemon.quality_section import QualitySection
-from protocol.messages import QualityFlag
+from traverse.daemon.clock import HostClock
+from traverse.daemon.model import ArmModel
+from traverse.daemon.quality_section import QualitySection
+from traverse.protocol.messages import QualityFlag
 
 DAY_S = 86_400.0
 Alarm = tuple[str, int, int | str]

@@ -4,12 +4,12 @@ import asyncio
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from daemon.broker_access import access_problems
-from daemon.configuration import Configuration, read_configuration
-from daemon.device import Device
-from daemon.model import ArmModel, read_model
-from daemon.probes import read_probes
-from kinematics.arm_file import FileError, Problem
+from traverse.daemon.broker_access import access_problems
+from traverse.daemon.configuration import Configuration, read_configuration
+from traverse.daemon.device import Device
+from traverse.daemon.model import ArmModel, read_model
+from traverse.daemon.probes import read_probes
+from traverse.kinematics.arm_file import FileError, Problem
 
 DEVICES_ANSWER_S = 8.0
 

@@ -7,7 +7,7 @@ changed by more than jitter.
 
 from collections.abc import Callable
 
-from daemon.clock import HostClock
+from traverse.daemon.clock import HostClock
 
 LOOK_NS = 1_000_000_000
 JITTER_NS = 50_000

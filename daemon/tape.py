@@ -1,13 +1,13 @@
 """What is told of everything that measuring does, in order; this one forgets it.
 
 A step is a delivery, the passing of time, or a command: with its instant, the steps
-are all that points depend on. `daemon.recorder.Recorder` keeps them.
+are all that points depend on. `traverse.daemon.recorder.Recorder` keeps them.
 """
 
 from collections.abc import Mapping
 
-from drivers.values import Delivery
-from protocol.messages import Message
+from traverse.drivers.values import Delivery
+from traverse.protocol.messages import Message
 
 
 class Tape:

@@ -3,9 +3,9 @@
 from collections import Counter
 from dataclasses import dataclass
 
-from daemon.assembly import Assembly
-from daemon.clock import HostClock
-from daemon.events import EventLog
+from traverse.daemon.assembly import Assembly
+from traverse.daemon.clock import HostClock
+from traverse.daemon.events import EventLog
 
 CALM_NS = 1_000_000_000  # without another one it is over
 

@@ -1,9 +1,9 @@
 """Tells when effects of the arm lack the temperature that they need."""
 
-from daemon.arm_devices import ArmDevices
-from daemon.clock import HostClock
-from daemon.events import EventLog
-from daemon.model import ArmModel
+from traverse.daemon.arm_devices import ArmDevices
+from traverse.daemon.clock import HostClock
+from traverse.daemon.events import EventLog
+from traverse.daemon.model import ArmModel
 
 PATIENCE_NS = 5_000_000_000  # boards tell the temperature every 2 s
 

@@ -1,7 +1,7 @@
 """From the ball's centre to the touched point, where it is known how it was touched.
 
-`kinematics.compensation` has the geometry. Where the direction of the material is
-known, the effects of the contact are applied too; where it is wanted and not known,
+`traverse.kinematics.compensation` has the geometry. Where the direction of the material
+is known, the effects of the contact are applied too; where it is wanted and not known,
 the point says so.
 """
 
@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.capture import Measured
-from daemon.configuration import CaptureSection
-from daemon.poses import PoseBlock
-from daemon.tip_path import TipPath, first_away
-from kinematics.compensation import surface_point, towards_material
-from kinematics.effects.pose import contact_shifts, pose_flags
-from protocol.messages import QualityFlag
+from traverse.daemon.capture import Measured
+from traverse.daemon.configuration import CaptureSection
+from traverse.daemon.poses import PoseBlock
+from traverse.daemon.tip_path import TipPath, first_away
+from traverse.kinematics.compensation import surface_point, towards_material
+from traverse.kinematics.effects.pose import contact_shifts, pose_flags
+from traverse.protocol.messages import QualityFlag
 
 Floats = NDArray[np.float64]
 

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.poses import PoseBlock
-from protocol.messages import QualityFlag
+from traverse.daemon.poses import PoseBlock
+from traverse.protocol.messages import QualityFlag
 
 Floats = NDArray[np.float64]
 

@@ -1,9 +1,9 @@
 """The covariance of every point: what the arm, its encoders and the instant leave open.
 
-`kinematics.point_covariance` has the law. To the readings' own noise this adds what
-interpolation may have left of each: m by the motion, which a steady acceleration makes
-nearly whole each time, hence m^2; and an instant that may be off by some time t either
-way, spread evenly within, hence t^2/3.
+`traverse.kinematics.point_covariance` has the law. To the readings' own noise this adds
+what interpolation may have left of each: m by the motion, which a steady acceleration
+makes nearly whole each time, hence m^2; and an instant that may be off by some time t
+either way, spread evenly within, hence t^2/3.
 """
 
 from dataclasses import dataclass
@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.configuration import UncertaintySection
-from daemon.model import ArmModel
-from kinematics.effects.block import Block
-from kinematics.point_covariance import PointNoise, point_covariances
-from protocol.messages.point import Covariance
+from traverse.daemon.configuration import UncertaintySection
+from traverse.daemon.model import ArmModel
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.point_covariance import PointNoise, point_covariances
+from traverse.protocol.messages.point import Covariance
 
 Floats = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ class Reading:
         block: one sample, with what the effects need.
         speeds_rad_s: of the joints then, (n_joints,); None where not known.
         doubts_counts: by interpolation, (n_joints, 2), see
-            `daemon.interpolation.Brought`; None where all were latched.
+            `traverse.daemon.interpolation.Brought`; None where all were latched.
         jitter_ns: how far the instant may be off beyond `[uncertainty] trigger_s`.
         samples: how many were averaged.
     """

@@ -10,10 +10,10 @@ trying.
 import asyncio
 from collections.abc import Callable, Iterable
 
-from daemon.device import Device
-from daemon.events import EventLog
-from daemon.notify import Notifier
-from drivers.pulse import Pulse
+from traverse.daemon.device import Device
+from traverse.daemon.events import EventLog
+from traverse.daemon.notify import Notifier
+from traverse.drivers.pulse import Pulse
 
 FEEDS = 4  # in the time after which systemd would act
 SHARE = 0.5  # of that time: how long one turn of a thread may take

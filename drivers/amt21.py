@@ -12,14 +12,14 @@ from typing import Literal
 
 from pydantic import Field, field_validator
 
-from drivers.amt21_line import Amt21Line, Answer
-from drivers.byte_port import BytePort, OpenPort
-from drivers.crossing import Crossing
-from drivers.options import DriverOptions
-from drivers.polled import Polled, WaitForWake, wait_for_wake
-from drivers.polled_channel import Miss, PolledChannel, Reading
-from drivers.serial_port import SerialPort
-from protocol import amt21
+from traverse.drivers.amt21_line import Amt21Line, Answer
+from traverse.drivers.byte_port import BytePort, OpenPort
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.options import DriverOptions
+from traverse.drivers.polled import Polled, WaitForWake, wait_for_wake
+from traverse.drivers.polled_channel import Miss, PolledChannel, Reading
+from traverse.drivers.serial_port import SerialPort
+from traverse.protocol import amt21
 
 TURNS_CHECK_NS = 1_000_000_000  # in between, whole turns are counted by the host
 

@@ -8,10 +8,10 @@ from one encoder to the next.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from drivers.byte_port import BytePort
-from drivers.polled_channel import Miss
-from drivers.values import DeviceError
-from protocol import amt21
+from traverse.drivers.byte_port import BytePort
+from traverse.drivers.polled_channel import Miss
+from traverse.drivers.values import DeviceError
+from traverse.protocol import amt21
 
 ECHO_TRIES = 4
 LEAD = 2  # so many more tries must say one thing than the other

@@ -5,7 +5,7 @@ import os
 import select
 from collections.abc import Callable, Sequence
 
-from drivers.byte_port import BytePort
+from traverse.drivers.byte_port import BytePort
 
 WaitForAny = Callable[[Sequence[BytePort], int, float], list[int]]
 

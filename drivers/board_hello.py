@@ -1,7 +1,7 @@
 """What a latch board says of itself, checked, and in the words of all drivers."""
 
-from drivers.values import DeviceAlarm, DeviceRefusedError, Identity
-from protocol import latch_board as wire
+from traverse.drivers.values import DeviceAlarm, DeviceRefusedError, Identity
+from traverse.protocol import latch_board as wire
 
 JITTER_NS = 50_000  # of the mapped time; see benchmarks/clock.py
 MIN_TICK_RATE_HZ, MAX_TICK_RATE_HZ = 100_000, 100_000_000

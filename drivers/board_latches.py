@@ -1,11 +1,11 @@
 """What a latch board latches one at a time: edges of its inputs, and on request."""
 
-from drivers.board_reports import BoardReports
-from drivers.board_samples import STATUS
-from drivers.edge_order import EdgeOrder
-from drivers.tick_clock import TickClock
-from drivers.values import LatchedCounts
-from protocol import latch_board as wire
+from traverse.drivers.board_reports import BoardReports
+from traverse.drivers.board_samples import STATUS
+from traverse.drivers.edge_order import EdgeOrder
+from traverse.drivers.tick_clock import TickClock
+from traverse.drivers.values import LatchedCounts
+from traverse.protocol import latch_board as wire
 
 _STATUS = STATUS.tobytes()
 

@@ -3,10 +3,10 @@
 import re
 from collections.abc import Callable, Sequence
 
-from drivers.serial_port import SerialPort
-from drivers.values import DeviceError, DeviceRefusedError
-from protocol import latch_board as wire
-from protocol.framing import MAX_SEGMENT
+from traverse.drivers.serial_port import SerialPort
+from traverse.drivers.values import DeviceError, DeviceRefusedError
+from traverse.protocol import latch_board as wire
+from traverse.protocol.framing import MAX_SEGMENT
 
 ANSWER_S = 0.25  # the board answers within 0.1 s
 TRIES = 8

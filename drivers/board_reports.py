@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Sized
 from dataclasses import dataclass
 
-from drivers.values import CountSamples, LatchedCounts
+from traverse.drivers.values import CountSamples, LatchedCounts
 
 
 @dataclass(frozen=True, slots=True)

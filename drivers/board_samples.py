@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from drivers.board_line import EarlierReads
-from drivers.board_reports import BoardReports
-from drivers.stream_sequence import StreamSequence
-from drivers.tick_clock import TickClock
-from drivers.values import STATUS_WARNING, CountSamples
-from protocol import latch_board as wire
+from traverse.drivers.board_line import EarlierReads
+from traverse.drivers.board_reports import BoardReports
+from traverse.drivers.stream_sequence import StreamSequence
+from traverse.drivers.tick_clock import TickClock
+from traverse.drivers.values import STATUS_WARNING, CountSamples
+from traverse.protocol import latch_board as wire
 
 # The maker's own bits of a status byte warn of something; what, nobody else knows.
 _MAKERS = 0xF0

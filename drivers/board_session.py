@@ -1,13 +1,13 @@
 """A latch board that has said who it is: what it says from then on is taken here."""
 
-from drivers.board_latches import BoardLatches
-from drivers.board_line import EarlierReads
-from drivers.board_reports import BoardReports
-from drivers.board_samples import BoardSamples
-from drivers.edge_order import EdgeOrder
-from drivers.tick_clock import TickClock
-from drivers.values import DeviceError
-from protocol import latch_board as wire
+from traverse.drivers.board_latches import BoardLatches
+from traverse.drivers.board_line import EarlierReads
+from traverse.drivers.board_reports import BoardReports
+from traverse.drivers.board_samples import BoardSamples
+from traverse.drivers.edge_order import EdgeOrder
+from traverse.drivers.tick_clock import TickClock
+from traverse.drivers.values import DeviceError
+from traverse.protocol import latch_board as wire
 
 
 class BoardSession:

@@ -5,7 +5,7 @@ from typing import Protocol
 
 
 class BytePort(Protocol):
-    """An open port, as `drivers.serial_port.SerialPort` is one.
+    """An open port, as `traverse.drivers.serial_port.SerialPort` is one.
 
     All but `close` and `fileno` raise DeviceError when the port has gone away.
     """

@@ -16,9 +16,9 @@ from typing import Any
 import can
 from can.interfaces.socketcan import SocketcanBus
 
-from drivers.can_socket import EXTENDED, REMOTE, SocketFrames
-from drivers.values import DeviceError, DeviceNotFoundError
-from protocol.canopen_errors import ERROR_FLAG
+from traverse.drivers.can_socket import EXTENDED, REMOTE, SocketFrames
+from traverse.drivers.values import DeviceError, DeviceNotFoundError
+from traverse.protocol.canopen_errors import ERROR_FLAG
 
 Frame = tuple[int, bytes | bytearray, int]
 """Identifier (with `ERROR_FLAG` for the controller's own words), data, instant [ns]."""

@@ -13,20 +13,25 @@ mapped anew (`drivers/canopen_node.py`), warning bit 5 and the makers' own bits
 import time
 from collections.abc import Callable
 
-from drivers.can_bus import CanBus
-from drivers.canopen_cycle import Cycles
-from drivers.canopen_losses import Losses
-from drivers.canopen_options import CanOpenOptions
-from drivers.canopen_reading import Reading
-from drivers.canopen_sdo import NodeSdo
-from drivers.canopen_start import ASK_DEVICE_TYPE, Roll, identity_of, set_up_all
-from drivers.canopen_sync import SyncTrain
-from drivers.canopen_upkeep import Upkeep
-from drivers.canopen_watch import Conditions, NodeWatch
-from drivers.crossing import Crossing
-from drivers.driver import ASK_S, Driver
-from drivers.values import DeviceUp, StreamStarted
-from protocol import canopen as wire
+from traverse.drivers.can_bus import CanBus
+from traverse.drivers.canopen_cycle import Cycles
+from traverse.drivers.canopen_losses import Losses
+from traverse.drivers.canopen_options import CanOpenOptions
+from traverse.drivers.canopen_reading import Reading
+from traverse.drivers.canopen_sdo import NodeSdo
+from traverse.drivers.canopen_start import (
+    ASK_DEVICE_TYPE,
+    Roll,
+    identity_of,
+    set_up_all,
+)
+from traverse.drivers.canopen_sync import SyncTrain
+from traverse.drivers.canopen_upkeep import Upkeep
+from traverse.drivers.canopen_watch import Conditions, NodeWatch
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.driver import ASK_S, Driver
+from traverse.drivers.values import DeviceUp, StreamStarted
+from traverse.protocol import canopen as wire
 
 IDLE_S = 0.05
 COALESCE_S = 0.001  # on a fast stream a read takes what so long brings

@@ -13,9 +13,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from drivers.canopen_debts import Debts
-from drivers.values import STATUS_ERROR, STATUS_LATE, CountSamples
-from protocol import canopen as wire
+from traverse.drivers.canopen_debts import Debts
+from traverse.drivers.values import STATUS_ERROR, STATUS_LATE, CountSamples
+from traverse.protocol import canopen as wire
 
 GATHER_NS = 10_000_000  # samples of so long are handed over together
 PAUSE_EVERY = 5  # times ``late_ns`` at least: so much of the time SYNCs go on

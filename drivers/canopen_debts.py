@@ -14,7 +14,7 @@ The second is brought about on purpose: SYNCs pause (`Cycles.pause_until_ns`).
 
 from collections.abc import Iterator
 
-from drivers.values import STATUS_LATE, STATUS_MISSING
+from traverse.drivers.values import STATUS_LATE, STATUS_MISSING
 
 
 class Debts:

@@ -3,8 +3,8 @@
 from collections import Counter
 from collections.abc import Callable, Sequence
 
-from drivers.can_bus import CanBus
-from drivers.canopen_cycle import Cycles
+from traverse.drivers.can_bus import CanBus
+from traverse.drivers.canopen_cycle import Cycles
 
 COUNTED = {
     "delivered": "samples_received",

@@ -8,11 +8,11 @@ checked against the encoder's manual: the order in which a PDO is mapped anew, a
 import contextlib
 from dataclasses import dataclass
 
-from drivers.canopen_options import CanOpenOptions
-from drivers.canopen_sdo import NodeRefusedError, NodeSdo
-from drivers.values import DeviceRefusedError
-from protocol import canopen as wire
-from protocol import canopen_objects as objects
+from traverse.drivers.canopen_options import CanOpenOptions
+from traverse.drivers.canopen_sdo import NodeRefusedError, NodeSdo
+from traverse.drivers.values import DeviceRefusedError
+from traverse.protocol import canopen as wire
+from traverse.protocol import canopen_objects as objects
 
 WIDEST = 1 << 32
 MOST_TURNS = 1 << 16
@@ -31,7 +31,7 @@ class NodeFacts:
         counts_per_turn: of what it sends, scaled where scaling is on.
         modulus: where its count wraps to 0.
         parameters: object 6000.
-        alarms: object 6503, of `protocol.canopen_objects.ALARM_BITS`.
+        alarms: object 6503, of `traverse.protocol.canopen_objects.ALARM_BITS`.
         warnings: object 6505.
         position: its count now.
     """

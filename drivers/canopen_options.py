@@ -4,8 +4,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from drivers.options import DriverOptions
-from protocol.canopen import FIRST_NODE, LAST_NODE
+from traverse.drivers.options import DriverOptions
+from traverse.protocol.canopen import FIRST_NODE, LAST_NODE
 
 NodeId = Annotated[int, Field(ge=FIRST_NODE, le=LAST_NODE)]
 SyncSource = Literal["auto", "kernel", "host", "external"]

@@ -3,15 +3,15 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from drivers.can_bus import MOST_AT_ONCE, CanBus
-from drivers.can_socket import FRAMES_LOST
-from drivers.canopen_cycle import Cycles
-from drivers.canopen_sdo import NodeSdo
-from drivers.canopen_start import Roll
-from drivers.canopen_sync import SyncTrain
-from drivers.canopen_upkeep import Upkeep
-from protocol import canopen as wire
-from protocol.canopen_errors import ERROR_FLAG
+from traverse.drivers.can_bus import MOST_AT_ONCE, CanBus
+from traverse.drivers.can_socket import FRAMES_LOST
+from traverse.drivers.canopen_cycle import Cycles
+from traverse.drivers.canopen_sdo import NodeSdo
+from traverse.drivers.canopen_start import Roll
+from traverse.drivers.canopen_sync import SyncTrain
+from traverse.drivers.canopen_upkeep import Upkeep
+from traverse.protocol import canopen as wire
+from traverse.protocol.canopen_errors import ERROR_FLAG
 
 MOST_READS = 50  # before a SYNC; a bus brings no more in the time that they take
 

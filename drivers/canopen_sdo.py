@@ -13,10 +13,10 @@ from canopen import ObjectDictionary, SdoAbortedError, SdoCommunicationError
 from canopen.network import Network
 from canopen.sdo.client import SdoClient
 
-from drivers.can_bus import CanBus
-from drivers.values import DeviceError
-from protocol import canopen as wire
-from protocol.canopen_objects import ABORTS
+from traverse.drivers.can_bus import CanBus
+from traverse.drivers.values import DeviceError
+from traverse.protocol import canopen as wire
+from traverse.protocol.canopen_objects import ABORTS
 
 SHORT_WAIT_S = 0.01
 LATEST_NS = 5_000_000_000  # after its question no answer comes any more
@@ -32,7 +32,7 @@ class NodeRefusedError(NodeError):
     """A node aborted a transfer.
 
     Attributes:
-        code: its reason, see `protocol.canopen_objects.ABORTS`.
+        code: its reason, see `traverse.protocol.canopen_objects.ABORTS`.
     """
 
     def __init__(self, text: str, remedy: str, code: int) -> None:

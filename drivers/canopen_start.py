@@ -4,17 +4,17 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from drivers.can_bus import CanBus
-from drivers.canopen_node import NodeFacts, read_facts, set_up
-from drivers.canopen_options import CanOpenOptions
-from drivers.canopen_sdo import NodeSdo
-from drivers.values import (
+from traverse.drivers.can_bus import CanBus
+from traverse.drivers.canopen_node import NodeFacts, read_facts, set_up
+from traverse.drivers.canopen_options import CanOpenOptions
+from traverse.drivers.canopen_sdo import NodeSdo
+from traverse.drivers.values import (
     DeviceError,
     DeviceNotFoundError,
     DeviceRefusedError,
     Identity,
 )
-from protocol import canopen as wire
+from traverse.protocol import canopen as wire
 
 ASK_DEVICE_TYPE = bytes.fromhex("40 00 10 00 00 00 00 00")
 BUS_SHARE = 0.8  # for SYNC and positions; the rest is for heartbeats and questions

@@ -9,11 +9,11 @@ import contextlib
 import math
 from collections.abc import Callable
 
-from drivers.can_bus import CanBus, PeriodicTask
-from drivers.canopen_cycle import Cycles
-from drivers.canopen_options import SyncSource
-from drivers.values import DeviceError
-from protocol import canopen as wire
+from traverse.drivers.can_bus import CanBus, PeriodicTask
+from traverse.drivers.canopen_cycle import Cycles
+from traverse.drivers.canopen_options import SyncSource
+from traverse.drivers.values import DeviceError
+from traverse.protocol import canopen as wire
 
 FAST_HZ = 400.0
 CLOSEST = 0.8  # of a period, between SYNCs that make up for a delay

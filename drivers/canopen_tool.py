@@ -5,13 +5,13 @@ from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Self
 
-from drivers.can_bus import CanBus
-from drivers.canopen_node import NodeFacts, read_facts
-from drivers.canopen_sdo import NodeSdo
-from drivers.canopen_start import ASK_DEVICE_TYPE
-from drivers.values import DeviceError, DeviceNotFoundError
-from protocol import canopen as wire
-from protocol import canopen_objects as objects
+from traverse.drivers.can_bus import CanBus
+from traverse.drivers.canopen_node import NodeFacts, read_facts
+from traverse.drivers.canopen_sdo import NodeSdo
+from traverse.drivers.canopen_start import ASK_DEVICE_TYPE
+from traverse.drivers.values import DeviceError, DeviceNotFoundError
+from traverse.protocol import canopen as wire
+from traverse.protocol import canopen_objects as objects
 
 TRIES = 3
 STORE_S = 2.0  # writing to its memory takes an encoder longer than an answer may

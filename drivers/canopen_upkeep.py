@@ -7,17 +7,17 @@ no position waits for them; only one node is dealt with at a time.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from drivers.can_bus import CanBus
-from drivers.canopen_cycle import Cycles
-from drivers.canopen_losses import Fault, Losses
-from drivers.canopen_node import NodeFacts, read_facts, set_up
-from drivers.canopen_options import CanOpenOptions
-from drivers.canopen_sdo import NodeError, NodeSdo
-from drivers.canopen_watch import Conditions, NodeWatch
-from drivers.values import DeviceError
-from protocol import canopen as wire
-from protocol import canopen_objects as objects
-from protocol.canopen_errors import decode_error
+from traverse.drivers.can_bus import CanBus
+from traverse.drivers.canopen_cycle import Cycles
+from traverse.drivers.canopen_losses import Fault, Losses
+from traverse.drivers.canopen_node import NodeFacts, read_facts, set_up
+from traverse.drivers.canopen_options import CanOpenOptions
+from traverse.drivers.canopen_sdo import NodeError, NodeSdo
+from traverse.drivers.canopen_watch import Conditions, NodeWatch
+from traverse.drivers.values import DeviceError
+from traverse.protocol import canopen as wire
+from traverse.protocol import canopen_objects as objects
+from traverse.protocol.canopen_errors import decode_error
 
 LOOK_NS = 50_000_000
 SET_UP_AGAIN_NS = 500_000_000

@@ -7,9 +7,9 @@ SYNCs. All that lasts is told as an alarm that begins and ends.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from drivers.values import STATUS_ERROR, STATUS_WARNING, DeviceAlarm
-from protocol import canopen as wire
-from protocol import canopen_objects as objects
+from traverse.drivers.values import STATUS_ERROR, STATUS_WARNING, DeviceAlarm
+from traverse.protocol import canopen as wire
+from traverse.protocol import canopen_objects as objects
 
 HEARTBEATS_MISSED = 3.5  # in a row, before a node counts as lost
 TWO_BOOT_UPS_NS = 100_000_000  # closer together than one node can boot twice

@@ -18,7 +18,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 
-from drivers.values import (
+from traverse.drivers.values import (
     CountSamples,
     Delivery,
     DeviceLost,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
-from drivers.values import (
+from traverse.drivers.values import (
     CountSamples,
     Delivery,
     DeviceAlarm,

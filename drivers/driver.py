@@ -17,10 +17,10 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import ClassVar, Self
 
-from drivers.crossing import Crossing
-from drivers.options import DriverOptions
-from drivers.pulse import Pulse
-from drivers.values import (
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.options import DriverOptions
+from traverse.drivers.pulse import Pulse
+from traverse.drivers.values import (
     DeviceCounters,
     DeviceError,
     DeviceFault,

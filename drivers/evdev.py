@@ -14,12 +14,12 @@ from collections.abc import Callable, Iterator, Sequence
 
 from pydantic import Field, field_validator
 
-from drivers.crossing import Crossing
-from drivers.evdev_keys import KEY_CODES, MAX_CODE
-from drivers.options import DriverOptions
-from drivers.trigger_inputs import Change, TriggerInputs
-from drivers.values import DeviceError, DeviceNotFoundError
-from protocol.input_events import (
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.evdev_keys import KEY_CODES, MAX_CODE
+from traverse.drivers.options import DriverOptions
+from traverse.drivers.trigger_inputs import Change, TriggerInputs
+from traverse.drivers.values import DeviceError, DeviceNotFoundError
+from traverse.protocol.input_events import (
     KEY,
     RELEASED,
     REPEATED,

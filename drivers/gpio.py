@@ -13,10 +13,10 @@ import gpiod
 from gpiod.line import Bias, Clock, Direction, Edge, Value
 from pydantic import Field, field_validator
 
-from drivers.crossing import Crossing
-from drivers.options import DriverOptions
-from drivers.trigger_inputs import Change, TriggerInputs
-from drivers.values import DeviceError, DeviceNotFoundError, DeviceRefusedError
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.options import DriverOptions
+from traverse.drivers.trigger_inputs import Change, TriggerInputs
+from traverse.drivers.values import DeviceError, DeviceNotFoundError, DeviceRefusedError
 
 BUFFER_EVENTS = 256  # that the kernel keeps, for all lines together
 CONSUMER = "traverse"

@@ -4,23 +4,23 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-from drivers.board_hello import alarm_of, check_hello, identity_of
-from drivers.board_line import Answer, BoardLine, EarlierReads
-from drivers.board_reports import BoardReports
-from drivers.board_session import BoardSession
-from drivers.crossing import Crossing
-from drivers.driver import Driver
-from drivers.edge_order import EdgeOrder
-from drivers.latch_board_options import LatchBoardOptions
-from drivers.serial_port import SerialPort
-from drivers.values import (
+from traverse.drivers.board_hello import alarm_of, check_hello, identity_of
+from traverse.drivers.board_line import Answer, BoardLine, EarlierReads
+from traverse.drivers.board_reports import BoardReports
+from traverse.drivers.board_session import BoardSession
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.driver import Driver
+from traverse.drivers.edge_order import EdgeOrder
+from traverse.drivers.latch_board_options import LatchBoardOptions
+from traverse.drivers.serial_port import SerialPort
+from traverse.drivers.values import (
     DeviceError,
     DeviceRefusedError,
     DeviceTemperatures,
     DeviceUp,
     StreamStarted,
 )
-from protocol import latch_board as wire
+from traverse.protocol import latch_board as wire
 
 ALL_INPUTS = 0xFF
 HEARTBEAT_MS = 500

@@ -2,7 +2,7 @@
 
 from pydantic import Field
 
-from drivers.options import DriverOptions
+from traverse.drivers.options import DriverOptions
 
 
 class LatchBoardOptions(DriverOptions):

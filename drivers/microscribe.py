@@ -2,7 +2,7 @@
 
 What it rests on without a maker's document: the timer is taken for one of 1 kHz
 (`timer_rate_hz`), and left alone where a look at it says otherwise; the rest stands in
-`protocol.microscribe` and `protocol.microscribe_set_up`.
+`traverse.protocol.microscribe` and `traverse.protocol.microscribe_set_up`.
 
 The encoders are incremental: an arm that has lost power counts from its home position
 again, so it has to stand there when it is switched on.
@@ -12,21 +12,21 @@ import contextlib
 import time
 from collections.abc import Callable
 
-from drivers.crossing import Crossing
-from drivers.driver import Driver
-from drivers.microscribe_arm import MicroscribeArm
-from drivers.microscribe_line import Heard
-from drivers.microscribe_losses import LossLog
-from drivers.microscribe_motion import MotionReport
-from drivers.microscribe_options import MicroscribeOptions
-from drivers.microscribe_packets import SampleBlock
-from drivers.microscribe_pedals import PedalQueue, Pedals
-from drivers.microscribe_session import MicroscribeSession, open_arm
-from drivers.miss_log import MissLog
-from drivers.poll_schedule import PollSchedule
-from drivers.polled_channel import IMPLAUSIBLE
-from drivers.serial_port import SerialPort
-from drivers.values import DeviceError, DeviceUp, StreamStarted
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.driver import Driver
+from traverse.drivers.microscribe_arm import MicroscribeArm
+from traverse.drivers.microscribe_line import Heard
+from traverse.drivers.microscribe_losses import LossLog
+from traverse.drivers.microscribe_motion import MotionReport
+from traverse.drivers.microscribe_options import MicroscribeOptions
+from traverse.drivers.microscribe_packets import SampleBlock
+from traverse.drivers.microscribe_pedals import PedalQueue, Pedals
+from traverse.drivers.microscribe_session import MicroscribeSession, open_arm
+from traverse.drivers.miss_log import MissLog
+from traverse.drivers.poll_schedule import PollSchedule
+from traverse.drivers.polled_channel import IMPLAUSIBLE
+from traverse.drivers.serial_port import SerialPort
+from traverse.drivers.values import DeviceError, DeviceUp, StreamStarted
 
 PEDAL_HZ = 100.0  # a press is seen in two packets; so often at least they are asked for
 SILENCE_NS = 500_000_000

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
-from drivers.microscribe_line import MicroscribeLine
-from protocol.microscribe import TIMER_WRAP, Framing, PacketDecoder
-from protocol.microscribe_set_up import Maxes
+from traverse.drivers.microscribe_line import MicroscribeLine
+from traverse.protocol.microscribe import TIMER_WRAP, Framing, PacketDecoder
+from traverse.protocol.microscribe_set_up import Maxes
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,10 +9,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
 
-from drivers.serial_port import SerialPort
-from drivers.values import DeviceError, DeviceRefusedError
-from protocol import microscribe_set_up as wire
-from protocol.microscribe import Packet, PacketDecoder, packet_request
+from traverse.drivers.serial_port import SerialPort
+from traverse.drivers.values import DeviceError, DeviceRefusedError
+from traverse.protocol import microscribe_set_up as wire
+from traverse.protocol.microscribe import Packet, PacketDecoder, packet_request
 
 SIGN_ON_S = 1.0
 CALL_S = 0.015  # between calls

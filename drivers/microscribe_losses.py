@@ -3,7 +3,7 @@
 from collections import Counter
 from typing import Protocol
 
-from drivers.microscribe_session import MicroscribeSession
+from traverse.drivers.microscribe_session import MicroscribeSession
 
 
 class Fault(Protocol):

@@ -7,9 +7,9 @@ the report begins again.
 
 from collections.abc import Callable
 
-from drivers.microscribe_line import Heard
-from drivers.microscribe_session import MicroscribeSession
-from protocol import microscribe_set_up as wire
+from traverse.drivers.microscribe_line import Heard
+from traverse.drivers.microscribe_session import MicroscribeSession
+from traverse.protocol import microscribe_set_up as wire
 
 QUIET_NS = 250_000_000
 CONFIRM_NS = 15_000_000  # the same while a pedal's change waits to be confirmed

@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from drivers.options import DriverOptions
+from traverse.drivers.options import DriverOptions
 
 BaudRate = Literal[9600, 14400, 19200, 28800, 38400, 57600, 115200]
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.microscribe_line import Heard
-from drivers.tick_clock import TickClock
-from drivers.values import CountSamples
+from traverse.drivers.microscribe_line import Heard
+from traverse.drivers.tick_clock import TickClock
+from traverse.drivers.values import CountSamples
 
 BLOCK_NS = 10_000_000
 EARLY_NS = 5_000_000  # latched so long before its request: an answer to an earlier one

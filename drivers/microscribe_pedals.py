@@ -10,9 +10,9 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from drivers.microscribe_packets import Sample
-from drivers.values import LatchedCounts
-from protocol.microscribe import N_BUTTONS
+from traverse.drivers.microscribe_packets import Sample
+from traverse.drivers.values import LatchedCounts
+from traverse.protocol.microscribe import N_BUTTONS
 
 MAX_WAITING = 64
 

@@ -4,13 +4,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from statistics import median
 
-from drivers.microscribe_arm import MicroscribeArm, ask_arm
-from drivers.microscribe_line import PACKET_S, Heard, MicroscribeLine
-from drivers.microscribe_packets import PacketClock, Sample, timer_runs
-from drivers.polled_channel import IMPLAUSIBLE, PolledChannel, Reading
-from drivers.serial_port import SerialPort
-from drivers.values import STATUS_MISSING, DeviceError, Identity
-from protocol.microscribe import N_BUTTONS, PacketDecoder
+from traverse.drivers.microscribe_arm import MicroscribeArm, ask_arm
+from traverse.drivers.microscribe_line import PACKET_S, Heard, MicroscribeLine
+from traverse.drivers.microscribe_packets import PacketClock, Sample, timer_runs
+from traverse.drivers.polled_channel import IMPLAUSIBLE, PolledChannel, Reading
+from traverse.drivers.serial_port import SerialPort
+from traverse.drivers.values import STATUS_MISSING, DeviceError, Identity
+from traverse.protocol.microscribe import N_BUTTONS, PacketDecoder
 
 BAUD_RATES = (115200, 57600, 38400, 19200, 9600, 28800, 14400)
 LOOK_S = 0.06  # to get acquainted

@@ -3,8 +3,8 @@
 from collections import Counter
 from collections.abc import Callable, Sequence
 
-from drivers.polled_channel import UNCONFIRMED, Miss, PolledChannel
-from drivers.values import DeviceAlarm, DeviceError, DeviceFault
+from traverse.drivers.polled_channel import UNCONFIRMED, Miss, PolledChannel
+from traverse.drivers.values import DeviceAlarm, DeviceError, DeviceFault
 
 TELL_NS = 200_000_000  # single misses are told so often, together
 

@@ -13,10 +13,10 @@ from typing import Any, Literal
 
 from pymodbus.exceptions import ModbusException
 
-from drivers.byte_port import BytePort, OpenPort
-from drivers.crossing import Crossing
-from drivers.modbus_client import PortClient
-from drivers.modbus_options import (
+from traverse.drivers.byte_port import BytePort, OpenPort
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.modbus_client import PortClient
+from traverse.drivers.modbus_options import (
     BITS_OF_BYTE,
     CONDITIONS,
     FAST_SILENCE_S,
@@ -24,12 +24,12 @@ from drivers.modbus_options import (
     ModbusEncoder,
     ModbusOptions,
 )
-from drivers.polled import Polled, WaitForWake, wait_for_wake
-from drivers.polled_channel import Miss, PolledChannel, Reading
-from drivers.serial_port import SerialPort
-from drivers.status_log import StatusLog
-from drivers.values import STATUS_ERROR, STATUS_WARNING
-from protocol.modbus import PositionRegisters
+from traverse.drivers.polled import Polled, WaitForWake, wait_for_wake
+from traverse.drivers.polled_channel import Miss, PolledChannel, Reading
+from traverse.drivers.serial_port import SerialPort
+from traverse.drivers.status_log import StatusLog
+from traverse.drivers.values import STATUS_ERROR, STATUS_WARNING
+from traverse.protocol.modbus import PositionRegisters
 
 DOUBTED_TIMEOUTS = 8  # a reply that comes later than that was not asked by us
 LATE_S = 0.002  # more than the usual exchange that a late reply is waited for

@@ -4,8 +4,8 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from drivers.options import DriverOptions
-from drivers.status_log import Condition
+from traverse.drivers.options import DriverOptions
+from traverse.drivers.status_log import Condition
 
 FAST_SILENCE_S = 0.00175  # between two frames above 19200 bit/s
 SILENCE_CHARACTERS = 3.5

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drivers.polled_channel import Reading
-from drivers.values import STATUS_MISSING, CountSamples
+from traverse.drivers.polled_channel import Reading
+from traverse.drivers.values import STATUS_MISSING, CountSamples
 
 BLOCK_NS = 10_000_000
 MAX_SKEW_NS = 2**31 - 1

@@ -15,13 +15,13 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from statistics import median
 
-from drivers.crossing import Crossing
-from drivers.driver import ASK_S, Driver
-from drivers.miss_log import MissLog
-from drivers.poll_block import PollBlock
-from drivers.poll_schedule import PollSchedule
-from drivers.polled_channel import Miss, PolledChannel, Reading
-from drivers.values import DeviceUp, Identity, StreamStarted
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.driver import ASK_S, Driver
+from traverse.drivers.miss_log import MissLog
+from traverse.drivers.poll_block import PollBlock
+from traverse.drivers.poll_schedule import PollSchedule
+from traverse.drivers.polled_channel import Miss, PolledChannel, Reading
+from traverse.drivers.values import DeviceUp, Identity, StreamStarted
 
 FIRST_CYCLES = 8  # to get acquainted, and to learn how long a cycle takes
 LENGTHS = 256  # of asking, that are remembered

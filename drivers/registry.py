@@ -5,23 +5,23 @@ A new driver is a file with a child of `Driver` and its options, and an entry he
 
 from importlib import import_module
 
-from drivers.driver import Driver
+from traverse.drivers.driver import Driver
 
 DRIVERS = {
-    "canopen": "drivers.canopen:CanOpen",
-    "latch-board": "drivers.latch_board:LatchBoard",
-    "amt21": "drivers.amt21:Amt21",
-    "modbus": "drivers.modbus:Modbus",
-    "rls": "drivers.rls:Rls",
-    "microscribe": "drivers.microscribe:Microscribe",
-    "gpio": "drivers.gpio:Gpio",
-    "evdev": "drivers.evdev:Evdev",
-    "replay": "drivers.replay:Replay",
+    "canopen": "traverse.drivers.canopen:CanOpen",
+    "latch-board": "traverse.drivers.latch_board:LatchBoard",
+    "amt21": "traverse.drivers.amt21:Amt21",
+    "modbus": "traverse.drivers.modbus:Modbus",
+    "rls": "traverse.drivers.rls:Rls",
+    "microscribe": "traverse.drivers.microscribe:Microscribe",
+    "gpio": "traverse.drivers.gpio:Gpio",
+    "evdev": "traverse.drivers.evdev:Evdev",
+    "replay": "traverse.drivers.replay:Replay",
 }
 """Name in the configuration: module and class."""
 
 EXTRAS = {"canopen": "can", "modbus": "modbus", "gpio": "gpio"}
-"""Drivers that need an extra of this package, by the name of the extra."""
+"""Drivers that need another extra of this package than `daemon`."""
 
 
 class DriverUnavailableError(Exception):
@@ -39,10 +39,8 @@ def driver_class(name: str) -> type[Driver]:
     try:
         found: type[Driver] = getattr(import_module(module), attribute)
     except ModuleNotFoundError as error:
-        if name not in EXTRAS:
-            raise
         raise DriverUnavailableError(
             f"driver {name!r} needs {error.name}, which is not installed; "
-            f"pip install 'traverse-cmm[{EXTRAS[name]}]'"
+            f"pip install 'traverse-cmm[{EXTRAS.get(name, 'daemon')}]'"
         ) from error
     return found

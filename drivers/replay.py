@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from drivers.crossing import Crossing
-from drivers.delivery_maps import delivery_of
-from drivers.driver import Driver
-from drivers.options import DriverOptions
-from drivers.values import (
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.delivery_maps import delivery_of
+from traverse.drivers.driver import Driver
+from traverse.drivers.options import DriverOptions
+from traverse.drivers.values import (
     CountSamples,
     Delivery,
     DeviceError,
@@ -27,8 +27,8 @@ from drivers.values import (
     LatchedCounts,
     StreamStarted,
 )
-from recording.maps import bytes_to_map
-from recording.run_reader import RunReader
+from traverse.recording.maps import bytes_to_map
+from traverse.recording.run_reader import RunReader
 
 LOOK_S = 0.05
 

@@ -13,23 +13,23 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Literal
 
-from drivers.any_port import WaitForAny, wait_for_any
-from drivers.byte_port import BytePort, OpenPort
-from drivers.crossing import Crossing
-from drivers.polled import Polled, WaitForWake, wait_for_wake
-from drivers.polled_channel import Miss, PolledChannel, Reading
-from drivers.rls_bank import RlsBank
-from drivers.rls_line import SILENT, Answer
-from drivers.rls_options import CONDITIONS, RlsOptions
-from drivers.serial_port import SerialPort
-from drivers.status_log import StatusLog
-from drivers.values import (
+from traverse.drivers.any_port import WaitForAny, wait_for_any
+from traverse.drivers.byte_port import BytePort, OpenPort
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.polled import Polled, WaitForWake, wait_for_wake
+from traverse.drivers.polled_channel import Miss, PolledChannel, Reading
+from traverse.drivers.rls_bank import RlsBank
+from traverse.drivers.rls_line import SILENT, Answer
+from traverse.drivers.rls_options import CONDITIONS, RlsOptions
+from traverse.drivers.serial_port import SerialPort
+from traverse.drivers.status_log import StatusLog
+from traverse.drivers.values import (
     STATUS_ERROR,
     STATUS_WARNING,
     DeviceError,
     DeviceTemperatures,
 )
-from protocol import rls
+from traverse.protocol import rls
 
 LISTEN_S = 0.02  # so long it must be quiet before the first request
 

@@ -3,11 +3,11 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from statistics import median
 
-from drivers.any_port import WaitForAny
-from drivers.byte_port import BytePort
-from drivers.polled import WaitForWake
-from drivers.rls_line import RlsLine
-from protocol import rls
+from traverse.drivers.any_port import WaitForAny
+from traverse.drivers.byte_port import BytePort
+from traverse.drivers.polled import WaitForWake
+from traverse.drivers.rls_line import RlsLine
+from traverse.protocol import rls
 
 BETWEEN_BYTES_S = 0.0015  # of settings; the encoder wants 1 ms
 BITS_OF_BYTE = 10

@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from drivers.byte_port import BytePort
-from drivers.polled_channel import Miss
-from protocol import rls
+from traverse.drivers.byte_port import BytePort
+from traverse.drivers.polled_channel import Miss
+from traverse.protocol import rls
 
 SILENT = Miss("silent", "does not answer", "check its power, its wires and baud rate")
 SHORT = Miss("short", "answers with too few bytes", "check cable and baud rate")

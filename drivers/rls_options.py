@@ -4,9 +4,9 @@ from typing import Literal
 
 from pydantic import Field, field_validator
 
-from drivers.options import DriverOptions
-from drivers.status_log import Condition
-from protocol import rls
+from traverse.drivers.options import DriverOptions
+from traverse.drivers.status_log import Condition
+from traverse.protocol import rls
 
 CONDITIONS = {
     "encoder_error": Condition(

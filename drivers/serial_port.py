@@ -15,7 +15,7 @@ import time
 
 import serial
 
-from drivers.values import DeviceError, DeviceNotFoundError
+from traverse.drivers.values import DeviceError, DeviceNotFoundError
 
 READ_BYTES = 65_536
 WRITE_TIMEOUT_S = 0.5

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
-from drivers.values import DeviceAlarm
+from traverse.drivers.values import DeviceAlarm
 
 TELL_NS = 200_000_000  # a condition that comes and goes is told so often at most
 

@@ -14,10 +14,10 @@ from contextlib import suppress
 from dataclasses import dataclass
 from os import read
 
-from drivers.crossing import Crossing
-from drivers.debounce import Debounce, HeldEdge
-from drivers.driver import Driver
-from drivers.values import DeviceUp, Identity, LatchedCounts
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.debounce import Debounce, HeldEdge
+from traverse.drivers.driver import Driver
+from traverse.drivers.values import DeviceUp, Identity, LatchedCounts
 
 LOOK_S = 0.5  # at least so often
 RETRY_S = 0.02  # while edges wait for room

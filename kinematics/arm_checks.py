@@ -9,9 +9,9 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from kinematics.effect_checks import effect_problems
-from kinematics.file_problems import Problem, shown
-from kinematics.raw_values import tables_in, vector_in
+from traverse.kinematics.effect_checks import effect_problems
+from traverse.kinematics.file_problems import Problem, shown
+from traverse.kinematics.raw_values import tables_in, vector_in
 
 _JOINT_NAME = re.compile(r"[A-Za-z0-9_-]+")
 _SOURCE = re.compile(r"[^/\s]+/(0|[1-9][0-9]*)")

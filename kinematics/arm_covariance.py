@@ -15,12 +15,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.derivatives import ProbeDerivatives, probe_derivatives
-from kinematics.effects.arm_effects import ArmEffects
-from kinematics.effects.block import Block
-from kinematics.effects.columns import columns
-from kinematics.effects.pose import angle_corrections
-from kinematics.geometry import Geometry
+from traverse.kinematics.derivatives import ProbeDerivatives, probe_derivatives
+from traverse.kinematics.effects.arm_effects import ArmEffects
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.columns import columns
+from traverse.kinematics.effects.pose import angle_corrections
+from traverse.kinematics.geometry import Geometry
 
 Floats = NDArray[np.float64]
 

@@ -22,10 +22,10 @@ from pydantic import (
     field_validator,
 )
 
-from kinematics.arm_checks import arm_problems
-from kinematics.arm_text import arm_text, canonical_text, write_whole
-from kinematics.effect_kinds import EFFECT_KINDS, EffectKind, Vector
-from kinematics.file_problems import (
+from traverse.kinematics.arm_checks import arm_problems
+from traverse.kinematics.arm_text import arm_text, canonical_text, write_whole
+from traverse.kinematics.effect_kinds import EFFECT_KINDS, EffectKind, Vector
+from traverse.kinematics.file_problems import (
     FileError,
     Problem,
     in_file_order,
@@ -33,7 +33,7 @@ from kinematics.file_problems import (
     toml_text,
     unknown_name_message,
 )
-from kinematics.model_problems import model_problems, tuples_for_lists
+from traverse.kinematics.model_problems import model_problems, tuples_for_lists
 
 __all__ = [
     "EFFECT_KINDS",

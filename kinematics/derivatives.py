@@ -19,9 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.geometry import Geometry
-from kinematics.kernel.choice import aligned_floats, compiled_chain
-from kinematics.quaternion import multiply, rotate, turn
+from traverse.kinematics.geometry import Geometry
+from traverse.kinematics.kernel.choice import aligned_floats, compiled_chain
+from traverse.kinematics.quaternion import multiply, rotate, turn
 
 Floats = NDArray[np.float64]
 

@@ -16,8 +16,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.forward import probe_pose
-from kinematics.geometry import Geometry, unit_vectors
+from traverse.kinematics.forward import probe_pose
+from traverse.kinematics.geometry import Geometry, unit_vectors
 
 Floats = NDArray[np.float64]
 Convention = Literal["classic", "modified"]

@@ -8,9 +8,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
-from kinematics.effect_kinds import EFFECT_KINDS, EffectKind
-from kinematics.file_problems import Problem, shown
-from kinematics.raw_values import numbers_in, vector_in
+from traverse.kinematics.effect_kinds import EFFECT_KINDS, EffectKind
+from traverse.kinematics.file_problems import Problem, shown
+from traverse.kinematics.raw_values import numbers_in, vector_in
 
 # Of the length of the vector: what hand-written decimals of a tilted axis leave over.
 _PERPENDICULAR_TOLERANCE = 1e-6

@@ -1,7 +1,7 @@
 """The kinds of effects an arm file may hold: one entry a kind.
 
-What each kind corrects stands in its own file in `kinematics.effects`; this table
-says how it is written down and where it can be applied.
+What each kind corrects stands in its own file in `traverse.kinematics.effects`; this
+table says how it is written down and where it can be applied.
 """
 
 from collections.abc import Mapping

@@ -14,10 +14,10 @@ needs no P_k; the skeleton goes outwards with P_k as quaternions.
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.folding import Folded, HalfTurns
-from kinematics.geometry import Geometry
-from kinematics.kernel.choice import aligned_floats, compiled_chain
-from kinematics.quaternion import multiply, rotate, turn
+from traverse.kinematics.folding import Folded, HalfTurns
+from traverse.kinematics.geometry import Geometry
+from traverse.kinematics.kernel.choice import aligned_floats, compiled_chain
+from traverse.kinematics.quaternion import multiply, rotate, turn
 
 Floats = NDArray[np.float64]
 

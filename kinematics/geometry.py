@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 if TYPE_CHECKING:
-    from kinematics.arm_file import Arm
+    from traverse.kinematics.arm_file import Arm
 
 
 @dataclass(frozen=True, slots=True, eq=False)

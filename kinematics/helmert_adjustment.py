@@ -16,9 +16,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.helmert import N_RIGID, Helmert, motions, turned_by
-from kinematics.helmert_shape import Shape, direction_text, shape_of, undetermined
-from kinematics.helmert_start import closed_helmert
+from traverse.kinematics.helmert import N_RIGID, Helmert, motions, turned_by
+from traverse.kinematics.helmert_shape import (
+    Shape,
+    direction_text,
+    shape_of,
+    undetermined,
+)
+from traverse.kinematics.helmert_start import closed_helmert
 
 Floats = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.helmert_adjustment import AdjustedHelmert
+from traverse.kinematics.helmert_adjustment import AdjustedHelmert
 
 Floats = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ eigenvalue. Scale and shift follow. Exact for errors that are alike in all direc
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.helmert import Helmert, rotation_matrix
+from traverse.kinematics.helmert import Helmert, rotation_matrix
 
 Floats = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.helmert import N_RIGID, cross_matrices, motions
+from traverse.kinematics.helmert import N_RIGID, cross_matrices, motions
 
 Floats = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ so that the library behind them stays in `arm_file`.
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Protocol, get_args
 
-from kinematics.file_problems import Problem, problem_from_error
+from traverse.kinematics.file_problems import Problem, problem_from_error
 
 
 class FieldOfModel(Protocol):

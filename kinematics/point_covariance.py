@@ -26,12 +26,12 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm_covariance import ArmCovariance, parameter_columns
-from kinematics.derivatives import probe_derivatives
-from kinematics.effects.arm_effects import ArmEffects
-from kinematics.effects.block import Block
-from kinematics.effects.pose import angle_corrections
-from kinematics.geometry import Geometry
+from traverse.kinematics.arm_covariance import ArmCovariance, parameter_columns
+from traverse.kinematics.derivatives import probe_derivatives
+from traverse.kinematics.effects.arm_effects import ArmEffects
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.pose import angle_corrections
+from traverse.kinematics.geometry import Geometry
 
 Floats = NDArray[np.float64]
 

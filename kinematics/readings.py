@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from kinematics.arm_file import Arm
+    from traverse.kinematics.arm_file import Arm
 
 _LARGEST_COUNTS_PER_TURN = 2**32
 # Above, a float no longer holds every count.

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.geometry import Geometry, unit_vectors
-from kinematics.quaternion import rotate, turn
+from traverse.kinematics.geometry import Geometry, unit_vectors
+from traverse.kinematics.quaternion import rotate, turn
 
 Floats = NDArray[np.float64]
 

@@ -16,9 +16,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from kinematics.arm_file import Arm
-from kinematics.forward import joint_positions
-from kinematics.geometry import Geometry, geometry_from_arm
+from traverse.kinematics.arm_file import Arm
+from traverse.kinematics.forward import joint_positions
+from traverse.kinematics.geometry import Geometry, geometry_from_arm
 
 Floats = NDArray[np.float64]
 

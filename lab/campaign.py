@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.campaign_file import CampaignFile, read_campaign_file
-from lab.identification.artefacts.artefact import Artefact, Touches
-from lab.identification.artefacts.points import Points
-from lab.pose_table import PoseTable, read_pose_table
-from lab.stream_table import SUFFIX, read_stream_table
+from traverse.lab.campaign_file import CampaignFile, read_campaign_file
+from traverse.lab.identification.artefacts.artefact import Artefact, Touches
+from traverse.lab.identification.artefacts.points import Points
+from traverse.lab.pose_table import PoseTable, read_pose_table
+from traverse.lab.stream_table import SUFFIX, read_stream_table
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

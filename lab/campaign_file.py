@@ -11,16 +11,16 @@ from pydantic import (
     PlainValidator,
 )
 
-from kinematics.arm_file import FileError, Problem, StrictModel, read_strict
-from kinematics.effect_kinds import Vector
-from kinematics.file_problems import shown
-from kinematics.raw_values import tables_in
-from lab.identification.artefacts import (
+from traverse.kinematics.arm_file import FileError, Problem, StrictModel, read_strict
+from traverse.kinematics.effect_kinds import Vector
+from traverse.kinematics.file_problems import shown
+from traverse.kinematics.raw_values import tables_in
+from traverse.lab.identification.artefacts import (
     Artefact,
     ArtefactTable,
     artefact_from_table,
 )
-from lab.identification.artefacts.points import Points
+from traverse.lab.identification.artefacts.points import Points
 
 _POINT_COLUMNS = ["feature", "x_mm", "y_mm", "z_mm"]
 

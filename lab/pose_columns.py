@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from kinematics.arm_file import Problem
-from kinematics.file_problems import unknown_name_message
+from traverse.kinematics.arm_file import Problem
+from traverse.kinematics.file_problems import unknown_name_message
 
 _DIRECTION = ("direction_x", "direction_y", "direction_z")
 

@@ -3,9 +3,9 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
-from kinematics.arm_file import Problem
-from kinematics.file_problems import shown, unknown_name_message
-from lab.pose_columns import PoseColumns
+from traverse.kinematics.arm_file import Problem
+from traverse.kinematics.file_problems import shown, unknown_name_message
+from traverse.lab.pose_columns import PoseColumns
 
 
 def row_problems(

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm_file import FileError, Problem
-from lab.pose_columns import PoseColumns, columns_from_header
-from lab.pose_problems import row_problems
+from traverse.kinematics.arm_file import FileError, Problem
+from traverse.lab.pose_columns import PoseColumns, columns_from_header
+from traverse.lab.pose_problems import row_problems
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

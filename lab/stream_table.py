@@ -13,13 +13,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm_file import Arm, FileError, Problem, parse_arm
-from kinematics.file_problems import unknown_name_message
-from kinematics.readings import Unwrapper, counts_to_angles, encoders_from_arm
-from lab.pose_table import PoseTable
-from lab.stream_motion import senses_of, speeds_of, stretches_of
-from recording.reader import read_recording
-from recording.values import Recording
+from traverse.kinematics.arm_file import Arm, FileError, Problem, parse_arm
+from traverse.kinematics.file_problems import unknown_name_message
+from traverse.kinematics.readings import Unwrapper, counts_to_angles, encoders_from_arm
+from traverse.lab.pose_table import PoseTable
+from traverse.lab.stream_motion import senses_of, speeds_of, stretches_of
+from traverse.recording.reader import read_recording
+from traverse.recording.values import Recording
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -24,7 +24,7 @@ import math
 import struct
 from dataclasses import dataclass
 
-from protocol.microscribe import ENCODER_WRAP, Framing, packet_request
+from traverse.protocol.microscribe import ENCODER_WRAP, Framing, packet_request
 
 END_SESSION = b"\xc5"
 CALL = b"IMMC"

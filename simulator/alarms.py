@@ -1,8 +1,8 @@
 """Alarms of a board: of its encoders, and of its own losses."""
 
-from simulator import wire
-from simulator.latched import AlarmChange
-from simulator.ticks import TickCounter
+from traverse.simulator import wire
+from traverse.simulator.latched import AlarmChange
+from traverse.simulator.ticks import TickCounter
 
 BOARD_ITSELF = 0xFF
 FRAMES_DROPPED, EDGES_LOST = 6, 7

@@ -6,13 +6,13 @@ here: `advance` moves the board's time, `receive` happens at a given time.
 
 from collections.abc import Callable, Sequence
 
-from simulator import wire
-from simulator.alarms import Alarms
-from simulator.edges import EdgeQueue, LatchedEdge
-from simulator.inputs import InputLevels
-from simulator.latched import AlarmChange, Frame, InputChange, Latched
-from simulator.sampler import Sampler
-from simulator.settings import (
+from traverse.simulator import wire
+from traverse.simulator.alarms import Alarms
+from traverse.simulator.edges import EdgeQueue, LatchedEdge
+from traverse.simulator.inputs import InputLevels
+from traverse.simulator.latched import AlarmChange, Frame, InputChange, Latched
+from traverse.simulator.sampler import Sampler
+from traverse.simulator.settings import (
     DONE,
     LONGEST_DEBOUNCE_US,
     NOT_NOW,
@@ -23,7 +23,7 @@ from simulator.settings import (
     WRONG_LENGTH,
     Settings,
 )
-from simulator.ticks import TickCounter
+from traverse.simulator.ticks import TickCounter
 
 
 class Board:

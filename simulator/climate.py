@@ -3,8 +3,8 @@
 import numpy as np
 from pydantic import Field
 
-from kinematics.arm_file import StrictModel
-from simulator.physics import Floats
+from traverse.kinematics.arm_file import StrictModel
+from traverse.simulator.physics import Floats
 
 
 class ClimateTable(StrictModel):

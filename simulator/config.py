@@ -5,11 +5,11 @@ from typing import Any, Literal
 
 from pydantic import AwareDatetime, Field
 
-from kinematics.arm_file import Problem, StrictModel
-from simulator.climate import ClimateTable
-from simulator.devices.table import AnyDevice
-from simulator.faults import AnyFault
-from simulator.motions import AnyMotion
+from traverse.kinematics.arm_file import Problem, StrictModel
+from traverse.simulator.climate import ClimateTable
+from traverse.simulator.devices.table import AnyDevice
+from traverse.simulator.faults import AnyFault
+from traverse.simulator.motions import AnyMotion
 
 
 class DeviationTable(StrictModel):

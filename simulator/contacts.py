@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simulator.physics import Floats
-from simulator.script import Script, ScriptEvent
+from traverse.simulator.physics import Floats
+from traverse.simulator.script import Script, ScriptEvent
 
 HOLD_S = 0.1  # before and after a change of an input the direction stands
 SHARE = 0.25  # of the time to the next change, at most

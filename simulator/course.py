@@ -10,11 +10,11 @@ from collections import OrderedDict
 
 import numpy as np
 
-from simulator.climate import ClimateTable
-from simulator.contacts import contact_directions
-from simulator.effects import FaultyArm, Surroundings
-from simulator.physics import Floats, probe_pose
-from simulator.script import Script
+from traverse.simulator.climate import ClimateTable
+from traverse.simulator.contacts import contact_directions
+from traverse.simulator.effects import FaultyArm, Surroundings
+from traverse.simulator.physics import Floats, probe_pose
+from traverse.simulator.script import Script
 
 STEP_S = 0.01
 CHUNK_STEPS = 256

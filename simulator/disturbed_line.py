@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from simulator.faults import Fault, LateFault
+from traverse.simulator.faults import Fault, LateFault
 
 SPEECHLESS = frozenset({"silent", "reset"})
 ON_THE_WIRE = frozenset({"lost", "corrupted", "repeated", "garbage", "cut"})

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator import wire
+from traverse.simulator import wire
 
 AGAIN_AFTER_S = 0.050
 MOST_WAITING = 16

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.physics import Floats
+from traverse.simulator.physics import Floats
 
 
 @dataclass(frozen=True, slots=True)

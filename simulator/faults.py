@@ -12,7 +12,7 @@ from pydantic import (
     field_validator,
 )
 
-from kinematics.arm_file import StrictModel
+from traverse.kinematics.arm_file import StrictModel
 
 
 class Fault(StrictModel):

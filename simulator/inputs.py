@@ -1,6 +1,6 @@
 """Inputs of a board and their debouncing."""
 
-from simulator.edges import LatchedEdge
+from traverse.simulator.edges import LatchedEdge
 
 
 class InputLevels:

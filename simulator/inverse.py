@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.physics import Floats, Mechanism, probe_pose, probe_rates
+from traverse.simulator.physics import Floats, Mechanism, probe_pose, probe_rates
 
 N_SEARCH_STEPS = 40
 N_EXACT_STEPS = 6

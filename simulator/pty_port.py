@@ -10,7 +10,7 @@ import tty
 from collections import deque
 from pathlib import Path
 
-from simulator.latched import Frame
+from traverse.simulator.latched import Frame
 
 RESERVE_BYTES = 262_144  # for frames that may not be dropped
 

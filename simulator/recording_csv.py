@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm_file import FileError, Problem
-from simulator.physics import Floats
+from traverse.kinematics.arm_file import FileError, Problem
+from traverse.simulator.physics import Floats
 
 INPUTS = ("button", "switch")
 

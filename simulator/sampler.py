@@ -3,12 +3,12 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator import wire
-from simulator.edges import LatchedEdge
-from simulator.inputs import InputLevels
-from simulator.latched import Frame, InputChange, Latched
-from simulator.stream import Stream
-from simulator.ticks import TickCounter
+from traverse.simulator import wire
+from traverse.simulator.edges import LatchedEdge
+from traverse.simulator.inputs import InputLevels
+from traverse.simulator.latched import Frame, InputChange, Latched
+from traverse.simulator.stream import Stream
+from traverse.simulator.ticks import TickCounter
 
 STREAM, ON_REQUEST = 0, 1  # causes of a sample
 

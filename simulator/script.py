@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simulator.physics import Floats
-from simulator.trajectory import Trajectory
+from traverse.simulator.physics import Floats
+from traverse.simulator.trajectory import Trajectory
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.physics import Floats
+from traverse.simulator.physics import Floats
 
 STANDING_RAD_S = 1e-9  # slower is no motion
 NEARLY_OVER = 1.0 - 1e-3  # of a piece, where those that end at rest still move

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kinematics.arm_file import Arm
-from simulator.physics import Floats, Mechanism
+from traverse.kinematics.arm_file import Arm
+from traverse.simulator.physics import Floats, Mechanism
 
 
 @dataclass(frozen=True, slots=True)

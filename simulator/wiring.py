@@ -7,12 +7,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.course import Course
-from simulator.encoder import EncoderSet
-from simulator.faults import EncoderFault, JumpFault, StatusFault
-from simulator.latched import AlarmChange, InputChange
-from simulator.physics import Floats
-from simulator.script import Script, ScriptEvent
+from traverse.simulator.course import Course
+from traverse.simulator.encoder import EncoderSet
+from traverse.simulator.faults import EncoderFault, JumpFault, StatusFault
+from traverse.simulator.latched import AlarmChange, InputChange
+from traverse.simulator.physics import Floats
+from traverse.simulator.script import Script, ScriptEvent
 
 
 class CountSource(Protocol):

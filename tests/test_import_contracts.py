@@ -11,7 +11,9 @@ import pytest
 
 CHECKOUT = Path(__file__).parents[1]
 CONFIGURATION = tomllib.loads((CHECKOUT / "pyproject.toml").read_text("utf-8"))
-PACKAGES = CONFIGURATION["tool"]["importlinter"]["root_packages"]
+CONTRACTS = CONFIGURATION["tool"]["importlinter"]["contracts"]
+ROOT = CHECKOUT / "src" / "traverse"
+PACKAGES = sorted(initial.parent.name for initial in ROOT.glob("*/__init__.py"))
 
 
 def lint_imports(folder: Path) -> subprocess.CompletedProcess[str]:
@@ -31,14 +33,13 @@ def lint_imports(folder: Path) -> subprocess.CompletedProcess[str]:
 @pytest.fixture
 def copied(tmp_path: Path) -> Path:
     """The packages and their contracts in a folder where mischief is allowed."""
-    for package in PACKAGES:
-        shutil.copytree(
-            CHECKOUT / package,
-            tmp_path / package,
-            ignore=lambda _, names: [
-                n for n in names if "." in n and not n.endswith(".py")
-            ],
-        )
+    shutil.copytree(
+        ROOT,
+        tmp_path / "traverse",
+        ignore=lambda _, names: [
+            n for n in names if "." in n and not n.endswith(".py")
+        ],
+    )
     shutil.copy(CHECKOUT / "pyproject.toml", tmp_path)
     return tmp_path
 
@@ -53,66 +54,132 @@ def test_the_untouched_copy_passes(copied: Path) -> None:
     assert checked.returncode == 0, checked.stdout
 
 
-@pytest.mark.parametrize(
-    ("module", "planted", "contract"),
-    [
-        ("daemon/clock.py", "simulator.clock", "the daemon knows neither"),
-        ("daemon/live.py", "clients.subscription", "the daemon knows neither"),
-        ("drivers/tick_clock.py", "kinematics.forward", "drivers know bytes, ports"),
-        ("simulator/wire.py", "protocol.latch_board", "the simulator shares no code"),
-        ("simulator/physics.py", "kinematics.forward", "the simulator shares no code"),
-        (
-            "simulator/effects/planted.py",
-            "lab.diagnosis",
-            "the generator of blind tests",
-        ),
-        ("protocol/framing.py", "time", "protocol is bytes and values only"),
-        ("protocol/encoding.py", "logging", "protocol is bytes and values only"),
-        ("kinematics/forward.py", "asyncio", "kinematics is mathematics only"),
-        ("kinematics/forward.py", "pydantic", "only the arm-file reader"),
-        ("clients/subscription.py", "daemon.clock", "clients connect from outside"),
-        ("broker/reasons.py", "protocol.topics", "getting in at a broker"),
-        ("recording/planted.py", "drivers.values", "recording is files"),
-        ("lab/planted.py", "simulator.physics", "the lab is off-line"),
-        (
-            "lab/identification/planted.py",
-            "lab.diagnosis",
-            "identification is below diagnosis",
-        ),
-        (
-            "lab/acceptance/planted.py",
-            "lab.diagnosis",
-            "identification is below diagnosis",
-        ),
-        ("kinematics/geometry.py", "scipy", "scipy stays in the lab"),
-        ("drivers/driver.py", "traverse.lines", "nobody imports the command line"),
+PLANTED = {
+    "each layer of the house": [
+        ("drivers/driver.py", "traverse.cli.lines"),
+        ("broker/reasons.py", "traverse.__main__"),
+        ("daemon/clock.py", "traverse.simulator.clock"),
+        ("daemon/live.py", "traverse.client.subscription"),
+        ("daemon/poses.py", "traverse"),  # whose `Arm` is the client's
+        ("daemon/motion.py", "traverse.lab.campaign"),
+        ("client/subscription.py", "traverse.daemon.clock"),
+        ("client/place.py", "traverse.simulator.clock"),
+        ("client/pulse.py", "traverse.lab.campaign"),
+        ("lab/planted.py", "traverse.simulator.physics"),
+        ("lab/campaign.py", "traverse.daemon.clock"),
+        ("lab/campaign_file.py", "traverse.client.place"),
+        ("simulator/effects/planted.py", "traverse.lab.diagnosis"),
+        ("simulator/wire.py", "traverse.daemon.clock"),
+        ("simulator/physics.py", "traverse.client.place"),
+        ("drivers/tick_clock.py", "traverse.daemon.clock"),
+        ("recording/planted.py", "traverse.drivers.values"),
+        ("recording/maps.py", "traverse.broker.reasons"),
+        ("broker/visitor.py", "traverse.recording.maps"),
+        ("broker/tls.py", "traverse.drivers.values"),
+        ("protocol/framing.py", "traverse.kinematics.geometry"),
+        ("protocol/topics.py", "traverse.recording.maps"),
+        ("kinematics/geometry.py", "traverse.protocol.framing"),
+        ("kinematics/readings.py", "traverse.lab.campaign"),
     ],
-)
-def test_a_planted_import_is_caught(
-    copied: Path, module: str, planted: str, contract: str
-) -> None:
-    with (copied / module).open("a", encoding="utf-8") as source:
-        source.write(f"\nimport {planted}\n")
-    checked = lint_imports(copied)
-    broken = [line for line in checked.stdout.splitlines() if line.endswith(" BROKEN")]
+    "ports belong to": [
+        ("simulator/wire.py", "traverse.drivers.values"),
+        ("lab/planted.py", "traverse.drivers.values"),
+        ("client/planted.py", "traverse.drivers.values"),
+    ],
+    "only what speaks MQTT": [
+        ("drivers/driver.py", "traverse.broker.reasons"),
+        ("simulator/wire.py", "traverse.broker.reasons"),
+        ("lab/planted.py", "traverse.broker.reasons"),
+    ],
+    "drivers know bytes, ports": [
+        ("drivers/tick_clock.py", "traverse.kinematics.forward"),
+        ("drivers/driver.py", "traverse.recording.reader"),
+        ("drivers/pulse.py", "traverse.recording.writer"),
+        ("drivers/options.py", "traverse.recording.values"),
+    ],
+    "the simulator shares no code": [
+        ("simulator/wire.py", "traverse.protocol.latch_board"),
+        ("simulator/physics.py", "traverse.kinematics.forward"),
+        ("simulator/effects/planted.py", "traverse.kinematics.effects"),
+        ("simulator/clock.py", "traverse.recording.reader"),
+    ],
+    "the arm-file reader is below": [
+        ("kinematics/arm_file.py", "traverse.kinematics.forward"),
+        ("kinematics/effect_kinds.py", "traverse.kinematics.effects"),
+    ],
+    "only the arm-file reader of kinematics": [
+        ("kinematics/forward.py", "pydantic"),
+        ("kinematics/effects/planted.py", "tomlkit"),
+    ],
+    "getting in at a broker": [
+        ("broker/reasons.py", "traverse.protocol.topics"),
+        ("broker/tls.py", "traverse.kinematics.geometry"),
+    ],
+    "identification is below diagnosis": [
+        ("lab/identification/planted.py", "traverse.lab.diagnosis.diagnose"),
+        ("lab/acceptance/planted.py", "traverse.lab.diagnosis.diagnose"),
+    ],
+    "protocol is bytes and values only": [
+        ("protocol/framing.py", "time"),
+        ("protocol/encoding.py", "logging"),
+    ],
+    "kinematics is mathematics only": [("kinematics/forward.py", "asyncio")],
+    "scipy stays in the lab": [
+        ("kinematics/geometry.py", "scipy"),
+        ("cli/lines.py", "matplotlib"),
+    ],
+}
+UNKNOWN = [("planted.py", "each layer"), ("kinematics/planted.py", "the arm-file")]
+
+
+def broken(checked: subprocess.CompletedProcess[str]) -> list[str]:
+    """The contracts that do not hold."""
     assert checked.returncode == 1, checked.stdout
-    assert any(line.startswith(contract) for line in broken), checked.stdout
+    return [line for line in checked.stdout.splitlines() if " BROKEN" in line]
+
+
+@pytest.mark.parametrize("contract", PLANTED)
+def test_planted_imports_are_caught(copied: Path, contract: str) -> None:
+    expected = []
+    for module, planted in PLANTED[contract]:
+        with (copied / "traverse" / module).open("a", encoding="utf-8") as source:
+            source.write(f"\nimport {planted}\n")
+        name = f"traverse/{module.removesuffix('.py')}".replace("/", ".")
+        expected.append(f"{name} -> {planted} ")
+    checked = lint_imports(copied)
+    assert any(line.startswith(contract) for line in broken(checked)), checked.stdout
+    assert [one for one in expected if one not in checked.stdout] == []
+
+
+@pytest.mark.parametrize(("module", "contract"), UNKNOWN)
+def test_a_module_that_has_no_layer_is_caught(
+    copied: Path, module: str, contract: str
+) -> None:
+    (copied / "traverse" / module).write_text('"""Planted."""\n', "utf-8")
+    checked = lint_imports(copied)
+    assert any(line.startswith(contract) for line in broken(checked)), checked.stdout
 
 
 def test_only_what_speaks_mqtt_may_use_the_way_in_at_a_broker() -> None:
-    contracts = CONFIGURATION["tool"]["importlinter"]["contracts"]
+    (layers,) = (c["layers"] for c in CONTRACTS if c.get("containers") == ["traverse"])
+    (place,) = (n for n, layer in enumerate(layers) if "broker" in layer.split(" | "))
+    above = {name for layer in layers[:place] for name in layer.split(" | ")}
     kept_out = {
-        module
-        for contract in contracts
-        if "broker" in contract.get("forbidden_modules", ())
+        module.removeprefix("traverse.")
+        for contract in CONTRACTS
+        if "traverse.broker" in contract.get("forbidden_modules", ())
         for module in contract["source_modules"]
     }
-    assert set(PACKAGES) - kept_out == {"traverse", "daemon", "clients", "broker"}
+    assert above - kept_out == {"__main__", "cli", "daemon", "client"}
+
+
+def test_every_package_has_a_layer() -> None:
+    (layers,) = (c["layers"] for c in CONTRACTS if c.get("containers") == ["traverse"])
+    named = [name for layer in layers for name in layer.split(" | ")]
+    assert sorted(named) == ["__main__", *PACKAGES]
 
 
 def test_every_contract_has_a_violation_that_is_planted_here() -> None:
-    contracts = [c["name"] for c in CONFIGURATION["tool"]["importlinter"]["contracts"]]
-    mark = test_a_planted_import_is_caught.pytestmark[0]  # type: ignore[attr-defined]  # pytest puts it there
-    planted = {contract for _, _, contract in mark.args[1]}
-    unproven = [n for n in contracts if not any(n.startswith(p) for p in planted)]
+    contracts = [contract["name"] for contract in CONTRACTS]
+    unproven = [n for n in contracts if not any(n.startswith(p) for p in PLANTED)]
     assert not unproven

@@ -7,12 +7,12 @@ from typing import Any
 
 from benchmarks.blind.scenarios import SCENARIOS
 from benchmarks.proofs.campaigns import demo_arm
-from lab.diagnosis.diagnosis import Diagnosis
-from lab.diagnosis.library import library_bank
-from lab.diagnosis.rivals import RIVALS
-from lab.diagnosis.rows import rows_of
-from lab.diagnosis.score import Identity, TrueTerm, scored
-from traverse.blind_round import Case, find, gap_of, hide
+from traverse.cli.blind_round import Case, find, gap_of, hide
+from traverse.lab.diagnosis.diagnosis import Diagnosis
+from traverse.lab.diagnosis.library import library_bank
+from traverse.lab.diagnosis.rivals import RIVALS
+from traverse.lab.diagnosis.rows import rows_of
+from traverse.lab.diagnosis.score import Identity, TrueTerm, scored
 
 Line = dict[str, Any]
 

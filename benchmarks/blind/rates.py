@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from benchmarks.blind.outcomes import Line
 from benchmarks.proofs.statistics import binomial_interval
-from lab.diagnosis.rivals import RIVALS
+from traverse.lab.diagnosis.rivals import RIVALS
 
 # Of the intervals.
 LEVEL = 0.95

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.edge_board import COUNTS, STATUS, EdgeBoard
-from simulator import wire
+from traverse.simulator import wire
 
 BEAT_NS = 500_000_000
 TURN_COUNTS = 50  # in a sample

@@ -22,9 +22,9 @@ from benchmarks.fleet.tally import (
     cost_of,
     tally,
 )
-from protocol.encoding import encode
-from protocol.messages import Command, ScanArgs
-from protocol.topics import command_topic
+from traverse.protocol.encoding import encode
+from traverse.protocol.messages import Command, ScanArgs
+from traverse.protocol.topics import command_topic
 
 AT_ONCE = 4  # that start together
 SETTLE_S = 1.5

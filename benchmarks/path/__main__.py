@@ -18,9 +18,9 @@ from benchmarks.path.whole import (
 )
 from benchmarks.rig import ARM
 from benchmarks.rounds import Table, Task, load, one_core, timed, write
-from daemon.model import read_model
-from protocol.encoding import decode
-from protocol.messages import Scan
+from traverse.daemon.model import read_model
+from traverse.protocol.encoding import decode
+from traverse.protocol.messages import Scan
 
 N_SAMPLES = 100_000
 N_PLAIN = 1000  # the plain loop takes its time

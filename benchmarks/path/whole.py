@@ -6,22 +6,22 @@ from functools import partial
 
 from benchmarks.path.line import TICKS, cut
 from benchmarks.rounds import Task
-from daemon.clock import HostClock
-from daemon.model import ArmModel
-from daemon.pipeline import Pipeline
-from daemon.poses import PoseBlock
-from daemon.scan_plan import plan_scan
-from daemon.scanner import Scanner
-from drivers.stream_sequence import StreamSequence
-from drivers.tick_clock import TickClock
-from drivers.values import CountSamples
-from kinematics.effects.block import Block
-from kinematics.effects.pose import corrected_pose
-from kinematics.readings import Unwrapper, counts_to_angles
-from protocol.encoding import encode
-from protocol.framing import FrameSplitter
-from protocol.latch_board import Decoder, SampleBlock
-from protocol.messages import Scan
+from traverse.daemon.clock import HostClock
+from traverse.daemon.model import ArmModel
+from traverse.daemon.pipeline import Pipeline
+from traverse.daemon.poses import PoseBlock
+from traverse.daemon.scan_plan import plan_scan
+from traverse.daemon.scanner import Scanner
+from traverse.drivers.stream_sequence import StreamSequence
+from traverse.drivers.tick_clock import TickClock
+from traverse.drivers.values import CountSamples
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.pose import corrected_pose
+from traverse.kinematics.readings import Unwrapper, counts_to_angles
+from traverse.protocol.encoding import encode
+from traverse.protocol.framing import FrameSplitter
+from traverse.protocol.latch_board import Decoder, SampleBlock
+from traverse.protocol.messages import Scan
 
 BLOCK_S = 0.05  # what one message spans unless told otherwise
 

@@ -13,14 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.campaign import Campaign
-from lab.identification.identify import Options, identify
-from lab.identification.network import Station
-from lab.identification.station_equations import WhiteRows, white_rows
-from lab.identification.system import certified
-from simulator.campaigns import PoseSet, SimulatedCampaign, draw_noise
-from simulator.campaigns.spec import NoiseTable
-from traverse.blind_campaign import handed_over
+from traverse.cli.blind_campaign import handed_over
+from traverse.lab.campaign import Campaign
+from traverse.lab.identification.identify import Options, identify
+from traverse.lab.identification.network import Station
+from traverse.lab.identification.station_equations import WhiteRows, white_rows
+from traverse.lab.identification.system import certified
+from traverse.simulator.campaigns import PoseSet, SimulatedCampaign, draw_noise
+from traverse.simulator.campaigns.spec import NoiseTable
 
 Floats = NDArray[np.float64]
 

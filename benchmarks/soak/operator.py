@@ -11,14 +11,14 @@ import sys
 from pathlib import Path
 from typing import Any, TextIO
 
-from clients.address import BrokerAddress
-from clients.connection import Arrived
-from clients.errors import CommandRefused, NoAnswerError
-from clients.link import Link
-from clients.requests import Requests
-from protocol import topics
-from protocol.encoding import decode
-from protocol.messages import PointArgs, Reply, Status
+from traverse.client.address import BrokerAddress
+from traverse.client.connection import Arrived
+from traverse.client.errors import CommandRefused, NoAnswerError
+from traverse.client.link import Link
+from traverse.client.requests import Requests
+from traverse.protocol import topics
+from traverse.protocol.encoding import decode
+from traverse.protocol.messages import PointArgs, Reply, Status
 
 ANSWER_S = 5.0
 MOST_RUNNING = 8

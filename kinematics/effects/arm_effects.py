@@ -8,20 +8,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.effects import EFFECTS
-from kinematics.effects.block import Block
-from kinematics.effects.bodies import Bodies, bodies_from_arm
-from kinematics.effects.correction import (
+from traverse.kinematics.effects import EFFECTS
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.bodies import Bodies, bodies_from_arm
+from traverse.kinematics.effects.correction import (
     BodyCorrection,
     ContactCorrection,
     Correction,
     ReadingCorrection,
 )
-from kinematics.effects.covariate import Covariate, Need
-from kinematics.effects.setting import Setting, Span, setting_from_arm
+from traverse.kinematics.effects.covariate import Covariate, Need
+from traverse.kinematics.effects.setting import Setting, Span, setting_from_arm
 
 if TYPE_CHECKING:
-    from kinematics.arm_file import Arm, Effect
+    from traverse.kinematics.arm_file import Arm, Effect
 
 Floats = NDArray[np.float64]
 

@@ -8,11 +8,11 @@ Off-line only: the arm's points do not depend on it, so it corrects no pose.
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
-from kinematics.effects.correction import Correction
-from kinematics.effects.setting import Setting
+from traverse.kinematics.effects.correction import Correction
+from traverse.kinematics.effects.setting import Setting
 
 if TYPE_CHECKING:
-    from kinematics.arm_file import Effect
+    from traverse.kinematics.arm_file import Effect
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

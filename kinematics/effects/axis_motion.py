@@ -8,10 +8,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from kinematics.effects.correction import BodyCorrection, Floats
-from kinematics.effects.posture import Posture
-from kinematics.geometry import Geometry
-from kinematics.kernel.terms import Form, Term
+from traverse.kinematics.effects.correction import BodyCorrection, Floats
+from traverse.kinematics.effects.posture import Posture
+from traverse.kinematics.geometry import Geometry
+from traverse.kinematics.kernel.terms import Form, Term
 
 _COMPONENTS = ("x", "y", "z")
 

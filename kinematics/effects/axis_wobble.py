@@ -8,13 +8,13 @@ The body carried by the joint turns additionally by w about the joint's origin.
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
-from kinematics.effects.axis_motion import AxisMotion
-from kinematics.effects.correction import Target
-from kinematics.effects.setting import Setting
-from kinematics.kernel.terms import Form
+from traverse.kinematics.effects.axis_motion import AxisMotion
+from traverse.kinematics.effects.correction import Target
+from traverse.kinematics.effects.setting import Setting
+from traverse.kinematics.kernel.terms import Form
 
 if TYPE_CHECKING:
-    from kinematics.arm_file import Effect
+    from traverse.kinematics.arm_file import Effect
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

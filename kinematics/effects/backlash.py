@@ -10,12 +10,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from kinematics.effects.block import Block
-from kinematics.effects.correction import Floats
-from kinematics.effects.covariate import Covariate, Need
-from kinematics.effects.single_rate import SingleRate
-from kinematics.geometry import Geometry
-from kinematics.kernel.terms import Quantity, Source
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.correction import Floats
+from traverse.kinematics.effects.covariate import Covariate, Need
+from traverse.kinematics.effects.single_rate import SingleRate
+from traverse.kinematics.geometry import Geometry
+from traverse.kinematics.kernel.terms import Quantity, Source
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

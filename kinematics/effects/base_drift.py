@@ -8,14 +8,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
-from kinematics.effects.base_motion import BaseMotion
-from kinematics.effects.block import Block
-from kinematics.effects.correction import Booleans, FlagName, Floats
-from kinematics.effects.moments import DriftTime
-from kinematics.effects.setting import Setting
+from traverse.kinematics.effects.base_motion import BaseMotion
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.correction import Booleans, FlagName, Floats
+from traverse.kinematics.effects.moments import DriftTime
+from traverse.kinematics.effects.setting import Setting
 
 if TYPE_CHECKING:
-    from kinematics.arm_file import Effect
+    from traverse.kinematics.arm_file import Effect
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,12 +6,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from kinematics.effects.block import Block
-from kinematics.effects.correction import BodyCorrection, Floats, Target
-from kinematics.effects.covariate import Covariate, Need
-from kinematics.effects.moments import DriftTime, StepTime
-from kinematics.effects.posture import Posture
-from kinematics.kernel.terms import Form, Term
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.correction import BodyCorrection, Floats, Target
+from traverse.kinematics.effects.covariate import Covariate, Need
+from traverse.kinematics.effects.moments import DriftTime, StepTime
+from traverse.kinematics.effects.posture import Posture
+from traverse.kinematics.kernel.terms import Form, Term
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,14 +6,14 @@ The moment is not a parameter: nothing can be differentiated for it. It is scann
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
-from kinematics.effects.base_motion import BaseMotion
-from kinematics.effects.block import Block
-from kinematics.effects.correction import Floats
-from kinematics.effects.moments import StepTime
-from kinematics.effects.setting import Setting
+from traverse.kinematics.effects.base_motion import BaseMotion
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.correction import Floats
+from traverse.kinematics.effects.moments import StepTime
+from traverse.kinematics.effects.setting import Setting
 
 if TYPE_CHECKING:
-    from kinematics.arm_file import Effect
+    from traverse.kinematics.arm_file import Effect
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

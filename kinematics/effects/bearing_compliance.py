@@ -8,11 +8,11 @@ The body carried by the joint turns by w about the joint's origin.
 from dataclasses import dataclass
 from typing import ClassVar
 
-from kinematics.effects.bodies import dot
-from kinematics.effects.compliance import Compliance
-from kinematics.effects.correction import Floats, Target
-from kinematics.effects.posture import Posture
-from kinematics.kernel.terms import Form
+from traverse.kinematics.effects.bodies import dot
+from traverse.kinematics.effects.compliance import Compliance
+from traverse.kinematics.effects.correction import Floats, Target
+from traverse.kinematics.effects.posture import Posture
+from traverse.kinematics.kernel.terms import Form
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.effects.covariate import Covariate, Need
+from traverse.kinematics.effects.covariate import Covariate, Need
 
 Floats = NDArray[np.float64]
 

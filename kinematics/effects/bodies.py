@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.effects.turning import rotated
-from kinematics.geometry import Geometry
+from traverse.kinematics.effects.turning import rotated
+from traverse.kinematics.geometry import Geometry
 
 if TYPE_CHECKING:
-    from kinematics.arm_file import Arm
+    from traverse.kinematics.arm_file import Arm
 
 Floats = NDArray[np.float64]
 

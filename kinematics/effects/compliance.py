@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
-from kinematics.effects.correction import BodyCorrection
-from kinematics.effects.setting import Setting
-from kinematics.kernel.terms import Form, Term
+from traverse.kinematics.effects.correction import BodyCorrection
+from traverse.kinematics.effects.setting import Setting
+from traverse.kinematics.kernel.terms import Form, Term
 
 if TYPE_CHECKING:
-    from kinematics.arm_file import Effect
+    from traverse.kinematics.arm_file import Effect
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

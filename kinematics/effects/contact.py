@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.effects.axis_motion import across
-from kinematics.effects.block import Block
-from kinematics.effects.bodies import dot
-from kinematics.effects.turning import rotated
-from kinematics.geometry import Geometry
+from traverse.kinematics.effects.axis_motion import across
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.bodies import dot
+from traverse.kinematics.effects.turning import rotated
+from traverse.kinematics.geometry import Geometry
 
 Floats = NDArray[np.float64]
 

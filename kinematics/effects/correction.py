@@ -18,16 +18,16 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.effects.block import Block
-from kinematics.effects.covariate import Need
-from kinematics.effects.setting import Setting
-from kinematics.geometry import Geometry
-from kinematics.kernel.terms import Term
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.covariate import Need
+from traverse.kinematics.effects.setting import Setting
+from traverse.kinematics.geometry import Geometry
+from traverse.kinematics.kernel.terms import Term
 
 if TYPE_CHECKING:
-    from kinematics.arm_file import Effect
-    from kinematics.effects.contact import Contact
-    from kinematics.effects.posture import Posture
+    from traverse.kinematics.arm_file import Effect
+    from traverse.kinematics.effects.contact import Contact
+    from traverse.kinematics.effects.posture import Posture
 
 Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]

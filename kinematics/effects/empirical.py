@@ -12,16 +12,21 @@ from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
-from kinematics.effects.block import Block
-from kinematics.effects.correction import Booleans, FlagName, Floats, ReadingCorrection
-from kinematics.effects.covariate import Covariate, Need
-from kinematics.effects.setting import Setting
-from kinematics.effects.spline import spline_amounts, spline_numbers
-from kinematics.geometry import Geometry
-from kinematics.kernel.terms import Form, Quantity, Source, Term
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.correction import (
+    Booleans,
+    FlagName,
+    Floats,
+    ReadingCorrection,
+)
+from traverse.kinematics.effects.covariate import Covariate, Need
+from traverse.kinematics.effects.setting import Setting
+from traverse.kinematics.effects.spline import spline_amounts, spline_numbers
+from traverse.kinematics.geometry import Geometry
+from traverse.kinematics.kernel.terms import Form, Quantity, Source, Term
 
 if TYPE_CHECKING:
-    from kinematics.arm_file import Effect
+    from traverse.kinematics.arm_file import Effect
 
 _OF_ARM = {
     "time_s": Need(Covariate.CAMPAIGN_TIME),

@@ -10,17 +10,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
-from kinematics.effects.block import Block
-from kinematics.effects.correction import Booleans, FlagName, Floats
-from kinematics.effects.covariate import Covariate, Need
-from kinematics.effects.moments import DriftTime
-from kinematics.effects.setting import Setting
-from kinematics.effects.single_rate import SingleRate
-from kinematics.geometry import Geometry
-from kinematics.kernel.terms import Quantity
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.correction import Booleans, FlagName, Floats
+from traverse.kinematics.effects.covariate import Covariate, Need
+from traverse.kinematics.effects.moments import DriftTime
+from traverse.kinematics.effects.setting import Setting
+from traverse.kinematics.effects.single_rate import SingleRate
+from traverse.kinematics.geometry import Geometry
+from traverse.kinematics.kernel.terms import Quantity
 
 if TYPE_CHECKING:
-    from kinematics.arm_file import Effect
+    from traverse.kinematics.arm_file import Effect
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,7 +6,7 @@ d_alpha = cos_rad cos alpha + sin_rad sin alpha
 from dataclasses import dataclass
 from typing import ClassVar
 
-from kinematics.effects.encoder_harmonic import EncoderHarmonic
+from traverse.kinematics.effects.encoder_harmonic import EncoderHarmonic
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,12 +8,12 @@ Without a joint it is the same for all of them: a clock, not a filter.
 from dataclasses import dataclass
 from typing import ClassVar
 
-from kinematics.effects.block import Block
-from kinematics.effects.correction import Floats
-from kinematics.effects.covariate import Covariate, Need, needs_of
-from kinematics.effects.single_rate import SingleRate
-from kinematics.geometry import Geometry
-from kinematics.kernel.terms import Quantity, Source
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.correction import Floats
+from traverse.kinematics.effects.covariate import Covariate, Need, needs_of
+from traverse.kinematics.effects.single_rate import SingleRate
+from traverse.kinematics.geometry import Geometry
+from traverse.kinematics.kernel.terms import Quantity, Source
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,16 +8,16 @@ T is the joint's own temperature where it is known, else the arm's.
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
-from kinematics.effects.block import Block
-from kinematics.effects.correction import Floats
-from kinematics.effects.covariate import Covariate, Need
-from kinematics.effects.setting import Setting
-from kinematics.effects.single_rate import SingleRate
-from kinematics.geometry import Geometry
-from kinematics.kernel.terms import Quantity, Source
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.correction import Floats
+from traverse.kinematics.effects.covariate import Covariate, Need
+from traverse.kinematics.effects.setting import Setting
+from traverse.kinematics.effects.single_rate import SingleRate
+from traverse.kinematics.geometry import Geometry
+from traverse.kinematics.kernel.terms import Quantity, Source
 
 if TYPE_CHECKING:
-    from kinematics.arm_file import Effect
+    from traverse.kinematics.arm_file import Effect
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

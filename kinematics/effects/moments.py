@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.effects.block import Block
-from kinematics.effects.correction import Booleans, Floats
-from kinematics.effects.setting import Setting
-from kinematics.kernel.terms import Quantity, Source
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.correction import Booleans, Floats
+from traverse.kinematics.effects.setting import Setting
+from traverse.kinematics.kernel.terms import Quantity, Source
 
 if TYPE_CHECKING:
-    from kinematics.arm_file import Effect
+    from traverse.kinematics.arm_file import Effect
 
 
 @dataclass(frozen=True, slots=True)

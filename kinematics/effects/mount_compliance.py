@@ -9,14 +9,14 @@ gravity: it has no part along it, and all of it counts as across.
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
-from kinematics.effects.compliance import Compliance
-from kinematics.effects.correction import Floats, Target
-from kinematics.effects.posture import Posture
-from kinematics.effects.setting import Setting
-from kinematics.kernel.terms import Form
+from traverse.kinematics.effects.compliance import Compliance
+from traverse.kinematics.effects.correction import Floats, Target
+from traverse.kinematics.effects.posture import Posture
+from traverse.kinematics.effects.setting import Setting
+from traverse.kinematics.kernel.terms import Form
 
 if TYPE_CHECKING:
-    from kinematics.arm_file import Effect
+    from traverse.kinematics.arm_file import Effect
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,11 +10,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.effects.block import Block
-from kinematics.effects.bodies import Bodies, gravity_moments_nm
-from kinematics.effects.turning import chained, conjugate, rotated
-from kinematics.geometry import Geometry
-from kinematics.quaternion import turn
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.bodies import Bodies, gravity_moments_nm
+from traverse.kinematics.effects.turning import chained, conjugate, rotated
+from traverse.kinematics.geometry import Geometry
+from traverse.kinematics.quaternion import turn
 
 Floats = NDArray[np.float64]
 

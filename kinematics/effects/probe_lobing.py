@@ -12,9 +12,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from kinematics.effects.contact import Contact
-from kinematics.effects.correction import Floats
-from kinematics.effects.touching import Touching
+from traverse.kinematics.effects.contact import Contact
+from traverse.kinematics.effects.correction import Floats
+from traverse.kinematics.effects.touching import Touching
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,9 +10,9 @@ radius_error_mm.
 from dataclasses import dataclass
 from typing import ClassVar
 
-from kinematics.effects.contact import Contact
-from kinematics.effects.correction import Floats
-from kinematics.effects.touching import Touching
+from traverse.kinematics.effects.contact import Contact
+from traverse.kinematics.effects.correction import Floats
+from traverse.kinematics.effects.touching import Touching
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from kinematics.arm_file import Arm, Effect
+    from traverse.kinematics.arm_file import Arm, Effect
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 

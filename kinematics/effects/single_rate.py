@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
-from kinematics.effects.block import Block
-from kinematics.effects.correction import Floats, ReadingCorrection
-from kinematics.effects.setting import Setting
-from kinematics.geometry import Geometry
-from kinematics.kernel.terms import Form, Quantity, Term
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.correction import Floats, ReadingCorrection
+from traverse.kinematics.effects.setting import Setting
+from traverse.kinematics.geometry import Geometry
+from traverse.kinematics.kernel.terms import Form, Quantity, Term
 
 if TYPE_CHECKING:
-    from kinematics.arm_file import Effect
+    from traverse.kinematics.arm_file import Effect
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

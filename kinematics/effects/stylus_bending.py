@@ -11,10 +11,10 @@ with d the direction towards the material and s the shank. An unknown force is 1
 from dataclasses import dataclass
 from typing import ClassVar
 
-from kinematics.effects.bodies import dot
-from kinematics.effects.contact import Contact
-from kinematics.effects.correction import Floats
-from kinematics.effects.touching import Touching
+from traverse.kinematics.effects.bodies import dot
+from traverse.kinematics.effects.contact import Contact
+from traverse.kinematics.effects.correction import Floats
+from traverse.kinematics.effects.touching import Touching
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

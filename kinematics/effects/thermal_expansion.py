@@ -9,14 +9,14 @@ is no element: it does not grow.
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
-from kinematics.effects.correction import BodyCorrection, Floats, Target
-from kinematics.effects.covariate import Covariate, Need, needs_of
-from kinematics.effects.posture import Posture
-from kinematics.effects.setting import Setting
-from kinematics.kernel.terms import Form, Quantity, Source, Term
+from traverse.kinematics.effects.correction import BodyCorrection, Floats, Target
+from traverse.kinematics.effects.covariate import Covariate, Need, needs_of
+from traverse.kinematics.effects.posture import Posture
+from traverse.kinematics.effects.setting import Setting
+from traverse.kinematics.kernel.terms import Form, Quantity, Source, Term
 
 if TYPE_CHECKING:
-    from kinematics.arm_file import Effect
+    from traverse.kinematics.arm_file import Effect
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
-from kinematics.effects.block import Block
-from kinematics.effects.correction import Booleans, ContactCorrection, FlagName
-from kinematics.effects.setting import Setting
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.correction import Booleans, ContactCorrection, FlagName
+from traverse.kinematics.effects.setting import Setting
 
 if TYPE_CHECKING:
-    from kinematics.arm_file import Effect
+    from traverse.kinematics.arm_file import Effect
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,15 +6,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.helmert_shape import shape_of
-from kinematics.helmert_volume import Volume, VolumeError, mean_motions
-from kinematics.helmert_volume import volume_error as error_in
-from lab.acceptance.alignment_common import stated_covariances
-from lab.acceptance.alignment_flags import (
+from traverse.kinematics.helmert_shape import shape_of
+from traverse.kinematics.helmert_volume import Volume, VolumeError, mean_motions
+from traverse.kinematics.helmert_volume import volume_error as error_in
+from traverse.lab.acceptance.alignment_common import stated_covariances
+from traverse.lab.acceptance.alignment_flags import (
     revealed_flags,
     turn_problem,
 )
-from lab.acceptance.alignment_frames import (
+from traverse.lab.acceptance.alignment_frames import (
     Frame,
     Touched321,
     local_heights,
@@ -24,17 +24,17 @@ from lab.acceptance.alignment_frames import (
     sensitivity,
     transformation_between,
 )
-from lab.acceptance.alignment_nominal import Nominal
-from lab.acceptance.alignment_result import AlignmentResult
-from lab.acceptance.alignment_statistics import global_test
-from lab.acceptance.alignment_touch_results import (
+from traverse.lab.acceptance.alignment_nominal import Nominal
+from traverse.lab.acceptance.alignment_result import AlignmentResult
+from traverse.lab.acceptance.alignment_statistics import global_test
+from traverse.lab.acceptance.alignment_touch_results import (
     centre_flags,
     feature_values,
     plane_flags,
     touch_results,
 )
-from lab.acceptance.alignment_touches import Touch
-from lab.acceptance.alignment_volume import VolumeOf
+from traverse.lab.acceptance.alignment_touches import Touch
+from traverse.lab.acceptance.alignment_volume import VolumeOf
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

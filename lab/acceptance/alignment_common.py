@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.fits import fit_sphere
-from lab.acceptance.alignment_touches import Touch
+from traverse.kinematics.fits import fit_sphere
+from traverse.lab.acceptance.alignment_touches import Touch
 
 Floats = NDArray[np.float64]
 

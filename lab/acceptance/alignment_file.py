@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from kinematics.arm_file import FileError, Problem
-from kinematics.arm_text import write_whole
-from kinematics.helmert import Helmert
-from lab.acceptance.alignment_page import alignment_page
-from lab.acceptance.alignment_values import SCHEMA
-from protocol.messages import AlignArgs
+from traverse.kinematics.arm_file import FileError, Problem
+from traverse.kinematics.arm_text import write_whole
+from traverse.kinematics.helmert import Helmert
+from traverse.lab.acceptance.alignment_page import alignment_page
+from traverse.lab.acceptance.alignment_values import SCHEMA
+from traverse.protocol.messages import AlignArgs
 
 FILE = "alignment.json"
 

@@ -5,35 +5,35 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.helmert_adjustment import (
+from traverse.kinematics.helmert_adjustment import (
     AdjustedHelmert,
     HelmertError,
     adjusted_helmert,
 )
-from kinematics.helmert_reliability import (
+from traverse.kinematics.helmert_reliability import (
     Reliability,
     point_statistics,
     reliability_of,
 )
-from kinematics.helmert_shape import shape_of
-from kinematics.helmert_start import mirrored_share
-from kinematics.helmert_volume import Volume, disposition_index, mean_motions
-from lab.acceptance.alignment_common import CommonPoints, Place
-from lab.acceptance.alignment_flags import (
+from traverse.kinematics.helmert_shape import shape_of
+from traverse.kinematics.helmert_start import mirrored_share
+from traverse.kinematics.helmert_volume import Volume, disposition_index, mean_motions
+from traverse.lab.acceptance.alignment_common import CommonPoints, Place
+from traverse.lab.acceptance.alignment_flags import (
     disposition_flags,
     revealed_flags,
     scale_flags,
     scatter_flags,
     turn_problem,
 )
-from lab.acceptance.alignment_result import AlignmentResult, Flag, PointResult
-from lab.acceptance.alignment_statistics import (
+from traverse.lab.acceptance.alignment_result import AlignmentResult, Flag, PointResult
+from traverse.lab.acceptance.alignment_statistics import (
     FOUND,
     POINT_LEVEL,
     global_test,
     point_p_value,
 )
-from lab.acceptance.alignment_volume import VolumeOf
+from traverse.lab.acceptance.alignment_volume import VolumeOf
 
 Floats = NDArray[np.float64]
 
@@ -53,7 +53,8 @@ def fitted_alignment(
 
     Args:
         common: Points with two places.
-        volume_of: Where it will be used, see `lab.acceptance.alignment_volume`.
+        volume_of: Where it will be used, see
+            `traverse.lab.acceptance.alignment_volume`.
         volume_source: Where that comes from.
         method: What to call it.
         with_scale: Seven parameters.

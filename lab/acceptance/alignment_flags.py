@@ -5,11 +5,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.helmert_shape import Shape, direction_text
-from kinematics.helmert_volume import VolumeError
-from lab.acceptance.alignment_common import CommonPoints
-from lab.acceptance.alignment_result import Flag, PointResult
-from lab.acceptance.alignment_statistics import GlobalTest
+from traverse.kinematics.helmert_shape import Shape, direction_text
+from traverse.kinematics.helmert_volume import VolumeError
+from traverse.lab.acceptance.alignment_common import CommonPoints
+from traverse.lab.acceptance.alignment_result import Flag, PointResult
+from traverse.lab.acceptance.alignment_statistics import GlobalTest
 
 Floats = NDArray[np.float64]
 

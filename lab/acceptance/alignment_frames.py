@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.fits import fit_plane
-from kinematics.helmert import N_RIGID, Helmert
-from lab.acceptance.alignment_nominal import Nominal
+from traverse.kinematics.fits import fit_plane
+from traverse.kinematics.helmert import N_RIGID, Helmert
+from traverse.lab.acceptance.alignment_nominal import Nominal
 
 Floats = NDArray[np.float64]
 

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from kinematics.arm_file import FileError, Problem, StrictModel, read_strict
-from kinematics.helmert_volume import Ball, Box, Volume
-from lab.acceptance.alignment_touches import read_touch_table
+from traverse.kinematics.arm_file import FileError, Problem, StrictModel, read_strict
+from traverse.kinematics.helmert_volume import Ball, Box, Volume
+from traverse.lab.acceptance.alignment_touches import read_touch_table
 
 Floats = NDArray[np.float64]
 Vector = tuple[float, float, float]

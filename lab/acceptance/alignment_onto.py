@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.helmert import N_RIGID, moved_centre
-from kinematics.helmert_volume import Ball, place_covariances, volume_error
-from lab.acceptance.alignment_file import transformation_of
+from traverse.kinematics.helmert import N_RIGID, moved_centre
+from traverse.kinematics.helmert_volume import Ball, place_covariances, volume_error
+from traverse.lab.acceptance.alignment_file import transformation_of
 
 Floats = NDArray[np.float64]
 

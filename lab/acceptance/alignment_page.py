@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from lab.acceptance.alignment_pictures import alignment_paintings
-from lab.acceptance.alignment_words import (
+from traverse.lab.acceptance.alignment_pictures import alignment_paintings
+from traverse.lab.acceptance.alignment_words import (
     METHODS,
     feature_text,
     index_text,
@@ -14,9 +14,15 @@ from lab.acceptance.alignment_words import (
     transformation_text,
     verdict_text,
 )
-from lab.identification.report.frame import framed
-from lab.identification.report.markup import image, note, paragraph, section, table
-from lab.identification.report.pictures import picture
+from traverse.lab.identification.report.frame import framed
+from traverse.lab.identification.report.markup import (
+    image,
+    note,
+    paragraph,
+    section,
+    table,
+)
+from traverse.lab.identification.report.pictures import picture
 
 _WIDTH_MM = 175.0
 

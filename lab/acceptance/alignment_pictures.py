@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from lab.identification.report.pictures import BLUE, GREY, ORANGE, VERMILION
+from traverse.lab.identification.report.pictures import BLUE, GREY, ORANGE, VERMILION
 
 Floats = NDArray[np.float64]
 Paint = Callable[[Figure], None]

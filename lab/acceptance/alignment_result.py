@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.helmert import Helmert
-from kinematics.helmert_volume import Ball, Volume, VolumeError, volume_error
-from lab.acceptance.alignment_statistics import GlobalTest
+from traverse.kinematics.helmert import Helmert
+from traverse.kinematics.helmert_volume import Ball, Volume, VolumeError, volume_error
+from traverse.lab.acceptance.alignment_statistics import GlobalTest
 
 Floats = NDArray[np.float64]
 

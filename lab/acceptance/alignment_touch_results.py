@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.helmert_shape import direction_text, shape_of
-from kinematics.helmert_volume import VolumeError
-from lab.acceptance.alignment_flags import POOR_INDEX, STRAIGHT
-from lab.acceptance.alignment_frames import Touched321
-from lab.acceptance.alignment_nominal import Nominal
-from lab.acceptance.alignment_result import Flag, PointResult
-from lab.acceptance.alignment_statistics import FOUND, point_p_value
-from lab.acceptance.alignment_touches import Touch
+from traverse.kinematics.helmert_shape import direction_text, shape_of
+from traverse.kinematics.helmert_volume import VolumeError
+from traverse.lab.acceptance.alignment_flags import POOR_INDEX, STRAIGHT
+from traverse.lab.acceptance.alignment_frames import Touched321
+from traverse.lab.acceptance.alignment_nominal import Nominal
+from traverse.lab.acceptance.alignment_result import Flag, PointResult
+from traverse.lab.acceptance.alignment_statistics import FOUND, point_p_value
+from traverse.lab.acceptance.alignment_touches import Touch
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -9,9 +9,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm_file import FileError, Problem
-from kinematics.file_problems import shown
-from protocol.messages import Point
+from traverse.kinematics.arm_file import FileError, Problem
+from traverse.kinematics.file_problems import shown
+from traverse.protocol.messages import Point
 
 Floats = NDArray[np.float64]
 Coordinates = Literal["centre", "surface"]

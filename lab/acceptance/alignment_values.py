@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.helmert import PARAMETERS
-from kinematics.helmert_volume import Volume, place_covariances
-from lab.acceptance.alignment_result import (
+from traverse.kinematics.helmert import PARAMETERS
+from traverse.kinematics.helmert_volume import Volume, place_covariances
+from traverse.lab.acceptance.alignment_result import (
     AlignmentResult,
     PointResult,
     volume_values,
 )
-from lab.acceptance.alignment_statistics import POINT_LEVEL, POWER
+from traverse.lab.acceptance.alignment_statistics import POINT_LEVEL, POWER
 
 Floats = NDArray[np.float64]
 

@@ -9,10 +9,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm_file import Arm
-from kinematics.helmert import Helmert
-from kinematics.helmert_volume import Ball, Box, Volume
-from lab.acceptance.measured import reach_of
+from traverse.kinematics.arm_file import Arm
+from traverse.kinematics.helmert import Helmert
+from traverse.kinematics.helmert_volume import Ball, Box, Volume
+from traverse.lab.acceptance.measured import reach_of
 
 Floats = NDArray[np.float64]
 VolumeOf = Callable[[Helmert], Volume]

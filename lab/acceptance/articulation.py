@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.acceptance.measured import Touched
+from traverse.lab.acceptance.measured import Touched
 
 Floats = NDArray[np.float64]
 

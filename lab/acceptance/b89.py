@@ -5,15 +5,15 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.acceptance.articulation import articulation_of
-from lab.acceptance.budget import fixture_budget
-from lab.acceptance.certified import IncompleteError
-from lab.acceptance.disposition import direction_remarks
-from lab.acceptance.figure import Figure, LengthError, Missing, Part, Scatter
-from lab.acceptance.length_sets import largest_of, length_sets
-from lab.acceptance.limits import Limits
-from lab.acceptance.measured import Measured
-from lab.acceptance.probing import decided, exactly
+from traverse.lab.acceptance.articulation import articulation_of
+from traverse.lab.acceptance.budget import fixture_budget
+from traverse.lab.acceptance.certified import IncompleteError
+from traverse.lab.acceptance.disposition import direction_remarks
+from traverse.lab.acceptance.figure import Figure, LengthError, Missing, Part, Scatter
+from traverse.lab.acceptance.length_sets import largest_of, length_sets
+from traverse.lab.acceptance.limits import Limits
+from traverse.lab.acceptance.measured import Measured
+from traverse.lab.acceptance.probing import decided, exactly
 
 Floats = NDArray[np.float64]
 

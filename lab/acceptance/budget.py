@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lab.acceptance.limits import Standards
+from traverse.lab.acceptance.limits import Standards
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,11 +6,11 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from kinematics.arm_file import FileError, Problem, read_arm
-from lab.acceptance.certificate_json import SCHEMA, digest_values
-from lab.acceptance.limits import NO_LIMITS, read_limits
-from lab.acceptance.reading import read_measured
-from lab.acceptance.standards import STANDARDS, verified
+from traverse.kinematics.arm_file import FileError, Problem, read_arm
+from traverse.lab.acceptance.certificate_json import SCHEMA, digest_values
+from traverse.lab.acceptance.limits import NO_LIMITS, read_limits
+from traverse.lab.acceptance.reading import read_measured
+from traverse.lab.acceptance.standards import STANDARDS, verified
 
 _SAME_MM = 1e-9
 ARM, LIMITS = "arm.toml", "limits.toml"

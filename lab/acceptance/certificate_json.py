@@ -7,9 +7,9 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from typing import Any
 
-from kinematics.arm_file import Arm, arm_digest
-from lab.acceptance.figure import Figure, Verification
-from lab.acceptance.limits import Limits
+from traverse.kinematics.arm_file import Arm, arm_digest
+from traverse.lab.acceptance.figure import Figure, Verification
+from traverse.lab.acceptance.limits import Limits
 
 SCHEMA = "traverse/acceptance/1"
 ALGORITHM = "SHA-256"

@@ -5,9 +5,9 @@ from collections.abc import Iterator, Mapping
 from html import escape
 from typing import Any
 
-from lab.acceptance.certificate_json import Sealed
-from lab.acceptance.pictures import paintings
-from lab.acceptance.words import (
+from traverse.lab.acceptance.certificate_json import Sealed
+from traverse.lab.acceptance.pictures import paintings
+from traverse.lab.acceptance.words import (
     UNCERTAINTY,
     VERDICTS,
     budget_text,
@@ -16,9 +16,15 @@ from lab.acceptance.words import (
     mm,
     source_text,
 )
-from lab.identification.report.frame import framed
-from lab.identification.report.markup import image, note, paragraph, section, table
-from lab.identification.report.pictures import picture
+from traverse.lab.identification.report.frame import framed
+from traverse.lab.identification.report.markup import (
+    image,
+    note,
+    paragraph,
+    section,
+    table,
+)
+from traverse.lab.identification.report.pictures import picture
 
 _WIDTH_MM = 165.0
 _STYLE = """

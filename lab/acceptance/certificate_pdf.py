@@ -9,8 +9,8 @@ import matplotlib as mpl
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 
-from lab.acceptance.pictures import paintings
-from lab.acceptance.words import UNCERTAINTY, figure_lines
+from traverse.lab.acceptance.pictures import paintings
+from traverse.lab.acceptance.words import UNCERTAINTY, figure_lines
 
 _INCHES_PER_MM = 1.0 / 25.4
 _A4_MM = (210.0, 297.0)

@@ -3,12 +3,12 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.acceptance.measured import Touched
-from lab.identification.artefacts import Artefact
-from lab.identification.artefacts.ball_bar import BallBar
-from lab.identification.artefacts.parallel_planes import ParallelPlanes
-from lab.identification.artefacts.points import Points
-from lab.identification.artefacts.sphere import Sphere
+from traverse.lab.acceptance.measured import Touched
+from traverse.lab.identification.artefacts import Artefact
+from traverse.lab.identification.artefacts.ball_bar import BallBar
+from traverse.lab.identification.artefacts.parallel_planes import ParallelPlanes
+from traverse.lab.identification.artefacts.points import Points
+from traverse.lab.identification.artefacts.sphere import Sphere
 
 Floats = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
-from lab.acceptance.control_chart_rates import (
+from traverse.lab.acceptance.control_chart_rates import (
     BASE,
     EWMA_LIMIT,
     INDIVIDUAL,

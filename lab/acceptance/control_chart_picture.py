@@ -11,11 +11,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from kinematics.arm_text import write_whole
-from lab.acceptance.control_chart import Checked
-from lab.acceptance.control_chart_rates import EWMA_LIMIT
-from lab.acceptance.interim_report import FigureChart, InterimReport
-from lab.identification.report.pictures import BLUE, GREY, ORANGE, VERMILION
+from traverse.kinematics.arm_text import write_whole
+from traverse.lab.acceptance.control_chart import Checked
+from traverse.lab.acceptance.control_chart_rates import EWMA_LIMIT
+from traverse.lab.acceptance.interim_report import FigureChart, InterimReport
+from traverse.lab.identification.report.pictures import BLUE, GREY, ORANGE, VERMILION
 
 DPI = 110
 ROWS = 9

@@ -13,7 +13,7 @@ loses (the supplier cannot prove conformity, nor the customer the opposite).
 from dataclasses import dataclass
 from typing import Literal
 
-from lab.acceptance.limits import Limits
+from traverse.lab.acceptance.limits import Limits
 
 Verdict = Literal["accept", "reject", "neither"]
 

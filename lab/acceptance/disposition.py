@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.acceptance.measured import Measured, Touched
+from traverse.lab.acceptance.measured import Measured, Touched
 
 Floats = NDArray[np.float64]
 

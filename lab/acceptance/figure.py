@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
-from lab.acceptance.budget import Budget
-from lab.acceptance.decision import Decision, Verdict, worst
+from traverse.lab.acceptance.budget import Budget
+from traverse.lab.acceptance.decision import Decision, Verdict, worst
 
 # What a definition was taken from.
 Source = Literal["published", "general knowledge"]

@@ -3,12 +3,12 @@
 import json
 from pathlib import Path
 
-from kinematics.arm_text import write_whole
-from lab.acceptance.certificate_check import DATA
-from lab.acceptance.certificate_json import Sealed
-from lab.acceptance.certificate_page import certificate_page
-from lab.acceptance.certificate_pdf import certificate_pdf
-from lab.acceptance.pdf_attachments import with_attachments
+from traverse.kinematics.arm_text import write_whole
+from traverse.lab.acceptance.certificate_check import DATA
+from traverse.lab.acceptance.certificate_json import Sealed
+from traverse.lab.acceptance.certificate_page import certificate_page
+from traverse.lab.acceptance.certificate_pdf import certificate_pdf
+from traverse.lab.acceptance.pdf_attachments import with_attachments
 
 CERTIFICATE = "certificate.json"
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.fits import Sphere, fit_sphere, fit_sphere_of_radius
-from lab.acceptance.certified import IncompleteError, growth
-from lab.acceptance.measured import Touched
-from lab.identification.artefacts.sphere import Sphere as TestSphere
+from traverse.kinematics.fits import Sphere, fit_sphere, fit_sphere_of_radius
+from traverse.lab.acceptance.certified import IncompleteError, growth
+from traverse.lab.acceptance.measured import Touched
+from traverse.lab.identification.artefacts.sphere import Sphere as TestSphere
 
 Floats = NDArray[np.float64]
 

@@ -4,13 +4,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from lab.acceptance.decision import decision_of
-from lab.acceptance.disposition import direction_remarks
-from lab.acceptance.figure import Figure, Missing, Part
-from lab.acceptance.length_sets import largest_of, length_sets
-from lab.acceptance.lengths import SET
-from lab.acceptance.limits import Limits
-from lab.acceptance.measured import Measured
+from traverse.lab.acceptance.decision import decision_of
+from traverse.lab.acceptance.disposition import direction_remarks
+from traverse.lab.acceptance.figure import Figure, Missing, Part
+from traverse.lab.acceptance.length_sets import largest_of, length_sets
+from traverse.lab.acceptance.lengths import SET
+from traverse.lab.acceptance.limits import Limits
+from traverse.lab.acceptance.measured import Measured
 
 POSITIONS = 7
 KEY = "interim_length"

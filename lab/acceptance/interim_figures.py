@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lab.acceptance.articulation import articulation_of
-from lab.acceptance.certified import IncompleteError, certified_sphere
-from lab.acceptance.fitted_sphere import fitted_sphere
-from lab.acceptance.measured import Measured
+from traverse.lab.acceptance.articulation import articulation_of
+from traverse.lab.acceptance.certified import IncompleteError, certified_sphere
+from traverse.lab.acceptance.fitted_sphere import fitted_sphere
+from traverse.lab.acceptance.measured import Measured
 
 FEWEST_CONE, FEWEST_SPHERE = 5, 9
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
-from lab.acceptance.interim_figures import InterimFigures
+from traverse.lab.acceptance.interim_figures import InterimFigures
 
 VERSION = 1
 APPLICATION = 0x54525649  # "TRVI"

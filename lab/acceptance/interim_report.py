@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from kinematics.arm_file import FileError, Problem
-from lab.acceptance.certificate_json import SCHEMA as CERTIFICATE
-from lab.acceptance.control_chart import Checked, charted, rules
-from lab.acceptance.interim_figures import KINDS, FigureKind
-from lab.acceptance.interim_history import Check, since_base
-from lab.acceptance.limits import NO_LIMITS, Limits
+from traverse.kinematics.arm_file import FileError, Problem
+from traverse.lab.acceptance.certificate_json import SCHEMA as CERTIFICATE
+from traverse.lab.acceptance.control_chart import Checked, charted, rules
+from traverse.lab.acceptance.interim_figures import KINDS, FigureKind
+from traverse.lab.acceptance.interim_history import Check, since_base
+from traverse.lab.acceptance.limits import NO_LIMITS, Limits
 
 SCHEMA = "traverse/interim/1"
 

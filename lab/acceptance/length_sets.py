@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 
-from lab.acceptance.budget import Budget
-from lab.acceptance.certified import IncompleteError
-from lab.acceptance.figure import LengthError
-from lab.acceptance.lengths import budget_of, errors_of
-from lab.acceptance.limits import Limits
-from lab.acceptance.measured import Measured
+from traverse.lab.acceptance.budget import Budget
+from traverse.lab.acceptance.certified import IncompleteError
+from traverse.lab.acceptance.figure import LengthError
+from traverse.lab.acceptance.lengths import budget_of, errors_of
+from traverse.lab.acceptance.limits import Limits
+from traverse.lab.acceptance.measured import Measured
 
 
 def length_sets(

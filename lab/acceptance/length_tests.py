@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from lab.acceptance.decision import (
+from traverse.lab.acceptance.decision import (
     Decision,
     Verdict,
     decision_of,
@@ -17,12 +17,12 @@ from lab.acceptance.decision import (
     rule_text,
     worst,
 )
-from lab.acceptance.disposition import direction_remarks
-from lab.acceptance.figure import Figure, LengthError, Missing, Part
-from lab.acceptance.length_sets import largest_of, length_sets
-from lab.acceptance.lengths import SET
-from lab.acceptance.limits import Limits
-from lab.acceptance.measured import Measured
+from traverse.lab.acceptance.disposition import direction_remarks
+from traverse.lab.acceptance.figure import Figure, LengthError, Missing, Part
+from traverse.lab.acceptance.length_sets import largest_of, length_sets
+from traverse.lab.acceptance.lengths import SET
+from traverse.lab.acceptance.limits import Limits
+from traverse.lab.acceptance.measured import Measured
 
 POSITIONS, LENGTHS = 7, 5
 AGAIN = 10

@@ -15,21 +15,21 @@ other, in the order of time; of two seats the r-th touches of both belong togeth
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.acceptance.budget import Budget, length_budget
-from lab.acceptance.certified import (
+from traverse.lab.acceptance.budget import Budget, length_budget
+from traverse.lab.acceptance.certified import (
     IncompleteError,
     certified_length,
     growth,
     warmer_c,
 )
-from lab.acceptance.figure import LengthError
-from lab.acceptance.fitted_sphere import fitted
-from lab.acceptance.limits import Limits
-from lab.acceptance.measured import Measured, Touched
-from lab.identification.artefacts import Artefact
-from lab.identification.artefacts.ball_bar import BallBar
-from lab.identification.artefacts.parallel_planes import ParallelPlanes
-from lab.identification.artefacts.points import Points
+from traverse.lab.acceptance.figure import LengthError
+from traverse.lab.acceptance.fitted_sphere import fitted
+from traverse.lab.acceptance.limits import Limits
+from traverse.lab.acceptance.measured import Measured, Touched
+from traverse.lab.identification.artefacts import Artefact
+from traverse.lab.identification.artefacts.ball_bar import BallBar
+from traverse.lab.identification.artefacts.parallel_planes import ParallelPlanes
+from traverse.lab.identification.artefacts.points import Points
 
 Floats = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, PlainValidator
 
-from kinematics.arm_file import StrictModel, read_strict
+from traverse.kinematics.arm_file import StrictModel, read_strict
 
 # ISO 14253-1:2017: 95 % for one limit needs 1.65 standard uncertainties.
 GUARD_FACTOR = 1.65

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm_file import Arm
-from lab.identification.artefacts import Artefact
+from traverse.kinematics.arm_file import Arm
+from traverse.lab.identification.artefacts import Artefact
 
 Floats = NDArray[np.float64]
 

@@ -6,7 +6,13 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from lab.identification.report.pictures import BLUE, GREY, ORANGE, VERMILION, zero_line
+from traverse.lab.identification.report.pictures import (
+    BLUE,
+    GREY,
+    ORANGE,
+    VERMILION,
+    zero_line,
+)
 
 Paint = Callable[[Figure], None]
 _COLOURS = {"accept": BLUE, "neither": ORANGE, "reject": VERMILION, None: GREY}

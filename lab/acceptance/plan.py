@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from kinematics.arm_file import Arm
-from lab.acceptance.b89 import N_BARS, ZONES
-from lab.acceptance.interim import POSITIONS as CHECK_POSITIONS
-from lab.acceptance.length_tests import LENGTHS, POSITIONS
-from lab.acceptance.lengths import SET
-from lab.acceptance.measured import reach_of
-from lab.acceptance.standards import (
+from traverse.kinematics.arm_file import Arm
+from traverse.lab.acceptance.b89 import N_BARS, ZONES
+from traverse.lab.acceptance.interim import POSITIONS as CHECK_POSITIONS
+from traverse.lab.acceptance.length_tests import LENGTHS, POSITIONS
+from traverse.lab.acceptance.lengths import SET
+from traverse.lab.acceptance.measured import reach_of
+from traverse.lab.acceptance.standards import (
     BIDIRECTIONAL,
     DIAMETER,
     LOCATION,

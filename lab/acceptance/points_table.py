@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from kinematics.arm_file import Arm, FileError, Problem
-from kinematics.file_problems import shown, unknown_name_message
-from lab.acceptance.measured import Measured, sorted_touches
-from lab.campaign_file import CampaignFile
+from traverse.kinematics.arm_file import Arm, FileError, Problem
+from traverse.kinematics.file_problems import shown, unknown_name_message
+from traverse.lab.acceptance.measured import Measured, sorted_touches
+from traverse.lab.campaign_file import CampaignFile
 
 _PLACE = ("x_mm", "y_mm", "z_mm")
 _COLUMNS = ("artefact", "feature", *_PLACE)

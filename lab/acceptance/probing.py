@@ -8,20 +8,20 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from kinematics.fits import enclosing_sphere
-from lab.acceptance.budget import form_budget, length_budget
-from lab.acceptance.certified import (
+from traverse.kinematics.fits import enclosing_sphere
+from traverse.lab.acceptance.budget import form_budget, length_budget
+from traverse.lab.acceptance.certified import (
     IncompleteError,
     certified_sphere,
     growth,
     warmer_c,
 )
-from lab.acceptance.decision import Decision, decision_of
-from lab.acceptance.disposition import half_sphere_remarks
-from lab.acceptance.figure import Figure, Missing, Part, Scatter
-from lab.acceptance.fitted_sphere import fitted, fitted_sphere
-from lab.acceptance.limits import Limits
-from lab.acceptance.measured import Measured, Touched
+from traverse.lab.acceptance.decision import Decision, decision_of
+from traverse.lab.acceptance.disposition import half_sphere_remarks
+from traverse.lab.acceptance.figure import Figure, Missing, Part, Scatter
+from traverse.lab.acceptance.fitted_sphere import fitted, fitted_sphere
+from traverse.lab.acceptance.limits import Limits
+from traverse.lab.acceptance.measured import Measured, Touched
 
 SIZE = (
     "25 points on a calibrated sphere, least-squares sphere (c, r) of them: "

@@ -13,19 +13,19 @@ import numpy as np
 import tomlkit
 from numpy.typing import NDArray
 
-from kinematics.arm_file import Arm, FileError, Problem, parse_arm
-from kinematics.effects.arm_effects import effects_of
-from kinematics.effects.pose import PoseFlags, corrected_pose
-from kinematics.effects.setting import utc_ns
-from kinematics.geometry import geometry_from_arm
-from lab.acceptance.measured import Measured, sorted_touches
-from lab.acceptance.points_table import is_point_table, read_points_table
-from lab.campaign import Campaign, read_campaign
-from lab.campaign_file import read_campaign_file
-from lab.identification.artefacts import Artefact
-from lab.identification.effect_model import block_of
-from lab.identification.plausible import campaign_span, campaign_start
-from recording.reader import read_recording
+from traverse.kinematics.arm_file import Arm, FileError, Problem, parse_arm
+from traverse.kinematics.effects.arm_effects import effects_of
+from traverse.kinematics.effects.pose import PoseFlags, corrected_pose
+from traverse.kinematics.effects.setting import utc_ns
+from traverse.kinematics.geometry import geometry_from_arm
+from traverse.lab.acceptance.measured import Measured, sorted_touches
+from traverse.lab.acceptance.points_table import is_point_table, read_points_table
+from traverse.lab.campaign import Campaign, read_campaign
+from traverse.lab.campaign_file import read_campaign_file
+from traverse.lab.identification.artefacts import Artefact
+from traverse.lab.identification.effect_model import block_of
+from traverse.lab.identification.plausible import campaign_span, campaign_start
+from traverse.recording.reader import read_recording
 
 Floats = NDArray[np.float64]
 

@@ -7,13 +7,13 @@ by features; docs/reference/acceptance.md lists them.
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
-from lab.acceptance.b89 import articulation, volumetric
-from lab.acceptance.figure import Figure, Part, Verification, verification
-from lab.acceptance.interim import interim_check
-from lab.acceptance.length_tests import length_test
-from lab.acceptance.limits import NO_LIMITS, Limits
-from lab.acceptance.measured import Measured
-from lab.acceptance.probing import effective_diameter, location, size_and_form
+from traverse.lab.acceptance.b89 import articulation, volumetric
+from traverse.lab.acceptance.figure import Figure, Part, Verification, verification
+from traverse.lab.acceptance.interim import interim_check
+from traverse.lab.acceptance.length_tests import length_test
+from traverse.lab.acceptance.limits import NO_LIMITS, Limits
+from traverse.lab.acceptance.measured import Measured
+from traverse.lab.acceptance.probing import effective_diameter, location, size_and_form
 
 Tests = Callable[[Measured, Limits], Iterator[Part]]
 

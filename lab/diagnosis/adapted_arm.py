@@ -3,13 +3,13 @@
 from datetime import UTC, datetime
 from pathlib import Path
 
-from kinematics.arm_file import Arm, FileError, Problem, parse_arm
-from kinematics.arm_file import Identification as Provenance
-from kinematics.arm_text import arm_text, write_whole
-from kinematics.effect_kinds import EFFECT_KINDS
-from kinematics.effects.arm_effects import effects_of
-from lab.diagnosis.diagnosis import Diagnosis, Term
-from lab.identification.plausible import campaign_span, campaign_start
+from traverse.kinematics.arm_file import Arm, FileError, Problem, parse_arm
+from traverse.kinematics.arm_file import Identification as Provenance
+from traverse.kinematics.arm_text import arm_text, write_whole
+from traverse.kinematics.effect_kinds import EFFECT_KINDS
+from traverse.kinematics.effects.arm_effects import effects_of
+from traverse.lab.diagnosis.diagnosis import Diagnosis, Term
+from traverse.lab.identification.plausible import campaign_span, campaign_start
 
 
 def terms_without_epoch(diagnosis: Diagnosis) -> tuple[Term, ...]:

@@ -5,15 +5,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm_file import Arm
-from lab.campaign import Campaign
-from lab.diagnosis.aliases import is_alias
-from lab.diagnosis.candidate import Candidate
-from lab.diagnosis.diagnosis import Alternative
-from lab.diagnosis.discrimination import Experiment, experiment
-from lab.diagnosis.known_pairs import KnownPair, known_pair
-from lab.diagnosis.naming import Naming
-from lab.diagnosis.rows import Rows
+from traverse.kinematics.arm_file import Arm
+from traverse.lab.campaign import Campaign
+from traverse.lab.diagnosis.aliases import is_alias
+from traverse.lab.diagnosis.candidate import Candidate
+from traverse.lab.diagnosis.diagnosis import Alternative
+from traverse.lab.diagnosis.discrimination import Experiment, experiment
+from traverse.lab.diagnosis.known_pairs import KnownPair, known_pair
+from traverse.lab.diagnosis.naming import Naming
+from traverse.lab.diagnosis.rows import Rows
 
 Floats = NDArray[np.float64]
 

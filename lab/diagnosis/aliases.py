@@ -6,7 +6,7 @@ Correlations are those of the blocks as the data see them, the unknowns projecte
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.diagnosis.findings import Projected
+from traverse.lab.diagnosis.findings import Projected
 
 Floats = NDArray[np.float64]
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.diagnosis.candidate import BankName, Candidate
-from lab.diagnosis.findings import Projected
-from lab.diagnosis.stage import Stage, beside, judged
+from traverse.lab.diagnosis.candidate import BankName, Candidate
+from traverse.lab.diagnosis.findings import Projected
+from traverse.lab.diagnosis.stage import Stage, beside, judged
 
 Floats = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
-from lab.diagnosis.covariates import courses
-from lab.diagnosis.rows import Rows
+from traverse.lab.diagnosis.covariates import courses
+from traverse.lab.diagnosis.rows import Rows
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

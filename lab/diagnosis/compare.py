@@ -18,11 +18,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.campaign import Campaign
-from lab.identification.adjustment import Adjustment
-from lab.identification.network import Station, stations
-from lab.identification.noise import Noise
-from lab.identification.station_equations import station_centres, white_rows
+from traverse.lab.campaign import Campaign
+from traverse.lab.identification.adjustment import Adjustment
+from traverse.lab.identification.network import Station, stations
+from traverse.lab.identification.noise import Noise
+from traverse.lab.identification.station_equations import station_centres, white_rows
 
 Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.forward import probe_centre
-from lab.campaign import Poses
-from lab.diagnosis.rows import Rows, rows_of
-from lab.identification.adjustment import Adjustment, adjust
-from lab.identification.network import State, stations
-from lab.identification.touching import reached
+from traverse.kinematics.forward import probe_centre
+from traverse.lab.campaign import Poses
+from traverse.lab.diagnosis.rows import Rows, rows_of
+from traverse.lab.identification.adjustment import Adjustment, adjust
+from traverse.lab.identification.network import State, stations
+from traverse.lab.identification.touching import reached
 
 Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.effects.covariate import Covariate, Need
-from lab.diagnosis.rows import Rows
+from traverse.kinematics.effects.covariate import Covariate, Need
+from traverse.lab.diagnosis.rows import Rows
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

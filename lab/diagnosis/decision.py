@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm_file import Arm
-from lab.campaign import Campaign
-from lab.diagnosis.choice import Choice
-from lab.diagnosis.fit import Fit, fitted
-from lab.diagnosis.naming import Naming, named_terms
-from lab.diagnosis.options import DiagnosisOptions
-from lab.diagnosis.search import (
+from traverse.kinematics.arm_file import Arm
+from traverse.lab.campaign import Campaign
+from traverse.lab.diagnosis.choice import Choice
+from traverse.lab.diagnosis.fit import Fit, fitted
+from traverse.lab.diagnosis.naming import Naming, named_terms
+from traverse.lab.diagnosis.options import DiagnosisOptions
+from traverse.lab.diagnosis.search import (
     Progress,
     Search,
     effect_of,
@@ -19,9 +19,9 @@ from lab.diagnosis.search import (
     searched,
     stage_at,
 )
-from lab.diagnosis.serial import SerialNoise, is_serial, serial_noise
-from lab.diagnosis.terms import Added
-from lab.diagnosis.thresholds import noise_draws
+from traverse.lab.diagnosis.serial import SerialNoise, is_serial, serial_noise
+from traverse.lab.diagnosis.terms import Added
+from traverse.lab.diagnosis.thresholds import noise_draws
 
 Booleans = NDArray[np.bool_]
 

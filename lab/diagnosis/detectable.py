@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
-from kinematics.forward import probe_centre
-from lab.diagnosis.candidate import Bank, Candidate
-from lab.diagnosis.diagnosis import Detectable
-from lab.diagnosis.findings import Projected, project
-from lab.diagnosis.invisible import reason
-from lab.diagnosis.rows import Rows
-from lab.identification.plausible import key_unit
+from traverse.kinematics.forward import probe_centre
+from traverse.lab.diagnosis.candidate import Bank, Candidate
+from traverse.lab.diagnosis.diagnosis import Detectable
+from traverse.lab.diagnosis.findings import Projected, project
+from traverse.lab.diagnosis.invisible import reason
+from traverse.lab.diagnosis.rows import Rows
+from traverse.lab.identification.plausible import key_unit
 
 Floats = NDArray[np.float64]
 

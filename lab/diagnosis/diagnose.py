@@ -6,28 +6,28 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm_file import Arm
-from lab.campaign import Campaign
-from lab.diagnosis.decision import Decision, decided
-from lab.diagnosis.diagnosis import (
+from traverse.kinematics.arm_file import Arm
+from traverse.lab.campaign import Campaign
+from traverse.lab.diagnosis.decision import Decision, decided
+from traverse.lab.diagnosis.diagnosis import (
     Diagnosis,
     Step,
 )
-from lab.diagnosis.fit import Fit
-from lab.diagnosis.gap import Gap, gap_between
-from lab.diagnosis.holdout import split
-from lab.diagnosis.naming import Naming
-from lab.diagnosis.options import DiagnosisOptions
-from lab.diagnosis.outcome import (
+from traverse.lab.diagnosis.fit import Fit
+from traverse.lab.diagnosis.gap import Gap, gap_between
+from traverse.lab.diagnosis.holdout import split
+from traverse.lab.diagnosis.naming import Naming
+from traverse.lab.diagnosis.options import DiagnosisOptions
+from traverse.lab.diagnosis.outcome import (
     detectable_of,
     leftovers_of,
     noise_of,
     terms_of,
     verdict_of,
 )
-from lab.diagnosis.rows import Rows, rows_of
-from lab.diagnosis.search import Progress, refitted
-from lab.diagnosis.serial import without_serial_noise
+from traverse.lab.diagnosis.rows import Rows, rows_of
+from traverse.lab.diagnosis.search import Progress, refitted
+from traverse.lab.diagnosis.serial import without_serial_noise
 
 __all__ = ["DiagnosisOptions", "diagnose"]
 

@@ -7,11 +7,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm_file import Arm, Effect
-from lab.campaign import Campaign
-from lab.diagnosis.candidate import BankName, Candidate
-from lab.diagnosis.clusters import Cluster
-from lab.identification.adjustment import Adjustment
+from traverse.kinematics.arm_file import Arm, Effect
+from traverse.lab.campaign import Campaign
+from traverse.lab.diagnosis.candidate import BankName, Candidate
+from traverse.lab.diagnosis.clusters import Cluster
+from traverse.lab.identification.adjustment import Adjustment
 
 Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]

@@ -17,15 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
-from kinematics.arm_file import Arm
-from lab.campaign import Poses
-from lab.diagnosis.candidate import Bank, BankName, Candidate
-from lab.diagnosis.contacts import extended_rows, further_contacts
-from lab.diagnosis.harmonics import harmonic_bank
-from lab.diagnosis.library import library_bank
-from lab.diagnosis.rows import Rows
-from lab.diagnosis.steps import step_columns
-from lab.diagnosis.terms import rows_without
+from traverse.kinematics.arm_file import Arm
+from traverse.lab.campaign import Poses
+from traverse.lab.diagnosis.candidate import Bank, BankName, Candidate
+from traverse.lab.diagnosis.contacts import extended_rows, further_contacts
+from traverse.lab.diagnosis.harmonics import harmonic_bank
+from traverse.lab.diagnosis.library import library_bank
+from traverse.lab.diagnosis.rows import Rows
+from traverse.lab.diagnosis.steps import step_columns
+from traverse.lab.diagnosis.terms import rows_without
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -5,12 +5,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm_file import Effect, effect_from_table
-from kinematics.effect_kinds import EFFECT_KINDS, Vector
-from kinematics.effects.axis_motion import across
-from lab.diagnosis.candidate import Candidate
-from lab.diagnosis.rows import Rows
-from lab.identification.plausible import campaign_start
+from traverse.kinematics.arm_file import Effect, effect_from_table
+from traverse.kinematics.effect_kinds import EFFECT_KINDS, Vector
+from traverse.kinematics.effects.axis_motion import across
+from traverse.lab.diagnosis.candidate import Candidate
+from traverse.lab.diagnosis.rows import Rows
+from traverse.lab.identification.plausible import campaign_start
 
 Floats = NDArray[np.float64]
 

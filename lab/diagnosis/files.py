@@ -10,18 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from kinematics.arm_file import Arm
-from kinematics.arm_text import write_whole
-from lab.diagnosis.adapted_arm import (
+from traverse.kinematics.arm_file import Arm
+from traverse.kinematics.arm_text import write_whole
+from traverse.lab.diagnosis.adapted_arm import (
     arm_with_provenance,
     terms_without_epoch,
     write_adapted,
 )
-from lab.diagnosis.candidate import Candidate
-from lab.diagnosis.clusters import Cluster
-from lab.diagnosis.compare import write_discrepancies
-from lab.diagnosis.diagnosis import Detectable, Diagnosis, Estimate, Step, Term
-from lab.diagnosis.report import plots_of, report_page
+from traverse.lab.diagnosis.candidate import Candidate
+from traverse.lab.diagnosis.clusters import Cluster
+from traverse.lab.diagnosis.compare import write_discrepancies
+from traverse.lab.diagnosis.diagnosis import Detectable, Diagnosis, Estimate, Step, Term
+from traverse.lab.diagnosis.report import plots_of, report_page
 
 SCHEMA = "traverse/diagnosis/1"
 

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
-from lab.diagnosis.candidate import Bank, Candidate
-from lab.diagnosis.rows import Rows
+from traverse.lab.diagnosis.candidate import Bank, Candidate
+from traverse.lab.diagnosis.rows import Rows
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

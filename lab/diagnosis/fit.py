@@ -6,17 +6,17 @@ from glob import escape
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm_file import Arm, Effect
-from lab.campaign import Campaign
-from lab.identification.adjustment import Adjustment
-from lab.identification.conclusions import identified_arm
-from lab.identification.effect_model import effect_model
-from lab.identification.identify import prepared
-from lab.identification.network import Network, stations
-from lab.identification.noise import a_priori_noise
-from lab.identification.options import Options
-from lab.identification.pose_statistics import PoseStatistics
-from lab.identification.rounds import Rounds
+from traverse.kinematics.arm_file import Arm, Effect
+from traverse.lab.campaign import Campaign
+from traverse.lab.identification.adjustment import Adjustment
+from traverse.lab.identification.conclusions import identified_arm
+from traverse.lab.identification.effect_model import effect_model
+from traverse.lab.identification.identify import prepared
+from traverse.lab.identification.network import Network, stations
+from traverse.lab.identification.noise import a_priori_noise
+from traverse.lab.identification.options import Options
+from traverse.lab.identification.pose_statistics import PoseStatistics
+from traverse.lab.identification.rounds import Rounds
 
 Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]

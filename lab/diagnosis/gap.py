@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
-from lab.diagnosis.diagnosis import HeldOut
-from lab.diagnosis.prediction import predicted, with_noise
-from lab.identification.adjustment import Adjustment
-from lab.identification.distributions import normal_quantile
-from lab.identification.noise import Noise
-from lab.identification.options import Options
-from lab.identification.pose_statistics import PoseStatistics
-from lab.identification.snooping import robust_scale
+from traverse.lab.diagnosis.diagnosis import HeldOut
+from traverse.lab.diagnosis.prediction import predicted, with_noise
+from traverse.lab.identification.adjustment import Adjustment
+from traverse.lab.identification.distributions import normal_quantile
+from traverse.lab.identification.noise import Noise
+from traverse.lab.identification.options import Options
+from traverse.lab.identification.pose_statistics import PoseStatistics
+from traverse.lab.identification.snooping import robust_scale
 
 Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]

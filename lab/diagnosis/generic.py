@@ -8,13 +8,13 @@ nothing of itself behind. Knots are at quantiles of the covariate: each has its 
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.derivatives import probe_derivatives
-from kinematics.effects.axis_motion import across
-from kinematics.effects.spline import spline_amounts
-from lab.diagnosis.candidate import Bank, BankName, Candidate
-from lab.diagnosis.covariates import Course, courses, used_poses
-from lab.diagnosis.priors import CURVE_MM, CURVE_RAD
-from lab.diagnosis.rows import Rows
+from traverse.kinematics.derivatives import probe_derivatives
+from traverse.kinematics.effects.axis_motion import across
+from traverse.kinematics.effects.spline import spline_amounts
+from traverse.lab.diagnosis.candidate import Bank, BankName, Candidate
+from traverse.lab.diagnosis.covariates import Course, courses, used_poses
+from traverse.lab.diagnosis.priors import CURVE_MM, CURVE_RAD
+from traverse.lab.diagnosis.rows import Rows
 
 Floats = NDArray[np.float64]
 

@@ -7,13 +7,13 @@ too; whoever judges the bank sees that in how alike they are.
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.effects.encoder_eccentricity import EncoderEccentricity
-from kinematics.effects.encoder_harmonic import EncoderHarmonic
-from lab.campaign import Campaign
-from lab.diagnosis.candidate import Bank, BankName, Candidate
-from lab.diagnosis.entries import parameter_names
-from lab.diagnosis.priors import column_scales, log_prior
-from lab.diagnosis.rows import Rows
+from traverse.kinematics.effects.encoder_eccentricity import EncoderEccentricity
+from traverse.kinematics.effects.encoder_harmonic import EncoderHarmonic
+from traverse.lab.campaign import Campaign
+from traverse.lab.diagnosis.candidate import Bank, BankName, Candidate
+from traverse.lab.diagnosis.entries import parameter_names
+from traverse.lab.diagnosis.priors import column_scales, log_prior
+from traverse.lab.diagnosis.rows import Rows
 
 Floats = NDArray[np.float64]
 

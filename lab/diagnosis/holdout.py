@@ -10,7 +10,7 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.campaign import Campaign
+from traverse.lab.campaign import Campaign
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.derivatives import probe_derivatives
-from lab.diagnosis.candidate import Candidate
-from lab.diagnosis.findings import LEAST_SINGULAR_VALUE
-from lab.diagnosis.rows import Rows
+from traverse.kinematics.derivatives import probe_derivatives
+from traverse.lab.diagnosis.candidate import Candidate
+from traverse.lab.diagnosis.findings import LEAST_SINGULAR_VALUE
+from traverse.lab.diagnosis.rows import Rows
 
 Floats = NDArray[np.float64]
 

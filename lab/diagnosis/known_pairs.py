@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lab.diagnosis.candidate import Candidate
-from lab.diagnosis.invisible import is_vertical, probe_is_on_axis
-from lab.diagnosis.rows import Rows
+from traverse.lab.diagnosis.candidate import Candidate
+from traverse.lab.diagnosis.invisible import is_vertical, probe_is_on_axis
+from traverse.lab.diagnosis.rows import Rows
 
 _OWN_ANGLE = ("encoder_eccentricity", "encoder_harmonic", "encoder_scale")
 _AXIS_MOTION = ("axis_wobble", "axis_runout")

@@ -14,8 +14,8 @@ from scipy.linalg import (  # type: ignore[import-untyped] # scipy ships no type
     solve_triangular,
 )
 
-from lab.diagnosis.covariates import used_poses
-from lab.diagnosis.rows import Rows
+from traverse.lab.diagnosis.covariates import used_poses
+from traverse.lab.diagnosis.rows import Rows
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

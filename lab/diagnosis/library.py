@@ -11,20 +11,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm_file import Arm
-from kinematics.effects import EFFECTS
-from kinematics.effects.arm_effects import ArmEffects, effects_of
-from kinematics.effects.bodies import bodies_from_arm
-from kinematics.effects.columns import columns
-from kinematics.effects.correction import ContactCorrection, Correction
-from kinematics.effects.covariate import Need
-from kinematics.effects.setting import setting_from_arm
-from lab.diagnosis.candidate import Bank, BankName, Candidate
-from lab.diagnosis.covariates import course, used_poses, varies
-from lab.diagnosis.entries import effect_from_candidate, parameter_names
-from lab.diagnosis.priors import column_scales, log_prior
-from lab.diagnosis.rows import Rows
-from lab.identification.plausible import campaign_span
+from traverse.kinematics.arm_file import Arm
+from traverse.kinematics.effects import EFFECTS
+from traverse.kinematics.effects.arm_effects import ArmEffects, effects_of
+from traverse.kinematics.effects.bodies import bodies_from_arm
+from traverse.kinematics.effects.columns import columns
+from traverse.kinematics.effects.correction import ContactCorrection, Correction
+from traverse.kinematics.effects.covariate import Need
+from traverse.kinematics.effects.setting import setting_from_arm
+from traverse.lab.diagnosis.candidate import Bank, BankName, Candidate
+from traverse.lab.diagnosis.covariates import course, used_poses, varies
+from traverse.lab.diagnosis.entries import effect_from_candidate, parameter_names
+from traverse.lab.diagnosis.priors import column_scales, log_prior
+from traverse.lab.diagnosis.rows import Rows
+from traverse.lab.identification.plausible import campaign_span
 
 Floats = NDArray[np.float64]
 

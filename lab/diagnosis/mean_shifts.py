@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.diagnosis.rows import Rows
+from traverse.lab.diagnosis.rows import Rows
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.diagnosis.aliases import ALIAS
-from lab.diagnosis.candidate import Bank, BankName, Candidate
-from lab.diagnosis.choice import (
+from traverse.lab.diagnosis.aliases import ALIAS
+from traverse.lab.diagnosis.candidate import Bank, BankName, Candidate
+from traverse.lab.diagnosis.choice import (
     DECIDED,
     NAMED_BANKS,
     OWN_ANGLE_KINDS,
@@ -17,11 +17,11 @@ from lab.diagnosis.choice import (
     imitates,
     ranked,
 )
-from lab.diagnosis.diagnosis import Alternative, Status
-from lab.diagnosis.findings import Projected, judge, project
-from lab.diagnosis.search import Search, settled_joints
-from lab.diagnosis.stage import Stage, judged
-from lab.diagnosis.terms import Added, rows_without
+from traverse.lab.diagnosis.diagnosis import Alternative, Status
+from traverse.lab.diagnosis.findings import Projected, judge, project
+from traverse.lab.diagnosis.search import Search, settled_joints
+from traverse.lab.diagnosis.stage import Stage, judged
+from traverse.lab.diagnosis.terms import Added, rows_without
 
 Floats = NDArray[np.float64]
 

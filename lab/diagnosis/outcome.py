@@ -5,19 +5,25 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.diagnosis.advice import separate_by
-from lab.diagnosis.candidate import BankName, Candidate
-from lab.diagnosis.choice import Choice, ranked
-from lab.diagnosis.clusters import Cluster, cluster_of
-from lab.diagnosis.decision import Decision
-from lab.diagnosis.detectable import detectable
-from lab.diagnosis.diagnosis import Detectable, Leftover, NoiseFound, Term, Verdict
-from lab.diagnosis.library import absent_candidates
-from lab.diagnosis.naming import Naming
-from lab.diagnosis.options import DiagnosisOptions
-from lab.diagnosis.rows import Rows
-from lab.diagnosis.search import Search
-from lab.diagnosis.terms import estimates_of
+from traverse.lab.diagnosis.advice import separate_by
+from traverse.lab.diagnosis.candidate import BankName, Candidate
+from traverse.lab.diagnosis.choice import Choice, ranked
+from traverse.lab.diagnosis.clusters import Cluster, cluster_of
+from traverse.lab.diagnosis.decision import Decision
+from traverse.lab.diagnosis.detectable import detectable
+from traverse.lab.diagnosis.diagnosis import (
+    Detectable,
+    Leftover,
+    NoiseFound,
+    Term,
+    Verdict,
+)
+from traverse.lab.diagnosis.library import absent_candidates
+from traverse.lab.diagnosis.naming import Naming
+from traverse.lab.diagnosis.options import DiagnosisOptions
+from traverse.lab.diagnosis.rows import Rows
+from traverse.lab.diagnosis.search import Search
+from traverse.lab.diagnosis.terms import estimates_of
 
 Booleans = NDArray[np.bool_]
 

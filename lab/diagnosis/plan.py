@@ -9,19 +9,19 @@ from glob import escape
 
 import numpy as np
 
-from kinematics.arm_file import Arm
-from lab.campaign import Campaign
-from lab.diagnosis.detectable import detectable
-from lab.diagnosis.diagnosis import Detectable
-from lab.diagnosis.library import absent_candidates, library_bank
-from lab.diagnosis.rows import Rows, rows_of
-from lab.identification.adjustment import adjust
-from lab.identification.effect_model import effect_model
-from lab.identification.identify import prepared
-from lab.identification.network import Network, stations
-from lab.identification.noise import a_priori_noise
-from lab.identification.options import Options
-from lab.identification.station_equations import start_state
+from traverse.kinematics.arm_file import Arm
+from traverse.lab.campaign import Campaign
+from traverse.lab.diagnosis.detectable import detectable
+from traverse.lab.diagnosis.diagnosis import Detectable
+from traverse.lab.diagnosis.library import absent_candidates, library_bank
+from traverse.lab.diagnosis.rows import Rows, rows_of
+from traverse.lab.identification.adjustment import adjust
+from traverse.lab.identification.effect_model import effect_model
+from traverse.lab.identification.identify import prepared
+from traverse.lab.identification.network import Network, stations
+from traverse.lab.identification.noise import a_priori_noise
+from traverse.lab.identification.options import Options
+from traverse.lab.identification.station_equations import start_state
 
 
 def planned(campaign: Campaign, arm: Arm) -> tuple[Detectable, ...]:

@@ -5,15 +5,18 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.identification.adjustment import Adjustment
-from lab.identification.datum import scale_direction
-from lab.identification.distributions import equivalent_normal
-from lab.identification.network import Station, has_length, stations
-from lab.identification.noise import Noise
-from lab.identification.pose_statistics import PoseStatistics, outsiders_statistics
-from lab.identification.rank import split
-from lab.identification.station_equations import station_centres, white_rows
-from lab.identification.system import certified, linearise
+from traverse.lab.identification.adjustment import Adjustment
+from traverse.lab.identification.datum import scale_direction
+from traverse.lab.identification.distributions import equivalent_normal
+from traverse.lab.identification.network import Station, has_length, stations
+from traverse.lab.identification.noise import Noise
+from traverse.lab.identification.pose_statistics import (
+    PoseStatistics,
+    outsiders_statistics,
+)
+from traverse.lab.identification.rank import split
+from traverse.lab.identification.station_equations import station_centres, white_rows
+from traverse.lab.identification.system import certified, linearise
 
 Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]

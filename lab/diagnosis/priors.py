@@ -1,13 +1,13 @@
 """How large and how likely effects are, before anything is looked at.
 
-Sizes are those of the identification, `lab.identification.plausible`. Preferences are
-natural logarithms and decide between names that the data hardly tell apart; they
-never decide whether something is there.
+Sizes are those of the identification, `traverse.lab.identification.plausible`.
+Preferences are natural logarithms and decide between names that the data hardly tell
+apart; they never decide whether something is there.
 """
 
-from kinematics.effects.correction import Correction
-from lab.campaign import Campaign
-from lab.identification.plausible import plausible_values
+from traverse.kinematics.effects.correction import Correction
+from traverse.lab.campaign import Campaign
+from traverse.lab.identification.plausible import plausible_values
 
 # Of steps, whose moments are scanned, and of curves without a name.
 STEP_RAD = 5e-5

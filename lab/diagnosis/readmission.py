@@ -17,15 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
-from lab.diagnosis.choice import is_settled
-from lab.diagnosis.findings import Projected, log_p_values, project
-from lab.diagnosis.fit import Fit
-from lab.diagnosis.generic import generic_bank
-from lab.diagnosis.mean_shifts import Shifts, best_shifts, groups_of
-from lab.diagnosis.rows import Rows, rows_of
-from lab.identification.network import stations
-from lab.identification.options import Options
-from lab.identification.snooping import robust_scale
+from traverse.lab.diagnosis.choice import is_settled
+from traverse.lab.diagnosis.findings import Projected, log_p_values, project
+from traverse.lab.diagnosis.fit import Fit
+from traverse.lab.diagnosis.generic import generic_bank
+from traverse.lab.diagnosis.mean_shifts import Shifts, best_shifts, groups_of
+from traverse.lab.diagnosis.rows import Rows, rows_of
+from traverse.lab.identification.network import stations
+from traverse.lab.identification.options import Options
+from traverse.lab.identification.snooping import robust_scale
 
 Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]

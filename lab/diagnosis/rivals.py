@@ -16,8 +16,8 @@ from scipy.stats import (  # type: ignore[import-untyped] # scipy ships no types
     f,
 )
 
-from lab.diagnosis.candidate import Bank
-from lab.diagnosis.rows import Rows
+from traverse.lab.diagnosis.candidate import Bank
+from traverse.lab.diagnosis.rows import Rows
 
 Floats = NDArray[np.float64]
 Identity = tuple[str, str | None, int | None, str | None, str | None]

@@ -18,16 +18,16 @@ from scipy.linalg import (  # type: ignore[import-untyped] # scipy ships no type
     solve_triangular,
 )
 
-from kinematics.derivatives import probe_derivatives
-from kinematics.effects.block import Block
-from kinematics.effects.setting import utc_ns
-from lab.identification.adjustment import Adjustment
-from lab.identification.datum import scale_direction
-from lab.identification.effect_model import block_of
-from lab.identification.network import has_length
-from lab.identification.plausible import campaign_start
-from lab.identification.station_equations import white_rows
-from lab.identification.system import certified
+from traverse.kinematics.derivatives import probe_derivatives
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.setting import utc_ns
+from traverse.lab.identification.adjustment import Adjustment
+from traverse.lab.identification.datum import scale_direction
+from traverse.lab.identification.effect_model import block_of
+from traverse.lab.identification.network import has_length
+from traverse.lab.identification.plausible import campaign_start
+from traverse.lab.identification.station_equations import white_rows
+from traverse.lab.identification.system import certified
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

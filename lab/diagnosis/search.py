@@ -6,18 +6,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm_file import Effect
-from lab.diagnosis.candidate import BankName
-from lab.diagnosis.choice import Choice, is_significant, next_choice
-from lab.diagnosis.entries import effect_from_candidate
-from lab.diagnosis.fit import Fit, fitted, with_effects
-from lab.diagnosis.options import DiagnosisOptions
-from lab.diagnosis.readmission import readmitted
-from lab.diagnosis.rows import Rows, rows_of
-from lab.diagnosis.serial import SerialNoise, without_serial_noise
-from lab.diagnosis.stage import Stage, stage_of
-from lab.diagnosis.terms import Added
-from lab.diagnosis.thresholds import log_p_threshold, noise_draws
+from traverse.kinematics.arm_file import Effect
+from traverse.lab.diagnosis.candidate import BankName
+from traverse.lab.diagnosis.choice import Choice, is_significant, next_choice
+from traverse.lab.diagnosis.entries import effect_from_candidate
+from traverse.lab.diagnosis.fit import Fit, fitted, with_effects
+from traverse.lab.diagnosis.options import DiagnosisOptions
+from traverse.lab.diagnosis.readmission import readmitted
+from traverse.lab.diagnosis.rows import Rows, rows_of
+from traverse.lab.diagnosis.serial import SerialNoise, without_serial_noise
+from traverse.lab.diagnosis.stage import Stage, stage_of
+from traverse.lab.diagnosis.terms import Added
+from traverse.lab.diagnosis.thresholds import log_p_threshold, noise_draws
 
 Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]

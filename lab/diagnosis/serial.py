@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.diagnosis.rows import Rows, decorrelated_rows
+from traverse.lab.diagnosis.rows import Rows, decorrelated_rows
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -7,14 +7,14 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm_file import Arm
-from lab.diagnosis.candidate import Bank, BankName, Candidate
-from lab.diagnosis.findings import Findings, Projected, judge, project
-from lab.diagnosis.generic import generic_bank
-from lab.diagnosis.harmonics import harmonic_bank
-from lab.diagnosis.library import library_bank
-from lab.diagnosis.rows import Rows
-from lab.diagnosis.steps import StepScan, scan_steps, step_bank
+from traverse.kinematics.arm_file import Arm
+from traverse.lab.diagnosis.candidate import Bank, BankName, Candidate
+from traverse.lab.diagnosis.findings import Findings, Projected, judge, project
+from traverse.lab.diagnosis.generic import generic_bank
+from traverse.lab.diagnosis.harmonics import harmonic_bank
+from traverse.lab.diagnosis.library import library_bank
+from traverse.lab.diagnosis.rows import Rows
+from traverse.lab.diagnosis.steps import StepScan, scan_steps, step_bank
 
 Floats = NDArray[np.float64]
 

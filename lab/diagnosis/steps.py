@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.diagnosis.candidate import Bank, BankName, Candidate
-from lab.diagnosis.entries import parameter_names
-from lab.diagnosis.findings import LEAST_SINGULAR_VALUE, log_evidences
-from lab.diagnosis.later_sums import Gaps, gaps_of
-from lab.diagnosis.priors import STEP_MM, STEP_RAD, log_prior
-from lab.diagnosis.rows import Rows
+from traverse.lab.diagnosis.candidate import Bank, BankName, Candidate
+from traverse.lab.diagnosis.entries import parameter_names
+from traverse.lab.diagnosis.findings import LEAST_SINGULAR_VALUE, log_evidences
+from traverse.lab.diagnosis.later_sums import Gaps, gaps_of
+from traverse.lab.diagnosis.priors import STEP_MM, STEP_RAD, log_prior
+from traverse.lab.diagnosis.rows import Rows
 
 Floats = NDArray[np.float64]
 

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from lab.campaign import Campaign
-from lab.identification.artefacts.ball_bar import BallBar
-from lab.identification.artefacts.sphere import Sphere
-from lab.identification.network import Network, State
-from lab.identification.station_equations import station_centres
+from traverse.lab.campaign import Campaign
+from traverse.lab.identification.artefacts.ball_bar import BallBar
+from traverse.lab.identification.artefacts.sphere import Sphere
+from traverse.lab.identification.network import Network, State
+from traverse.lab.identification.station_equations import station_centres
 
 
 def with_directions(campaign: Campaign, network: Network, state: State) -> Campaign:

@@ -3,8 +3,8 @@
 import math
 from typing import Any
 
-from lab.diagnosis.stream_harmonics import HarmonicFinding
-from lab.diagnosis.streams import StreamDiagnosis
+from traverse.lab.diagnosis.stream_harmonics import HarmonicFinding
+from traverse.lab.diagnosis.streams import StreamDiagnosis
 
 SCHEMA = "traverse/stream-diagnosis/1"
 _LOG_10 = math.log(10.0)

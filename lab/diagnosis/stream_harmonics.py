@@ -19,15 +19,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.campaign import Campaign
-from lab.diagnosis.candidate import Candidate
-from lab.diagnosis.harmonics import HIGHEST_ORDER, harmonic_bank
-from lab.diagnosis.rows import Rows
-from lab.diagnosis.stage import is_high_order
-from lab.diagnosis.thinning import whole_network
-from lab.identification.network import Network, State, Station
-from lab.identification.station_equations import WhiteRows, white_rows
-from lab.identification.system import certified
+from traverse.lab.campaign import Campaign
+from traverse.lab.diagnosis.candidate import Candidate
+from traverse.lab.diagnosis.harmonics import HIGHEST_ORDER, harmonic_bank
+from traverse.lab.diagnosis.rows import Rows
+from traverse.lab.diagnosis.stage import is_high_order
+from traverse.lab.diagnosis.thinning import whole_network
+from traverse.lab.identification.network import Network, State, Station
+from traverse.lab.identification.station_equations import WhiteRows, white_rows
+from traverse.lab.identification.system import certified
 
 Floats = NDArray[np.float64]
 

@@ -12,23 +12,23 @@ from typing import Any
 
 import numpy as np
 
-from kinematics.arm_file import Arm
-from lab.campaign import Campaign
-from lab.diagnosis.candidate import BankName
-from lab.diagnosis.diagnose import diagnose
-from lab.diagnosis.diagnosis import Alternative, Diagnosis, Step, Term, Verdict
-from lab.diagnosis.entries import effect_from_candidate
-from lab.diagnosis.gap import gap_between
-from lab.diagnosis.options import DiagnosisOptions
-from lab.diagnosis.rows import Rows, rows_of
-from lab.diagnosis.search import Progress
-from lab.diagnosis.stream_harmonics import (
+from traverse.kinematics.arm_file import Arm
+from traverse.lab.campaign import Campaign
+from traverse.lab.diagnosis.candidate import BankName
+from traverse.lab.diagnosis.diagnose import diagnose
+from traverse.lab.diagnosis.diagnosis import Alternative, Diagnosis, Step, Term, Verdict
+from traverse.lab.diagnosis.entries import effect_from_candidate
+from traverse.lab.diagnosis.gap import gap_between
+from traverse.lab.diagnosis.options import DiagnosisOptions
+from traverse.lab.diagnosis.rows import Rows, rows_of
+from traverse.lab.diagnosis.search import Progress
+from traverse.lab.diagnosis.stream_harmonics import (
     HarmonicFinding,
     first_significant,
     stream_harmonics,
 )
-from lab.diagnosis.terms import estimates_of
-from lab.diagnosis.thinning import Thinning, thinned
+from traverse.lab.diagnosis.terms import estimates_of
+from traverse.lab.diagnosis.thinning import Thinning, thinned
 
 # Of the probability of a false alarm: what the harmonics of all samples get.
 _SHARE = 0.1

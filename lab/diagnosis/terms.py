@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.effects.correction import Correction
-from lab.diagnosis.candidate import BankName, Candidate
-from lab.diagnosis.diagnosis import Estimate
-from lab.diagnosis.rows import LEAST_EFFECT, Rows, spanned
-from lab.identification.plausible import key_unit
+from traverse.kinematics.effects.correction import Correction
+from traverse.lab.diagnosis.candidate import BankName, Candidate
+from traverse.lab.diagnosis.diagnosis import Estimate
+from traverse.lab.diagnosis.rows import LEAST_EFFECT, Rows, spanned
+from traverse.lab.identification.plausible import key_unit
 
 Floats = NDArray[np.float64]
 

@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm_file import Arm
-from lab.campaign import Campaign
-from lab.diagnosis.fit import fitted
-from lab.diagnosis.stream_directions import with_directions
-from lab.identification.adjustment import Adjustment
-from lab.identification.network import Network, State, stations
-from lab.identification.station_equations import misclosures_mm
+from traverse.kinematics.arm_file import Arm
+from traverse.lab.campaign import Campaign
+from traverse.lab.diagnosis.fit import fitted
+from traverse.lab.diagnosis.stream_directions import with_directions
+from traverse.lab.identification.adjustment import Adjustment
+from traverse.lab.identification.network import Network, State, stations
+from traverse.lab.identification.station_equations import misclosures_mm
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

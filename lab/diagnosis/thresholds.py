@@ -11,8 +11,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.diagnosis.findings import Projected, log_p_values
-from lab.diagnosis.rows import Rows
+from traverse.lab.diagnosis.findings import Projected, log_p_values
+from traverse.lab.diagnosis.rows import Rows
 
 Floats = NDArray[np.float64]
 

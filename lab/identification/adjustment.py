@@ -17,11 +17,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.identification.datum import scale_direction
-from lab.identification.network import Network, State, has_length
-from lab.identification.parameters import ArmValues
-from lab.identification.rank import Split, split
-from lab.identification.system import System, certified, linearise, sum_of_squares
+from traverse.lab.identification.datum import scale_direction
+from traverse.lab.identification.network import Network, State, has_length
+from traverse.lab.identification.parameters import ArmValues
+from traverse.lab.identification.rank import Split, split
+from traverse.lab.identification.system import (
+    System,
+    certified,
+    linearise,
+    sum_of_squares,
+)
 
 Floats = NDArray[np.float64]
 

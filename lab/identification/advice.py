@@ -11,14 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.derivatives import probe_derivatives
-from lab.identification.adjustment import Adjustment
-from lab.identification.artefacts.artefact import Touches
-from lab.identification.coverage import joint_coverage
-from lab.identification.network import Network
-from lab.identification.probe_effect import posture_columns
-from lab.identification.touching import reached
-from lab.identification.whitening import whiteners
+from traverse.kinematics.derivatives import probe_derivatives
+from traverse.lab.identification.adjustment import Adjustment
+from traverse.lab.identification.artefacts.artefact import Touches
+from traverse.lab.identification.coverage import joint_coverage
+from traverse.lab.identification.network import Network
+from traverse.lab.identification.probe_effect import posture_columns
+from traverse.lab.identification.touching import reached
+from traverse.lab.identification.whitening import whiteners
 
 Floats = NDArray[np.float64]
 

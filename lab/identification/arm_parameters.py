@@ -6,9 +6,9 @@ from fnmatch import fnmatchcase
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.geometry import Geometry
-from lab.identification.effect_model import EffectModel
-from lab.identification.parameters import Parameters
+from traverse.kinematics.geometry import Geometry
+from traverse.lab.identification.effect_model import EffectModel
+from traverse.lab.identification.parameters import Parameters
 
 Booleans = NDArray[np.bool_]
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm_file import Arm
-from kinematics.forward import probe_centre
-from kinematics.geometry import geometry_from_arm
+from traverse.kinematics.arm_file import Arm
+from traverse.kinematics.forward import probe_centre
+from traverse.kinematics.geometry import geometry_from_arm
 
 Floats = NDArray[np.float64]
 

@@ -5,15 +5,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm_file import Arm, Probe
-from lab.identification.adjustment import Adjustment
-from lab.identification.artefacts.artefact import Length
-from lab.identification.distributions import chi_square_p_value
-from lab.identification.misfit import rms_mm
-from lab.identification.network import Station
-from lab.identification.parameters import ArmValues
-from lab.identification.pose_statistics import PoseStatistics
-from lab.identification.result import (
+from traverse.kinematics.arm_file import Arm, Probe
+from traverse.lab.identification.adjustment import Adjustment
+from traverse.lab.identification.artefacts.artefact import Length
+from traverse.lab.identification.distributions import chi_square_p_value
+from traverse.lab.identification.misfit import rms_mm
+from traverse.lab.identification.network import Station
+from traverse.lab.identification.parameters import ArmValues
+from traverse.lab.identification.pose_statistics import PoseStatistics
+from traverse.lab.identification.result import (
     ArtefactResult,
     CartesianCovariance,
     EstimatedLength,

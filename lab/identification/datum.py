@@ -11,8 +11,8 @@ whatever the arm looks like.
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.geometry import Geometry
-from lab.identification.parameters import Booleans, Parameters
+from traverse.kinematics.geometry import Geometry
+from traverse.lab.identification.parameters import Booleans, Parameters
 
 Floats = NDArray[np.float64]
 

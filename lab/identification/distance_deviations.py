@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.derivatives import probe_derivatives
-from kinematics.geometry import Geometry
-from lab.campaign import Poses
-from lab.identification.parameters import ArmValues, Parameters
+from traverse.kinematics.derivatives import probe_derivatives
+from traverse.kinematics.geometry import Geometry
+from traverse.lab.campaign import Poses
+from traverse.lab.identification.parameters import ArmValues, Parameters
 
 Floats = NDArray[np.float64]
 

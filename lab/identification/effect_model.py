@@ -10,17 +10,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm_file import Arm, Effect
-from kinematics.effects.arm_effects import ArmEffects, effects_of
-from kinematics.effects.artefact_length import ArtefactLength
-from kinematics.effects.block import Block
-from kinematics.effects.columns import columns
-from kinematics.effects.correction import Correction
-from kinematics.effects.pose import angle_corrections, corrected_pose
-from kinematics.effects.setting import utc_ns
-from kinematics.geometry import Geometry
-from lab.campaign import Campaign, Poses
-from lab.identification.plausible import (
+from traverse.kinematics.arm_file import Arm, Effect
+from traverse.kinematics.effects.arm_effects import ArmEffects, effects_of
+from traverse.kinematics.effects.artefact_length import ArtefactLength
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.columns import columns
+from traverse.kinematics.effects.correction import Correction
+from traverse.kinematics.effects.pose import angle_corrections, corrected_pose
+from traverse.kinematics.effects.setting import utc_ns
+from traverse.kinematics.geometry import Geometry
+from traverse.lab.campaign import Campaign, Poses
+from traverse.lab.identification.plausible import (
     campaign_span,
     campaign_start,
     effect_units,

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from kinematics.arm_file import Arm, write_arm
-from kinematics.arm_file import Identification as Provenance
-from kinematics.arm_text import write_whole
-from lab.identification.result import (
+from traverse.kinematics.arm_file import Arm, write_arm
+from traverse.kinematics.arm_file import Identification as Provenance
+from traverse.kinematics.arm_text import write_whole
+from traverse.lab.identification.result import (
     ArtefactResult,
     CartesianCovariance,
     Identification,

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from kinematics.arm_file import Arm
-from kinematics.geometry import geometry_from_arm
-from lab.campaign import Campaign
-from lab.identification.adjustment import Progress
-from lab.identification.advice import suggestions
-from lab.identification.arm_parameters import arm_parameters, masked
-from lab.identification.conclusions import (
+from traverse.kinematics.arm_file import Arm
+from traverse.kinematics.geometry import geometry_from_arm
+from traverse.lab.campaign import Campaign
+from traverse.lab.identification.adjustment import Progress
+from traverse.lab.identification.advice import suggestions
+from traverse.lab.identification.arm_parameters import arm_parameters, masked
+from traverse.lab.identification.conclusions import (
     artefact_results,
     cartesian_covariance,
     condition_number,
@@ -18,19 +18,22 @@ from lab.identification.conclusions import (
     rms_mm,
     variance_factor,
 )
-from lab.identification.coverage import joint_coverage
-from lab.identification.datum import with_datum
-from lab.identification.effect_model import effect_model
-from lab.identification.network import Network, stations
-from lab.identification.noise import a_priori_noise
-from lab.identification.options import Options
-from lab.identification.parameters import ArmValues, Parameters
-from lab.identification.result import ExcludedPose, Identification
-from lab.identification.rounds import Rounds
-from lab.identification.serial_noise import serial_noise
-from lab.identification.start import coarse_start
-from lab.identification.station_equations import start_state
-from lab.identification.undetermined import undetermined_directions, weak_directions
+from traverse.lab.identification.coverage import joint_coverage
+from traverse.lab.identification.datum import with_datum
+from traverse.lab.identification.effect_model import effect_model
+from traverse.lab.identification.network import Network, stations
+from traverse.lab.identification.noise import a_priori_noise
+from traverse.lab.identification.options import Options
+from traverse.lab.identification.parameters import ArmValues, Parameters
+from traverse.lab.identification.result import ExcludedPose, Identification
+from traverse.lab.identification.rounds import Rounds
+from traverse.lab.identification.serial_noise import serial_noise
+from traverse.lab.identification.start import coarse_start
+from traverse.lab.identification.station_equations import start_state
+from traverse.lab.identification.undetermined import (
+    undetermined_directions,
+    weak_directions,
+)
 
 __all__ = ["IdentificationError", "Options", "identify"]
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from lab.identification.network import Network, State
-from lab.identification.station_equations import misclosures_mm
+from traverse.lab.identification.network import Network, State
+from traverse.lab.identification.station_equations import misclosures_mm
 
 
 def rms_mm(network: Network, state: State) -> float:

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.campaign import Campaign
-from lab.identification.artefacts.artefact import Artefact, Touches
-from lab.identification.noise import Noise
-from lab.identification.parameters import ArmValues, Parameters
+from traverse.lab.campaign import Campaign
+from traverse.lab.identification.artefacts.artefact import Artefact, Touches
+from traverse.lab.identification.noise import Noise
+from traverse.lab.identification.parameters import ArmValues, Parameters
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.campaign import Campaign
+from traverse.lab.campaign import Campaign
 
 Floats = NDArray[np.float64]
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from lab.identification.variance_components import VarianceModel
+from traverse.lab.identification.variance_components import VarianceModel
 
 
 @dataclass(frozen=True, slots=True)

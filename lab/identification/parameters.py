@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.derivatives import ProbeDerivatives
-from kinematics.geometry import Geometry, unit_vectors
-from lab.campaign import Poses
-from lab.identification.effect_model import EffectModel
+from traverse.kinematics.derivatives import ProbeDerivatives
+from traverse.kinematics.geometry import Geometry, unit_vectors
+from traverse.lab.campaign import Poses
+from traverse.lab.identification.effect_model import EffectModel
 
 Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]

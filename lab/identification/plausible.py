@@ -8,9 +8,9 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
-from kinematics.effects.correction import Correction
-from kinematics.effects.setting import Span
-from lab.campaign import Campaign
+from traverse.kinematics.effects.correction import Correction
+from traverse.kinematics.effects.setting import Span
+from traverse.lab.campaign import Campaign
 
 # By kind, for each parameter whatever its component. Drifts: over a campaign.
 _PLAUSIBLE = {

@@ -18,12 +18,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.identification.adjustment import Adjustment
-from lab.identification.artefacts.artefact import Integers
-from lab.identification.distributions import equivalent_normal
-from lab.identification.network import Network, Station
-from lab.identification.station_equations import WhiteRows, white_rows
-from lab.identification.triangle import Elimination
+from traverse.lab.identification.adjustment import Adjustment
+from traverse.lab.identification.artefacts.artefact import Integers
+from traverse.lab.identification.distributions import equivalent_normal
+from traverse.lab.identification.network import Network, Station
+from traverse.lab.identification.station_equations import WhiteRows, white_rows
+from traverse.lab.identification.triangle import Elimination
 
 Floats = NDArray[np.float64]
 

@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.derivatives import probe_derivatives
-from lab.identification.network import Network
-from lab.identification.parameters import ArmValues
+from traverse.kinematics.derivatives import probe_derivatives
+from traverse.lab.identification.network import Network
+from traverse.lab.identification.parameters import ArmValues
 
 Floats = NDArray[np.float64]
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.derivatives import probe_derivatives
-from kinematics.forward import probe_centre
-from kinematics.geometry import Geometry
+from traverse.kinematics.derivatives import probe_derivatives
+from traverse.kinematics.forward import probe_centre
+from traverse.kinematics.geometry import Geometry
 
 Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]

@@ -5,15 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm_file import Arm
-from lab.campaign import Campaign
-from lab.identification.adjustment import Adjustment, Iteration
-from lab.identification.advice import Suggestion
-from lab.identification.coverage import JointCoverage
-from lab.identification.noise import Noise
-from lab.identification.pose_statistics import PoseStatistics
-from lab.identification.serial_noise import SerialNoise
-from lab.identification.undetermined import Undetermined, Weak
+from traverse.kinematics.arm_file import Arm
+from traverse.lab.campaign import Campaign
+from traverse.lab.identification.adjustment import Adjustment, Iteration
+from traverse.lab.identification.advice import Suggestion
+from traverse.lab.identification.coverage import JointCoverage
+from traverse.lab.identification.noise import Noise
+from traverse.lab.identification.pose_statistics import PoseStatistics
+from traverse.lab.identification.serial_noise import SerialNoise
+from traverse.lab.identification.undetermined import Undetermined, Weak
 
 Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]

@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.identification.adjustment import adjust
-from lab.identification.network import Network, State
-from lab.identification.parameters import ArmValues
-from lab.identification.station_equations import white_rows
+from traverse.lab.identification.adjustment import adjust
+from traverse.lab.identification.network import Network, State
+from traverse.lab.identification.parameters import ArmValues
+from traverse.lab.identification.station_equations import white_rows
 
 Floats = NDArray[np.float64]
 

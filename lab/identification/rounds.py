@@ -4,22 +4,27 @@ from dataclasses import replace
 
 import numpy as np
 
-from lab.campaign import Campaign
-from lab.identification.adjustment import Adjustment, Iteration, Progress, adjust
-from lab.identification.network import Network, State, stations
-from lab.identification.noise import Noise
-from lab.identification.options import Options
-from lab.identification.parameters import ArmValues, Booleans
-from lab.identification.pose_statistics import (
+from traverse.lab.campaign import Campaign
+from traverse.lab.identification.adjustment import (
+    Adjustment,
+    Iteration,
+    Progress,
+    adjust,
+)
+from traverse.lab.identification.network import Network, State, stations
+from traverse.lab.identification.noise import Noise
+from traverse.lab.identification.options import Options
+from traverse.lab.identification.parameters import ArmValues, Booleans
+from traverse.lab.identification.pose_statistics import (
     PoseStatistics,
     outsiders_statistics,
     pose_statistics,
 )
-from lab.identification.robust import robust_state
-from lab.identification.serial_noise import SerialNoise
-from lab.identification.snooping import Snooping, robust_scale, snoop
-from lab.identification.station_equations import start_state
-from lab.identification.variance_components import (
+from traverse.lab.identification.robust import robust_state
+from traverse.lab.identification.serial_noise import SerialNoise
+from traverse.lab.identification.snooping import Snooping, robust_scale, snoop
+from traverse.lab.identification.station_equations import start_state
+from traverse.lab.identification.variance_components import (
     VarianceModel,
     better_noise,
     variance_model,

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.campaign import Campaign
-from lab.identification.adjustment import Adjustment
-from lab.identification.station_equations import white_rows
+from traverse.lab.campaign import Campaign
+from traverse.lab.identification.adjustment import Adjustment
+from traverse.lab.identification.station_equations import white_rows
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

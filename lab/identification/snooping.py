@@ -10,14 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.identification.adjustment import Adjustment
-from lab.identification.distributions import (
+from traverse.lab.identification.adjustment import Adjustment
+from traverse.lab.identification.distributions import (
     median_of_chi_square,
     normal_quantile,
     tau_critical,
 )
-from lab.identification.network import stations
-from lab.identification.pose_statistics import (
+from traverse.lab.identification.network import stations
+from traverse.lab.identification.pose_statistics import (
     PoseStatistics,
     outsiders_statistics,
 )

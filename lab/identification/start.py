@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.campaign import Campaign
-from lab.identification.adjustment import adjust
-from lab.identification.network import Network, State, stations
-from lab.identification.noise import Noise
-from lab.identification.parameters import ArmValues, Parameters
-from lab.identification.station_equations import misclosures_mm, start_state
+from traverse.lab.campaign import Campaign
+from traverse.lab.identification.adjustment import adjust
+from traverse.lab.identification.network import Network, State, stations
+from traverse.lab.identification.noise import Noise
+from traverse.lab.identification.parameters import ArmValues, Parameters
+from traverse.lab.identification.station_equations import misclosures_mm, start_state
 
 Floats = NDArray[np.float64]
 

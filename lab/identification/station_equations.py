@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.derivatives import ProbeDerivatives, probe_derivatives
-from kinematics.forward import probe_centre
-from lab.identification.network import Network, State, Station
-from lab.identification.parameters import ArmValues
-from lab.identification.whitening import whiteners
+from traverse.kinematics.derivatives import ProbeDerivatives, probe_derivatives
+from traverse.kinematics.forward import probe_centre
+from traverse.lab.identification.network import Network, State, Station
+from traverse.lab.identification.parameters import ArmValues
+from traverse.lab.identification.whitening import whiteners
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

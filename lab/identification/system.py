@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.identification.network import Network, State, Station
-from lab.identification.parameters import ArmValues
-from lab.identification.station_equations import misclosures_mm, white_rows
-from lab.identification.triangle import Elimination, eliminate, triangle
+from traverse.lab.identification.network import Network, State, Station
+from traverse.lab.identification.parameters import ArmValues
+from traverse.lab.identification.station_equations import misclosures_mm, white_rows
+from traverse.lab.identification.triangle import Elimination, eliminate, triangle
 
 Floats = NDArray[np.float64]
 

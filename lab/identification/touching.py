@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.derivatives import probe_derivatives
-from kinematics.forward import probe_centre
-from kinematics.geometry import Geometry
-from lab.identification.artefacts.artefact import Artefact, Equations, Touches
+from traverse.kinematics.derivatives import probe_derivatives
+from traverse.kinematics.forward import probe_centre
+from traverse.kinematics.geometry import Geometry
+from traverse.lab.identification.artefacts.artefact import Artefact, Equations, Touches
 
 Floats = NDArray[np.float64]
 

@@ -13,8 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.identification.distance_deviations import KnownArm, distance_deviations_mm
-from lab.identification.reaching import PostureCloud, posture_cloud, reach
+from traverse.lab.identification.distance_deviations import (
+    KnownArm,
+    distance_deviations_mm,
+)
+from traverse.lab.identification.reaching import PostureCloud, posture_cloud, reach
 
 Floats = NDArray[np.float64]
 

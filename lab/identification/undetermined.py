@@ -10,13 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.geometry import Geometry
-from lab.identification.adjustment import Adjustment
-from lab.identification.coverage import JointCoverage, joint_coverage
-from lab.identification.datum import scale_direction
-from lab.identification.network import Network, has_length
-from lab.identification.parameters import Parameters
-from lab.identification.probe_effect import probe_effects_mm
+from traverse.kinematics.geometry import Geometry
+from traverse.lab.identification.adjustment import Adjustment
+from traverse.lab.identification.coverage import JointCoverage, joint_coverage
+from traverse.lab.identification.datum import scale_direction
+from traverse.lab.identification.network import Network, has_length
+from traverse.lab.identification.parameters import Parameters
+from traverse.lab.identification.probe_effect import probe_effects_mm
 
 Floats = NDArray[np.float64]
 

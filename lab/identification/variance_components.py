@@ -16,9 +16,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.campaign import Campaign
-from lab.identification.noise import Noise
-from lab.identification.pose_statistics import VarianceSums
+from traverse.lab.campaign import Campaign
+from traverse.lab.identification.noise import Noise
+from traverse.lab.identification.pose_statistics import VarianceSums
 
 Floats = NDArray[np.float64]
 

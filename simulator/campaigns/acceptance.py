@@ -9,21 +9,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from kinematics.arm_file import Arm
-from simulator.campaigns.acceptance_layout import Standing, layout_of
-from simulator.campaigns.campaign import SimulatedCampaign, StatedArtefact
-from simulator.campaigns.conditions import drawn_conditions
-from simulator.campaigns.drawing import draw_noise
-from simulator.campaigns.placement import Placement
-from simulator.campaigns.pose_set import PlacedArtefact, PoseSet
-from simulator.campaigns.postures import reaching_postures, shifted_postures
-from simulator.campaigns.siting import UnreachableError
-from simulator.campaigns.spec import CampaignSpec, ConditionTable, NoiseTable
-from simulator.campaigns.streams import stream
-from simulator.campaigns.travel import travel_limits
-from simulator.effects.faulty_arm import faulty_arm
-from simulator.physics import Floats, Mechanism, probe_pose
-from simulator.truth import Deviations, TrueArm, true_arm
+from traverse.kinematics.arm_file import Arm
+from traverse.simulator.campaigns.acceptance_layout import Standing, layout_of
+from traverse.simulator.campaigns.campaign import SimulatedCampaign, StatedArtefact
+from traverse.simulator.campaigns.conditions import drawn_conditions
+from traverse.simulator.campaigns.drawing import draw_noise
+from traverse.simulator.campaigns.placement import Placement
+from traverse.simulator.campaigns.pose_set import PlacedArtefact, PoseSet
+from traverse.simulator.campaigns.postures import reaching_postures, shifted_postures
+from traverse.simulator.campaigns.siting import UnreachableError
+from traverse.simulator.campaigns.spec import CampaignSpec, ConditionTable, NoiseTable
+from traverse.simulator.campaigns.streams import stream
+from traverse.simulator.campaigns.travel import travel_limits
+from traverse.simulator.effects.faulty_arm import faulty_arm
+from traverse.simulator.physics import Floats, Mechanism, probe_pose
+from traverse.simulator.truth import Deviations, TrueArm, true_arm
 
 N_PLACES = 80
 N_ROUNDS = 4

@@ -4,10 +4,10 @@ from typing import Literal
 
 import numpy as np
 
-from simulator.campaigns.artefacts import Cone, Points, Sphere
-from simulator.campaigns.artefacts.artefact import Table
-from simulator.campaigns.placement import Placement
-from simulator.physics import Floats
+from traverse.simulator.campaigns.artefacts import Cone, Points, Sphere
+from traverse.simulator.campaigns.artefacts.artefact import Table
+from traverse.simulator.campaigns.placement import Placement
+from traverse.simulator.physics import Floats
 
 
 class CalibratedSphere(Sphere):

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simulator.campaigns.acceptance_artefacts import (
+from traverse.simulator.campaigns.acceptance_artefacts import (
     CalibratedSphere,
     SeatBar,
     SidedCone,
 )
-from simulator.campaigns.artefacts import Artefact, BallBar
-from simulator.physics import Floats
+from traverse.simulator.campaigns.artefacts import Artefact, BallBar
+from traverse.simulator.physics import Floats
 
 RADIUS_MM = 12.7
 PER_BALL = 5

@@ -4,16 +4,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kinematics.arm_file import Arm
-from simulator.campaigns.blind_effects import (
+from traverse.kinematics.arm_file import Arm
+from traverse.simulator.campaigns.blind_effects import (
     EFFECT_KINDS,
     HiddenEffect,
     drawn_effect,
 )
-from simulator.campaigns.blind_faults import FAULT_KINDS, HiddenFault, drawn_fault
-from simulator.campaigns.blind_poses import pose_set
-from simulator.campaigns.pose_set import PoseSet
-from simulator.campaigns.with_effects import with_effects
+from traverse.simulator.campaigns.blind_faults import (
+    FAULT_KINDS,
+    HiddenFault,
+    drawn_fault,
+)
+from traverse.simulator.campaigns.blind_poses import pose_set
+from traverse.simulator.campaigns.pose_set import PoseSet
+from traverse.simulator.campaigns.with_effects import with_effects
 
 POSE_SEEDS = (1, 2, 3, 4, 5, 6)
 NEEDS_TWO_LENGTHS = "artefact_length"

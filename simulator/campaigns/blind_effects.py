@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from kinematics.arm_file import Effect, effect_from_table
-from simulator.campaigns.pose_set import PoseSet
+from traverse.kinematics.arm_file import Effect, effect_from_table
+from traverse.simulator.campaigns.pose_set import PoseSet
 
 Size = float | tuple[float, ...]
 

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from simulator.campaigns.blind_effects import HiddenEffect
-from simulator.campaigns.pose_set import PoseSet
-from simulator.effects import (
+from traverse.simulator.campaigns.blind_effects import HiddenEffect
+from traverse.simulator.campaigns.pose_set import PoseSet
+from traverse.simulator.effects import (
     Bump,
     CrossCoupling,
     CubicError,

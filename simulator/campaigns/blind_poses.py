@@ -7,11 +7,11 @@ of approach, speeds, directions and forces; else some effects could not be seen 
 from datetime import UTC, datetime
 from functools import lru_cache
 
-from kinematics.arm_file import Arm
-from simulator.campaigns.artefacts import BallBar, Cone, Sphere
-from simulator.campaigns.pose_set import PoseSet
-from simulator.campaigns.poses import make_poses
-from simulator.campaigns.spec import CampaignSpec, ConditionTable, NoiseTable
+from traverse.kinematics.arm_file import Arm
+from traverse.simulator.campaigns.artefacts import BallBar, Cone, Sphere
+from traverse.simulator.campaigns.pose_set import PoseSet
+from traverse.simulator.campaigns.poses import make_poses
+from traverse.simulator.campaigns.spec import CampaignSpec, ConditionTable, NoiseTable
 
 ENCODER_RAD = 5e-6
 CONTACT_MM = 0.003

@@ -1,4 +1,7 @@
-"""`python -m simulator.campaigns.dense SPEC.toml --out DIR`: makes a dense scan."""
+"""Makes a dense scan.
+
+`python -m traverse.simulator.campaigns.dense SPEC.toml --out DIR`
+"""
 
 import sys
 from collections.abc import Sequence
@@ -6,17 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
-from kinematics.arm_file import read_arm, read_strict
-from simulator.campaigns.command import run_command
-from simulator.campaigns.dense_scan import NOTHING, simulate_scan
-from simulator.campaigns.dense_spec import DenseFile, dense_problems
-from simulator.campaigns.dense_writing import write_scan
+from traverse.kinematics.arm_file import read_arm, read_strict
+from traverse.simulator.campaigns.command import run_command
+from traverse.simulator.campaigns.dense_scan import NOTHING, simulate_scan
+from traverse.simulator.campaigns.dense_spec import DenseFile, dense_problems
+from traverse.simulator.campaigns.dense_writing import write_scan
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; gives its exit status."""
     return run_command(
-        "python -m simulator.campaigns.dense",
+        "python -m traverse.simulator.campaigns.dense",
         "Make a simulated dense scan: campaign.toml and scan.mcap, "
         "arm.toml with the design values, truth/arm.toml with the true ones.",
         _made,

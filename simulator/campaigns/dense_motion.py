@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kinematics.arm_file import FileError, Problem
-from simulator.campaigns.artefacts import Cone, Sphere
-from simulator.campaigns.dense_spec import ScanTable
-from simulator.campaigns.placement import Placement
-from simulator.campaigns.postures import reaching_postures, shifted_postures
-from simulator.campaigns.siting import UnreachableError
-from simulator.physics import Floats, Mechanism, probe_pose
+from traverse.kinematics.arm_file import FileError, Problem
+from traverse.simulator.campaigns.artefacts import Cone, Sphere
+from traverse.simulator.campaigns.dense_spec import ScanTable
+from traverse.simulator.campaigns.placement import Placement
+from traverse.simulator.campaigns.postures import reaching_postures, shifted_postures
+from traverse.simulator.campaigns.siting import UnreachableError
+from traverse.simulator.physics import Floats, Mechanism, probe_pose
 
 KNOT_S = 0.05
 PULL = 0.05  # of what a posture is away from the wished one, per knot

@@ -6,26 +6,31 @@ from datetime import UTC, datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm_file import Arm, Problem
-from simulator.campaigns.artefacts import Cone, Sphere
-from simulator.campaigns.campaign import StatedArtefact
-from simulator.campaigns.dense_motion import Drag, Dragging, moved_between, refused
-from simulator.campaigns.dense_spec import DenseFile, dense_misfits
-from simulator.campaigns.fitting import misfits
-from simulator.campaigns.noise import encoder_stds, serial_noise
-from simulator.campaigns.postures import shifted_postures
-from simulator.campaigns.siting import place_artefacts
-from simulator.campaigns.streams import stream
-from simulator.campaigns.travel import travel_limits
-from simulator.effects import (
+from traverse.kinematics.arm_file import Arm, Problem
+from traverse.simulator.campaigns.artefacts import Cone, Sphere
+from traverse.simulator.campaigns.campaign import StatedArtefact
+from traverse.simulator.campaigns.dense_motion import (
+    Drag,
+    Dragging,
+    moved_between,
+    refused,
+)
+from traverse.simulator.campaigns.dense_spec import DenseFile, dense_misfits
+from traverse.simulator.campaigns.fitting import misfits
+from traverse.simulator.campaigns.noise import encoder_stds, serial_noise
+from traverse.simulator.campaigns.postures import shifted_postures
+from traverse.simulator.campaigns.siting import place_artefacts
+from traverse.simulator.campaigns.streams import stream
+from traverse.simulator.campaigns.travel import travel_limits
+from traverse.simulator.effects import (
     FaultyArm,
     Surroundings,
     faults_from_effects,
     on_true_axes,
 )
-from simulator.effects.faulty_arm import faulty_arm
-from simulator.physics import Floats
-from simulator.truth import Deviations, TrueArm, true_arm
+from traverse.simulator.effects.faulty_arm import faulty_arm
+from traverse.simulator.physics import Floats
+from traverse.simulator.truth import Deviations, TrueArm, true_arm
 
 START = datetime(2026, 11, 20, 9, tzinfo=UTC)
 CHUNK = 20_000

@@ -5,9 +5,9 @@ from typing import Any
 
 from pydantic import Field
 
-from kinematics.arm_file import Problem, StrictModel
-from simulator.campaigns.artefacts import Cone, Sphere
-from simulator.campaigns.spec import CampaignFile, spec_problems
+from traverse.kinematics.arm_file import Problem, StrictModel
+from traverse.simulator.campaigns.artefacts import Cone, Sphere
+from traverse.simulator.campaigns.spec import CampaignFile, spec_problems
 
 
 class ScanTable(StrictModel):

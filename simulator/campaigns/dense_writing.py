@@ -14,11 +14,11 @@ import numpy as np
 from mcap.writer import Writer
 from numpy.typing import NDArray
 
-from kinematics.arm_file import write_arm
-from simulator.campaigns.campaign import Campaign
-from simulator.campaigns.dense_scan import NOTHING, DenseScan
-from simulator.campaigns.streams import stream
-from simulator.campaigns.writing import campaign_text, true_arm_file
+from traverse.kinematics.arm_file import write_arm
+from traverse.simulator.campaigns.campaign import Campaign
+from traverse.simulator.campaigns.dense_scan import NOTHING, DenseScan
+from traverse.simulator.campaigns.streams import stream
+from traverse.simulator.campaigns.writing import campaign_text, true_arm_file
 
 BLOCK = 500  # samples a message
 CONDITIONS_S = 1.0

@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from simulator.devices.can_line import CanLine, LibraryLine
-from simulator.devices.canopen_node import CanOpenEncoder, EncoderData
-from simulator.devices.canopen_table import CanOpenTable
-from simulator.devices.device import Mounting
-from simulator.devices.loop_network import LoopNetwork
-from simulator.devices.slcan_adapter import SlcanAdapter
-from simulator.disturbed_line import DisturbedLine
-from simulator.faults import EmcyFault
+from traverse.simulator.devices.can_line import CanLine, LibraryLine
+from traverse.simulator.devices.canopen_node import CanOpenEncoder, EncoderData
+from traverse.simulator.devices.canopen_table import CanOpenTable
+from traverse.simulator.devices.device import Mounting
+from traverse.simulator.devices.loop_network import LoopNetwork
+from traverse.simulator.devices.slcan_adapter import SlcanAdapter
+from traverse.simulator.disturbed_line import DisturbedLine
+from traverse.simulator.faults import EmcyFault
 
 NMT, SYNC, LSS = 0x000, 0x080, 0x7E5
 SDO_REQUEST, EMCY, TPDO1 = 0x600, 0x080, 0x180

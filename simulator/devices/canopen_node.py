@@ -11,7 +11,7 @@ from canopen import LocalNode, ObjectDictionary, SdoAbortedError
 from canopen.network import Network
 from canopen.objectdictionary import ODRecord, ODVariable, datatypes
 
-from simulator.devices.canopen_lss import LssSlave
+from traverse.simulator.devices.canopen_lss import LssSlave
 
 OPERATIONAL, PRE_OPERATIONAL, STOPPED = 5, 127, 4
 PDO_OFF = 0x8000_0000

@@ -5,7 +5,7 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from simulator.devices.table import DeviceTable
+from traverse.simulator.devices.table import DeviceTable
 
 NodeNumber = Annotated[int, Field(ge=1, le=127)]
 

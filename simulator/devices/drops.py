@@ -1,6 +1,6 @@
 """What a board drops because its transmit buffer is full, and whose fault it was."""
 
-from simulator.devices.device import Notes
+from traverse.simulator.devices.device import Notes
 
 
 class Drops:

@@ -7,16 +7,16 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from simulator import wire
-from simulator.board import Board
-from simulator.devices.device import Mounting
-from simulator.devices.drops import Drops
-from simulator.devices.table import DeviceTable
-from simulator.disturbed_line import DisturbedLine
-from simulator.edges import LatchedEdge
-from simulator.latched import Frame
-from simulator.pty_port import PtyPort
-from simulator.ticks import TickCounter
+from traverse.simulator import wire
+from traverse.simulator.board import Board
+from traverse.simulator.devices.device import Mounting
+from traverse.simulator.devices.drops import Drops
+from traverse.simulator.devices.table import DeviceTable
+from traverse.simulator.disturbed_line import DisturbedLine
+from traverse.simulator.edges import LatchedEdge
+from traverse.simulator.latched import Frame
+from traverse.simulator.pty_port import PtyPort
+from traverse.simulator.ticks import TickCounter
 
 FIRMWARE = (1, 0, 0)
 PIECE_S, PIECE_WAIT_S = 0.1, 0.02

@@ -13,12 +13,12 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from kinematics.arm_file import StrictModel
-from simulator.devices import hci as wire
-from simulator.devices.device import Mounting
-from simulator.devices.serial_device import SerialDevice, SerialTable
-from simulator.edges import LatchedEdge
-from simulator.latched import InputChange
+from traverse.kinematics.arm_file import StrictModel
+from traverse.simulator.devices import hci as wire
+from traverse.simulator.devices.device import Mounting
+from traverse.simulator.devices.serial_device import SerialDevice, SerialTable
+from traverse.simulator.edges import LatchedEdge
+from traverse.simulator.latched import InputChange
 
 MOST_COUNTS = 16384
 Six = tuple[int, int, int, int, int, int]

@@ -12,8 +12,8 @@ length, the data in hexadecimal. Only what 11-bit classic CAN needs is played.
 
 from pathlib import Path
 
-from simulator.latched import Frame
-from simulator.pty_port import PtyPort
+from traverse.simulator.latched import Frame
+from traverse.simulator.pty_port import PtyPort
 
 YES, NO, SENT = b"\r", b"\a", b"z\r"
 BUFFER_BYTES = 65_536

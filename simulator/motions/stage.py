@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.inverse import Reach
-from simulator.physics import Floats, probe_pose
-from simulator.script import ScriptEvent
-from simulator.trajectory import (
+from traverse.simulator.inverse import Reach
+from traverse.simulator.physics import Floats, probe_pose
+from traverse.simulator.script import ScriptEvent
+from traverse.simulator.trajectory import (
     Trajectory,
     move_pieces,
     rest_pieces,

@@ -11,8 +11,8 @@ from benchmarks.rig import ARM
 from benchmarks.soak.consumer import Store
 from benchmarks.soak.judge import judge
 from benchmarks.soak.measuring import Span
-from protocol.encoding import encode
 from tests.protocol.message_examples import POINT
+from traverse.protocol.encoding import encode
 
 SPAN = Span(begun_s=100.0, ended_s=110.0, starts=2)
 

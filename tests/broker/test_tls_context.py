@@ -5,8 +5,8 @@ import ssl
 
 import pytest
 
-from broker.tls import tls_context
 from tests.certificates import Authority
+from traverse.broker.tls import tls_context
 
 
 @pytest.mark.needs("openssl")

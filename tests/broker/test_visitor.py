@@ -6,7 +6,7 @@ import contextlib
 import aiomqtt
 import pytest
 
-from broker.visitor import SilentEndError, Visitor
+from traverse.broker.visitor import SilentEndError, Visitor
 
 HOST = "127.0.0.1"
 

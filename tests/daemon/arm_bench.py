@@ -2,24 +2,28 @@
 
 import asyncio
 
-from daemon.arm_devices import ArmDevices
-from daemon.capture import Capture, Triggers
-from daemon.configuration import AssemblySection, CaptureSection, UncertaintySection
-from daemon.device import Device
-from daemon.device_section import section_of
-from daemon.events import EventLog
-from daemon.health import HealthReport
-from daemon.live import LiveView
-from daemon.measuring import Measuring
-from daemon.pipeline import Pipeline
-from daemon.point_requests import PointRequests
-from daemon.scanner import Scanner
-from daemon.uncertainty import Uncertainty
-from drivers.crossing import Crossing
-from drivers.driver import Driver
-from drivers.values import DeviceUp, Identity, LatchedCounts, StreamStarted
 from tests.daemon.two_devices import BEGIN_NS, base, model_on_two, wrist
 from tests.daemon.values import SetClock, kept_at_once
+from traverse.daemon.arm_devices import ArmDevices
+from traverse.daemon.capture import Capture, Triggers
+from traverse.daemon.configuration import (
+    AssemblySection,
+    CaptureSection,
+    UncertaintySection,
+)
+from traverse.daemon.device import Device
+from traverse.daemon.device_section import section_of
+from traverse.daemon.events import EventLog
+from traverse.daemon.health import HealthReport
+from traverse.daemon.live import LiveView
+from traverse.daemon.measuring import Measuring
+from traverse.daemon.pipeline import Pipeline
+from traverse.daemon.point_requests import PointRequests
+from traverse.daemon.scanner import Scanner
+from traverse.daemon.uncertainty import Uncertainty
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.driver import Driver
+from traverse.drivers.values import DeviceUp, Identity, LatchedCounts, StreamStarted
 
 IDENTITIES = {
     "base": Identity("board 1", "1", (1 << 20, 1 << 23, 1 << 16), 2, 1000.0),

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from protocol.messages import Label
+from traverse.protocol.messages import Label
 
 HOLD_MS = 650.5  # no sum of the times that pass below
 

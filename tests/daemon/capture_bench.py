@@ -8,34 +8,34 @@ from pathlib import Path
 
 from hypothesis.stateful import RuleBasedStateMachine
 
-from daemon.arm_devices import ArmDevices
-from daemon.capture import Capture, triggers_of
-from daemon.configuration import (
+from tests.daemon.arm_bench import DeafDriver
+from tests.daemon.capture_asked import HOLD_MS, Asked, expected_points, has_room
+from tests.daemon.values import MODULI, SetClock, arm_model
+from traverse.daemon.arm_devices import ArmDevices
+from traverse.daemon.capture import Capture, triggers_of
+from traverse.daemon.configuration import (
     AssemblySection,
     CaptureSection,
     InputSection,
     UncertaintySection,
 )
-from daemon.device import Device
-from daemon.device_section import section_of
-from daemon.events import EventLog
-from daemon.health import HealthReport
-from daemon.live import LiveView
-from daemon.measuring import Measuring
-from daemon.outbox_keeping import InFlight, Keeping
-from daemon.outbox_store import OutboxStore
-from daemon.outbox_values import Entry
-from daemon.pipeline import Pipeline
-from daemon.scanner import Scanner
-from daemon.sessions import Session
-from daemon.uncertainty import Uncertainty
-from drivers.crossing import Crossing
-from drivers.values import DeviceUp, Identity, LatchedCounts, StreamStarted
-from protocol.encoding import encode
-from protocol.messages import Point
-from tests.daemon.arm_bench import DeafDriver
-from tests.daemon.capture_asked import HOLD_MS, Asked, expected_points, has_room
-from tests.daemon.values import MODULI, SetClock, arm_model
+from traverse.daemon.device import Device
+from traverse.daemon.device_section import section_of
+from traverse.daemon.events import EventLog
+from traverse.daemon.health import HealthReport
+from traverse.daemon.live import LiveView
+from traverse.daemon.measuring import Measuring
+from traverse.daemon.outbox_keeping import InFlight, Keeping
+from traverse.daemon.outbox_store import OutboxStore
+from traverse.daemon.outbox_values import Entry
+from traverse.daemon.pipeline import Pipeline
+from traverse.daemon.scanner import Scanner
+from traverse.daemon.sessions import Session
+from traverse.daemon.uncertainty import Uncertainty
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.values import DeviceUp, Identity, LatchedCounts, StreamStarted
+from traverse.protocol.encoding import encode
+from traverse.protocol.messages import Point
 
 MS = 1_000_000
 MEMORY = Path("/dev/shm")

@@ -2,7 +2,7 @@
 
 import pytest
 
-from daemon.outbox_store import OutboxStore
+from traverse.daemon.outbox_store import OutboxStore
 
 
 @pytest.fixture

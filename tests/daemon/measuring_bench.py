@@ -2,21 +2,21 @@
 
 import asyncio
 
-from daemon.alignment import PartSystem
-from daemon.arm_devices import ArmDevices
-from daemon.capture import Capture, Triggers
-from daemon.configuration import AssemblySection, UncertaintySection
-from daemon.device import open_device
-from daemon.device_section import section_of
-from daemon.events import EventLog
-from daemon.health import HealthReport
-from daemon.live import LiveView
-from daemon.measuring import Measuring
-from daemon.pipeline import Pipeline
-from daemon.scanner import Scanner
-from daemon.uncertainty import Uncertainty
-from drivers.values import Identity
 from tests.daemon.values import MODULI, SetClock, kept_at_once
+from traverse.daemon.alignment import PartSystem
+from traverse.daemon.arm_devices import ArmDevices
+from traverse.daemon.capture import Capture, Triggers
+from traverse.daemon.configuration import AssemblySection, UncertaintySection
+from traverse.daemon.device import open_device
+from traverse.daemon.device_section import section_of
+from traverse.daemon.events import EventLog
+from traverse.daemon.health import HealthReport
+from traverse.daemon.live import LiveView
+from traverse.daemon.measuring import Measuring
+from traverse.daemon.pipeline import Pipeline
+from traverse.daemon.scanner import Scanner
+from traverse.daemon.uncertainty import Uncertainty
+from traverse.drivers.values import Identity
 
 BOARD = Identity("latch board 07", "1.2.3", MODULI, 2, 10_000.0)
 OTHER_BOARD = Identity("latch board 08", "1.2.3", MODULI[:1], 2, 10_000.0)

@@ -2,7 +2,7 @@
 
 import sqlite3
 
-from daemon.outbox_values import Entry
+from traverse.daemon.outbox_values import Entry
 
 DAY_NS = 86_400 * 10**9
 NOW_NS = 1_800_000_000 * 10**9

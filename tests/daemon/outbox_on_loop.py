@@ -1,16 +1,16 @@
 """An outbox on the event loop, and the broker that takes from it."""
 
-from daemon.events import EventLog
-from daemon.health import HealthReport
-from daemon.outbox import Outbox
-from daemon.outbox_section import OutboxSection
-from daemon.outgoing import OutgoingQueue
-from daemon.sessions import Session
-from protocol.encoding import decode
-from protocol.messages import Point
 from tests.daemon.values import SetClock
 from tests.end_to_end.programs import until
 from tests.protocol.message_examples import POINT
+from traverse.daemon.events import EventLog
+from traverse.daemon.health import HealthReport
+from traverse.daemon.outbox import Outbox
+from traverse.daemon.outbox_section import OutboxSection
+from traverse.daemon.outgoing import OutgoingQueue
+from traverse.daemon.sessions import Session
+from traverse.protocol.encoding import decode
+from traverse.protocol.messages import Point
 
 
 class OutboxOnLoop:

@@ -5,10 +5,10 @@ import contextlib
 
 import aiomqtt
 
-from daemon.broker_access import BrokerAddress
-from daemon.outgoing import Outgoing, OutgoingQueue
-from daemon.publisher import Publisher
 from tests.drivers.taken import until
+from traverse.daemon.broker_access import BrokerAddress
+from traverse.daemon.outgoing import Outgoing, OutgoingQueue
+from traverse.daemon.publisher import Publisher
 
 STATUS = "traverse/bench-7/status"
 

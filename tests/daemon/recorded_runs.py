@@ -5,18 +5,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from daemon.events import EventLog
-from daemon.recorder import Recorder
-from daemon.recorder_state import MeasuringState
-from daemon.recording_section import RecordingSection
-from daemon.replay import Replay
-from daemon.replay_bench import ReplayBench, ReplayClock
-from daemon.replay_inputs import files_in_force, read_recorded
-from drivers.values import DeviceUp, Identity, LatchedCounts, StreamStarted
-from kinematics.kernel.choice import KERNEL
-from recording.run_reader import RunReader
 from tests.daemon.two_devices import BEGIN_NS, ON_TWO, TURNS, Reader, true_counts
 from tests.daemon.values import ARM, UTC_OFFSET_NS
+from traverse.daemon.events import EventLog
+from traverse.daemon.recorder import Recorder
+from traverse.daemon.recorder_state import MeasuringState
+from traverse.daemon.recording_section import RecordingSection
+from traverse.daemon.replay import Replay
+from traverse.daemon.replay_bench import ReplayBench, ReplayClock
+from traverse.daemon.replay_inputs import files_in_force, read_recorded
+from traverse.drivers.values import DeviceUp, Identity, LatchedCounts, StreamStarted
+from traverse.kinematics.kernel.choice import KERNEL
+from traverse.recording.run_reader import RunReader
 
 CONFIGURATION = """\
 [arm]

@@ -2,17 +2,17 @@
 
 import numpy as np
 
-from daemon.events import EventLog
-from daemon.outgoing import OutgoingQueue
-from daemon.outlet import Outlet
-from daemon.scan_section import ScanSection
-from daemon.scan_spool import ScanSpool
-from protocol.encoding import decode
-from protocol.messages import Scan
 from tests.daemon.outbox_bench import rows
 from tests.daemon.values import SetClock
 from tests.end_to_end.programs import until
 from tests.protocol.message_examples import SCAN
+from traverse.daemon.events import EventLog
+from traverse.daemon.outgoing import OutgoingQueue
+from traverse.daemon.outlet import Outlet
+from traverse.daemon.scan_section import ScanSection
+from traverse.daemon.scan_spool import ScanSpool
+from traverse.protocol.encoding import decode
+from traverse.protocol.messages import Scan
 
 POINTS = 5
 

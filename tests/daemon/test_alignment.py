@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from daemon.align_requests import AlignRequests
-from daemon.alignment import PartSystem, alignment_asked_for
-from drivers.values import DeviceUp
-from protocol.messages import AlignArgs
 from tests.daemon.measuring_bench import BOARD, Bench
 from tests.daemon.values import arm_model, count_samples, latch
+from traverse.daemon.align_requests import AlignRequests
+from traverse.daemon.alignment import PartSystem, alignment_asked_for
+from traverse.drivers.values import DeviceUp
+from traverse.protocol.messages import AlignArgs
 
 QUARTER = ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 

@@ -7,7 +7,7 @@ import sys
 # All of one process: what is set cannot be taken back.
 PROGRAM = """
 import ctypes, sys, threading
-from daemon.allocation import bound_free_memory
+from traverse.daemon.allocation import bound_free_memory
 
 libc = ctypes.CDLL(None)
 libc.malloc.restype = ctypes.c_void_p
@@ -57,7 +57,7 @@ def test_all_threads_share_one_arena_and_large_blocks_are_mapped():
 
 HOLES = """
 import asyncio, ctypes, os
-from daemon import allocation
+from traverse.daemon import allocation
 
 libc = ctypes.CDLL(None)
 libc.malloc.restype = ctypes.c_void_p

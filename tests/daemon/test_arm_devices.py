@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import pytest
 
-from daemon.arm_devices import ArmDevices
-from daemon.configuration import CaptureSection
-from drivers.values import DeviceUp
 from tests.daemon.measuring_bench import BOARD, Bench
 from tests.daemon.values import arm_model
+from traverse.daemon.arm_devices import ArmDevices
+from traverse.daemon.configuration import CaptureSection
+from traverse.drivers.values import DeviceUp
 
 
 @pytest.fixture

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from daemon.capture import CaptureRefusedError
-from daemon.pending_points import MAX_PENDING
-from drivers.values import DeviceLost, DeviceUp, StreamStarted
-from kinematics.forward import probe_centre
 from tests.daemon.arm_bench import IDENTITIES, ArmBench, edge
 from tests.daemon.two_devices import BEGIN_NS, base, true_counts, wrist
 from tests.daemon.values import ARM, arm_model
+from traverse.daemon.capture import CaptureRefusedError
+from traverse.daemon.pending_points import MAX_PENDING
+from traverse.drivers.values import DeviceLost, DeviceUp, StreamStarted
+from traverse.kinematics.forward import probe_centre
 
 EDGE_NS = BEGIN_NS + 123_456_789
 

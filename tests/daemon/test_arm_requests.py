@@ -4,13 +4,13 @@ import asyncio
 
 import pytest
 
-from daemon.commands import CommandError
-from daemon.configuration import CaptureSection
-from daemon.requests import Requests
-from drivers.values import DeviceLost, StreamStarted
-from protocol.messages import PointArgs, ScanArgs
 from tests.daemon.arm_bench import ArmBench
 from tests.daemon.two_devices import BEGIN_NS, base, wrist
+from traverse.daemon.commands import CommandError
+from traverse.daemon.configuration import CaptureSection
+from traverse.daemon.requests import Requests
+from traverse.drivers.values import DeviceLost, StreamStarted
+from traverse.protocol.messages import PointArgs, ScanArgs
 
 
 @pytest.fixture

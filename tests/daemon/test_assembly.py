@@ -8,9 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daemon.history import KEPT_NS
-from daemon.interpolation import STATUS_INTERPOLATED
-from drivers.values import LatchedCounts
 from tests.daemon.assembled import AT_ONCE, interpolated, joined, off_counts
 from tests.daemon.two_devices import (
     BEGIN_NS,
@@ -20,6 +17,9 @@ from tests.daemon.two_devices import (
     true_counts,
     wrist,
 )
+from traverse.daemon.history import KEPT_NS
+from traverse.daemon.interpolation import STATUS_INTERPOLATED
+from traverse.drivers.values import LatchedCounts
 
 
 def cuts(draw, n):

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from daemon.interpolation import STATUS_INTERPOLATED
-from drivers.values import STATUS_ERROR, STATUS_LATE, STATUS_MISSING
 from tests.daemon.assembled import AT_ONCE, MUCH_LATER, interpolated, joined, off_counts
 from tests.daemon.two_devices import BEGIN_NS, assembly_on_two, base, true_counts, wrist
+from traverse.daemon.interpolation import STATUS_INTERPOLATED
+from traverse.drivers.values import STATUS_ERROR, STATUS_LATE, STATUS_MISSING
 
 
 def held_back(tmp_path, **settings):

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daemon.averaging import LONGEST_NS, Average, AverageLimits
-from daemon.capture import CaptureRefusedError
-from daemon.model import read_model
-from protocol.messages import QualityFlag
 from tests.daemon.values import PoseMaker, arm_file
+from traverse.daemon.averaging import LONGEST_NS, Average, AverageLimits
+from traverse.daemon.capture import CaptureRefusedError
+from traverse.daemon.model import read_model
+from traverse.protocol.messages import QualityFlag
 
 START_NS, PERIOD_NS = 10**12, 10_000_000
 WIDE = AverageLimits(speed_mm_s=1e9, spread_mm=1e9)

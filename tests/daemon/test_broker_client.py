@@ -7,8 +7,8 @@ import socket
 import aiomqtt
 import pytest
 
-from daemon.broker_client import BrokerClient
-from daemon.outgoing import Outgoing
+from traverse.daemon.broker_client import BrokerClient
+from traverse.daemon.outgoing import Outgoing
 
 ACCEPTED = bytes((0x20, 3, 0, 0, 0))  # MQTT 5: CONNACK, success, no properties
 POSE = b"\x30\x0a" + b"\x00\x04live" + b"\x00" + b"abc"  # PUBLISH, QoS 0

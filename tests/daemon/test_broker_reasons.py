@@ -5,8 +5,8 @@ import pytest
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.reasoncodes import ReasonCode
 
-from daemon.broker_access import BrokerAddress
-from daemon.broker_reasons import reason_of
+from traverse.daemon.broker_access import BrokerAddress
+from traverse.daemon.broker_reasons import reason_of
 
 ADDRESS = BrokerAddress("arms.example", 1883)
 

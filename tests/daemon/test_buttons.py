@@ -4,15 +4,15 @@ import asyncio
 
 import pytest
 
-from daemon.button_actions import ButtonActions
-from daemon.buttons import GRACE_NS
-from daemon.commands import CommandError
-from daemon.configuration import InputSection
-from daemon.events import EventLog
-from protocol.messages import PointArgs
 from tests.daemon.arm_bench import ArmBench, edge
 from tests.daemon.two_devices import BEGIN_NS, base, wrist
 from tests.daemon.values import SetClock
+from traverse.daemon.button_actions import ButtonActions
+from traverse.daemon.buttons import GRACE_NS
+from traverse.daemon.commands import CommandError
+from traverse.daemon.configuration import InputSection
+from traverse.daemon.events import EventLog
+from traverse.protocol.messages import PointArgs
 
 ALL = {"click": "point", "double": "undo", "hold": "scan"}
 

@@ -3,11 +3,11 @@ import asyncio
 import numpy as np
 import pytest
 
-from daemon.capture import Capture, CaptureRefusedError, Measured, Triggers
-from daemon.outgoing import MAX_EVENTS, MAX_REPLIES, Outgoing, OutgoingQueue
-from daemon.poses import LatchedPose
-from kinematics.effects.block import Block
 from tests.daemon.values import UTC_OFFSET_NS, SetClock, arm_model, kept_at_once
+from traverse.daemon.capture import Capture, CaptureRefusedError, Measured, Triggers
+from traverse.daemon.outgoing import MAX_EVENTS, MAX_REPLIES, Outgoing, OutgoingQueue
+from traverse.daemon.poses import LatchedPose
+from traverse.kinematics.effects.block import Block
 
 
 def message(name: str, **options) -> Outgoing:

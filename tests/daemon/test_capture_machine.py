@@ -15,14 +15,14 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import invariant, precondition, rule
 
-from daemon.outbox_reading import unsent_of
-from daemon.outbox_store import OutboxStore
-from daemon.outbox_values import Trouble
-from daemon.scan_plan import ScanPlan
-from drivers.values import CountSamples, StreamStarted
-from protocol.messages import Label
 from tests.daemon.capture_asked import Asked
 from tests.daemon.capture_bench import MS, CaptureBench, entry_of
+from traverse.daemon.outbox_reading import unsent_of
+from traverse.daemon.outbox_store import OutboxStore
+from traverse.daemon.outbox_values import Trouble
+from traverse.daemon.scan_plan import ScanPlan
+from traverse.drivers.values import CountSamples, StreamStarted
+from traverse.protocol.messages import Label
 
 BUTTON, SWITCH, HOLDER, UNWIRED = range(4)
 

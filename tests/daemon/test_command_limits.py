@@ -5,7 +5,9 @@ import logging
 
 import pytest
 
-from daemon.command_limits import (
+from tests.daemon.test_commands import Bench, command
+from tests.drivers.taken import until
+from traverse.daemon.command_limits import (
     ALL,
     CALM_S,
     FLOOD,
@@ -14,10 +16,8 @@ from daemon.command_limits import (
     OTHERS,
     PAUSE_S,
 )
-from daemon.commands import MAX_CORRELATION_BYTES
-from protocol.messages import COMMANDS, Reply
-from tests.daemon.test_commands import Bench, command
-from tests.drivers.taken import until
+from traverse.daemon.commands import MAX_CORRELATION_BYTES
+from traverse.protocol.messages import COMMANDS, Reply
 
 
 @pytest.fixture

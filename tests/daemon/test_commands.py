@@ -4,14 +4,14 @@ import json
 import msgpack
 import pytest
 
-from daemon.clock import HostClock
-from daemon.command_answers import MAX_REMEMBERED, MAX_REMEMBERED_BYTES
-from daemon.commands import MAX_RUNNING, CommandDesk, CommandError
-from daemon.events import EventLog
-from daemon.hearing import Incoming
-from protocol.encoding import decode
-from protocol.messages import PointArgs, Reply
 from tests.drivers.taken import until
+from traverse.daemon.clock import HostClock
+from traverse.daemon.command_answers import MAX_REMEMBERED, MAX_REMEMBERED_BYTES
+from traverse.daemon.commands import MAX_RUNNING, CommandDesk, CommandError
+from traverse.daemon.events import EventLog
+from traverse.daemon.hearing import Incoming
+from traverse.protocol.encoding import decode
+from traverse.protocol.messages import PointArgs, Reply
 
 
 class SteppedClock(HostClock):

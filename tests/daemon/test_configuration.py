@@ -1,9 +1,9 @@
 import pytest
 
-from daemon.configuration import read_configuration
-from daemon.device_section import section_class
-from drivers.registry import DRIVERS
-from kinematics.arm_file import FileError
+from traverse.daemon.configuration import read_configuration
+from traverse.daemon.device_section import section_class
+from traverse.drivers.registry import DRIVERS
+from traverse.kinematics.arm_file import FileError
 
 GOOD = """\
 [arm]

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from daemon.cycles import FILES, KEPT, Collections, Cycles, write_report
-from daemon.latencies import Latencies
-from drivers.values import DeviceCounters
 from tests.daemon.values import UTC_OFFSET_NS, SetClock, count_samples
+from traverse.daemon.cycles import FILES, KEPT, Collections, Cycles, write_report
+from traverse.daemon.latencies import Latencies
+from traverse.drivers.values import DeviceCounters
 
 
 class Bench:

@@ -3,9 +3,14 @@
 import numpy as np
 import pytest
 
-from drivers.values import DeviceAlarm, DeviceLost, DeviceTemperatures, DeviceUp
 from tests.daemon.measuring_bench import BOARD, OTHER_BOARD, Bench
 from tests.daemon.values import ARM, arm_model, count_samples, latch
+from traverse.drivers.values import (
+    DeviceAlarm,
+    DeviceLost,
+    DeviceTemperatures,
+    DeviceUp,
+)
 
 
 @pytest.fixture

@@ -7,9 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daemon.pipeline import Pipeline
-from daemon.poses import PoseBlock
-from protocol.messages import Quality
 from tests.daemon.effect_entries import (
     IDENTIFIED,
     MASSES,
@@ -21,6 +18,9 @@ from tests.daemon.effect_entries import (
 )
 from tests.daemon.test_pipeline import probe_by_hand
 from tests.daemon.values import SetClock, arm_model, count_samples, latch
+from traverse.daemon.pipeline import Pipeline
+from traverse.daemon.poses import PoseBlock
+from traverse.protocol.messages import Quality
 
 
 def flags(poses, row):

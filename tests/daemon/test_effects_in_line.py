@@ -1,17 +1,12 @@
 """Each effect of the arm file reaches the poses, with what it needs.
 
-What the effects compute is proved with `kinematics.effects`; here the formulas of the
-arm file's table are done by hand, on readings that the test itself makes.
+What the effects compute is proved with `traverse.kinematics.effects`; here the formulas
+of the arm file's table are done by hand, on readings that the test itself makes.
 """
 
 import numpy as np
 import pytest
 
-from daemon.pipeline import Pipeline
-from kinematics.effect_kinds import EFFECT_KINDS
-from kinematics.effects.block import Block
-from kinematics.effects.pose import corrected_pose
-from protocol.messages import Quality
 from tests.daemon.effect_entries import (
     CONTACTS,
     FIRST_UTC,
@@ -26,6 +21,11 @@ from tests.daemon.effect_entries import (
 )
 from tests.daemon.test_pipeline import probe_by_hand
 from tests.daemon.values import SetClock, arm_model, count_samples
+from traverse.daemon.pipeline import Pipeline
+from traverse.kinematics.effect_kinds import EFFECT_KINDS
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.pose import corrected_pose
+from traverse.protocol.messages import Quality
 
 
 def posed(folder, *effects, temperature_c=TEMPERATURE_C, before=""):

@@ -5,8 +5,6 @@ import contextlib
 import numpy as np
 import pytest
 
-from daemon.startup import check_devices
-from protocol.messages import PointArgs, Quality, ScanArgs
 from tests.daemon.effect_entries import effect
 from tests.daemon.test_pipeline import probe_by_hand
 from tests.daemon.test_requests import CHANNELS, Bench
@@ -14,6 +12,8 @@ from tests.daemon.values import ARM, arm_model
 from tests.drivers import board_bodies as bodies
 from tests.drivers.fake_board import HELLO, FakeBoard
 from tests.drivers.taken import until
+from traverse.daemon.startup import check_devices
+from traverse.protocol.messages import PointArgs, Quality, ScanArgs
 
 GOOD = Quality(ok=True, flags=())
 

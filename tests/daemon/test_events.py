@@ -1,6 +1,7 @@
 import pytest
 
-from daemon.events import (
+from tests.daemon.values import SetClock
+from traverse.daemon.events import (
     CALM_NS,
     MAX_CHANGES,
     MAX_DISTINCT,
@@ -8,7 +9,6 @@ from daemon.events import (
     QUIET_NS,
     EventLog,
 )
-from tests.daemon.values import SetClock
 
 
 class Bench:

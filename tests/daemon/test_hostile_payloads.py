@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daemon.commands import MAX_COMMAND_BYTES, CommandDesk
-from daemon.events import EventLog
-from daemon.hearing import Incoming
-from protocol.encoding import MAX_BYTES, MessageError, decode
-from protocol.messages import COMMANDS, Command, Reply
 from tests.daemon.test_commands import SteppedClock
 from tests.hostile_messages import deep, fixed, names, payloads
+from traverse.daemon.commands import MAX_COMMAND_BYTES, CommandDesk
+from traverse.daemon.events import EventLog
+from traverse.daemon.hearing import Incoming
+from traverse.protocol.encoding import MAX_BYTES, MessageError, decode
+from traverse.protocol.messages import COMMANDS, Command, Reply
 
 
 class Bench:

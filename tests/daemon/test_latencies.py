@@ -7,8 +7,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daemon.latencies import KEPT, Latencies
-from protocol.messages.health import LATENCY_BOUNDS_US
+from traverse.daemon.latencies import KEPT, Latencies
+from traverse.protocol.messages.health import LATENCY_BOUNDS_US
 
 
 def test_percentiles_are_those_of_the_definition():

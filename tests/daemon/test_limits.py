@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from daemon.limits import PoseLimits, SpeedTrail
-from daemon.quality_section import EndStopSection, QualitySection
-from kinematics.derivatives import probe_derivatives
-from protocol.messages import QualityFlag
 from tests.daemon.values import arm_model
+from traverse.daemon.limits import PoseLimits, SpeedTrail
+from traverse.daemon.quality_section import EndStopSection, QualitySection
+from traverse.kinematics.derivatives import probe_derivatives
+from traverse.protocol.messages import QualityFlag
 
 MS = 1_000_000
 

@@ -5,12 +5,12 @@ import asyncio
 import numpy as np
 import pytest
 
-from daemon.pipeline import Pipeline
-from daemon.poses import PoseBlock
-from daemon.scan_plan import plan_scan
-from drivers.values import CountSamples, DeviceUp, StreamStarted
 from tests.daemon.measuring_bench import BOARD, Bench
 from tests.daemon.values import SetClock, arm_model, count_samples, latch
+from traverse.daemon.pipeline import Pipeline
+from traverse.daemon.poses import PoseBlock
+from traverse.daemon.scan_plan import plan_scan
+from traverse.drivers.values import CountSamples, DeviceUp, StreamStarted
 
 
 @pytest.fixture

@@ -8,22 +8,22 @@ from pathlib import Path
 
 import pytest
 
-from daemon.events import EventLog
-from daemon.exposition import family
-from daemon.latencies import Latencies
-from daemon.metrics import exposition
-from daemon.metrics_endpoint import (
+from tests.daemon.metrics_reader import read, value
+from tests.daemon.values import SetClock
+from tests.mosquitto import free_port
+from tests.protocol.message_examples import HEALTH
+from traverse.daemon.events import EventLog
+from traverse.daemon.exposition import family
+from traverse.daemon.latencies import Latencies
+from traverse.daemon.metrics import exposition
+from traverse.daemon.metrics_endpoint import (
     LIMIT_S,
     MAX_CLIENTS,
     MAX_REQUEST,
     MetricsEndpoint,
     metrics_endpoint,
 )
-from daemon.metrics_section import MetricsSection
-from tests.daemon.metrics_reader import read, value
-from tests.daemon.values import SetClock
-from tests.mosquitto import free_port
-from tests.protocol.message_examples import HEALTH
+from traverse.daemon.metrics_section import MetricsSection
 
 HOST = "127.0.0.1"
 GET = b"GET /metrics HTTP/1.1\r\nHost: x\r\n\r\n"
@@ -195,13 +195,13 @@ async def test_so_many_clients_and_no_more_are_served_at_once(port):
 
 
 async def test_a_slow_client_is_cut(port, monkeypatch):
-    monkeypatch.setattr("daemon.metrics_endpoint.LIMIT_S", 0.05)
+    monkeypatch.setattr("traverse.daemon.metrics_endpoint.LIMIT_S", 0.05)
     assert LIMIT_S > 1
     assert await answer(port, GET[:10]) == b""
 
 
 async def test_a_client_that_does_not_read_is_cut(monkeypatch):
-    monkeypatch.setattr("daemon.metrics_endpoint.LIMIT_S", 0.2)
+    monkeypatch.setattr("traverse.daemon.metrics_endpoint.LIMIT_S", 0.2)
     endpoint = MetricsEndpoint(lambda: "x" * 50_000_000)
     server = await asyncio.start_server(endpoint.serve, HOST, 0)
     port = server.sockets[0].getsockname()[1]
@@ -224,11 +224,11 @@ async def test_figures_are_made_anew_when_they_are_old_only(monkeypatch):
         return "x 1\n"
 
     endpoint = MetricsEndpoint(text)
-    monkeypatch.setattr("daemon.metrics_endpoint.FRESH_S", 1000.0)
+    monkeypatch.setattr("traverse.daemon.metrics_endpoint.FRESH_S", 1000.0)
     for _ in range(50):
         endpoint._answer(GET)
     assert len(made) == 1
-    monkeypatch.setattr("daemon.metrics_endpoint.FRESH_S", 0.0)
+    monkeypatch.setattr("traverse.daemon.metrics_endpoint.FRESH_S", 0.0)
     endpoint._answer(GET)
     assert len(made) == 2
 

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from daemon.model import read_model
-from drivers.values import Identity
-from kinematics.arm_file import FileError, arm_digest, read_arm
 from tests.daemon.values import ARM, MODULI, arm_file, arm_model
+from traverse.daemon.model import read_model
+from traverse.drivers.values import Identity
+from traverse.kinematics.arm_file import FileError, arm_digest, read_arm
 
 
 def device(moduli_counts, counts_per_turn=()):

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daemon.motion import GAP_NS, KEPT_NS, MotionTrail
+from traverse.daemon.motion import GAP_NS, KEPT_NS, MotionTrail
 
 MS = 1_000_000
 FIELDS = ("speeds_rad_s", "are_speeds_known", "approaches")

@@ -2,7 +2,7 @@
 
 import pytest
 
-from daemon.mqtt_properties import UsualProperties, publish_properties
+from traverse.daemon.mqtt_properties import UsualProperties, publish_properties
 
 
 @pytest.mark.parametrize("encoding", ["msgpack", "json"])

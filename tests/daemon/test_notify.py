@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from daemon.notify import Notifier
+from traverse.daemon.notify import Notifier
 
 
 @pytest.fixture(params=["path", "abstract"])

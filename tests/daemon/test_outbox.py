@@ -2,12 +2,12 @@
 
 import pytest
 
-from daemon.outbox_feed import TOGETHER
-from daemon.outgoing import MAX_POINTS
 from tests.daemon.outbox_bench import rows
 from tests.daemon.outbox_on_loop import OutboxOnLoop, numbers
 from tests.end_to_end.programs import until
 from tests.protocol.message_examples import POINT
+from traverse.daemon.outbox_feed import TOGETHER
+from traverse.daemon.outgoing import MAX_POINTS
 
 
 @pytest.fixture

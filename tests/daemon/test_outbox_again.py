@@ -2,12 +2,12 @@
 
 import pytest
 
-from daemon.commands import CommandError
-from daemon.outbox_resend import MAX_RANGES
-from protocol.messages import ResendArgs
 from tests.daemon.outbox_bench import entries, rows
 from tests.daemon.outbox_on_loop import OutboxOnLoop, numbers
 from tests.end_to_end.programs import until
+from traverse.daemon.commands import CommandError
+from traverse.daemon.outbox_resend import MAX_RANGES
+from traverse.protocol.messages import ResendArgs
 
 
 @pytest.fixture

@@ -9,14 +9,14 @@ from collections import deque
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from daemon.latencies import Latencies
-from daemon.outbox_feed import REFUSED_NS, TOGETHER, OutboxFeed, outgoing
-from daemon.outbox_marks import OutboxMarks
-from daemon.outbox_store import OutboxStore
-from daemon.outbox_values import Held, held_of
-from daemon.outgoing import OutgoingQueue
 from tests.daemon.outbox_bench import entries, rows
 from tests.daemon.values import SetClock
+from traverse.daemon.latencies import Latencies
+from traverse.daemon.outbox_feed import REFUSED_NS, TOGETHER, OutboxFeed, outgoing
+from traverse.daemon.outbox_marks import OutboxMarks
+from traverse.daemon.outbox_store import OutboxStore
+from traverse.daemon.outbox_values import Held, held_of
+from traverse.daemon.outgoing import OutgoingQueue
 
 ROOM = TOGETHER + 50
 

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daemon.outbox_reading import open_to_read, unsent_of
-from daemon.outbox_store import OutboxStore
-from daemon.outbox_trouble import set_aside, trouble_of
-from daemon.outbox_values import OutboxRefusedError
 from tests.daemon.outbox_bench import entries, execute, rows
+from traverse.daemon.outbox_reading import open_to_read, unsent_of
+from traverse.daemon.outbox_store import OutboxStore
+from traverse.daemon.outbox_trouble import set_aside, trouble_of
+from traverse.daemon.outbox_values import OutboxRefusedError
 
 
 def test_a_newer_version_is_refused_with_what_to_do(store, path):
@@ -90,7 +90,7 @@ def test_a_full_disk_is_told_and_is_over_when_there_is_room(store, path):
 WRITER = """
 import os, sys
 from pathlib import Path
-from daemon.outbox_store import OutboxStore
+from traverse.daemon.outbox_store import OutboxStore
 from tests.daemon.outbox_bench import entries
 store = OutboxStore(Path(sys.argv[1]))
 for first in range(0, 40, 4):

@@ -1,7 +1,7 @@
 """What the database of the outbox forgets, and when."""
 
-from daemon.outbox_reading import messages_of, sessions_of
 from tests.daemon.outbox_bench import DAY_NS, NOW_NS, entries, entry, execute, rows
+from traverse.daemon.outbox_reading import messages_of, sessions_of
 
 
 def forget(store, *, before_ns=0, keep_bytes=10**12, running="", at_most=1000):

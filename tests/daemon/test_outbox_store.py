@@ -4,7 +4,8 @@ import sqlite3
 
 import pytest
 
-from daemon.outbox_reading import (
+from tests.daemon.outbox_bench import NOW_NS, entries, entry, rows
+from traverse.daemon.outbox_reading import (
     all_messages_of,
     counts_of,
     extent_of,
@@ -13,9 +14,8 @@ from daemon.outbox_reading import (
     sessions_of,
     unsent_of,
 )
-from daemon.outbox_store import OutboxStore
-from daemon.outbox_values import Extent, HeldSession
-from tests.daemon.outbox_bench import NOW_NS, entries, entry, rows
+from traverse.daemon.outbox_store import OutboxStore
+from traverse.daemon.outbox_values import Extent, HeldSession
 
 
 def test_what_was_added_is_there_as_it_was_in_order(store, path):

@@ -6,11 +6,11 @@ import threading
 
 import pytest
 
-from daemon.outbox_values import OutboxRefusedError
-from protocol.messages import ResendArgs
 from tests.daemon.outbox_bench import execute, rows
 from tests.daemon.outbox_on_loop import OutboxOnLoop, numbers
 from tests.end_to_end.programs import until
+from traverse.daemon.outbox_values import OutboxRefusedError
+from traverse.protocol.messages import ResendArgs
 
 FULL = (
     "CREATE TRIGGER {0}_full BEFORE INSERT ON {0} "

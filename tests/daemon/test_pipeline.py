@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daemon.pipeline import QUALITY_OF_STATUS, Pipeline
-from daemon.poses import PoseBlock
-from protocol.messages import Quality
 from tests.daemon.values import MODULI, SetClock, arm_model, count_samples, latch
+from traverse.daemon.pipeline import QUALITY_OF_STATUS, Pipeline
+from traverse.daemon.poses import PoseBlock
+from traverse.protocol.messages import Quality
 
 TURNS = (65536, 1048576, 8388608)  # of the joints
 SIGNS = (1, -1, 1)

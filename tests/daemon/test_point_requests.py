@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import pytest
 
-from daemon.capture import CaptureRefusedError
-from daemon.commands import CommandError
-from drivers.values import DeviceLost
-from protocol.messages import LabelArgs, PointArgs, SessionArgs, UndoArgs
 from tests.daemon.arm_bench import ArmBench, edge
 from tests.daemon.two_devices import BEGIN_NS
+from traverse.daemon.capture import CaptureRefusedError
+from traverse.daemon.commands import CommandError
+from traverse.drivers.values import DeviceLost
+from traverse.protocol.messages import LabelArgs, PointArgs, SessionArgs, UndoArgs
 
 
 @pytest.fixture

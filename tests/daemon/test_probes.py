@@ -6,17 +6,17 @@ import hashlib
 import numpy as np
 import pytest
 
-from daemon.commands import CommandError
-from daemon.model import model_with_probe, read_model
-from daemon.probe_requests import ProbeRequests
-from daemon.probes import read_probes
-from kinematics.arm_file import FileError, arm_digest, parse_arm
-from kinematics.forward import probe_centre
-from protocol.messages import PointArgs, ProbeArgs
 from tests.daemon.arm_bench import ArmBench, edge
 from tests.daemon.effect_entries import effect
 from tests.daemon.two_devices import BEGIN_NS, ON_TWO
 from tests.daemon.values import ARM, arm_file, arm_model
+from traverse.daemon.commands import CommandError
+from traverse.daemon.model import model_with_probe, read_model
+from traverse.daemon.probe_requests import ProbeRequests
+from traverse.daemon.probes import read_probes
+from traverse.kinematics.arm_file import FileError, arm_digest, parse_arm
+from traverse.kinematics.forward import probe_centre
+from traverse.protocol.messages import PointArgs, ProbeArgs
 
 LIBRARY = """\
 schema = "traverse/probes/1"

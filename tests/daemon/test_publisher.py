@@ -5,11 +5,11 @@ import pytest
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 
-from daemon.broker_access import BrokerAddress
-from daemon.embedded_broker import embedded_broker
-from daemon.outgoing import Outgoing
 from tests.daemon.publisher_bench import STATUS, Bench, Witness, address
 from tests.drivers.taken import until
+from traverse.daemon.broker_access import BrokerAddress
+from traverse.daemon.embedded_broker import embedded_broker
+from traverse.daemon.outgoing import Outgoing
 
 pytestmark = pytest.mark.needs("mosquitto")
 

@@ -5,9 +5,9 @@ import socket
 
 import pytest
 
-from daemon.broker_access import BrokerAddress
-from daemon.embedded_broker import BrokerStartError, embedded_broker
 from tests.daemon.publisher_bench import Bench, address
+from traverse.daemon.broker_access import BrokerAddress
+from traverse.daemon.embedded_broker import BrokerStartError, embedded_broker
 
 pytestmark = pytest.mark.needs("mosquitto")
 

@@ -6,9 +6,9 @@ import sys
 import aiomqtt
 import pytest
 
-from daemon.outgoing import Outgoing
 from tests.daemon.publisher_bench import STATUS, Bench, Witness, address
 from tests.drivers.taken import until
+from traverse.daemon.outgoing import Outgoing
 
 pytestmark = pytest.mark.needs("mosquitto")
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from daemon.quality_section import EndStopSection, QualitySection
-from drivers.values import DeviceUp
 from tests.daemon.measuring_bench import BOARD, Bench
 from tests.daemon.values import arm_model, count_samples, latch
+from traverse.daemon.quality_section import EndStopSection, QualitySection
+from traverse.drivers.values import DeviceUp
 
 TURN = 65536  # of J1, on channel 2
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from daemon.capture import CaptureRefusedError
-from daemon.events import EventLog
-from daemon.quality_section import EndStopSection, QualitySection
-from daemon.quality_watch import QualityWatch
-from protocol.messages import QualityFlag
 from tests.daemon.values import PoseMaker, SetClock, arm_model
+from traverse.daemon.capture import CaptureRefusedError
+from traverse.daemon.events import EventLog
+from traverse.daemon.quality_section import EndStopSection, QualitySection
+from traverse.daemon.quality_watch import QualityWatch
+from traverse.protocol.messages import QualityFlag
 
 STOP = EndStopSection(joint="J1", low_rad=-1.0, high_rad=1.0, margin_rad=0.0)
 DAY_NS = 86_400 * 10**9

@@ -12,19 +12,19 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from daemon.events import EventLog
-from daemon.realtime import NET_NEW_OBJECTS, prepare
-from daemon.realtime_section import RealtimeSection
 from tests.daemon.values import SetClock
+from traverse.daemon.events import EventLog
+from traverse.daemon.realtime import NET_NEW_OBJECTS, prepare
+from traverse.daemon.realtime_section import RealtimeSection
 
 NOBODY = 65534
 SCRIPT = """
 import json, os, sys, threading
 from pathlib import Path
-from daemon.clock import HostClock
-from daemon.events import EventLog
-from daemon.realtime import prepare
-from daemon.realtime_section import RealtimeSection
+from traverse.daemon.clock import HostClock
+from traverse.daemon.events import EventLog
+from traverse.daemon.realtime import prepare
+from traverse.daemon.realtime_section import RealtimeSection
 if sys.argv[2] == "nobody" and os.getuid() == 0:
     os.setuid(65534)
 ending = threading.Event()

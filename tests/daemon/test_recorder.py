@@ -7,12 +7,12 @@ import signal
 import numpy as np
 import pytest
 
-from daemon.commands import CommandError
-from daemon.record_requests import RecordRequests
-from drivers.values import CountSamples
-from protocol.messages import Event, RecordArgs
-from recording.run_reader import RunReader
 from tests.daemon.recorded_runs import RecordedRun, replayed
+from traverse.daemon.commands import CommandError
+from traverse.daemon.record_requests import RecordRequests
+from traverse.drivers.values import CountSamples
+from traverse.protocol.messages import Event, RecordArgs
+from traverse.recording.run_reader import RunReader
 
 
 async def until(condition):

@@ -2,11 +2,13 @@
 
 import numpy as np
 
-from daemon.recorder_queue import Item, RecorderQueue
-from daemon.recorder_ring import Ring
-from daemon.recorder_state import WARM_NS, LastTold
-from daemon.step_clock import JITTER_NS, LOOK_NS, StepClock
-from drivers.values import (
+from tests.daemon.recorded_runs import IDENTITIES
+from tests.daemon.values import SetClock
+from traverse.daemon.recorder_queue import Item, RecorderQueue
+from traverse.daemon.recorder_ring import Ring
+from traverse.daemon.recorder_state import WARM_NS, LastTold
+from traverse.daemon.step_clock import JITTER_NS, LOOK_NS, StepClock
+from traverse.drivers.values import (
     CountSamples,
     DeviceAlarm,
     DeviceLost,
@@ -14,9 +16,7 @@ from drivers.values import (
     DeviceUp,
     StreamStarted,
 )
-from recording.run_writer import Entry
-from tests.daemon.recorded_runs import IDENTITIES
-from tests.daemon.values import SetClock
+from traverse.recording.run_writer import Entry
 
 
 def test_the_queue_is_bounded_by_items_and_bytes_but_takes_jobs():

@@ -4,12 +4,12 @@ import asyncio
 
 import pytest
 
-from daemon.replay import Replay
-from drivers.values import DeviceAlarm, DeviceTemperatures, StreamStarted
-from recording.maps import bytes_to_map, map_to_bytes
-from recording.run_reader import RunReader
-from recording.run_writer import Entry, RunHead, RunWriter
 from tests.daemon.recorded_runs import RecordedRun, replayed
+from traverse.daemon.replay import Replay
+from traverse.drivers.values import DeviceAlarm, DeviceTemperatures, StreamStarted
+from traverse.recording.maps import bytes_to_map, map_to_bytes
+from traverse.recording.run_reader import RunReader
+from traverse.recording.run_writer import Entry, RunHead, RunWriter
 
 BLOCKS = (None, 1, 7, 1000)
 SCAN = {"id": "s1", "rate_hz": 100.0, "every": 1}

@@ -5,16 +5,16 @@ import socket
 
 import pytest
 
-from daemon.capture import triggers_of
-from daemon.commands import CommandError
-from daemon.events import EventLog
-from daemon.notify import Notifier
-from daemon.reload import Inputs, Reload
-from daemon.startup import read_inputs
-from drivers.values import DeviceUp
-from protocol.messages import ReloadArgs
 from tests.daemon.measuring_bench import BOARD, Bench
 from tests.daemon.values import ARM, arm_file, latch
+from traverse.daemon.capture import triggers_of
+from traverse.daemon.commands import CommandError
+from traverse.daemon.events import EventLog
+from traverse.daemon.notify import Notifier
+from traverse.daemon.reload import Inputs, Reload
+from traverse.daemon.startup import read_inputs
+from traverse.drivers.values import DeviceUp
+from traverse.protocol.messages import ReloadArgs
 
 CONFIGURATION = """\
 [arm]

@@ -5,29 +5,33 @@ import contextlib
 
 import pytest
 
-from daemon.arm_devices import ArmDevices
-from daemon.capture import Capture, Triggers
-from daemon.clock import HostClock
-from daemon.commands import CommandError
-from daemon.configuration import AssemblySection, CaptureSection, UncertaintySection
-from daemon.device import open_device
-from daemon.device_section import section_of
-from daemon.events import EventLog
-from daemon.health import HealthReport
-from daemon.live import LiveView
-from daemon.measuring import Measuring
-from daemon.pipeline import Pipeline
-from daemon.point_requests import PointRequests
-from daemon.requests import Requests
-from daemon.scan_section import ScanSection
-from daemon.scanner import Scanner
-from daemon.startup import REFUSED, UNREACHABLE, check_devices
-from daemon.uncertainty import Uncertainty
-from protocol.messages import PointArgs, ScanArgs
 from tests.daemon.values import arm_model, kept_at_once
 from tests.drivers import board_bodies as bodies
 from tests.drivers.fake_board import HELLO, START, FakeBoard
 from tests.drivers.taken import until
+from traverse.daemon.arm_devices import ArmDevices
+from traverse.daemon.capture import Capture, Triggers
+from traverse.daemon.clock import HostClock
+from traverse.daemon.commands import CommandError
+from traverse.daemon.configuration import (
+    AssemblySection,
+    CaptureSection,
+    UncertaintySection,
+)
+from traverse.daemon.device import open_device
+from traverse.daemon.device_section import section_of
+from traverse.daemon.events import EventLog
+from traverse.daemon.health import HealthReport
+from traverse.daemon.live import LiveView
+from traverse.daemon.measuring import Measuring
+from traverse.daemon.pipeline import Pipeline
+from traverse.daemon.point_requests import PointRequests
+from traverse.daemon.requests import Requests
+from traverse.daemon.scan_section import ScanSection
+from traverse.daemon.scanner import Scanner
+from traverse.daemon.startup import REFUSED, UNREACHABLE, check_devices
+from traverse.daemon.uncertainty import Uncertainty
+from traverse.protocol.messages import PointArgs, ScanArgs
 
 CHANNELS = ((32, 0), (23, 1 << 23), (20, 1 << 20))
 

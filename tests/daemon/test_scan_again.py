@@ -2,11 +2,11 @@
 
 import pytest
 
-from daemon.commands import CommandError
-from daemon.resend_requests import ResendRequests
-from protocol.messages import ResendArgs
 from tests.daemon.scan_spool_bench import POINTS, Bench
 from tests.protocol.message_examples import SCAN
+from traverse.daemon.commands import CommandError
+from traverse.daemon.resend_requests import ResendRequests
+from traverse.protocol.messages import ResendArgs
 
 
 @pytest.mark.parametrize(

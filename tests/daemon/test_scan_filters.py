@@ -3,11 +3,11 @@
 import pytest
 from pydantic import ValidationError
 
-from daemon.filters import filter_of, flag_bits
-from daemon.scan_section import ScanSection
-from kinematics.arm_file import FileError, parse_strict
-from kinematics.filters.regions import Box
-from protocol.messages import QualityFlag
+from traverse.daemon.filters import filter_of, flag_bits
+from traverse.daemon.scan_section import ScanSection
+from traverse.kinematics.arm_file import FileError, parse_strict
+from traverse.kinematics.filters.regions import Box
+from traverse.protocol.messages import QualityFlag
 
 
 def section(text):

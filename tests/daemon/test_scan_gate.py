@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daemon.scan_gate import MAX_EDGES, HeldGate
+from traverse.daemon.scan_gate import MAX_EDGES, HeldGate
 
 BUTTON, OTHER = ("base", 0), ("handle", 3)
 

@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daemon.alignment import Alignment, PartSystem
-from daemon.filters import filter_of, removed_counters
-from daemon.scan_plan import ScanPlan
-from daemon.scan_section import ScanSection
-from daemon.scanner import Scanner
-from kinematics.filters import FILTERS, FilterChain, PointBlock
-from protocol.messages import QualityFlag
 from tests.daemon.values import PoseMaker, SetClock, arm_model
+from traverse.daemon.alignment import Alignment, PartSystem
+from traverse.daemon.filters import filter_of, removed_counters
+from traverse.daemon.scan_plan import ScanPlan
+from traverse.daemon.scan_section import ScanSection
+from traverse.daemon.scanner import Scanner
+from traverse.kinematics.filters import FILTERS, FilterChain, PointBlock
+from traverse.protocol.messages import QualityFlag
 
 PERIOD_NS = 1_000_000
 BUTTON = ("base", 0)

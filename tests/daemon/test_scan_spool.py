@@ -3,12 +3,12 @@
 import contextlib
 import sqlite3
 
-from daemon.outgoing import MAX_SPOOLED
-from daemon.scan_section import ScanSection
-from daemon.scan_spool import MAX_WAITING
 from tests.daemon.outbox_bench import execute, rows
 from tests.daemon.scan_spool_bench import POINTS, Bench, block
 from tests.end_to_end.programs import until
+from traverse.daemon.outgoing import MAX_SPOOLED
+from traverse.daemon.scan_section import ScanSection
+from traverse.daemon.scan_spool import MAX_WAITING
 
 FULL = (
     "CREATE TRIGGER full BEFORE INSERT ON {0} "

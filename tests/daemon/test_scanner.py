@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from daemon.scan_plan import ScanPlan, plan_scan
-from daemon.scanner import Scanner
 from tests.daemon.values import UTC_OFFSET_NS, PoseMaker, SetClock, arm_model
+from traverse.daemon.scan_plan import ScanPlan, plan_scan
+from traverse.daemon.scanner import Scanner
 
 PERIOD_NS = 10_000_000  # a stream of 100 Hz
 

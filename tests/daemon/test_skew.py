@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from daemon.joint_counts import JointCounts
-from daemon.pipeline import Pipeline
-from daemon.skew import SkewWatch
-from kinematics.forward import probe_centre
-from protocol.messages import QualityFlag
 from tests.daemon.values import SetClock, arm_model, count_samples
+from traverse.daemon.joint_counts import JointCounts
+from traverse.daemon.pipeline import Pipeline
+from traverse.daemon.skew import SkewWatch
+from traverse.kinematics.forward import probe_centre
+from traverse.protocol.messages import QualityFlag
 
 
 @pytest.fixture

@@ -2,7 +2,7 @@
 
 import stat
 
-from daemon.state_folder import state_folder
+from traverse.daemon.state_folder import state_folder
 
 
 def test_it_stands_beside_the_configuration_for_its_owner_alone(tmp_path, monkeypatch):

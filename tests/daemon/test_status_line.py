@@ -2,7 +2,7 @@
 
 import re
 
-from daemon.status_line import StatusLine
+from traverse.daemon.status_line import StatusLine
 
 
 def test_what_is_well_is_short():

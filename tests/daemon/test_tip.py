@@ -5,18 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from daemon.capture import Measured
-from daemon.configuration import CaptureSection, InputSection
-from daemon.poses import LatchedPose
-from daemon.tip import Tip, without_direction
-from daemon.tip_path import TipPath
-from kinematics.compensation import DirectionError
-from kinematics.effects.block import Block
-from protocol.messages import QualityFlag
 from tests.daemon.arm_bench import ArmBench, edge
 from tests.daemon.effect_entries import effect
 from tests.daemon.two_devices import BEGIN_NS, ON_TWO
 from tests.daemon.values import ARM, PoseMaker, arm_file, arm_model
+from traverse.daemon.capture import Measured
+from traverse.daemon.configuration import CaptureSection, InputSection
+from traverse.daemon.poses import LatchedPose
+from traverse.daemon.tip import Tip, without_direction
+from traverse.daemon.tip_path import TipPath
+from traverse.kinematics.compensation import DirectionError
+from traverse.kinematics.effects.block import Block
+from traverse.protocol.messages import QualityFlag
 
 START_NS, PERIOD_NS = 10**12, 10_000_000
 SHANK = np.array([0.0, 0.6, 0.8])

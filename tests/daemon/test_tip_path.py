@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from daemon.poses import PoseBlock
-from daemon.tip_path import GAP_NS, KEPT_NS, SPEED_NS, TipPath, first_away
-from protocol.messages import QualityFlag
 from tests.daemon.values import PoseMaker, arm_model
+from traverse.daemon.poses import PoseBlock
+from traverse.daemon.tip_path import GAP_NS, KEPT_NS, SPEED_NS, TipPath, first_away
+from traverse.protocol.messages import QualityFlag
 
 PERIOD_NS = 1_000_000
 START_NS = 10**12

@@ -4,15 +4,15 @@ import pickle
 
 import pytest
 
-from daemon.broker_access import (
+from tests.certificates import Authority, openssl
+from traverse.daemon.broker_access import (
     MAX_PASSWORD_BYTES,
     AccessError,
     BrokerAddress,
     access_problems,
     read_access,
 )
-from daemon.broker_section import BrokerSection, broker_table_problems
-from tests.certificates import Authority, openssl
+from traverse.daemon.broker_section import BrokerSection, broker_table_problems
 
 SECRET = "correct horse"
 

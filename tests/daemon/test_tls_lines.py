@@ -5,11 +5,11 @@ import ssl
 
 import pytest
 
-from daemon.broker_access import BrokerAddress
-from daemon.outgoing import Outgoing
 from tests.certificates import Authority
 from tests.daemon.publisher_bench import Bench, Witness
 from tests.drivers.taken import until
+from traverse.daemon.broker_access import BrokerAddress
+from traverse.daemon.outgoing import Outgoing
 
 pytestmark = pytest.mark.needs("mosquitto", "openssl")
 

@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from daemon.configuration import UncertaintySection
-from daemon.model import read_model
-from daemon.startup import StartupError, read_inputs
-from daemon.uncertainty import Reading, Uncertainty
-from drivers.values import DeviceUp
-from kinematics.arm_file import FileError
-from kinematics.effects.block import Block
-from kinematics.forward import probe_centre
 from tests.daemon.arm_bench import IDENTITIES, ArmBench, edge
 from tests.daemon.two_devices import BEGIN_NS, base, true_counts, wrist
 from tests.daemon.values import ARM, arm_file, arm_model
+from traverse.daemon.configuration import UncertaintySection
+from traverse.daemon.model import read_model
+from traverse.daemon.startup import StartupError, read_inputs
+from traverse.daemon.uncertainty import Reading, Uncertainty
+from traverse.drivers.values import DeviceUp
+from traverse.kinematics.arm_file import FileError
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.forward import probe_centre
 
 ANGLES_RAD = np.array([1.5, -0.2, 0.9])
 COVARIANCE_FILE = 'covariance_file = "arm.cov.npz"'

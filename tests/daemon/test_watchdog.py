@@ -5,17 +5,17 @@ import socket
 
 import pytest
 
-from daemon.device import Device
-from daemon.device_section import section_of
-from daemon.events import EventLog
-from daemon.notify import Notifier
-from daemon.watchdog import Watchdog
-from drivers.crossing import Crossing
-from drivers.latch_board import LatchBoard
-from drivers.pulse import Pulse
-from drivers.values import DeviceCounters
 from tests.daemon.values import SetClock
 from tests.drivers.taken import until
+from traverse.daemon.device import Device
+from traverse.daemon.device_section import section_of
+from traverse.daemon.events import EventLog
+from traverse.daemon.notify import Notifier
+from traverse.daemon.watchdog import Watchdog
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.latch_board import LatchBoard
+from traverse.drivers.pulse import Pulse
+from traverse.drivers.values import DeviceCounters
 
 WATCHDOG_S = 10.0
 S = 1_000_000_000

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daemon.assembly import Assembly
-from daemon.configuration import AssemblySection
-from daemon.model import read_model
-from drivers.values import CountSamples
 from tests.daemon.values import ARM, arm_file
+from traverse.daemon.assembly import Assembly
+from traverse.daemon.configuration import AssemblySection
+from traverse.daemon.model import read_model
+from traverse.drivers.values import CountSamples
 
 BEGIN_NS = 10**12
 # J1 on channel 2 and J2 on channel 0 of the base, J3 on channel 1 of the wrist.

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from daemon.clock import HostClock
-from daemon.model import ArmModel, read_model
-from daemon.outbox_keeping import Keeping
-from daemon.poses import PoseBlock
-from daemon.sessions import Session
-from drivers.values import CountSamples, LatchedCounts
-from protocol.messages import Point
+from traverse.daemon.clock import HostClock
+from traverse.daemon.model import ArmModel, read_model
+from traverse.daemon.outbox_keeping import Keeping
+from traverse.daemon.poses import PoseBlock
+from traverse.daemon.sessions import Session
+from traverse.drivers.values import CountSamples, LatchedCounts
+from traverse.protocol.messages import Point
 
 UTC_OFFSET_NS = 1_700_000_000_000_000_000
 MODULI = (1 << 32, 1 << 23, 1 << 20)

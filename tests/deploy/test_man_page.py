@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.deploy.places import DEPLOY, program, said
-from traverse.__main__ import app
+from traverse.cli.__main__ import app
 
 
 def written() -> str:

@@ -10,20 +10,20 @@ import typer.main
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
-from daemon import configuration, probes
-from daemon.broker_section import BrokerSection
-from daemon.command_limits import Limit
-from daemon.device_section import DeviceSection
-from daemon.filters import section_class
-from daemon.outbox_section import OutboxSection
-from daemon.quality_section import EndStopSection
-from daemon.recording_section import RecordingSection
-from drivers.registry import DRIVERS, driver_class
-from kinematics import arm_file
-from kinematics.arm_file import EFFECT_KINDS
-from kinematics.filters import FILTERS
 from tests.docs.pages import code_words, tables, text_of
-from traverse.__main__ import app
+from traverse.cli.__main__ import app
+from traverse.daemon import configuration, probes
+from traverse.daemon.broker_section import BrokerSection
+from traverse.daemon.command_limits import Limit
+from traverse.daemon.device_section import DeviceSection
+from traverse.daemon.filters import section_class
+from traverse.daemon.outbox_section import OutboxSection
+from traverse.daemon.quality_section import EndStopSection
+from traverse.daemon.recording_section import RecordingSection
+from traverse.drivers.registry import DRIVERS, driver_class
+from traverse.kinematics import arm_file
+from traverse.kinematics.arm_file import EFFECT_KINDS
+from traverse.kinematics.filters import FILTERS
 
 SECTIONS: dict[str, list[tuple[str, type[BaseModel]]]] = {
     "docs/reference/configuration.md": [

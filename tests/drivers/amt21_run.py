@@ -4,10 +4,10 @@ import math
 from collections.abc import Callable
 
 from benchmarks.virtual_time import Cable, Straight, VirtualTime, played
-from drivers.amt21 import Amt21
-from drivers.values import DeviceAlarm
 from tests.drivers.delivered import Delivered
 from tests.drivers.fake_amt21 import FakeEncoder, FakeLine, VirtualEncoders
+from traverse.drivers.amt21 import Amt21
+from traverse.drivers.values import DeviceAlarm
 
 ADDRESSES = (0x54, 0x58, 0x5C)
 

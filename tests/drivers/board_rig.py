@@ -5,11 +5,11 @@ import contextlib
 from collections.abc import Iterator
 from pathlib import Path
 
-from drivers.crossing import Crossing
-from drivers.latch_board import LatchBoard
 from tests.drivers import board_bodies as bodies
 from tests.drivers.fake_board import FakeBoard
 from tests.protocol.latch_board_frames import framed
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.latch_board import LatchBoard
 
 
 class LatchBoardRig:

@@ -4,11 +4,11 @@ import asyncio
 import contextlib
 import itertools
 
-from drivers.canopen import CanOpen
-from drivers.crossing import Crossing
-from drivers.values import CountSamples, DeviceAlarm
 from tests.drivers.fake_canopen import FakeNodes
 from tests.drivers.taken import Taken
+from traverse.drivers.canopen import CanOpen
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.values import CountSamples, DeviceAlarm
 
 channels = itertools.count()
 

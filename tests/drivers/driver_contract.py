@@ -17,9 +17,10 @@ from typing import Protocol
 import numpy as np
 import pytest
 
-from drivers.crossing import Crossing
-from drivers.driver import Driver
-from drivers.values import (
+from tests.drivers.taken import Taken, until
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.driver import Driver
+from traverse.drivers.values import (
     STATUS_MISSING,
     CountSamples,
     DeviceAlarm,
@@ -29,7 +30,6 @@ from drivers.values import (
     LatchedCounts,
     StreamStarted,
 )
-from tests.drivers.taken import Taken, until
 
 
 class Rig(Protocol):

@@ -4,8 +4,8 @@ import asyncio
 from collections.abc import Callable
 from typing import TypeVar
 
-from drivers.crossing import Crossing
-from drivers.values import CountSamples, Delivery
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.values import CountSamples, Delivery
 
 LIMIT_S = 8.0
 

@@ -6,12 +6,18 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from drivers.amt21 import Amt21, Amt21Options
-from drivers.crossing import Crossing
-from drivers.values import DeviceError, DeviceFault, DeviceLost, DeviceUp, StreamStarted
 from tests.drivers.amt21_run import ADDRESSES, Played, line
 from tests.drivers.driver_contract import DriverContract, StreamContract
 from tests.drivers.fake_amt21 import PtyEncoders
+from traverse.drivers.amt21 import Amt21, Amt21Options
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.values import (
+    DeviceError,
+    DeviceFault,
+    DeviceLost,
+    DeviceUp,
+    StreamStarted,
+)
 
 
 @pytest.mark.parametrize("echo", [False, True])

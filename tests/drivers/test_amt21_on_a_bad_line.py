@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.moving_arm import Case, moving, read_virtually
-from drivers.values import (
+from traverse.drivers.values import (
     STATUS_MISSING,
     CountSamples,
     DeviceAlarm,

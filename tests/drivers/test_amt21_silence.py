@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-from drivers.values import (
+from tests.drivers.amt21_run import Played, line
+from traverse.drivers.values import (
     CountSamples,
     DeviceAlarm,
     DeviceFault,
@@ -12,7 +13,6 @@ from drivers.values import (
     DeviceUp,
     StreamStarted,
 )
-from tests.drivers.amt21_run import Played, line
 
 
 def test_a_missed_reading_repeats_the_last_count_and_says_so():

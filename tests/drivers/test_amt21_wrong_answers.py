@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from drivers.values import DeviceAlarm, DeviceFault
 from tests.drivers.amt21_run import Played, line
 from tests.drivers.fake_amt21 import word
+from traverse.drivers.values import DeviceAlarm, DeviceFault
 
 
 def test_a_late_reply_is_never_taken_for_that_of_the_next_encoder():

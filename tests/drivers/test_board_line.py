@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from drivers.board_line import BoardLine
-from drivers.values import DeviceError
-from protocol import latch_board
-from simulator import wire
+from traverse.drivers.board_line import BoardLine
+from traverse.drivers.values import DeviceError
+from traverse.protocol import latch_board
+from traverse.simulator import wire
 
 COUNTS = np.arange(1, 8, dtype=np.uint32)
 STATUS = np.zeros(7, np.uint8)

@@ -4,10 +4,10 @@ from collections import Counter
 
 import numpy as np
 
-from drivers.board_reports import BoardReports
-from drivers.board_samples import BoardSamples
-from drivers.tick_clock import TickClock
-from protocol.latch_board import SampleBlock
+from traverse.drivers.board_reports import BoardReports
+from traverse.drivers.board_samples import BoardSamples
+from traverse.drivers.tick_clock import TickClock
+from traverse.protocol.latch_board import SampleBlock
 
 BEGUN_NS = 5_000_000_000
 MS_NS = 1_000_000

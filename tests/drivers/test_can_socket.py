@@ -5,7 +5,7 @@ import struct
 
 import pytest
 
-from drivers.can_socket import FRAMES_LOST, SocketFrames
+from traverse.drivers.can_socket import FRAMES_LOST, SocketFrames
 
 
 def frame(can_id: int, data: bytes) -> bytes:

@@ -5,8 +5,13 @@ import struct
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.canopen_cycle import Cycles
-from drivers.values import STATUS_ERROR, STATUS_LATE, STATUS_MISSING, CountSamples
+from traverse.drivers.canopen_cycle import Cycles
+from traverse.drivers.values import (
+    STATUS_ERROR,
+    STATUS_LATE,
+    STATUS_MISSING,
+    CountSamples,
+)
 
 NODES = (3, 7, 11)
 TURN = 1 << 20

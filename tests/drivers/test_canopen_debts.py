@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.canopen_cycle import Cycles
-from drivers.canopen_debts import Debts
-from drivers.values import CountSamples
+from traverse.drivers.canopen_cycle import Cycles
+from traverse.drivers.canopen_debts import Debts
+from traverse.drivers.values import CountSamples
 
 NODES = (3, 7, 11)
 PERIOD_NS, LATE_NS = 1_000, 10_000

@@ -6,12 +6,12 @@ from collections.abc import AsyncIterator
 
 import pytest
 
-from drivers.crossing import Crossing
-from drivers.values import CountSamples, DeviceLost, DeviceUp, StreamStarted
 from tests.drivers.canopen_rig import CanRig, until_status
 from tests.drivers.driver_contract import DriverContract, StreamContract, streaming, up
 from tests.drivers.fake_canopen import u16, u32
 from tests.drivers.taken import Taken, until
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.values import CountSamples, DeviceLost, DeviceUp, StreamStarted
 
 
 @pytest.fixture(autouse=True)

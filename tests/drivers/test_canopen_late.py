@@ -6,12 +6,12 @@ import bisect
 import numpy as np
 import pytest
 
-from drivers.canopen import CanOpen
-from drivers.crossing import Crossing
-from drivers.values import CountSamples
 from tests.drivers.driver_contract import streaming
 from tests.drivers.fake_canopen import FakeNodes
 from tests.drivers.taken import Taken, until
+from traverse.drivers.canopen import CanOpen
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.values import CountSamples
 
 RATE_HZ = 50.0
 PERIOD_S = 1.0 / RATE_HZ

@@ -8,21 +8,21 @@ from collections.abc import AsyncIterator
 
 import pytest
 
-from drivers.canopen import CanOpen
-from drivers.crossing import Crossing
-from drivers.values import (
+from tests.drivers.driver_contract import streaming
+from tests.simulator.one_hinge import mounted
+from traverse.drivers.canopen import CanOpen
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.values import (
     STATUS_MISSING,
     CountSamples,
     DeviceAlarm,
     DeviceFault,
     DeviceUp,
 )
-from simulator.clock import MonotonicClock
-from simulator.devices.canopen import CanOpenBus
-from simulator.devices.canopen_table import CanOpenTable
-from simulator.pacing import live_real
-from tests.drivers.driver_contract import streaming
-from tests.simulator.one_hinge import mounted
+from traverse.simulator.clock import MonotonicClock
+from traverse.simulator.devices.canopen import CanOpenBus
+from traverse.simulator.devices.canopen_table import CanOpenTable
+from traverse.simulator.pacing import live_real
 
 names = itertools.count()
 BOTH = {"nodes": (5, 9)}

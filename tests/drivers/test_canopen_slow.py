@@ -6,13 +6,13 @@ from collections.abc import Iterator
 
 import pytest
 
-from drivers.can_bus import CanBus
-from drivers.canopen import CanOpen
-from drivers.canopen_sdo import NodeError, NodeSdo
-from drivers.crossing import Crossing
-from drivers.values import DeviceAlarm, DeviceLost, DeviceUp, StreamStarted
 from tests.drivers.fake_canopen import FakeNodes
 from tests.drivers.taken import Taken
+from traverse.drivers.can_bus import CanBus
+from traverse.drivers.canopen import CanOpen
+from traverse.drivers.canopen_sdo import NodeError, NodeSdo
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.values import DeviceAlarm, DeviceLost, DeviceUp, StreamStarted
 
 channels = itertools.count()
 ALARMS, WARNINGS = 0x6503, 0x6505

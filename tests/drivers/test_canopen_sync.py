@@ -3,7 +3,7 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.canopen_sync import HostSync, SeenSync
+from traverse.drivers.canopen_sync import HostSync, SeenSync
 
 
 def test_host_syncs_keep_their_schedule_and_make_up_for_delays() -> None:

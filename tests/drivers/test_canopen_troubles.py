@@ -6,8 +6,17 @@ from random import Random
 
 import pytest
 
-from drivers.crossing import Crossing
-from drivers.values import (
+from tests.drivers.canopen_rig import (
+    CanRig,
+    alarms,
+    answered,
+    last_status,
+    until_status,
+)
+from tests.drivers.driver_contract import streaming, up
+from tests.drivers.fake_canopen import u16
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.values import (
     STATUS_ERROR,
     STATUS_LATE,
     STATUS_MISSING,
@@ -18,15 +27,6 @@ from drivers.values import (
     DeviceLost,
     DeviceUp,
 )
-from tests.drivers.canopen_rig import (
-    CanRig,
-    alarms,
-    answered,
-    last_status,
-    until_status,
-)
-from tests.drivers.driver_contract import streaming, up
-from tests.drivers.fake_canopen import u16
 
 
 @pytest.fixture(autouse=True)

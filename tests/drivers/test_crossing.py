@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from drivers.crossing import GATHER_NS, ROOM_FOR_STATES, Crossing
-from drivers.values import (
+from traverse.drivers.crossing import GATHER_NS, ROOM_FOR_STATES, Crossing
+from traverse.drivers.values import (
     CountSamples,
     DeviceFault,
     DeviceLost,

@@ -1,7 +1,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.debounce import Debounce, HeldEdge
+from traverse.drivers.debounce import Debounce, HeldEdge
 
 HOLD_NS = 5_000_000
 MS = 1_000_000

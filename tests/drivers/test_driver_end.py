@@ -4,9 +4,9 @@ import asyncio
 import os
 import threading
 
-from drivers import driver as driver_module
-from drivers.crossing import Crossing
-from drivers.driver import CONNECT_S, Driver
+from traverse.drivers import driver as driver_module
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.driver import CONNECT_S, Driver
 
 
 class Deaf(Driver):

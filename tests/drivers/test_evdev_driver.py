@@ -10,12 +10,18 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from drivers.crossing import Crossing
-from drivers.evdev import EVIOCGKEY, EVIOCGRAB, EVIOCSCLOCKID, Evdev, EvdevOptions
-from drivers.evdev_keys import KEY_CODES
-from drivers.values import DeviceFault, DeviceUp, LatchedCounts
 from tests.drivers.driver_contract import DriverContract, EdgeContract, up
 from tests.drivers.taken import Taken
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.evdev import (
+    EVIOCGKEY,
+    EVIOCGRAB,
+    EVIOCSCLOCKID,
+    Evdev,
+    EvdevOptions,
+)
+from traverse.drivers.evdev_keys import KEY_CODES
+from traverse.drivers.values import DeviceFault, DeviceUp, LatchedCounts
 
 HEADER = Path("/usr/include/linux/input-event-codes.h")
 KEY_B, KEY_C, KEY_A = 48, 46, 30

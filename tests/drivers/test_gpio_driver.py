@@ -17,11 +17,11 @@ pytest.importorskip("gpiod", reason="the extra gpio is not installed")
 import gpiod
 from gpiod.line import Bias, Clock, Direction, Edge, Value
 
-from drivers.crossing import Crossing
-from drivers.gpio import Gpio, GpioOptions
-from drivers.values import DeviceFault, DeviceLost, LatchedCounts
 from tests.drivers.driver_contract import DriverContract, EdgeContract, up
 from tests.drivers.taken import Taken
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.gpio import Gpio, GpioOptions
+from traverse.drivers.values import DeviceFault, DeviceLost, LatchedCounts
 
 RISING, FALLING = gpiod.EdgeEvent.Type.RISING_EDGE, gpiod.EdgeEvent.Type.FALLING_EDGE
 OFFSETS = {17: 17, "probe": 27}

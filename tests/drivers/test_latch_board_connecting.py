@@ -8,14 +8,14 @@ import time
 
 import pytest
 
-from drivers.crossing import Crossing
-from drivers.latch_board import LatchBoard
-from drivers.values import DeviceLost, DeviceUp, LatchedCounts, StreamStarted
 from tests.drivers import board_bodies as bodies
 from tests.drivers.board_rig import board_rig
 from tests.drivers.driver_contract import streaming
 from tests.drivers.fake_board import CONFIGURE, HELLO
 from tests.drivers.taken import Taken, until
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.latch_board import LatchBoard
+from traverse.drivers.values import DeviceLost, DeviceUp, LatchedCounts, StreamStarted
 
 
 @pytest.fixture
@@ -32,7 +32,7 @@ async def told_lost(rig) -> DeviceLost:
 
 
 async def test_a_port_in_use_is_told(rig, monkeypatch):
-    monkeypatch.setattr("drivers.serial_port.BUSY_PAUSE_S", 0.01)
+    monkeypatch.setattr("traverse.drivers.serial_port.BUSY_PAUSE_S", 0.01)
     holder = os.open(rig.port, os.O_RDWR | os.O_NOCTTY)
     try:
         fcntl.flock(holder, fcntl.LOCK_EX | fcntl.LOCK_NB)  # as pyserial does it
@@ -55,7 +55,7 @@ async def test_a_file_that_is_no_port_is_told(tmp_path):
 
 
 async def test_a_board_that_does_not_answer_is_told(rig, monkeypatch):
-    monkeypatch.setattr("drivers.board_line.ANSWER_S", 0.02)
+    monkeypatch.setattr("traverse.drivers.board_line.ANSWER_S", 0.02)
     rig.board.answers[HELLO] = lambda body: []
     lost = await told_lost(rig)
     assert "does not answer HELLO" in lost.reason

@@ -2,18 +2,6 @@
 
 import pytest
 
-from drivers.latch_board import LatchBoard
-from drivers.registry import driver_class
-from drivers.values import (
-    CountSamples,
-    DeviceAlarm,
-    DeviceCounters,
-    DeviceFault,
-    DeviceLost,
-    DeviceTemperatures,
-    DeviceUp,
-    StreamStarted,
-)
 from tests.drivers import board_bodies as bodies
 from tests.drivers.board_rig import board_rig
 from tests.drivers.driver_contract import (
@@ -26,6 +14,18 @@ from tests.drivers.driver_contract import (
 from tests.drivers.fake_board import CONFIGURE, HELLO, START
 from tests.drivers.taken import Taken
 from tests.protocol.latch_board_frames import framed
+from traverse.drivers.latch_board import LatchBoard
+from traverse.drivers.registry import driver_class
+from traverse.drivers.values import (
+    CountSamples,
+    DeviceAlarm,
+    DeviceCounters,
+    DeviceFault,
+    DeviceLost,
+    DeviceTemperatures,
+    DeviceUp,
+    StreamStarted,
+)
 
 
 @pytest.fixture

@@ -4,20 +4,20 @@ import asyncio
 
 import pytest
 
-from drivers.crossing import Crossing
-from drivers.latch_board import LatchBoard
-from drivers.values import (
+from tests.drivers import board_bodies as bodies
+from tests.drivers.board_rig import board_rig
+from tests.drivers.driver_contract import streaming
+from tests.drivers.fake_board import CONFIGURE, HELLO, LATCH
+from tests.drivers.taken import Taken, until
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.latch_board import LatchBoard
+from traverse.drivers.values import (
     DeviceFault,
     DeviceTemperatures,
     DeviceUp,
     LatchedCounts,
     StreamStarted,
 )
-from tests.drivers import board_bodies as bodies
-from tests.drivers.board_rig import board_rig
-from tests.drivers.driver_contract import streaming
-from tests.drivers.fake_board import CONFIGURE, HELLO, LATCH
-from tests.drivers.taken import Taken, until
 
 
 @pytest.fixture

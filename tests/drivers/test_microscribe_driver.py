@@ -3,18 +3,6 @@ import asyncio
 import numpy as np
 import pytest
 
-from drivers.crossing import Crossing
-from drivers.microscribe import Microscribe
-from drivers.registry import driver_class
-from drivers.values import (
-    STATUS_MISSING,
-    CountSamples,
-    DeviceFault,
-    DeviceLost,
-    DeviceUp,
-    LatchedCounts,
-    StreamStarted,
-)
 from tests.drivers.driver_contract import (
     DriverContract,
     EdgeContract,
@@ -23,6 +11,18 @@ from tests.drivers.driver_contract import (
 )
 from tests.drivers.fake_microscribe import FakeMicroscribe
 from tests.drivers.taken import Taken, until
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.microscribe import Microscribe
+from traverse.drivers.registry import driver_class
+from traverse.drivers.values import (
+    STATUS_MISSING,
+    CountSamples,
+    DeviceFault,
+    DeviceLost,
+    DeviceUp,
+    LatchedCounts,
+    StreamStarted,
+)
 
 
 class MicroscribeRig:

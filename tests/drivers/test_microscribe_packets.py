@@ -3,10 +3,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.microscribe_line import Heard
-from drivers.microscribe_packets import PacketClock, Sample, SampleBlock, timer_runs
-from drivers.microscribe_pedals import MAX_WAITING, PedalQueue, Pedals
-from protocol.microscribe import Packet
+from traverse.drivers.microscribe_line import Heard
+from traverse.drivers.microscribe_packets import (
+    PacketClock,
+    Sample,
+    SampleBlock,
+    timer_runs,
+)
+from traverse.drivers.microscribe_pedals import MAX_WAITING, PedalQueue, Pedals
+from traverse.protocol.microscribe import Packet
 
 MS = 1_000_000
 REQUEST_NS, REPLY_NS, WIRE_NS = 100_000, 1_450_000, 1_350_000

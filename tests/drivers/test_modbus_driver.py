@@ -6,11 +6,15 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from drivers.crossing import Crossing
-from drivers.modbus import Modbus
-from drivers.modbus_client import PortClient
-from drivers.modbus_options import ModbusOptions
-from drivers.values import (
+from tests.drivers.driver_contract import DriverContract, StreamContract
+from tests.drivers.simulated_rig import SimulatedRig
+from tests.drivers.virtual_device import told_by
+from tests.simulator.one_hinge import mounted
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.modbus import Modbus
+from traverse.drivers.modbus_client import PortClient
+from traverse.drivers.modbus_options import ModbusOptions
+from traverse.drivers.values import (
     STATUS_ERROR,
     STATUS_WARNING,
     DeviceAlarm,
@@ -19,11 +23,7 @@ from drivers.values import (
     DeviceUp,
     StreamStarted,
 )
-from simulator.devices.modbus import ModbusLine, ModbusTable
-from tests.drivers.driver_contract import DriverContract, StreamContract
-from tests.drivers.simulated_rig import SimulatedRig
-from tests.drivers.virtual_device import told_by
-from tests.simulator.one_hinge import mounted
+from traverse.simulator.devices.modbus import ModbusLine, ModbusTable
 
 FIELD = {"baud_rate": 115_200, "request_delay_s": 2e-4, "reply_delay_s": 2e-4}
 ENCODER = {"counts_per_turn": 65536, "status_register": 8}

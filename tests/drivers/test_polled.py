@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.poll_block import BLOCK_NS, PollBlock
-from drivers.poll_schedule import PollSchedule
-from drivers.polled_channel import (
+from traverse.drivers.poll_block import BLOCK_NS, PollBlock
+from traverse.drivers.poll_schedule import PollSchedule
+from traverse.drivers.polled_channel import (
     ASK_AGAIN_NS,
     IMPLAUSIBLE,
     UNCONFIRMED,
@@ -16,7 +16,7 @@ from drivers.polled_channel import (
     PolledChannel,
     Reading,
 )
-from drivers.values import STATUS_MISSING, STATUS_WARNING
+from traverse.drivers.values import STATUS_MISSING, STATUS_WARNING
 
 TURN = 16384
 SPEED_RAD_S = 20.0

@@ -6,10 +6,10 @@ import time
 import numpy as np
 import pytest
 
-from drivers.crossing import Crossing
-from drivers.delivery_maps import delivery_of, map_of
-from drivers.replay import Replay
-from drivers.values import (
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.delivery_maps import delivery_of, map_of
+from traverse.drivers.replay import Replay
+from traverse.drivers.values import (
     CountSamples,
     DeviceAlarm,
     DeviceCounters,
@@ -21,8 +21,8 @@ from drivers.values import (
     LatchedCounts,
     StreamStarted,
 )
-from recording.maps import bytes_to_map, map_to_bytes
-from recording.run_writer import Entry, RunHead, RunWriter
+from traverse.recording.maps import bytes_to_map, map_to_bytes
+from traverse.recording.run_writer import Entry, RunHead, RunWriter
 
 BOARD = Identity("board 1", "7", (1 << 20, 1 << 16), 2, 1000.0, True, (None, 65536), 9)
 BEGIN_NS = 5 * 10**12

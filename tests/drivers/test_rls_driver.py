@@ -6,10 +6,14 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from drivers.crossing import Crossing
-from drivers.rls import Rls
-from drivers.rls_options import RlsOptions
-from drivers.values import (
+from tests.drivers.driver_contract import DriverContract, StreamContract
+from tests.drivers.simulated_rig import SimulatedRig
+from tests.drivers.virtual_device import told_by
+from tests.simulator.one_hinge import mounted
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.rls import Rls
+from traverse.drivers.rls_options import RlsOptions
+from traverse.drivers.values import (
     STATUS_ERROR,
     STATUS_WARNING,
     DeviceAlarm,
@@ -18,12 +22,8 @@ from drivers.values import (
     DeviceTemperatures,
     DeviceUp,
 )
-from simulator.devices.rls import Rls as SimulatedRls
-from simulator.devices.rls import RlsTable
-from tests.drivers.driver_contract import DriverContract, StreamContract
-from tests.drivers.simulated_rig import SimulatedRig
-from tests.drivers.virtual_device import told_by
-from tests.simulator.one_hinge import mounted
+from traverse.simulator.devices.rls import Rls as SimulatedRls
+from traverse.simulator.devices.rls import RlsTable
 
 PORTS = ("a", "b")
 FIELD = {"baud_rate": 115_200, "request_delay_s": 2e-4, "reply_delay_s": 2e-4}

@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.edge_order import WRAP, EdgeOrder
-from drivers.stream_sequence import StreamSequence
+from traverse.drivers.edge_order import WRAP, EdgeOrder
+from traverse.drivers.stream_sequence import StreamSequence
 
 
 def reference(numbers: list[int]) -> tuple[list[int], int]:

@@ -8,8 +8,8 @@ import tty
 
 import pytest
 
-from drivers.serial_port import SerialPort
-from drivers.values import DeviceError
+from traverse.drivers.serial_port import SerialPort
+from traverse.drivers.values import DeviceError
 
 
 @pytest.fixture

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from drivers.tick_clock import WRAP, TickClock
+from traverse.drivers.tick_clock import WRAP, TickClock
 
 RATE_HZ = 1_000_000
 

@@ -17,11 +17,11 @@ from benchmarks.virtual_time import (
     lines_through,
     played,
 )
-from drivers.driver import Driver
-from drivers.values import DeviceAlarm
-from simulator.devices.device import make_device
 from tests.drivers.delivered import Delivered
 from tests.simulator.one_hinge import mounted
+from traverse.drivers.driver import Driver
+from traverse.drivers.values import DeviceAlarm
+from traverse.simulator.devices.device import make_device
 
 FIRST_NS = 10**12
 

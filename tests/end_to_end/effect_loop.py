@@ -8,26 +8,26 @@ from typing import Any
 
 import numpy as np
 
-from daemon.arm_devices import ArmDevices
-from daemon.capture import Capture, Triggers
-from daemon.clock import HostClock
-from daemon.configuration import AssemblySection, UncertaintySection
-from daemon.device import Device
-from daemon.device_section import section_of
-from daemon.events import EventLog
-from daemon.health import HealthReport
-from daemon.live import LiveView
-from daemon.measuring import Measuring
-from daemon.model import ArmModel, read_model
-from daemon.pipeline import Pipeline
-from daemon.scanner import Scanner
-from daemon.uncertainty import Uncertainty
-from drivers.values import Delivery
-from kinematics.arm_file import Arm, Effect, Identification, write_arm
-from protocol.messages import Point
 from tests.daemon.values import kept_at_once
 from tests.end_to_end.virtual_time import Straight, VirtualBoard, played
 from tests.simulator.effect_examples import START, heavy_arm
+from traverse.daemon.arm_devices import ArmDevices
+from traverse.daemon.capture import Capture, Triggers
+from traverse.daemon.clock import HostClock
+from traverse.daemon.configuration import AssemblySection, UncertaintySection
+from traverse.daemon.device import Device
+from traverse.daemon.device_section import section_of
+from traverse.daemon.events import EventLog
+from traverse.daemon.health import HealthReport
+from traverse.daemon.live import LiveView
+from traverse.daemon.measuring import Measuring
+from traverse.daemon.model import ArmModel, read_model
+from traverse.daemon.pipeline import Pipeline
+from traverse.daemon.scanner import Scanner
+from traverse.daemon.uncertainty import Uncertainty
+from traverse.drivers.values import Delivery
+from traverse.kinematics.arm_file import Arm, Effect, Identification, write_arm
+from traverse.protocol.messages import Point
 
 RATE_HZ = 100.0  # of the tracking stream that the daemon runs by itself
 COUNTS_PER_TURN = 2**28

@@ -7,13 +7,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from protocol.messages import ScanArgs
 from tests.end_to_end.agreement import assert_one_point_an_edge
 from tests.end_to_end.listener import Listener, numbers
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import Program, until
 from tests.end_to_end.workbench import SPHERE, Workbench
 from tests.mosquitto import Mosquitto
+from traverse.protocol.messages import ScanArgs
 
 pytestmark = pytest.mark.needs("mosquitto")
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from protocol.messages import PointArgs
 from tests.end_to_end.arm_matrices import MatrixArm
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.workbench import SPHERE, Workbench
+from traverse.protocol.messages import PointArgs
 
 pytestmark = pytest.mark.needs("mosquitto")
 

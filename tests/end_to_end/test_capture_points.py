@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 
-from kinematics.arm_file import read_arm
-from protocol.messages import (
+from tests.end_to_end.agreement import assert_one_point_an_edge
+from tests.end_to_end.measuring import measuring
+from tests.end_to_end.workbench import CONE, DEMO_ARM, REST, SPHERE, Workbench
+from traverse.kinematics.arm_file import read_arm
+from traverse.protocol.messages import (
     LabelArgs,
     Point,
     PointArgs,
@@ -13,9 +16,6 @@ from protocol.messages import (
     SessionArgs,
     UndoArgs,
 )
-from tests.end_to_end.agreement import assert_one_point_an_edge
-from tests.end_to_end.measuring import measuring
-from tests.end_to_end.workbench import CONE, DEMO_ARM, REST, SPHERE, Workbench
 
 pytestmark = pytest.mark.needs("mosquitto")
 

@@ -5,15 +5,6 @@ import signal
 import numpy as np
 import pytest
 
-from kinematics.arm_file import read_arm
-from protocol.messages import (
-    AlignArgs,
-    PointArgs,
-    QualityFlag,
-    ReloadArgs,
-    Scan,
-    ScanArgs,
-)
 from tests.end_to_end.arm_matrices import MatrixArm
 from tests.end_to_end.listener import Listener, numbers, times_ns
 from tests.end_to_end.measuring import measuring
@@ -23,6 +14,15 @@ from tests.end_to_end.workbench import (
     SPHERE,
     SWEEP,
     Workbench,
+)
+from traverse.kinematics.arm_file import read_arm
+from traverse.protocol.messages import (
+    AlignArgs,
+    PointArgs,
+    QualityFlag,
+    ReloadArgs,
+    Scan,
+    ScanArgs,
 )
 
 BALL_MM = read_arm(DEMO_ARM).probe.radius_mm

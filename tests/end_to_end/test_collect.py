@@ -10,13 +10,13 @@ import sys
 import numpy as np
 import pytest
 
-from kinematics.arm_file import read_arm
-from lab.campaign import read_campaign
-from protocol.messages import PointArgs
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import PATIENCE_S, Program, until
 from tests.end_to_end.workbench import CONE, REST, SPHERE, Workbench
 from tests.mosquitto import HOST, free_port
+from traverse.kinematics.arm_file import read_arm
+from traverse.lab.campaign import read_campaign
+from traverse.protocol.messages import PointArgs
 
 CAMPAIGN = """\
 schema = "traverse/campaign/1"

@@ -7,13 +7,13 @@ import pytest
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 
-from protocol import topics
-from protocol.encoding import decode, encode
-from protocol.messages import Command, PointArgs, Reply, UndoArgs
 from tests.end_to_end.arm_matrices import MatrixArm
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import PATIENCE_S, until
 from tests.end_to_end.workbench import Workbench
+from traverse.protocol import topics
+from traverse.protocol.encoding import decode, encode
+from traverse.protocol.messages import Command, PointArgs, Reply, UndoArgs
 
 pytestmark = pytest.mark.needs("mosquitto")
 

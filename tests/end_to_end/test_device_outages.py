@@ -5,11 +5,11 @@ import asyncio
 import numpy as np
 import pytest
 
-from protocol.messages import Scan, ScanArgs
 from tests.end_to_end.listener import Listener, numbers, times_ns
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import until
 from tests.end_to_end.workbench import REST, SPHERE, Workbench
+from traverse.protocol.messages import Scan, ScanArgs
 
 pytestmark = pytest.mark.needs("mosquitto")
 RATE_HZ = 500.0

@@ -8,13 +8,13 @@ measured with the arm file that holds it and with one that does not.
 import numpy as np
 import pytest
 
-from kinematics.effect_kinds import EFFECT_KINDS
-from kinematics.effects.block import Block
-from kinematics.effects.pose import contact_shifts
-from protocol.messages import Quality
 from tests.end_to_end.effect_loop import COUNTS_PER_TURN, N_POINTS, Measured, measured
 from tests.simulator.campaign_arms import ball_centres_mm
 from tests.simulator.effect_examples import example
+from traverse.kinematics.effect_kinds import EFFECT_KINDS
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.pose import contact_shifts
+from traverse.protocol.messages import Quality
 
 # A script lasts seconds, a campaign minutes; the steps come between two points.
 CHANGES = {

@@ -9,10 +9,10 @@ import aiomqtt
 import msgpack
 import pytest
 
-from protocol.messages import ScanArgs
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import PATIENCE_S, until
 from tests.end_to_end.workbench import REST, SPHERE, Workbench
+from traverse.protocol.messages import ScanArgs
 
 pytestmark = pytest.mark.needs("mosquitto")
 

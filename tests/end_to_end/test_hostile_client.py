@@ -10,16 +10,16 @@ import pytest
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 
-from clients.ending import end
-from daemon.command_limits import ALL, FLOOD
-from protocol import topics
-from protocol.encoding import encode
-from protocol.messages import Command, PointArgs, ScanArgs
 from tests.end_to_end.listener import Listener
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import PATIENCE_S, until
 from tests.end_to_end.workbench import SPHERE, Workbench
 from tests.hostile_messages import examples, fixed, names, payloads
+from traverse.client.ending import end
+from traverse.daemon.command_limits import ALL, FLOOD
+from traverse.protocol import topics
+from traverse.protocol.encoding import encode
+from traverse.protocol.messages import Command, PointArgs, ScanArgs
 
 pytestmark = pytest.mark.needs("mosquitto")
 

@@ -4,10 +4,10 @@ import json
 
 import pytest
 
-from lab.acceptance.interim_history import checks_of
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import Program
 from tests.end_to_end.workbench import CONE, SPHERE, Workbench
+from traverse.lab.acceptance.interim_history import checks_of
 
 pytestmark = pytest.mark.needs("mosquitto")
 

@@ -5,12 +5,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from protocol.messages import ScanArgs
 from tests.end_to_end.agreement import assert_one_point_an_edge
 from tests.end_to_end.listener import Listener, numbers
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import until
 from tests.end_to_end.workbench import REST, SPHERE, Workbench
+from traverse.protocol.messages import ScanArgs
 
 pytestmark = pytest.mark.needs("mosquitto")
 N_POINTS = 4

@@ -14,7 +14,7 @@ from tests.end_to_end.listener import Listener, listening
 from tests.end_to_end.programs import Program
 from tests.end_to_end.workbench import Workbench
 from tests.mosquitto import Mosquitto
-from traverse.__main__ import app
+from traverse.cli.__main__ import app
 
 pytestmark = pytest.mark.needs("mosquitto")
 

@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from daemon.outbox_reading import all_messages_of, open_to_read, sessions_of
-from protocol.messages import PointArgs, ResendArgs
 from tests.end_to_end.listener import Listener, listening
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import Program, until
 from tests.end_to_end.workbench import SPHERE, Workbench
 from tests.mosquitto import Mosquitto
+from traverse.daemon.outbox_reading import all_messages_of, open_to_read, sessions_of
+from traverse.protocol.messages import PointArgs, ResendArgs
 
 pytestmark = pytest.mark.needs("mosquitto")
 

@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from protocol.messages import Point
 from tests.end_to_end.agreement import assert_one_point_an_edge, delays_s
 from tests.end_to_end.arm_matrices import MatrixArm
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.workbench import CONE, SPHERE, Workbench
+from traverse.protocol.messages import Point
 
 pytestmark = pytest.mark.needs("mosquitto")
 

@@ -8,7 +8,11 @@ from typing import Any
 
 import pytest
 
-from protocol.messages import (
+from tests.end_to_end.measuring import measuring
+from tests.end_to_end.programs import Program, until
+from tests.end_to_end.test_capture_points import LIBRARY, change, result
+from tests.end_to_end.workbench import SPHERE, Workbench
+from traverse.protocol.messages import (
     Label,
     LabelArgs,
     Point,
@@ -19,10 +23,6 @@ from protocol.messages import (
     ScanArgs,
     UndoArgs,
 )
-from tests.end_to_end.measuring import measuring
-from tests.end_to_end.programs import Program, until
-from tests.end_to_end.test_capture_points import LIBRARY, change, result
-from tests.end_to_end.workbench import SPHERE, Workbench
 
 pytestmark = pytest.mark.needs("mosquitto")
 

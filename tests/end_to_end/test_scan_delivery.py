@@ -7,13 +7,13 @@ from collections.abc import Callable
 
 import pytest
 
-from protocol.messages import ResendArgs, ScanArgs
 from tests.daemon.outbox_bench import rows
 from tests.end_to_end.listener import listening, numbers
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import until
 from tests.end_to_end.workbench import SWEEP, Workbench
 from tests.mosquitto import Mosquitto
+from traverse.protocol.messages import ResendArgs, ScanArgs
 
 pytestmark = pytest.mark.needs("mosquitto")
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from protocol.messages import PointArgs, Scan, ScanArgs
 from tests.end_to_end.arm_matrices import MatrixArm
 from tests.end_to_end.listener import Listener, numbers, times_ns
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.workbench import REST, SPHERE, SWEEP, Workbench
+from traverse.protocol.messages import PointArgs, Scan, ScanArgs
 
 pytestmark = pytest.mark.needs("mosquitto")
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from protocol.messages import PointArgs, QualityFlag, ScanArgs
 from tests.end_to_end.arm_matrices import MatrixArm
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.workbench import REST, SPHERE, SWEEP, Workbench
+from traverse.protocol.messages import PointArgs, QualityFlag, ScanArgs
 
 pytestmark = pytest.mark.needs("mosquitto")
 

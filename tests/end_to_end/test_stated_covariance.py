@@ -12,16 +12,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from daemon.configuration import UncertaintySection
-from daemon.uncertainty import Uncertainty
-from drivers.values import CountSamples, LatchedCounts
-from kinematics.arm_covariance import parameter_names
-from kinematics.arm_file import Identification, read_arm, read_strict, write_arm
-from simulator.config import SimulatorConfig, config_problems
-from simulator.virtual_arm import build_arm, build_course, build_script, encoders_of
 from tests.daemon.values import SetClock
 from tests.end_to_end.effect_loop import Daemon
 from tests.end_to_end.workbench import DEMO_ARM, SWEEP
+from traverse.daemon.configuration import UncertaintySection
+from traverse.daemon.uncertainty import Uncertainty
+from traverse.drivers.values import CountSamples, LatchedCounts
+from traverse.kinematics.arm_covariance import parameter_names
+from traverse.kinematics.arm_file import (
+    Identification,
+    read_arm,
+    read_strict,
+    write_arm,
+)
+from traverse.simulator.config import SimulatorConfig, config_problems
+from traverse.simulator.virtual_arm import (
+    build_arm,
+    build_course,
+    build_script,
+    encoders_of,
+)
 
 N = 1000
 CHI2_95_OF_3 = 7.814727903251179  # published quantile

@@ -10,13 +10,13 @@ from pathlib import Path
 import aiomqtt
 import pytest
 
-from clients.ending import end
-from protocol.encoding import decode, encode
-from protocol.messages import Args, Command, PointArgs, Reply, ScanArgs
 from tests.certificates import Authority
 from tests.end_to_end.programs import PATIENCE_S, Program, until
 from tests.end_to_end.workbench import REST, Workbench
 from tests.mosquitto import HOST, Mosquitto, free_port
+from traverse.client.ending import end
+from traverse.protocol.encoding import decode, encode
+from traverse.protocol.messages import Args, Command, PointArgs, Reply, ScanArgs
 
 pytestmark = pytest.mark.needs("mosquitto", "openssl")
 

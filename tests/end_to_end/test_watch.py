@@ -10,12 +10,12 @@ import sys
 
 import pytest
 
-from protocol.encoding import decode
-from protocol.messages import Point, PointArgs, Status
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import PATIENCE_S, Program, until
 from tests.end_to_end.workbench import Workbench
 from tests.mosquitto import HOST, free_port
+from traverse.protocol.encoding import decode
+from traverse.protocol.messages import Point, PointArgs, Status
 
 
 def watch(bench: Workbench, *options: str) -> Program:

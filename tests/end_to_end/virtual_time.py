@@ -11,22 +11,27 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
-from daemon.clock import HostClock
-from drivers.crossing import GATHER_NS
-from drivers.driver import Driver
-from drivers.latch_board import LatchBoard
-from drivers.serial_port import SerialPort
-from drivers.values import Delivery, DeviceLost, DeviceTemperatures
-from kinematics.arm_file import read_strict
-from simulator.config import SimulatorConfig, config_problems
-from simulator.course import Course
-from simulator.devices.device import Mounting
-from simulator.devices.latch_board import LatchBoard as SimulatedBoard
-from simulator.pty_port import PtyPort
-from simulator.script import Script
-from simulator.truth_log import TruthLog
-from simulator.virtual_arm import build_arm, build_course, build_script, build_sources
-from simulator.wiring import ScriptClock
+from traverse.daemon.clock import HostClock
+from traverse.drivers.crossing import GATHER_NS
+from traverse.drivers.driver import Driver
+from traverse.drivers.latch_board import LatchBoard
+from traverse.drivers.serial_port import SerialPort
+from traverse.drivers.values import Delivery, DeviceLost, DeviceTemperatures
+from traverse.kinematics.arm_file import read_strict
+from traverse.simulator.config import SimulatorConfig, config_problems
+from traverse.simulator.course import Course
+from traverse.simulator.devices.device import Mounting
+from traverse.simulator.devices.latch_board import LatchBoard as SimulatedBoard
+from traverse.simulator.pty_port import PtyPort
+from traverse.simulator.script import Script
+from traverse.simulator.truth_log import TruthLog
+from traverse.simulator.virtual_arm import (
+    build_arm,
+    build_course,
+    build_script,
+    build_sources,
+)
+from traverse.simulator.wiring import ScriptClock
 
 FIRST_NS = 10**12
 BLOCK_S = 0.05  # samples that the board sends together
@@ -190,7 +195,7 @@ def played(
             self.said += len(data)
             super().write(data)
 
-    monkeypatch.setattr("drivers.latch_board.SerialPort", BoardsPort)
+    monkeypatch.setattr("traverse.drivers.latch_board.SerialPort", BoardsPort)
 
     def taken(delivery: Delivery) -> None:
         take(driver, delivery)

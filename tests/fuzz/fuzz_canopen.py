@@ -1,6 +1,6 @@
 """Frames of CANopen nodes: values are the bytes of the frame and nothing else."""
 
-from protocol import canopen, canopen_objects
+from traverse.protocol import canopen, canopen_objects
 
 SEEDS = tuple(
     bytes.fromhex(text)

@@ -3,9 +3,9 @@
 import contextlib
 import math
 
-from protocol import microscribe, microscribe_set_up
-from protocol.microscribe import Framing, Packet, PacketDecoder
 from tests.fuzz.chunks import chunks
+from traverse.protocol import microscribe, microscribe_set_up
+from traverse.protocol.microscribe import Framing, Packet, PacketDecoder
 
 GOLDEN = "83 00 00 00 1F 7F 10 00 07 68 7F 7F 01 00"
 TIMED = "A3 01 09 52 00 00 1F 7F 10 00 07 68 7F 7F 01 00"

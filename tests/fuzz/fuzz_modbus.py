@@ -2,9 +2,9 @@
 
 from pymodbus.exceptions import ModbusException
 
-from drivers.modbus_client import PortClient
-from protocol.modbus import PositionRegisters
 from tests.fuzz.chunks import chunks
+from traverse.drivers.modbus_client import PortClient
+from traverse.protocol.modbus import PositionRegisters
 
 LONGEST = 48  # all frames that may be in it are looked at
 SEEDS = tuple(

@@ -6,7 +6,7 @@ Only Python's decimal arithmetic: every float is taken as the number that it is.
 from collections.abc import Sequence
 from decimal import Decimal, localcontext
 
-from kinematics.geometry import Geometry
+from traverse.kinematics.geometry import Geometry
 
 DIGITS = 50
 TWO_PI = 2 * Decimal("3.14159265358979323846264338327950288419716939937510582097494459")

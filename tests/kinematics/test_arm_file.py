@@ -6,7 +6,8 @@ import tomlkit
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kinematics.arm_file import (
+from tests.kinematics.arms import ARM_TEXT
+from traverse.kinematics.arm_file import (
     Arm,
     FileError,
     arm_digest,
@@ -15,7 +16,6 @@ from kinematics.arm_file import (
     read_arm,
     write_arm,
 )
-from tests.kinematics.arms import ARM_TEXT
 
 EVERYTHING = (
     ARM_TEXT

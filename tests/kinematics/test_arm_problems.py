@@ -6,8 +6,8 @@ import tomlkit
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kinematics.arm_file import FileError, parse_arm, read_arm
 from tests.kinematics.arms import ARM_TEXT
+from traverse.kinematics.arm_file import FileError, parse_arm, read_arm
 
 EVERYTHING_WRONG = """\
 schema = "traverse/arm/2"

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kinematics.compensation import (
+from traverse.kinematics.compensation import (
     METHODS,
     DirectionError,
     surface_point,

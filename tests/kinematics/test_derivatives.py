@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kinematics.derivatives import derivative_chunks, probe_derivatives
-from kinematics.forward import probe_centre
-from kinematics.geometry import Geometry, unit_vectors
 from tests.kinematics.arms import geometries, random_geometry, seeds, size_mm
+from traverse.kinematics.derivatives import derivative_chunks, probe_derivatives
+from traverse.kinematics.forward import probe_centre
+from traverse.kinematics.geometry import Geometry, unit_vectors
 
 STEP = 1e-5
 RELATIVE = 1e-7

@@ -7,17 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kinematics.dh import (
+from tests.kinematics.arms import geometries, seeds, size_mm
+from tests.kinematics.matrices import rotation
+from traverse.kinematics.dh import (
     DHTable,
     geometry_from_dh,
     misfits_mm,
     nearest_table,
     probe_transforms,
 )
-from kinematics.forward import probe_pose
-from kinematics.geometry import Geometry, unit_vectors
-from tests.kinematics.arms import geometries, seeds, size_mm
-from tests.kinematics.matrices import rotation
+from traverse.kinematics.forward import probe_pose
+from traverse.kinematics.geometry import Geometry, unit_vectors
 
 UR10 = DHTable(
     convention="classic",

@@ -1,7 +1,7 @@
 import pytest
 
-from kinematics.arm_file import EFFECT_KINDS, FileError, parse_arm
 from tests.kinematics.arms import ARM_TEXT
+from traverse.kinematics.arm_file import EFFECT_KINDS, FileError, parse_arm
 
 EPOCH = "epoch_utc = 2026-11-20T09:00:00Z\n"
 # Written by hand from the table of the contract: class, keys of a good effect.

@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from kinematics.filters import FILTERS, FilterChain, PointBlock, PointFilter
-from kinematics.filters.conditions import Speed, Unflagged
-from kinematics.filters.distance import Distance
-from kinematics.filters.regions import Ball, Box, Slab
-from kinematics.filters.sections import Sections
-from kinematics.filters.spacing import BallSpacing, GridSpacing
+from traverse.kinematics.filters import FILTERS, FilterChain, PointBlock, PointFilter
+from traverse.kinematics.filters.conditions import Speed, Unflagged
+from traverse.kinematics.filters.distance import Distance
+from traverse.kinematics.filters.regions import Ball, Box, Slab
+from traverse.kinematics.filters.sections import Sections
+from traverse.kinematics.filters.spacing import BallSpacing, GridSpacing
 
 STEP_NS = 1_000_000
 

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kinematics.fits import fit_sphere, fit_sphere_of_radius, spread_about_mean
 from tests.kinematics.arms import seeds
+from traverse.kinematics.fits import fit_sphere, fit_sphere_of_radius, spread_about_mean
 
 CENTRE = np.array([800.0, -250.0, 120.0])
 OCTAHEDRON = np.vstack([np.eye(3), -np.eye(3)])

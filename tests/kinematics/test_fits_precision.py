@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from kinematics.fits import (
+from tests.kinematics.test_fits_shapes import tilted, tube
+from traverse.kinematics.fits import (
     fit_circle,
     fit_cylinder,
     fit_line,
@@ -11,7 +12,6 @@ from kinematics.fits import (
     fit_sphere,
     fit_sphere_of_radius,
 )
-from tests.kinematics.test_fits_shapes import tilted, tube
 
 N_DRAWS = 600
 STD_MM = 0.01

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from kinematics.fits import (
+from tests.kinematics import exact_fits
+from traverse.kinematics.fits import (
     fit_circle,
     fit_cylinder,
     fit_line,
     fit_plane,
     fit_sphere,
 )
-from tests.kinematics import exact_fits
 
 # Gander, Golub and Strebel, BIT 34 (1994): a circle badly covered, and its best fit.
 GANDER_MM = np.array(

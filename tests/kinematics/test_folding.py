@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kinematics.folding import Folded, HalfTurns
-from kinematics.geometry import unit_vectors
+from traverse.kinematics.folding import Folded, HalfTurns
+from traverse.kinematics.geometry import unit_vectors
 
 SPECIAL_RAD = (0.0, math.pi / 2, math.pi, -math.pi, 3 * math.pi, 1e-200, -1e-9, 1e4)
 

@@ -5,14 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kinematics.forward import (
+from tests.kinematics.arms import geometries, random_geometry, seeds, size_mm
+from traverse.kinematics.forward import (
     joint_positions,
     probe_centre,
     probe_pose,
     stylus_direction,
 )
-from kinematics.geometry import Geometry, unit_vectors
-from tests.kinematics.arms import geometries, random_geometry, seeds, size_mm
+from traverse.kinematics.geometry import Geometry, unit_vectors
 
 RELATIVE = 1e-12
 

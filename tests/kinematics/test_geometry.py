@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kinematics.arm_file import parse_arm
-from kinematics.geometry import Geometry, geometry_from_arm, unit_vectors
 from tests.kinematics.arms import ARM_TEXT, random_geometry
+from traverse.kinematics.arm_file import parse_arm
+from traverse.kinematics.geometry import Geometry, geometry_from_arm, unit_vectors
 
 
 def test_geometry_comes_from_the_arm_file_with_unit_axes():

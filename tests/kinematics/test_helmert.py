@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from kinematics.helmert import Helmert, motions, moved_centre, turned_by
-from kinematics.helmert_adjustment import HelmertError, adjusted_helmert
-from kinematics.helmert_reliability import point_statistics, reliability_of
-from kinematics.helmert_shape import shape_of, undetermined
-from kinematics.helmert_start import closed_helmert, mirrored_share
+from traverse.kinematics.helmert import Helmert, motions, moved_centre, turned_by
+from traverse.kinematics.helmert_adjustment import HelmertError, adjusted_helmert
+from traverse.kinematics.helmert_reliability import point_statistics, reliability_of
+from traverse.kinematics.helmert_shape import shape_of, undetermined
+from traverse.kinematics.helmert_start import closed_helmert, mirrored_share
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kinematics.helmert_volume import (
+from traverse.kinematics.helmert_volume import (
     Ball,
     Box,
     disposition_index,

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kinematics.effects.block import Block
-from kinematics.kernel.terms import Form, Term
 from tests.kinematics.arms import random_geometry
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.kernel.terms import Form, Term
 
-compiled = pytest.importorskip("kinematics.kernel.compiled")
+compiled = pytest.importorskip("traverse.kinematics.kernel.compiled")
 
 ROOT = Path(__file__).parent.parent.parent
 COMPILER, EMULATOR = "aarch64-linux-gnu-gcc", "qemu-aarch64"

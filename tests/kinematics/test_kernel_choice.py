@@ -11,21 +11,26 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from kinematics.derivatives import probe_derivatives
-from kinematics.effects.block import Block
-from kinematics.forward import (
+from tests.kinematics.arms import geometries, random_geometry, seeds, size_mm
+from traverse.kinematics.derivatives import probe_derivatives
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.forward import (
     joint_positions,
     numpy_pose,
     probe_centre,
     probe_pose,
 )
-from kinematics.kernel.choice import KERNEL, KERNELS, chosen_kernel, compiled_chain
-from kinematics.kernel.single_pose import PlainChain, pose_function
-from kinematics.kernel.terms import Form, Term
-from tests.kinematics.arms import geometries, random_geometry, seeds, size_mm
+from traverse.kinematics.kernel.choice import (
+    KERNEL,
+    KERNELS,
+    chosen_kernel,
+    compiled_chain,
+)
+from traverse.kinematics.kernel.single_pose import PlainChain, pose_function
+from traverse.kinematics.kernel.terms import Form, Term
 
 if KERNEL != "numpy":
-    from kinematics.kernel.compiled import DeflectedChain
+    from traverse.kinematics.kernel.compiled import DeflectedChain
 
 ROOT = Path(__file__).parents[2]
 
@@ -53,13 +58,15 @@ def test_fastest_kernel_is_chosen_unless_another_one_is_wanted():
 @pytest.mark.parametrize("kernel", KERNELS)
 def test_environment_names_the_kernel(kernel):
     run = run_python(
-        kernel, "-c", "from kinematics.kernel.choice import KERNEL; print(KERNEL)"
+        kernel,
+        "-c",
+        "from traverse.kinematics.kernel.choice import KERNEL; print(KERNEL)",
     )
     assert (run.stdout.strip(), run.returncode) == (kernel, 0), run.stderr
 
 
 def test_unknown_kernel_is_refused():
-    run = run_python("abacus", "-c", "import kinematics.forward")
+    run = run_python("abacus", "-c", "import traverse.kinematics.forward")
     assert run.returncode != 0
     assert "TRAVERSE_KERNEL is 'abacus'" in run.stderr
 

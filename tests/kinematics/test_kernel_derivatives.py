@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kinematics.derivatives import ProbeDerivatives, numpy_derivatives
 from tests.kinematics.arms import random_geometry, seeds, size_mm
+from traverse.kinematics.derivatives import ProbeDerivatives, numpy_derivatives
 
-compiled = pytest.importorskip("kinematics.kernel.compiled")
+compiled = pytest.importorskip("traverse.kinematics.kernel.compiled")
 VARIANTS = compiled.runnable_variants()
 STEP = 1e-20
 

@@ -5,12 +5,12 @@ from decimal import Decimal
 import numpy as np
 import pytest
 
-from kinematics.forward import numpy_pose, numpy_positions
-from kinematics.geometry import Geometry
 from tests.kinematics.arms import random_geometry, size_mm
 from tests.kinematics.exact_arm import exact_pose
+from traverse.kinematics.forward import numpy_pose, numpy_positions
+from traverse.kinematics.geometry import Geometry
 
-compiled = pytest.importorskip("kinematics.kernel.compiled")
+compiled = pytest.importorskip("traverse.kinematics.kernel.compiled")
 VARIANTS = compiled.runnable_variants()
 N_JOINTS = (1, 2, 3, 4, 5, 6, 7, 8, 9, 32)
 

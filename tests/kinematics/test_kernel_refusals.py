@@ -5,7 +5,7 @@ import pytest
 
 from tests.kinematics.arms import random_geometry
 
-compiled = pytest.importorskip("kinematics.kernel.compiled")
+compiled = pytest.importorskip("traverse.kinematics.kernel.compiled")
 GEOMETRY = random_geometry(1, 3)
 CHAIN = compiled.Chain(GEOMETRY, compiled.runnable_variants()[-1])
 ANGLES = np.zeros((5, 3))

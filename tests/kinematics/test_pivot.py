@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from kinematics.derivatives import probe_derivatives
-from kinematics.forward import probe_pose
-from kinematics.geometry import Geometry, unit_vectors
-from kinematics.pivot import fit_pivot
+from traverse.kinematics.derivatives import probe_derivatives
+from traverse.kinematics.forward import probe_pose
+from traverse.kinematics.geometry import Geometry, unit_vectors
+from traverse.kinematics.pivot import fit_pivot
 
 TRUE_VECTOR_MM = np.array([4.0, -7.0, 120.0])
 

@@ -5,19 +5,23 @@ import hashlib
 import numpy as np
 import pytest
 
-from kinematics.arm_covariance import (
+from tests.kinematics.arms import random_geometry
+from traverse.kinematics.arm_covariance import (
     ArmCovariance,
     parameter_columns,
     parameter_names,
     read_arm_covariance,
 )
-from kinematics.arm_file import parse_arm
-from kinematics.effects.arm_effects import ArmEffects, effects_from_arm
-from kinematics.effects.block import Block
-from kinematics.effects.pose import corrected_pose
-from kinematics.geometry import Geometry, geometry_from_arm
-from kinematics.point_covariance import PointNoise, point_covariances, reading_variances
-from tests.kinematics.arms import random_geometry
+from traverse.kinematics.arm_file import parse_arm
+from traverse.kinematics.effects.arm_effects import ArmEffects, effects_from_arm
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.pose import corrected_pose
+from traverse.kinematics.geometry import Geometry, geometry_from_arm
+from traverse.kinematics.point_covariance import (
+    PointNoise,
+    point_covariances,
+    reading_variances,
+)
 
 CHI2_95_OF_3 = 7.814727903251179  # published quantile
 N = 4000

@@ -2,9 +2,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kinematics.geometry import unit_vectors
-from kinematics.quaternion import multiply, rotate, turn
 from tests.kinematics.arms import seeds
+from traverse.kinematics.geometry import unit_vectors
+from traverse.kinematics.quaternion import multiply, rotate, turn
 
 X, Y, Z = np.eye(3)
 QUARTER = np.array([np.pi / 2])

@@ -5,14 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kinematics.arm_file import parse_arm
-from kinematics.readings import (
+from tests.kinematics.arms import ARM_TEXT
+from traverse.kinematics.arm_file import parse_arm
+from traverse.kinematics.readings import (
     Encoders,
     Unwrapper,
     counts_to_angles,
     encoders_from_arm,
 )
-from tests.kinematics.arms import ARM_TEXT
 
 
 def one_encoder(counts_per_turn, sign=1, zero_rad=0.0):

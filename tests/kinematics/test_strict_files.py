@@ -2,7 +2,7 @@
 
 import pytest
 
-from kinematics.arm_file import FileError, Problem, StrictModel, parse_strict
+from traverse.kinematics.arm_file import FileError, Problem, StrictModel, parse_strict
 
 
 class Device(StrictModel):

@@ -5,17 +5,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kinematics.forward import joint_positions, probe_pose
-from kinematics.geometry import unit_vectors
-from kinematics.urdf import (
+from tests.kinematics.arms import seeds, size_mm
+from tests.kinematics.matrices import rotation
+from traverse.kinematics.forward import joint_positions, probe_pose
+from traverse.kinematics.geometry import unit_vectors
+from traverse.kinematics.urdf import (
     Body,
     ChainJoint,
     arm_from_chain,
     roll_pitch_yaw,
     transform,
 )
-from tests.kinematics.arms import seeds, size_mm
-from tests.kinematics.matrices import rotation
 
 
 def placed(xyz_mm, rpy_rad):

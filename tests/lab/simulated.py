@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from kinematics.arm_file import Arm, parse_arm
-from kinematics.geometry import Geometry
-from lab.campaign import Campaign, Poses
-from lab.identification.artefacts import artefact_from_table
+from traverse.kinematics.arm_file import Arm, parse_arm
+from traverse.kinematics.geometry import Geometry
+from traverse.lab.campaign import Campaign, Poses
+from traverse.lab.identification.artefacts import artefact_from_table
 
 PROBE_RADIUS_MM = 3.0
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from kinematics.arm_file import FileError
-from lab.campaign import read_campaign
+from traverse.kinematics.arm_file import FileError
+from traverse.lab.campaign import read_campaign
 
 CAMPAIGN = """\
 schema = "traverse/campaign/1"

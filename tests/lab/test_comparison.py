@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from kinematics.arm_file import Arm
-from lab.identification.comparison import ComparisonError, compare_arms
 from tests.lab.simulated import (
     TrueArm,
     arm_value,
@@ -15,6 +13,8 @@ from tests.lab.simulated import (
     rotations,
     seven_joints,
 )
+from traverse.kinematics.arm_file import Arm
+from traverse.lab.identification.comparison import ComparisonError, compare_arms
 
 TRUE = seven_joints()
 

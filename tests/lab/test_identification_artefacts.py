@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from lab.identification.artefacts import ARTEFACT_KINDS, artefact_from_table
-from lab.identification.artefacts.artefact import Touches
 from tests.lab.simulated import random_directions, targets_of
+from traverse.lab.identification.artefacts import ARTEFACT_KINDS, artefact_from_table
+from traverse.lab.identification.artefacts.artefact import Touches
 
 TABLES = [
     {"kind": "cone"},

@@ -5,9 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kinematics.derivatives import probe_derivatives
-from lab.identification.identify import Options, identify
-from lab.identification.variance_components import VarianceModel
 from tests.lab.simulated import (
     Noise,
     arm_value,
@@ -18,6 +15,9 @@ from tests.lab.simulated import (
     seven_joints,
     simulate,
 )
+from traverse.kinematics.derivatives import probe_derivatives
+from traverse.lab.identification.identify import Options, identify
+from traverse.lab.identification.variance_components import VarianceModel
 
 TABLES = [*cones(3), bar()]
 

@@ -7,10 +7,10 @@ from scipy.stats import chi2
 from benchmarks.proofs.campaigns import demo_arm, mix_poses
 from benchmarks.proofs.invariants import distance_errors
 from benchmarks.proofs.planted import PlantedNoise
-from lab.identification.identify import Options, identify
-from simulator.campaigns import draw_noise
-from simulator.campaigns.spec import NoiseTable
-from traverse.blind_campaign import handed_over
+from traverse.cli.blind_campaign import handed_over
+from traverse.lab.identification.identify import Options, identify
+from traverse.simulator.campaigns import draw_noise
+from traverse.simulator.campaigns.spec import NoiseTable
 
 N_JOINTS = 7
 DETERMINED = {

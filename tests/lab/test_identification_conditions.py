@@ -8,12 +8,12 @@ weigh the same, columns are scaled to unit length once the cones are eliminated.
 import numpy as np
 import pytest
 
-from kinematics.arm_file import effect_from_table
-from kinematics.derivatives import probe_derivatives
-from lab.campaign import Campaign, Poses
-from lab.identification.artefacts import artefact_from_table
-from lab.identification.identify import Options, identify
 from tests.lab.simulated import TrueArm, arm_value, rotations
+from traverse.kinematics.arm_file import effect_from_table
+from traverse.kinematics.derivatives import probe_derivatives
+from traverse.lab.campaign import Campaign, Poses
+from traverse.lab.identification.artefacts import artefact_from_table
+from traverse.lab.identification.identify import Options, identify
 
 N_EACH = 20
 N_SETS = 21

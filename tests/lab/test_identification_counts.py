@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from lab.identification.identify import Options, identify
 from tests.lab.simulated import (
     arm_value,
     bar,
@@ -12,6 +11,7 @@ from tests.lab.simulated import (
     seven_joints,
     simulate,
 )
+from traverse.lab.identification.identify import Options, identify
 
 CORNERS = {
     f"P{i}": [float(x) for x in place]

@@ -6,22 +6,24 @@ from functools import cache
 import numpy as np
 import pytest
 
-from kinematics.arm_file import effect_from_table
-from kinematics.effects.setting import utc_ns
-from lab.identification.effect_model import effect_model
-from lab.identification.identify import (
+from tests.simulator.effect_examples import START, TABLES, example, heavy_arm, spec_of
+from traverse.cli.blind_campaign import handed_over
+from traverse.kinematics.arm_file import effect_from_table
+from traverse.kinematics.effects.setting import utc_ns
+from traverse.lab.identification.effect_model import effect_model
+from traverse.lab.identification.identify import (
     IdentificationError,
     Options,
     identify,
     prepared,
 )
-from lab.identification.misfit import rms_mm
-from lab.identification.network import Network, stations
-from lab.identification.noise import a_priori_noise
-from lab.identification.plausible import campaign_span
-from lab.identification.station_equations import start_state
-from lab.identification.system import certified
-from simulator.campaigns import (
+from traverse.lab.identification.misfit import rms_mm
+from traverse.lab.identification.network import Network, stations
+from traverse.lab.identification.noise import a_priori_noise
+from traverse.lab.identification.plausible import campaign_span
+from traverse.lab.identification.station_equations import start_state
+from traverse.lab.identification.system import certified
+from traverse.simulator.campaigns import (
     BallBar,
     Cone,
     NoiseTable,
@@ -32,8 +34,6 @@ from simulator.campaigns import (
     true_arm_file,
     with_effects,
 )
-from tests.simulator.effect_examples import START, TABLES, example, heavy_arm, spec_of
-from traverse.blind_campaign import handed_over
 
 ARM = heavy_arm()
 SPEC = spec_of(

@@ -8,11 +8,6 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from kinematics.arm_file import read_arm
-from kinematics.geometry import geometry_from_arm
-from lab.campaign import read_campaign
-from lab.identification.files import identification_json, write_result
-from lab.identification.identify import Options, identify
 from tests.lab.simulated import (
     arm_value,
     bar,
@@ -22,6 +17,11 @@ from tests.lab.simulated import (
     simulate,
     written,
 )
+from traverse.kinematics.arm_file import read_arm
+from traverse.kinematics.geometry import geometry_from_arm
+from traverse.lab.campaign import read_campaign
+from traverse.lab.identification.files import identification_json, write_result
+from traverse.lab.identification.identify import Options, identify
 
 NAMES = [f"J{k}" for k in range(1, 8)]
 WHEN = datetime(2026, 11, 21, 8, 0, tzinfo=UTC)

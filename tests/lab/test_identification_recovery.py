@@ -6,10 +6,6 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from kinematics.derivatives import probe_derivatives
-from kinematics.forward import probe_centre
-from lab.identification.datum import rigid_motions, with_datum
-from lab.identification.identify import Options, identify
 from tests.lab.simulated import (
     Noise,
     TrueArm,
@@ -21,6 +17,10 @@ from tests.lab.simulated import (
     seven_joints,
     simulate,
 )
+from traverse.kinematics.derivatives import probe_derivatives
+from traverse.kinematics.forward import probe_centre
+from traverse.lab.identification.datum import rigid_motions, with_datum
+from traverse.lab.identification.identify import Options, identify
 
 PLAIN = Options(snooping=False, coarse_start=False, n_suggestions=0)
 SPHERE = {"id": "ball", "kind": "sphere", "radius_mm": 25.4}

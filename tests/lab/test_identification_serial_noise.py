@@ -8,13 +8,6 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import chi2
 
-from kinematics.forward import probe_centre
-from lab.identification.files import identification_json
-from lab.identification.identify import Options, identify
-from lab.identification.report import summary_lines
-from lab.identification.report.page import result_map
-from lab.identification.report.words import serial_sentence
-from lab.identification.serial_noise import correlations
 from tests.lab.simulated import (
     Noise,
     arm_value,
@@ -24,6 +17,13 @@ from tests.lab.simulated import (
     seven_joints,
     simulate,
 )
+from traverse.kinematics.forward import probe_centre
+from traverse.lab.identification.files import identification_json
+from traverse.lab.identification.identify import Options, identify
+from traverse.lab.identification.report import summary_lines
+from traverse.lab.identification.report.page import result_map
+from traverse.lab.identification.report.words import serial_sentence
+from traverse.lab.identification.serial_noise import correlations
 
 PHI = 0.6
 ENCODER_RAD = 5e-6

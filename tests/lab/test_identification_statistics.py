@@ -8,16 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from lab.identification.distributions import (
-    chi_square_log_tail,
-    equivalent_normal,
-    tau_critical,
-)
-from lab.identification.identify import Options, identify
-from lab.identification.rank import split
-from lab.identification.station_equations import white_rows
-from lab.identification.triangle import eliminate, triangle
-from lab.identification.whitening import whiteners
 from tests.lab.simulated import (
     arm_value,
     bar,
@@ -26,6 +16,16 @@ from tests.lab.simulated import (
     seven_joints,
     simulate,
 )
+from traverse.lab.identification.distributions import (
+    chi_square_log_tail,
+    equivalent_normal,
+    tau_critical,
+)
+from traverse.lab.identification.identify import Options, identify
+from traverse.lab.identification.rank import split
+from traverse.lab.identification.station_equations import white_rows
+from traverse.lab.identification.triangle import eliminate, triangle
+from traverse.lab.identification.whitening import whiteners
 
 OPTIONS = Options(snooping=False, coarse_start=False)
 

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lab.identification.identify import IdentificationError, Options, identify
 from tests.lab.simulated import (
     arm_value,
     bar,
@@ -14,6 +13,7 @@ from tests.lab.simulated import (
     seven_joints,
     simulate,
 )
+from traverse.lab.identification.identify import IdentificationError, Options, identify
 
 TABLES = [*cones(3), bar()]
 EVERYWHERE = np.full(7, np.pi)

@@ -7,12 +7,12 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from lab.identification.identify import Options, identify
-from lab.identification.report import report_page
-from lab.identification.report.page import result_map
-from lab.identification.result import Identification
-from lab.identification.uncertainty_map import UncertaintyMap
 from tests.lab.simulated import arm_value, bar, cones, disturbed, seven_joints, simulate
+from traverse.lab.identification.identify import Options, identify
+from traverse.lab.identification.report import report_page
+from traverse.lab.identification.report.page import result_map
+from traverse.lab.identification.result import Identification
+from traverse.lab.identification.uncertainty_map import UncertaintyMap
 
 SECTIONS = [
     "verdict",

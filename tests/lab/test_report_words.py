@@ -5,12 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lab.identification.identify import identify
-from lab.identification.probe_effect import posture_columns
-from lab.identification.report import summary_lines
-from lab.identification.report.page import result_map
-from lab.identification.report.undetermined_effects import undetermined_effects_mm
-from lab.identification.report.words import (
+from tests.lab.simulated import arm_value, bar, cones, disturbed, seven_joints, simulate
+from traverse.lab.identification.identify import identify
+from traverse.lab.identification.probe_effect import posture_columns
+from traverse.lab.identification.report import summary_lines
+from traverse.lab.identification.report.page import result_map
+from traverse.lab.identification.report.undetermined_effects import (
+    undetermined_effects_mm,
+)
+from traverse.lab.identification.report.words import (
     combination,
     length_mm,
     map_sentence,
@@ -18,8 +21,7 @@ from lab.identification.report.words import (
     probability,
     sigma0_sentences,
 )
-from lab.identification.result import ExcludedPose, GlobalTest, Identification
-from tests.lab.simulated import arm_value, bar, cones, disturbed, seven_joints, simulate
+from traverse.lab.identification.result import ExcludedPose, GlobalTest, Identification
 
 
 @pytest.fixture(scope="module")

@@ -5,11 +5,11 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from kinematics.arm_file import FileError
-from lab.campaign import read_campaign
-from lab.stream_motion import senses_of, speeds_of, stretches_of
-from recording.values import Conditions, Samples, Touching
-from recording.writer import RecordingWriter
+from traverse.kinematics.arm_file import FileError
+from traverse.lab.campaign import read_campaign
+from traverse.lab.stream_motion import senses_of, speeds_of, stretches_of
+from traverse.recording.values import Conditions, Samples, Touching
+from traverse.recording.writer import RecordingWriter
 
 PER_TURN = 4096
 JOINTS = ("J1", "J2")

@@ -5,24 +5,24 @@ from functools import cache
 import numpy as np
 import pytest
 
-from kinematics.forward import probe_centre
-from kinematics.geometry import Geometry
-from lab.identification.adjustment import Adjustment, adjust
-from lab.identification.arm_parameters import arm_parameters
-from lab.identification.datum import with_datum
-from lab.identification.distance_deviations import (
+from tests.lab.simulated import bar, cones, disturbed, seven_joints, simulate
+from traverse.kinematics.forward import probe_centre
+from traverse.kinematics.geometry import Geometry
+from traverse.lab.identification.adjustment import Adjustment, adjust
+from traverse.lab.identification.arm_parameters import arm_parameters
+from traverse.lab.identification.datum import with_datum
+from traverse.lab.identification.distance_deviations import (
     KnownArm,
     distance_deviations_mm,
     known_arm,
     noise_deviations_mm,
 )
-from lab.identification.network import Network, stations
-from lab.identification.noise import a_priori_noise
-from lab.identification.parameters import ArmValues
-from lab.identification.reaching import posture_cloud, reach
-from lab.identification.station_equations import start_state
-from lab.identification.uncertainty_map import uncertainty_map
-from tests.lab.simulated import bar, cones, disturbed, seven_joints, simulate
+from traverse.lab.identification.network import Network, stations
+from traverse.lab.identification.noise import a_priori_noise
+from traverse.lab.identification.parameters import ArmValues
+from traverse.lab.identification.reaching import posture_cloud, reach
+from traverse.lab.identification.station_equations import start_state
+from traverse.lab.identification.uncertainty_map import uncertainty_map
 
 TRUE = seven_joints()
 

@@ -2,14 +2,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol.microscribe import (
+from tests.protocol.latch_board_frames import cut
+from traverse.protocol.microscribe import (
     Framing,
     Packet,
     PacketDecoder,
     packet_request,
     packet_size,
 )
-from tests.protocol.latch_board_frames import cut
 
 ENCODERS = (0, 4095, 2048, 1000, 16383, 128)
 GOLDEN = bytes.fromhex("83 00 00 00 1F 7F 10 00 07 68 7F 7F 01 00")

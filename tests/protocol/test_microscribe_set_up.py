@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol import microscribe_set_up as wire
-from protocol.microscribe import Framing
+from traverse.protocol import microscribe_set_up as wire
+from traverse.protocol.microscribe import Framing
 
 # 90 degrees, 10.250 in: the two examples of the specification.
 ALPHA = bytes.fromhex("00 00 40 00 00 00 C0 00 40 00 C0 00")

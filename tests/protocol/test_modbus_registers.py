@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol.modbus import PositionRegisters
+from traverse.protocol.modbus import PositionRegisters
 
 WORDS = st.integers(0, 0xFFFF)
 

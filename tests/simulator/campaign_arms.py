@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from kinematics.arm_file import Arm, parse_arm
 from tests.simulator.conftest import arm_text
+from traverse.kinematics.arm_file import Arm, parse_arm
 
 
 def seven_joint_arm() -> Arm:

@@ -2,9 +2,9 @@
 
 from datetime import UTC, datetime
 
-from kinematics.arm_file import Arm, Effect, effect_from_table
-from simulator.campaigns import CampaignSpec, ConditionTable
 from tests.simulator.campaign_arms import seven_joint_arm
+from traverse.kinematics.arm_file import Arm, Effect, effect_from_table
+from traverse.simulator.campaigns import CampaignSpec, ConditionTable
 
 START = datetime(2026, 11, 20, 9, 0, tzinfo=UTC)
 

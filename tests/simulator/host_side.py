@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from simulator.devices.device import SimulatedDevice
+from traverse.simulator.devices.device import SimulatedDevice
 
 
 def heard(host: int) -> bytes:

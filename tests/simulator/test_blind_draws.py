@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from kinematics.arm_file import EFFECT_KINDS as CONTRACT_KINDS
-from kinematics.arm_file import parse_arm
-from kinematics.arm_text import arm_text as written_arm
-from simulator.campaigns.blind_effects import EFFECT_KINDS, drawn_effect
-from simulator.campaigns.blind_faults import CURVE, FAULT_KINDS, drawn_fault
-from simulator.campaigns.blind_poses import pose_set, weighed
 from tests.simulator.campaign_arms import seven_joint_arm
+from traverse.kinematics.arm_file import EFFECT_KINDS as CONTRACT_KINDS
+from traverse.kinematics.arm_file import parse_arm
+from traverse.kinematics.arm_text import arm_text as written_arm
+from traverse.simulator.campaigns.blind_effects import EFFECT_KINDS, drawn_effect
+from traverse.simulator.campaigns.blind_faults import CURVE, FAULT_KINDS, drawn_fault
+from traverse.simulator.campaigns.blind_poses import pose_set, weighed
 
 
 @pytest.fixture(scope="module")

@@ -3,11 +3,11 @@ from pathlib import Path
 
 import pytest
 
-from kinematics.arm_file import parse_strict
-from simulator.campaigns import CampaignFile
-from simulator.campaigns.__main__ import main
-from simulator.campaigns.spec import spec_problems
 from tests.simulator.conftest import arm_text
+from traverse.kinematics.arm_file import parse_strict
+from traverse.simulator.campaigns import CampaignFile
+from traverse.simulator.campaigns.__main__ import main
+from traverse.simulator.campaigns.spec import spec_problems
 
 FILE = """
 schema = "traverse/simulated-campaign/1"

@@ -5,8 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from kinematics.arm_file import FileError, read_arm
-from simulator.campaigns import (
+from tests.simulator.campaign_arms import seven_joint_arm
+from tests.simulator.effect_examples import example, heavy_arm, spec_of
+from traverse.kinematics.arm_file import FileError, read_arm
+from traverse.simulator.campaigns import (
     BallBar,
     CampaignSpec,
     Cone,
@@ -17,9 +19,7 @@ from simulator.campaigns import (
     with_effects,
     write_campaign,
 )
-from simulator.effects import MissedContactError, Sawtooth
-from tests.simulator.campaign_arms import seven_joint_arm
-from tests.simulator.effect_examples import example, heavy_arm, spec_of
+from traverse.simulator.effects import MissedContactError, Sawtooth
 
 ARM = heavy_arm()
 SPEC = spec_of(

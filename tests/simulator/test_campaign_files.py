@@ -6,8 +6,9 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from kinematics.arm_file import read_arm
-from simulator.campaigns import (
+from tests.simulator.campaign_arms import ball_centres_mm, seven_joint_arm
+from traverse.kinematics.arm_file import read_arm
+from traverse.simulator.campaigns import (
     BallBar,
     CampaignSpec,
     ConditionTable,
@@ -21,7 +22,6 @@ from simulator.campaigns import (
     true_arm_file,
     write_campaign,
 )
-from tests.simulator.campaign_arms import ball_centres_mm, seven_joint_arm
 
 ARM = seven_joint_arm()
 JOINTS = [f"J{k}" for k in range(1, 8)]

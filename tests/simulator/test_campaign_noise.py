@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from kinematics.arm_file import FileError
-from simulator.campaigns import (
+from tests.simulator.campaign_arms import ball_centres_mm, seven_joint_arm
+from traverse.kinematics.arm_file import FileError
+from traverse.simulator.campaigns import (
     BallBar,
     CampaignSpec,
     Cone,
@@ -16,7 +17,6 @@ from simulator.campaigns import (
     simulate_campaign,
     true_arm_file,
 )
-from tests.simulator.campaign_arms import ball_centres_mm, seven_joint_arm
 
 ARM = seven_joint_arm()
 QUIET = NoiseTable(encoder_rad=0.0, contact_mm=0.0)

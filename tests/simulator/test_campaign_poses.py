@@ -1,8 +1,13 @@
 import numpy as np
 import pytest
 
-from kinematics.arm_file import FileError
-from simulator.campaigns import (
+from tests.simulator.campaign_arms import (
+    ball_centres_mm,
+    seven_joint_arm,
+    six_joint_arm,
+)
+from traverse.kinematics.arm_file import FileError
+from traverse.simulator.campaigns import (
     MIXES,
     BallBar,
     CampaignSpec,
@@ -17,12 +22,7 @@ from simulator.campaigns import (
     make_poses,
     true_arm_file,
 )
-from simulator.truth import Deviations, true_arm
-from tests.simulator.campaign_arms import (
-    ball_centres_mm,
-    seven_joint_arm,
-    six_joint_arm,
-)
+from traverse.simulator.truth import Deviations, true_arm
 
 ARM = seven_joint_arm()
 BALL_MM = ARM.probe.radius_mm

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from kinematics.arm_file import effect_from_table, write_arm
-from recording.reader import read_recording
-from simulator.campaigns.dense import main
-from simulator.campaigns.dense_scan import NOTHING, simulate_scan
-from simulator.campaigns.dense_spec import DenseFile
-from simulator.campaigns.dense_writing import write_scan
 from tests.simulator.campaign_arms import ball_centres_mm, seven_joint_arm
+from traverse.kinematics.arm_file import effect_from_table, write_arm
+from traverse.recording.reader import read_recording
+from traverse.simulator.campaigns.dense import main
+from traverse.simulator.campaigns.dense_scan import NOTHING, simulate_scan
+from traverse.simulator.campaigns.dense_spec import DenseFile
+from traverse.simulator.campaigns.dense_writing import write_scan
 
 SPEC = """schema = "traverse/simulated-campaign/1"
 arm = "arm.toml"

@@ -8,13 +8,20 @@ from datetime import timedelta
 import numpy as np
 import pytest
 
-from kinematics.arm_file import EFFECT_KINDS, Arm, Effect
-from kinematics.effects.arm_effects import effects_of
-from kinematics.effects.block import Block
-from kinematics.effects.pose import corrected_pose
-from kinematics.effects.setting import utc_ns
-from kinematics.geometry import geometry_from_arm
-from simulator.campaigns import (
+from tests.simulator.effect_examples import (
+    START,
+    TABLES,
+    example,
+    heavy_arm,
+    spec_of,
+)
+from traverse.kinematics.arm_file import EFFECT_KINDS, Arm, Effect
+from traverse.kinematics.effects.arm_effects import effects_of
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.pose import corrected_pose
+from traverse.kinematics.effects.setting import utc_ns
+from traverse.kinematics.geometry import geometry_from_arm
+from traverse.simulator.campaigns import (
     BallBar,
     Cone,
     PoseSet,
@@ -22,13 +29,6 @@ from simulator.campaigns import (
     make_poses,
     true_arm_file,
     with_effects,
-)
-from tests.simulator.effect_examples import (
-    START,
-    TABLES,
-    example,
-    heavy_arm,
-    spec_of,
 )
 
 ARM = heavy_arm()

@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from simulator.campaigns import Cone, PoseSet, make_poses, with_effects
-from simulator.effects import (
+from tests.simulator.effect_examples import example, heavy_arm, spec_of
+from traverse.simulator.campaigns import Cone, PoseSet, make_poses, with_effects
+from traverse.simulator.effects import (
     BodyFault,
     Bump,
     CrossCoupling,
@@ -16,9 +17,8 @@ from simulator.effects import (
     Sawtooth,
     SquareOfTemperature,
 )
-from simulator.effects.posture import Posture
-from simulator.effects.yielding import Yielding
-from tests.simulator.effect_examples import example, heavy_arm, spec_of
+from traverse.simulator.effects.posture import Posture
+from traverse.simulator.effects.yielding import Yielding
 
 RIGID = make_poses(heavy_arm(), spec_of(Cone(id="cone", n_poses=5)), seed=9)
 SECOND = slice(1, 2)

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from simulator.latched import Frame
-from simulator.pty_port import PtyPort
+from traverse.simulator.latched import Frame
+from traverse.simulator.pty_port import PtyPort
 
 NOBODY = 65534
 TIOCGEXCL = 0x80045440

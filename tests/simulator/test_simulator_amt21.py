@@ -6,9 +6,9 @@ from contextlib import contextmanager
 import pytest
 from pydantic import ValidationError
 
-from simulator.devices.amt21 import Amt21Line, Amt21Table
 from tests.simulator.host_side import heard, hosts_of
 from tests.simulator.one_hinge import mounted
+from traverse.simulator.devices.amt21 import Amt21Line, Amt21Table
 
 # 1000 counts a second, channel 1 a second ahead; check bits by hand:
 # 4642 = 0x1222 = 01 00 10 00 10 00 10: odd bits 3 ones, even bits 1: 0x1222

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from simulator.board import Board
-from simulator.latched import AlarmChange, InputChange
-from simulator.ticks import TickCounter
-from simulator.wire import Identity
+from traverse.simulator.board import Board
+from traverse.simulator.latched import AlarmChange, InputChange
+from traverse.simulator.ticks import TickCounter
+from traverse.simulator.wire import Identity
 
 IDENTITY = Identity(bytes(12), (1, 0, 0), 2, 1, 1_000_000, 10_000_000, 77, (24,), (9,))
 HELLO = "01 01 01 01"

@@ -9,10 +9,10 @@ import can
 import canopen
 import pytest
 
-from simulator.devices.canopen import CanOpenBus
-from simulator.devices.canopen_table import CanOpenTable
-from simulator.devices.slcan_adapter import SlcanAdapter
 from tests.simulator.one_hinge import mounted
+from traverse.simulator.devices.canopen import CanOpenBus
+from traverse.simulator.devices.canopen_table import CanOpenTable
+from traverse.simulator.devices.slcan_adapter import SlcanAdapter
 
 names = itertools.count()
 

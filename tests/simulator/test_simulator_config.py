@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kinematics.arm_file import FileError, parse_strict
-from simulator.config import SimulatorConfig, config_problems
-from simulator.recording_csv import read_recording, recorded_counts
-from simulator.run import run_simulator
-from simulator.virtual_arm import build_arm, build_script
 from tests.simulator.conftest import arm_text, config_text
+from traverse.kinematics.arm_file import FileError, parse_strict
+from traverse.simulator.config import SimulatorConfig, config_problems
+from traverse.simulator.recording_csv import read_recording, recorded_counts
+from traverse.simulator.run import run_simulator
+from traverse.simulator.virtual_arm import build_arm, build_script
 
 REST = '[[motion]]\nkind = "rest"\nduration_s = 0.01\n'
 
@@ -162,9 +162,15 @@ def test_a_replay_without_a_channel_is_refused(folder, capsys):
 
 
 def test_the_simulator_runs_without_scipy_and_the_code_under_test():
-    foreign = ("scipy", "serial", "kinematics.forward", "protocol", "drivers")
+    foreign = (
+        "scipy",
+        "serial",
+        "traverse.kinematics.forward",
+        "traverse.protocol",
+        "traverse.drivers",
+    )
     script = (
-        "import sys, simulator.run;"
+        "import sys, traverse.simulator.run;"
         f"print([name for name in {foreign!r} if name in sys.modules])"
     )
     done = subprocess.run(

@@ -8,32 +8,32 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kinematics.arm_file import Arm, parse_strict, write_arm
-from kinematics.effects.arm_effects import effects_of
-from kinematics.effects.block import Block
-from kinematics.effects.pose import corrected_pose
-from kinematics.effects.setting import utc_ns
-from kinematics.geometry import geometry_from_arm
-from simulator.campaigns import true_arm_file
-from simulator.climate import ClimateTable
-from simulator.config import SimulatorConfig, config_problems
-from simulator.contacts import contact_directions
-from simulator.course import Course
-from simulator.edges import LatchedEdge
-from simulator.physics import probe_pose
-from simulator.script import Script
-from simulator.trajectory import Trajectory, move_pieces, rest_pieces
-from simulator.truth_log import TruthLog
-from simulator.virtual_arm import (
+from tests.simulator.conftest import config_text
+from tests.simulator.effect_examples import START, example, heavy_arm
+from traverse.kinematics.arm_file import Arm, parse_strict, write_arm
+from traverse.kinematics.effects.arm_effects import effects_of
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.pose import corrected_pose
+from traverse.kinematics.effects.setting import utc_ns
+from traverse.kinematics.geometry import geometry_from_arm
+from traverse.simulator.campaigns import true_arm_file
+from traverse.simulator.climate import ClimateTable
+from traverse.simulator.config import SimulatorConfig, config_problems
+from traverse.simulator.contacts import contact_directions
+from traverse.simulator.course import Course
+from traverse.simulator.edges import LatchedEdge
+from traverse.simulator.physics import probe_pose
+from traverse.simulator.script import Script
+from traverse.simulator.trajectory import Trajectory, move_pieces, rest_pieces
+from traverse.simulator.truth_log import TruthLog
+from traverse.simulator.virtual_arm import (
     VirtualArm,
     build_arm,
     build_course,
     build_script,
     build_sources,
 )
-from simulator.wiring import ScriptClock, ScriptedCounts, Wiring
-from tests.simulator.conftest import config_text
-from tests.simulator.effect_examples import START, example, heavy_arm
+from traverse.simulator.wiring import ScriptClock, ScriptedCounts, Wiring
 
 SPHERE = """
 [[motion]]

@@ -1,18 +1,18 @@
 import numpy as np
 import pytest
 
-from simulator.climate import ClimateTable
-from simulator.course import Course
-from simulator.disturbed_line import DisturbedLine
-from simulator.effects import FaultyArm
-from simulator.effects.posture import Build
-from simulator.encoder import EncoderSet
-from simulator.faults import fault_from_table
-from simulator.latched import AlarmChange
-from simulator.physics import Mechanism
-from simulator.script import Script
-from simulator.trajectory import Trajectory, move_pieces
-from simulator.wiring import ScriptClock, ScriptedCounts, Wiring
+from traverse.simulator.climate import ClimateTable
+from traverse.simulator.course import Course
+from traverse.simulator.disturbed_line import DisturbedLine
+from traverse.simulator.effects import FaultyArm
+from traverse.simulator.effects.posture import Build
+from traverse.simulator.encoder import EncoderSet
+from traverse.simulator.faults import fault_from_table
+from traverse.simulator.latched import AlarmChange
+from traverse.simulator.physics import Mechanism
+from traverse.simulator.script import Script
+from traverse.simulator.trajectory import Trajectory, move_pieces
+from traverse.simulator.wiring import ScriptClock, ScriptedCounts, Wiring
 
 FRAME = bytes(range(1, 50)) + b"\0"
 

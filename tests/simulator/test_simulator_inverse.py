@@ -1,7 +1,7 @@
 import numpy as np
 
-from simulator.inverse import Reach
-from simulator.physics import probe_pose
+from traverse.simulator.inverse import Reach
+from traverse.simulator.physics import probe_pose
 
 LIMITS = np.tile([-2.9, 2.9], (7, 1))
 

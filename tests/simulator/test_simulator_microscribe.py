@@ -7,10 +7,10 @@ from contextlib import contextmanager
 import pytest
 from pydantic import ValidationError
 
-from simulator.devices.microscribe import Microscribe, MicroscribeTable
-from simulator.script import ScriptEvent
 from tests.simulator.host_side import heard, hosts_of
 from tests.simulator.one_hinge import mounted
+from traverse.simulator.devices.microscribe import Microscribe, MicroscribeTable
+from traverse.simulator.script import ScriptEvent
 
 SIGN_ON = (b"\xc5IMMC", b"BEGIN")
 GEOMETRY = {

@@ -3,8 +3,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from kinematics.arm_file import FileError
-from simulator.physics import probe_pose
+from traverse.kinematics.arm_file import FileError
+from traverse.simulator.physics import probe_pose
 
 SPHERE = """
 [[motion]]

@@ -3,7 +3,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from simulator.physics import Mechanism, probe_pose, probe_rates
+from traverse.simulator.physics import Mechanism, probe_pose, probe_rates
 
 ANGLES = arrays(np.float64, (1, 7), elements=st.floats(-6.3, 6.3))
 

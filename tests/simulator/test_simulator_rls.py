@@ -5,9 +5,9 @@ from contextlib import contextmanager
 
 import pytest
 
-from simulator.devices.rls import Rls, RlsTable
 from tests.simulator.host_side import heard, hosts_of
 from tests.simulator.one_hinge import mounted
+from traverse.simulator.devices.rls import Rls, RlsTable
 
 
 @contextmanager

@@ -7,14 +7,14 @@ from contextlib import contextmanager
 
 import pytest
 
-from simulator.clock import MonotonicClock
-from simulator.devices.device import make_device
-from simulator.devices.kinds import KINDS, class_named
-from simulator.devices.serial_device import SerialDevice, SerialTable
-from simulator.devices.table import DeviceTable
-from simulator.pacing import live_real
 from tests.simulator.host_side import heard, hosts_of, opened
 from tests.simulator.one_hinge import mounted
+from traverse.simulator.clock import MonotonicClock
+from traverse.simulator.devices.device import make_device
+from traverse.simulator.devices.kinds import KINDS, class_named
+from traverse.simulator.devices.serial_device import SerialDevice, SerialTable
+from traverse.simulator.devices.table import DeviceTable
+from traverse.simulator.pacing import live_real
 
 
 class TellerTable(SerialTable):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from simulator import wire
+from traverse.simulator import wire
 
 COUNTS = np.array([197121, 8388607], dtype=np.uint32)
 IDENTITY = wire.Identity(

@@ -4,9 +4,9 @@ import os
 import select
 import threading
 
-from simulator.devices.latch_board import LatchBoard, LatchBoardTable
 from tests.simulator.one_hinge import mounted
 from tests.simulator.test_simulator_process import HELLO, START_1_KHZ
+from traverse.simulator.devices.latch_board import LatchBoard, LatchBoardTable
 
 STOOD_S = 10.0
 

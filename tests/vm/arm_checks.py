@@ -11,8 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from protocol.canopen import HEARTBEAT, identifiers
-from protocol.messages import Event, PointArgs
 from tests import programs
 from tests.end_to_end.arm_matrices import MatrixArm
 from tests.end_to_end.listener import Listener, listening
@@ -24,6 +22,8 @@ from tests.vm.bus_checks import NODES
 from tests.vm.can_arm import N_POINTS, TRACKING_HZ, write_files
 from tests.vm.can_interface import NAME, open_raw, send
 from tests.vm.table import Table
+from traverse.protocol.canopen import HEARTBEAT, identifiers
+from traverse.protocol.messages import Event, PointArgs
 
 START_S = 120.0
 SOON_S = 40.0

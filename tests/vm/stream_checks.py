@@ -10,18 +10,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.canopen import CanOpen
-from drivers.crossing import Crossing
-from drivers.values import (
+from tests.vm.bus_checks import NODES
+from tests.vm.can_interface import NAME
+from tests.vm.table import Table
+from traverse.drivers.canopen import CanOpen
+from traverse.drivers.crossing import Crossing
+from traverse.drivers.values import (
     STATUS_LATE,
     STATUS_MISSING,
     CountSamples,
     DeviceUp,
     StreamStarted,
 )
-from tests.vm.bus_checks import NODES
-from tests.vm.can_interface import NAME
-from tests.vm.table import Table
 
 RATES_HZ = (200.0, 100.0, 50.0, 20.0, 10.0)
 STEADY_S, START_S = 20.0, 60.0

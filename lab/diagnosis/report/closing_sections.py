@@ -1,16 +1,16 @@
 """The sections of the page about what was not found, what was left out, and how."""
 
-from lab.diagnosis.candidate import BankName
-from lab.diagnosis.diagnosis import Diagnosis
-from lab.diagnosis.report.detectable_table import (
+from traverse.lab.diagnosis.candidate import BankName
+from traverse.lab.diagnosis.diagnosis import Diagnosis
+from traverse.lab.diagnosis.report.detectable_table import (
     joint_rows,
     reasons,
     whole_arm_rows,
 )
-from lab.diagnosis.report.names import name_in_words, quantity
-from lab.diagnosis.report.plots import Plots
-from lab.diagnosis.report.words import excluded_sentence, noise_sentences
-from lab.identification.report.markup import note, paragraph, section, table
+from traverse.lab.diagnosis.report.names import name_in_words, quantity
+from traverse.lab.diagnosis.report.plots import Plots
+from traverse.lab.diagnosis.report.words import excluded_sentence, noise_sentences
+from traverse.lab.identification.report.markup import note, paragraph, section, table
 
 _MOST_EXCLUDED = 200
 _BANKS = {

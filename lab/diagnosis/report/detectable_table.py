@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-from lab.diagnosis.candidate import Candidate
-from lab.diagnosis.diagnosis import Detectable
-from lab.diagnosis.report.names import (
+from traverse.lab.diagnosis.candidate import Candidate
+from traverse.lab.diagnosis.diagnosis import Detectable
+from traverse.lab.diagnosis.report.names import (
     minimum_in_words,
     name_in_words,
     quantity,

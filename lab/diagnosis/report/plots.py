@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.diagnosis.compare import Discrepancies, discrepancies
-from lab.diagnosis.diagnosis import Diagnosis
-from lab.diagnosis.gap import believable
-from lab.diagnosis.report.maps import artefact_map, condition_map, joint_map
-from lab.diagnosis.report.pictures import ledger_picture, term_picture
-from lab.diagnosis.report.term_curve import term_curve
+from traverse.lab.diagnosis.compare import Discrepancies, discrepancies
+from traverse.lab.diagnosis.diagnosis import Diagnosis
+from traverse.lab.diagnosis.gap import believable
+from traverse.lab.diagnosis.report.maps import artefact_map, condition_map, joint_map
+from traverse.lab.diagnosis.report.pictures import ledger_picture, term_picture
+from traverse.lab.diagnosis.report.term_curve import term_curve
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,22 +2,28 @@
 
 from html import escape
 
-from lab.diagnosis.diagnosis import Diagnosis, Term
-from lab.diagnosis.report.names import (
+from traverse.lab.diagnosis.diagnosis import Diagnosis, Term
+from traverse.lab.diagnosis.report.names import (
     name_in_words,
     odds,
     p_in_words,
     size_in_words,
     step_names,
 )
-from lab.diagnosis.report.pictures import term_caption
-from lab.diagnosis.report.plots import Plots
-from lab.diagnosis.report.words import (
+from traverse.lab.diagnosis.report.pictures import term_caption
+from traverse.lab.diagnosis.report.plots import Plots
+from traverse.lab.diagnosis.report.words import (
     cluster_sentence,
     held_out_sentence,
     rival_sentences,
 )
-from lab.identification.report.markup import image, note, paragraph, section, table
+from traverse.lab.identification.report.markup import (
+    image,
+    note,
+    paragraph,
+    section,
+    table,
+)
 
 
 def ledger_section(diagnosis: Diagnosis, plots: Plots) -> str:

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from lab.diagnosis.adapted_arm import terms_without_epoch
-from lab.diagnosis.clusters import Cluster
-from lab.diagnosis.diagnosis import Alternative, Diagnosis, Term
-from lab.diagnosis.report.names import (
+from traverse.lab.diagnosis.adapted_arm import terms_without_epoch
+from traverse.lab.diagnosis.clusters import Cluster
+from traverse.lab.diagnosis.diagnosis import Alternative, Diagnosis, Term
+from traverse.lab.diagnosis.report.names import (
     name_in_words,
     odds,
     often,
@@ -13,7 +13,7 @@ from lab.diagnosis.report.names import (
     quantity,
     size_in_words,
 )
-from lab.identification.report.words import length_mm
+from traverse.lab.identification.report.words import length_mm
 
 _MOST_RIVALS = 4
 _MOST_LINES = 12

@@ -4,16 +4,16 @@ from collections.abc import Mapping
 
 from pydantic import ConfigDict, field_validator
 
-from kinematics.arm_file import StrictModel
-from kinematics.file_problems import unknown_name_message
-from kinematics.model_problems import tuples_for_lists
-from lab.identification.artefacts.artefact import Artefact
-from lab.identification.artefacts.ball_bar import BallBar
-from lab.identification.artefacts.cone import Cone
-from lab.identification.artefacts.parallel_planes import ParallelPlanes
-from lab.identification.artefacts.plane import Plane
-from lab.identification.artefacts.points import Points
-from lab.identification.artefacts.sphere import Sphere
+from traverse.kinematics.arm_file import StrictModel
+from traverse.kinematics.file_problems import unknown_name_message
+from traverse.kinematics.model_problems import tuples_for_lists
+from traverse.lab.identification.artefacts.artefact import Artefact
+from traverse.lab.identification.artefacts.ball_bar import BallBar
+from traverse.lab.identification.artefacts.cone import Cone
+from traverse.lab.identification.artefacts.parallel_planes import ParallelPlanes
+from traverse.lab.identification.artefacts.plane import Plane
+from traverse.lab.identification.artefacts.points import Points
+from traverse.lab.identification.artefacts.sphere import Sphere
 
 __all__ = ["ARTEFACT_KINDS", "Artefact", "ArtefactTable", "artefact_from_table"]
 

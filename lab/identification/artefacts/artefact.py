@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
-from kinematics.arm_file import StrictModel
+from traverse.kinematics.arm_file import StrictModel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

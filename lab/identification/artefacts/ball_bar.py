@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field, field_validator
 
-from lab.identification.artefacts.artefact import (
+from traverse.lab.identification.artefacts.artefact import (
     EXACT_MM,
     REFERENCE_TEMPERATURE_C,
     Artefact,
@@ -22,7 +22,7 @@ from lab.identification.artefacts.artefact import (
     Length,
     Touches,
 )
-from lab.identification.artefacts.spheres import (
+from traverse.lab.identification.artefacts.spheres import (
     PLACE_SCALE_MM,
     RADIUS_SCALE_MM,
     distances,

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from lab.identification.artefacts.artefact import (
+from traverse.lab.identification.artefacts.artefact import (
     Artefact,
     Equations,
     Floats,

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from lab.identification.artefacts.artefact import (
+from traverse.lab.identification.artefacts.artefact import (
     EXACT_MM,
     REFERENCE_TEMPERATURE_C,
     Artefact,
@@ -22,14 +22,14 @@ from lab.identification.artefacts.artefact import (
     Length,
     Touches,
 )
-from lab.identification.artefacts.planes import (
+from traverse.lab.identification.artefacts.planes import (
     ATTITUDE_SCALE_RAD,
     HEIGHT_SCALE_MM,
     start_normal,
     tangent_basis,
     turned_normal,
 )
-from lab.identification.artefacts.spheres import offset_sign
+from traverse.lab.identification.artefacts.spheres import offset_sign
 
 
 class ParallelPlanes(Artefact):

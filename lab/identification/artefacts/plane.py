@@ -10,13 +10,13 @@ from typing import Literal
 
 import numpy as np
 
-from lab.identification.artefacts.artefact import (
+from traverse.lab.identification.artefacts.artefact import (
     Artefact,
     Equations,
     Floats,
     Touches,
 )
-from lab.identification.artefacts.planes import (
+from traverse.lab.identification.artefacts.planes import (
     ATTITUDE_SCALE_RAD,
     HEIGHT_SCALE_MM,
     start_normal,

@@ -13,9 +13,9 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from kinematics.effect_kinds import Vector
-from kinematics.quaternion import multiply, rotate
-from lab.identification.artefacts.artefact import (
+from traverse.kinematics.effect_kinds import Vector
+from traverse.kinematics.quaternion import multiply, rotate
+from traverse.lab.identification.artefacts.artefact import (
     REFERENCE_TEMPERATURE_C,
     Artefact,
     Certificate,

@@ -3,8 +3,8 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from lab.identification.report.pictures import picture, shown_unit
-from lab.identification.uncertainty_map import UncertaintyMap
+from traverse.lab.identification.report.pictures import picture, shown_unit
+from traverse.lab.identification.uncertainty_map import UncertaintyMap
 
 
 def map_picture(found: UncertaintyMap) -> bytes:

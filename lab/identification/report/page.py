@@ -4,24 +4,27 @@ from pathlib import Path
 
 import numpy as np
 
-from kinematics.arm_text import write_whole
-from lab.identification.distance_deviations import known_arm, noise_deviations_mm
-from lab.identification.report.frame import framed, navigation
-from lab.identification.report.markup import note, paragraph, section
-from lab.identification.report.parameter_sections import (
+from traverse.kinematics.arm_text import write_whole
+from traverse.lab.identification.distance_deviations import (
+    known_arm,
+    noise_deviations_mm,
+)
+from traverse.lab.identification.report.frame import framed, navigation
+from traverse.lab.identification.report.markup import note, paragraph, section
+from traverse.lab.identification.report.parameter_sections import (
     correlation_section,
     map_section,
     parameter_section,
     weakness_section,
 )
-from lab.identification.report.sections import (
+from traverse.lab.identification.report.sections import (
     advice_section,
     artefact_section,
     excluded_section,
     joint_section,
     normal_section,
 )
-from lab.identification.report.words import (
+from traverse.lab.identification.report.words import (
     counted,
     determined_sentence,
     excluded_sentence,
@@ -32,8 +35,8 @@ from lab.identification.report.words import (
     sigma0_sentences,
     zeros_sentence,
 )
-from lab.identification.result import Identification
-from lab.identification.uncertainty_map import UncertaintyMap, uncertainty_map
+from traverse.lab.identification.result import Identification
+from traverse.lab.identification.uncertainty_map import UncertaintyMap, uncertainty_map
 
 _CONTENTS = {
     "artefacts": "artefacts",

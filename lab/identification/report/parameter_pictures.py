@@ -3,8 +3,8 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from lab.identification.report.pictures import picture
-from lab.identification.result import Identification
+from traverse.lab.identification.report.pictures import picture
+from traverse.lab.identification.result import Identification
 
 _N_SECTORS = 36
 

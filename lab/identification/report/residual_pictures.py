@@ -5,8 +5,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from lab.identification.distributions import equivalent_normal, normal_quantile
-from lab.identification.report.pictures import (
+from traverse.lab.identification.distributions import equivalent_normal, normal_quantile
+from traverse.lab.identification.report.pictures import (
     BLUE,
     GREY,
     ORANGE,
@@ -18,7 +18,7 @@ from lab.identification.report.pictures import (
     thinned,
     zero_line,
 )
-from lab.identification.result import Identification
+from traverse.lab.identification.result import Identification
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -8,16 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kinematics.arm_file import effect_from_table
-from kinematics.effect_kinds import EFFECT_KINDS
-from kinematics.effects import EFFECTS
-from kinematics.effects.arm_effects import effects_from_arm, effects_of
-from kinematics.effects.artefact_length import ArtefactLength
-from kinematics.effects.block import Block
-from kinematics.effects.columns import columns
-from kinematics.effects.covariate import Covariate, Need
-from kinematics.effects.pose import corrected_pose
-from kinematics.forward import probe_pose
 from tests.kinematics.effects.reference import NAMES, effect, random_readings
 from tests.kinematics.effects.samples import (
     ARM,
@@ -26,6 +16,16 @@ from tests.kinematics.effects.samples import (
     GEOMETRY,
     full_block,
 )
+from traverse.kinematics.arm_file import effect_from_table
+from traverse.kinematics.effect_kinds import EFFECT_KINDS
+from traverse.kinematics.effects import EFFECTS
+from traverse.kinematics.effects.arm_effects import effects_from_arm, effects_of
+from traverse.kinematics.effects.artefact_length import ArtefactLength
+from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.columns import columns
+from traverse.kinematics.effects.covariate import Covariate, Need
+from traverse.kinematics.effects.pose import corrected_pose
+from traverse.kinematics.forward import probe_pose
 
 ALL = effects_of(ARM, EVERY_KIND, CAMPAIGN)
 

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kinematics.effects.turning import chained, composed, conjugate, rotated
-from kinematics.quaternion import multiply, rotate, turn
+from traverse.kinematics.effects.turning import chained, composed, conjugate, rotated
+from traverse.kinematics.quaternion import multiply, rotate, turn
 
 
 def turns_of(seed, n_joints, n_samples):

@@ -3,12 +3,12 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from kinematics.helmert import Helmert
-from kinematics.helmert_volume import Box
-from lab.acceptance.alignment_common import CommonPoints, Place
-from lab.acceptance.alignment_fit import fitted_alignment
-from lab.acceptance.alignment_values import alignment_values
-from lab.acceptance.alignment_volume import fixed_volume
+from traverse.kinematics.helmert import Helmert
+from traverse.kinematics.helmert_volume import Box
+from traverse.lab.acceptance.alignment_common import CommonPoints, Place
+from traverse.lab.acceptance.alignment_fit import fitted_alignment
+from traverse.lab.acceptance.alignment_values import alignment_values
+from traverse.lab.acceptance.alignment_volume import fixed_volume
 
 BOX = Box(np.zeros(3), np.array([1000.0, 600, 400]))
 WIDE = np.array([[0.0, 0, 0], [1000, 0, 100], [1000, 600, 0], [0, 600, 300]])

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from lab.acceptance.limits import Limits, Mpe, Standards
-from lab.acceptance.measured import Measured, Touched
-from lab.identification.artefacts import artefact_from_table
+from traverse.lab.acceptance.limits import Limits, Mpe, Standards
+from traverse.lab.acceptance.measured import Measured, Touched
+from traverse.lab.identification.artefacts import artefact_from_table
 
 TIP_MM = 3.0
 REACH_MM = 1000.0

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-from lab.acceptance.b89 import ZONES, articulation, bar_names, volumetric
-from lab.acceptance.figure import Figure, LengthError, Missing
 from tests.lab.acceptance.measurements import (
     artefact,
     limits,
@@ -13,6 +11,8 @@ from tests.lab.acceptance.measurements import (
     touches,
 )
 from tests.lab.acceptance.test_acceptance_lengths import seats
+from traverse.lab.acceptance.b89 import ZONES, articulation, bar_names, volumetric
+from traverse.lab.acceptance.figure import Figure, LengthError, Missing
 
 SIDES = ["left"] * 5 + ["right"] * 5
 PLACES = {"near": 100.0, "middle": 500.0, "far": 900.0}

@@ -7,19 +7,19 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from kinematics.arm_file import FileError, read_arm
-from lab.acceptance.certificate_check import certificate_problems
-from lab.acceptance.certificate_json import sealed
-from lab.acceptance.files import write_certificate
-from lab.acceptance.limits import NO_LIMITS, read_limits
-from lab.acceptance.reading import files_read, read_measured
-from lab.acceptance.standards import verified
-from lab.acceptance.words import figure_lines
-from simulator.campaigns import write_campaign
-from simulator.campaigns.acceptance import acceptance_poses, drawn_acceptance
 from tests.docs.pages import CHECKOUT
+from traverse.kinematics.arm_file import FileError, read_arm
+from traverse.lab.acceptance.certificate_check import certificate_problems
+from traverse.lab.acceptance.certificate_json import sealed
+from traverse.lab.acceptance.files import write_certificate
+from traverse.lab.acceptance.limits import NO_LIMITS, read_limits
+from traverse.lab.acceptance.reading import files_read, read_measured
+from traverse.lab.acceptance.standards import verified
+from traverse.lab.acceptance.words import figure_lines
+from traverse.simulator.campaigns import write_campaign
+from traverse.simulator.campaigns.acceptance import acceptance_poses, drawn_acceptance
 
-ARM = CHECKOUT / "traverse" / "demo_data" / "arm.toml"
+ARM = CHECKOUT / "cli" / "demo_data" / "arm.toml"
 LIMITS = """\
 schema = "traverse/acceptance-limits/1"
 [mpe]
@@ -128,7 +128,7 @@ def test_other_figures_with_new_digests_do_not_follow_from_the_data(made, writte
     values = json.loads((written / "certificate.json").read_text())
     smaller = figure.value_mm / 2
     values["figures"][0]["value_mm"] = smaller
-    from lab.acceptance.certificate_json import digest_values  # noqa: PLC0415
+    from traverse.lab.acceptance.certificate_json import digest_values  # noqa: PLC0415
 
     files = values.pop("digest")["files"]
     values["digest"] = digest_values(values, files)

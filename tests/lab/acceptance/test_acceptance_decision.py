@@ -4,10 +4,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kinematics.arm_file import FileError
-from lab.acceptance.decision import decision_of, worst
-from lab.acceptance.limits import NO_LIMITS, read_limits
 from tests.lab.acceptance.measurements import limits
+from traverse.kinematics.arm_file import FileError
+from traverse.lab.acceptance.decision import decision_of, worst
+from traverse.lab.acceptance.limits import NO_LIMITS, read_limits
 
 # Limit 10 um, u = 2 um: the guard band of 1.65 u is 3.3 um wide.
 CASES = [

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from lab.acceptance.disposition import direction_remarks, half_sphere_remarks
-from simulator.campaigns.acceptance_layout import DIRECTIONS, PATTERN_25
 from tests.lab.acceptance.measurements import artefact, measured, touches
+from traverse.lab.acceptance.disposition import direction_remarks, half_sphere_remarks
+from traverse.simulator.campaigns.acceptance_layout import DIRECTIONS, PATTERN_25
 
 CENTRE = np.array([300.0, -200.0, 50.0])
 

@@ -3,10 +3,6 @@
 import numpy as np
 import pytest
 
-from lab.acceptance.figure import Figure, LengthError, Missing
-from lab.acceptance.interim import check_names, interim_check
-from lab.acceptance.length_tests import length_names, length_test
-from lab.acceptance.lengths import errors_of
 from tests.lab.acceptance.measurements import (
     OCTAHEDRON,
     TIP_MM,
@@ -17,6 +13,10 @@ from tests.lab.acceptance.measurements import (
     on_a_ball,
     touches,
 )
+from traverse.lab.acceptance.figure import Figure, LengthError, Missing
+from traverse.lab.acceptance.interim import check_names, interim_check
+from traverse.lab.acceptance.length_tests import length_names, length_test
+from traverse.lab.acceptance.lengths import errors_of
 
 SQUARE = np.array([[5.0, 5, 0], [-5, 5, 0], [-5, -5, 0], [5, -5, 0]])
 

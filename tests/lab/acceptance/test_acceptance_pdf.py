@@ -5,7 +5,7 @@ import zlib
 
 import pytest
 
-from lab.acceptance.pdf_attachments import with_attachments
+from traverse.lab.acceptance.pdf_attachments import with_attachments
 
 FILES = {"poses.csv": b"1,2\n" * 500, "a (b).toml": b"", "gr\u00f6\u00dfe.csv": b"\x00"}
 

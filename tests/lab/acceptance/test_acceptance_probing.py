@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-from lab.acceptance.figure import Figure, Missing, Scatter
-from lab.acceptance.probing import effective_diameter, location, size_and_form
 from tests.lab.acceptance.measurements import (
     OCTAHEDRON,
     TIP_MM,
@@ -15,6 +13,8 @@ from tests.lab.acceptance.measurements import (
     on_a_ball,
     touches,
 )
+from traverse.lab.acceptance.figure import Figure, Missing, Scatter
+from traverse.lab.acceptance.probing import effective_diameter, location, size_and_form
 
 NAMES = ("probing-1", "probing-2")
 FAR = np.array([400.0, 0.0, 0.0])

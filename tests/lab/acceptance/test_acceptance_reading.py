@@ -3,12 +3,6 @@
 import numpy as np
 import pytest
 
-from kinematics.arm_file import FileError, parse_arm
-from kinematics.forward import probe_centre
-from kinematics.geometry import geometry_from_arm
-from lab.acceptance.reading import files_read, read_measured
-from lab.campaign import read_campaign
-from recording.writer import RecordingWriter
 from tests.lab.test_stream_table import (
     ARM,
     ARTEFACTS,
@@ -20,6 +14,12 @@ from tests.lab.test_stream_table import (
     folder_of,
     stream,
 )
+from traverse.kinematics.arm_file import FileError, parse_arm
+from traverse.kinematics.forward import probe_centre
+from traverse.kinematics.geometry import geometry_from_arm
+from traverse.lab.acceptance.reading import files_read, read_measured
+from traverse.lab.campaign import read_campaign
+from traverse.recording.writer import RecordingWriter
 
 TOUCHING = [at(0, "seat"), at(100, None), at(200, "bar", "2"), at(300, "bar", "1")]
 

@@ -5,21 +5,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kinematics.arm_file import effect_from_table, read_arm
-from lab.acceptance.limits import NO_LIMITS
-from lab.acceptance.plan import plan_of
-from lab.acceptance.reading import read_measured
-from lab.acceptance.standards import STANDARDS, verified
-from simulator.campaigns import NoiseTable, with_effects, write_campaign
-from simulator.campaigns.acceptance import (
+from tests.docs.pages import CHECKOUT
+from traverse.kinematics.arm_file import effect_from_table, read_arm
+from traverse.lab.acceptance.limits import NO_LIMITS
+from traverse.lab.acceptance.plan import plan_of
+from traverse.lab.acceptance.reading import read_measured
+from traverse.lab.acceptance.standards import STANDARDS, verified
+from traverse.simulator.campaigns import NoiseTable, with_effects, write_campaign
+from traverse.simulator.campaigns.acceptance import (
     acceptance_poses,
     drawn_acceptance,
     touched_by,
 )
-from simulator.truth import Deviations, true_arm
-from tests.docs.pages import CHECKOUT
+from traverse.simulator.truth import Deviations, true_arm
 
-ARM = read_arm(CHECKOUT / "traverse" / "demo_data" / "arm.toml")
+ARM = read_arm(CHECKOUT / "cli" / "demo_data" / "arm.toml")
 QUIET = NoiseTable(encoder_rad=0.0, contact_mm=0.0, stated=False)
 
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from kinematics.helmert import Helmert
-from lab.acceptance.alignment_321 import aligned_321
-from lab.acceptance.alignment_nominal import Nominal
-from lab.acceptance.alignment_touches import Touch
-from lab.acceptance.alignment_volume import volume_from_text
+from traverse.kinematics.helmert import Helmert
+from traverse.lab.acceptance.alignment_321 import aligned_321
+from traverse.lab.acceptance.alignment_nominal import Nominal
+from traverse.lab.acceptance.alignment_touches import Touch
+from traverse.lab.acceptance.alignment_volume import volume_from_text
 
 NOMINAL = Nominal.model_validate(
     {

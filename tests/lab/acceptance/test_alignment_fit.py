@@ -4,14 +4,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from kinematics.helmert_adjustment import HelmertError
-from lab.acceptance.alignment_common import CommonPoints, Place
-from lab.acceptance.alignment_file import transformation_of
-from lab.acceptance.alignment_fit import fitted_alignment
-from lab.acceptance.alignment_onto import joined_values
-from lab.acceptance.alignment_statistics import global_test
-from lab.acceptance.alignment_volume import fixed_volume
-from lab.acceptance.alignment_words import alignment_lines, verdict_text
 from tests.lab.acceptance.alignment_bench import (
     BOX,
     STD_MM,
@@ -22,6 +14,14 @@ from tests.lab.acceptance.alignment_bench import (
     told,
     transformation,
 )
+from traverse.kinematics.helmert_adjustment import HelmertError
+from traverse.lab.acceptance.alignment_common import CommonPoints, Place
+from traverse.lab.acceptance.alignment_file import transformation_of
+from traverse.lab.acceptance.alignment_fit import fitted_alignment
+from traverse.lab.acceptance.alignment_onto import joined_values
+from traverse.lab.acceptance.alignment_statistics import global_test
+from traverse.lab.acceptance.alignment_volume import fixed_volume
+from traverse.lab.acceptance.alignment_words import alignment_lines, verdict_text
 
 NEAR_LINE = np.array([[0.0, 0, 0], [300, 20, 0], [700, 0, 25], [1000, 10, 0]])
 

@@ -3,18 +3,6 @@
 import numpy as np
 import pytest
 
-from kinematics.arm_file import FileError
-from kinematics.helmert_volume import Ball
-from lab.acceptance.alignment_common import (
-    CommonPoints,
-    Place,
-    common_points,
-    places_by_name,
-)
-from lab.acceptance.alignment_fit import fitted_alignment
-from lab.acceptance.alignment_nominal import Nominal, read_nominal
-from lab.acceptance.alignment_touches import Touch, read_touch_table
-from lab.acceptance.alignment_volume import fixed_volume, volume_from_text
 from tests.lab.acceptance.alignment_bench import (
     BOX,
     WIDE,
@@ -22,6 +10,18 @@ from tests.lab.acceptance.alignment_bench import (
     common,
     transformation,
 )
+from traverse.kinematics.arm_file import FileError
+from traverse.kinematics.helmert_volume import Ball
+from traverse.lab.acceptance.alignment_common import (
+    CommonPoints,
+    Place,
+    common_points,
+    places_by_name,
+)
+from traverse.lab.acceptance.alignment_fit import fitted_alignment
+from traverse.lab.acceptance.alignment_nominal import Nominal, read_nominal
+from traverse.lab.acceptance.alignment_touches import Touch, read_touch_table
+from traverse.lab.acceptance.alignment_volume import fixed_volume, volume_from_text
 
 
 def touch(name, place, **more):

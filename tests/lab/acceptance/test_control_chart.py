@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from lab.acceptance.control_chart import charted, rules
-from lab.acceptance.control_chart_rates import (
+from traverse.lab.acceptance.control_chart import charted, rules
+from traverse.lab.acceptance.control_chart_rates import (
     BASE,
     EWMA_LIMIT,
     INDIVIDUAL,

@@ -6,21 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kinematics.arm_file import FileError
-from lab.acceptance.certified import IncompleteError
-from lab.acceptance.control_chart_picture import chart_lines, chart_png, write_charts
-from lab.acceptance.interim_figures import InterimFigures, interim_figures
-from lab.acceptance.interim_history import (
-    Check,
-    HistoryRefusedError,
-    add_check,
-    checks_of,
-)
-from lab.acceptance.interim_report import (
-    read_certificate,
-    report_of,
-    report_values,
-)
 from tests.lab.acceptance.measurements import (
     OCTAHEDRON,
     artefact,
@@ -28,6 +13,25 @@ from tests.lab.acceptance.measurements import (
     measured,
     on_a_ball,
     touches,
+)
+from traverse.kinematics.arm_file import FileError
+from traverse.lab.acceptance.certified import IncompleteError
+from traverse.lab.acceptance.control_chart_picture import (
+    chart_lines,
+    chart_png,
+    write_charts,
+)
+from traverse.lab.acceptance.interim_figures import InterimFigures, interim_figures
+from traverse.lab.acceptance.interim_history import (
+    Check,
+    HistoryRefusedError,
+    add_check,
+    checks_of,
+)
+from traverse.lab.acceptance.interim_report import (
+    read_certificate,
+    report_of,
+    report_values,
 )
 
 RADIUS_MM = 12.7

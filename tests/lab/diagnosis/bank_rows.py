@@ -5,16 +5,6 @@ from functools import cache
 
 import numpy as np
 
-from kinematics.arm_file import Arm, Effect
-from kinematics.derivatives import probe_derivatives
-from kinematics.effects.arm_effects import effects_of
-from kinematics.effects.pose import corrected_pose
-from kinematics.effects.setting import utc_ns
-from lab.campaign import Campaign
-from lab.diagnosis.fit import Fit, fitted
-from lab.diagnosis.rows import Rows, decorrelated_rows, rows_of
-from lab.identification.effect_model import block_of
-from lab.identification.plausible import campaign_span
 from tests.lab.simulated import (
     TrueArm,
     arm_value,
@@ -24,6 +14,16 @@ from tests.lab.simulated import (
     seven_joints,
     simulate,
 )
+from traverse.kinematics.arm_file import Arm, Effect
+from traverse.kinematics.derivatives import probe_derivatives
+from traverse.kinematics.effects.arm_effects import effects_of
+from traverse.kinematics.effects.pose import corrected_pose
+from traverse.kinematics.effects.setting import utc_ns
+from traverse.lab.campaign import Campaign
+from traverse.lab.diagnosis.fit import Fit, fitted
+from traverse.lab.diagnosis.rows import Rows, decorrelated_rows, rows_of
+from traverse.lab.identification.effect_model import block_of
+from traverse.lab.identification.plausible import campaign_span
 
 MASSES_KG = (3.0, 2.5, 2.0, 1.2, 0.8, 0.5, 0.3)
 N_EACH = 40

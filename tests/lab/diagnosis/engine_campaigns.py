@@ -5,10 +5,12 @@ from functools import cache
 import numpy as np
 
 from benchmarks.proofs.campaigns import demo_arm
-from lab.campaign import Campaign
-from lab.diagnosis.diagnose import DiagnosisOptions
-from lab.diagnosis.holdout import split
-from simulator.campaigns import (
+from traverse.cli.blind_campaign import handed_over
+from traverse.cli.blind_sizes import Ruler, exact_campaign, ruler
+from traverse.lab.campaign import Campaign
+from traverse.lab.diagnosis.diagnose import DiagnosisOptions
+from traverse.lab.diagnosis.holdout import split
+from traverse.simulator.campaigns import (
     BallBar,
     CampaignSpec,
     Cone,
@@ -18,10 +20,8 @@ from simulator.campaigns import (
     draw_noise,
     make_poses,
 )
-from simulator.campaigns.blind import Hidden, drawn, played
-from simulator.campaigns.blind_poses import campaign_spec, weighed
-from traverse.blind_campaign import handed_over
-from traverse.blind_sizes import Ruler, exact_campaign, ruler
+from traverse.simulator.campaigns.blind import Hidden, drawn, played
+from traverse.simulator.campaigns.blind_poses import campaign_spec, weighed
 
 SEED = 1
 OPTIONS = DiagnosisOptions(seed=SEED, n_draws=200)

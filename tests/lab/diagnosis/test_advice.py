@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from kinematics.arm_file import effect_from_table
-from lab.diagnosis.advice import gain_needed, separate_by, where_in_words
-from lab.diagnosis.aliases import canonical_correlations, is_alias
-from lab.diagnosis.contacts import extended_rows, further_contacts
-from lab.diagnosis.decision import decided
-from lab.diagnosis.diagnosis import Alternative
-from lab.diagnosis.discrimination import experiment
-from lab.diagnosis.findings import project
-from lab.diagnosis.known_pairs import known_pair
-from lab.diagnosis.library import library_bank
-from lab.diagnosis.options import DiagnosisOptions
-from lab.identification.station_equations import station_centres
 from tests.lab.diagnosis.bank_rows import measured, measured_rows
+from traverse.kinematics.arm_file import effect_from_table
+from traverse.lab.diagnosis.advice import gain_needed, separate_by, where_in_words
+from traverse.lab.diagnosis.aliases import canonical_correlations, is_alias
+from traverse.lab.diagnosis.contacts import extended_rows, further_contacts
+from traverse.lab.diagnosis.decision import decided
+from traverse.lab.diagnosis.diagnosis import Alternative
+from traverse.lab.diagnosis.discrimination import experiment
+from traverse.lab.diagnosis.findings import project
+from traverse.lab.diagnosis.known_pairs import known_pair
+from traverse.lab.diagnosis.library import library_bank
+from traverse.lab.diagnosis.options import DiagnosisOptions
+from traverse.lab.identification.station_equations import station_centres
 
 
 @cache

@@ -8,20 +8,25 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
-from kinematics.effects.arm_effects import effects_of
-from kinematics.effects.axis_motion import across
-from kinematics.effects.pose import corrected_pose
-from kinematics.effects.spline import spline_amounts
-from kinematics.forward import probe_centre
-from lab.diagnosis.covariates import courses, used_poses
-from lab.diagnosis.entries import effect_from_candidate
-from lab.diagnosis.findings import project
-from lab.diagnosis.fit import fitted
-from lab.diagnosis.generic import N_FINE_KNOTS, N_KNOTS, generic_bank, spline_knots
-from lab.diagnosis.rows import rows_of
-from lab.identification.plausible import campaign_span
 from tests.lab.diagnosis.bank_rows import measured, measured_rows, serial_rows
 from tests.lab.diagnosis.test_bank_library import chosen
+from traverse.kinematics.effects.arm_effects import effects_of
+from traverse.kinematics.effects.axis_motion import across
+from traverse.kinematics.effects.pose import corrected_pose
+from traverse.kinematics.effects.spline import spline_amounts
+from traverse.kinematics.forward import probe_centre
+from traverse.lab.diagnosis.covariates import courses, used_poses
+from traverse.lab.diagnosis.entries import effect_from_candidate
+from traverse.lab.diagnosis.findings import project
+from traverse.lab.diagnosis.fit import fitted
+from traverse.lab.diagnosis.generic import (
+    N_FINE_KNOTS,
+    N_KNOTS,
+    generic_bank,
+    spline_knots,
+)
+from traverse.lab.diagnosis.rows import rows_of
+from traverse.lab.identification.plausible import campaign_span
 
 JOINTS = [f"J{k}" for k in range(1, 8)]
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from lab.diagnosis.harmonics import HIGHEST_ORDER, harmonic_bank
-from lab.diagnosis.library import library_bank
 from tests.lab.diagnosis.bank_rows import measured, measured_rows, serial_rows
 from tests.lab.diagnosis.test_bank_library import chosen
+from traverse.lab.diagnosis.harmonics import HIGHEST_ORDER, harmonic_bank
+from traverse.lab.diagnosis.library import library_bank
 
 JOINTS = [f"J{k}" for k in range(1, 8)]
 

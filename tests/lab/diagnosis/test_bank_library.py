@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from kinematics.arm_file import effect_from_table
-from kinematics.effect_kinds import EFFECT_KINDS
-from kinematics.effects.arm_effects import effects_of
-from kinematics.effects.pose import corrected_pose
-from lab.diagnosis.candidate import Bank
-from lab.diagnosis.entries import effect_from_candidate
-from lab.diagnosis.findings import project
-from lab.diagnosis.library import absent_candidates, library_bank
-from lab.diagnosis.priors import log_prior
-from lab.diagnosis.rows import rows_of
-from lab.identification.plausible import campaign_span, campaign_start
 from tests.lab.diagnosis.bank_rows import measured, measured_rows, serial_rows
 from tests.lab.simulated import arm_value, seven_joints
+from traverse.kinematics.arm_file import effect_from_table
+from traverse.kinematics.effect_kinds import EFFECT_KINDS
+from traverse.kinematics.effects.arm_effects import effects_of
+from traverse.kinematics.effects.pose import corrected_pose
+from traverse.lab.diagnosis.candidate import Bank
+from traverse.lab.diagnosis.entries import effect_from_candidate
+from traverse.lab.diagnosis.findings import project
+from traverse.lab.diagnosis.library import absent_candidates, library_bank
+from traverse.lab.diagnosis.priors import log_prior
+from traverse.lab.diagnosis.rows import rows_of
+from traverse.lab.identification.plausible import campaign_span, campaign_start
 
 NOT_LISTED = {"empirical", "count_slip", "base_step"}
 

@@ -3,14 +3,15 @@
 import numpy as np
 import pytest
 
-from kinematics.effects.arm_effects import effects_of
-from kinematics.effects.pose import corrected_pose
-from lab.diagnosis.candidate import Bank
-from lab.diagnosis.covariates import used_poses
-from lab.diagnosis.entries import effect_from_candidate
-from lab.diagnosis.findings import judge, log_evidences, project
-from lab.diagnosis.rows import rows_of
-from lab.diagnosis.steps import (
+from tests.lab.diagnosis.bank_rows import measured, measured_rows, serial_rows
+from traverse.kinematics.effects.arm_effects import effects_of
+from traverse.kinematics.effects.pose import corrected_pose
+from traverse.lab.diagnosis.candidate import Bank
+from traverse.lab.diagnosis.covariates import used_poses
+from traverse.lab.diagnosis.entries import effect_from_candidate
+from traverse.lab.diagnosis.findings import judge, log_evidences, project
+from traverse.lab.diagnosis.rows import rows_of
+from traverse.lab.diagnosis.steps import (
     scan_base_steps,
     scan_slips,
     scan_steps,
@@ -18,8 +19,7 @@ from lab.diagnosis.steps import (
     step_candidate,
     step_columns,
 )
-from lab.identification.plausible import campaign_span, plausible_values
-from tests.lab.diagnosis.bank_rows import measured, measured_rows, serial_rows
+from traverse.lab.identification.plausible import campaign_span, plausible_values
 
 SOME_GAPS = (0, 1, 57, 120, 238)
 ROWS = pytest.mark.parametrize("rows_are", [measured_rows, serial_rows])

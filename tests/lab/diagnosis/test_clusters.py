@@ -8,14 +8,6 @@ from math import comb
 import numpy as np
 import pytest
 
-from lab.diagnosis.clusters import cluster_of, lowest_log_p
-from lab.diagnosis.diagnose import diagnose
-from lab.diagnosis.files import diagnosis_json
-from lab.diagnosis.fit import fitted
-from lab.diagnosis.holdout import split
-from lab.diagnosis.report import plots_of, report_page
-from lab.diagnosis.report.words import missing_sentences
-from lab.diagnosis.rows import rows_of
 from tests.lab.diagnosis.engine_campaigns import (
     DECISION,
     SEED,
@@ -23,6 +15,14 @@ from tests.lab.diagnosis.engine_campaigns import (
     measured_with,
     poses,
 )
+from traverse.lab.diagnosis.clusters import cluster_of, lowest_log_p
+from traverse.lab.diagnosis.diagnose import diagnose
+from traverse.lab.diagnosis.files import diagnosis_json
+from traverse.lab.diagnosis.fit import fitted
+from traverse.lab.diagnosis.holdout import split
+from traverse.lab.diagnosis.report import plots_of, report_page
+from traverse.lab.diagnosis.report.words import missing_sentences
+from traverse.lab.diagnosis.rows import rows_of
 
 N_DRAWS = 300
 

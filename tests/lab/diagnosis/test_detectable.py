@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from kinematics.forward import probe_centre
-from lab.diagnosis.candidate import Bank
-from lab.diagnosis.detectable import detectable, left_at_probe_mm
-from lab.diagnosis.fit import fitted
-from lab.diagnosis.library import absent_candidates, library_bank
-from lab.diagnosis.rows import rows_of
 from tests.lab.diagnosis.bank_rows import arm_with_masses, measured, measured_rows
 from tests.lab.simulated import TrueArm, cones, seven_joints, simulate
+from traverse.kinematics.forward import probe_centre
+from traverse.lab.diagnosis.candidate import Bank
+from traverse.lab.diagnosis.detectable import detectable, left_at_probe_mm
+from traverse.lab.diagnosis.fit import fitted
+from traverse.lab.diagnosis.library import absent_candidates, library_bank
+from traverse.lab.diagnosis.rows import rows_of
 
 
 @cache

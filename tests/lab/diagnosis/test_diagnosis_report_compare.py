@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lab.diagnosis.compare import discrepancies, write_discrepancies
-from lab.diagnosis.fit import Fit, fitted
 from tests.lab.diagnosis.bank_rows import measured
 from tests.lab.simulated import TrueArm
+from traverse.lab.diagnosis.compare import discrepancies, write_discrepancies
+from traverse.lab.diagnosis.fit import Fit, fitted
 
 CONE = 2
 

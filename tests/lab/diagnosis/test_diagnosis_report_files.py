@@ -9,14 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from kinematics.arm_file import read_arm, write_arm
-from lab.diagnosis.adapted_arm import (
-    arm_with_provenance,
-    terms_without_epoch,
-    write_adapted,
-)
-from lab.diagnosis.diagnosis import HeldOut, Step
-from lab.diagnosis.files import diagnosis_json, pose_parts, write_diagnosis
 from tests.lab.diagnosis.diagnosed import (
     COS_RAD,
     SIN_RAD,
@@ -24,6 +16,14 @@ from tests.lab.diagnosis.diagnosed import (
     drifting,
     eccentric,
 )
+from traverse.kinematics.arm_file import read_arm, write_arm
+from traverse.lab.diagnosis.adapted_arm import (
+    arm_with_provenance,
+    terms_without_epoch,
+    write_adapted,
+)
+from traverse.lab.diagnosis.diagnosis import HeldOut, Step
+from traverse.lab.diagnosis.files import diagnosis_json, pose_parts, write_diagnosis
 
 WHEN = datetime(2026, 11, 21, 8, 0, tzinfo=UTC)
 COMMENT = "# The arm in the cellar."

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kinematics.arm_file import effect_from_table
-from lab.diagnosis.diagnosis import Estimate
-from lab.diagnosis.report import plots_of, report_page
-from lab.diagnosis.report.binning import binned
-from lab.diagnosis.report.term_curve import term_curve
 from tests.lab.diagnosis.diagnosed import COS_RAD, SIN_RAD, clean, eccentric
 from tests.lab.diagnosis.test_diagnosis_report_words import DETECTABLE, candidate
 from tests.lab.test_report_page import Page
+from traverse.kinematics.arm_file import effect_from_table
+from traverse.lab.diagnosis.diagnosis import Estimate
+from traverse.lab.diagnosis.report import plots_of, report_page
+from traverse.lab.diagnosis.report.binning import binned
+from traverse.lab.diagnosis.report.term_curve import term_curve
 
 SECTIONS = [
     "verdict",

@@ -4,15 +4,16 @@ from dataclasses import replace
 
 import pytest
 
-from lab.diagnosis.candidate import BankName, Candidate
-from lab.diagnosis.diagnosis import Alternative, Detectable, Estimate
-from lab.diagnosis.report.detectable_table import (
+from tests.lab.diagnosis.diagnosed import clean, drifting, eccentric
+from traverse.lab.diagnosis.candidate import BankName, Candidate
+from traverse.lab.diagnosis.diagnosis import Alternative, Detectable, Estimate
+from traverse.lab.diagnosis.report.detectable_table import (
     detectable_lines,
     joint_rows,
     reasons,
     whole_arm_rows,
 )
-from lab.diagnosis.report.names import (
+from traverse.lab.diagnosis.report.names import (
     name_in_words,
     odds,
     p_in_words,
@@ -20,14 +21,13 @@ from lab.diagnosis.report.names import (
     size_in_words,
     term_size,
 )
-from lab.diagnosis.report.words import (
+from traverse.lab.diagnosis.report.words import (
     held_out_sentence,
     missing_sentences,
     rival_sentences,
     summary_lines,
     verdict_sentences,
 )
-from tests.lab.diagnosis.diagnosed import clean, drifting, eccentric
 
 
 def candidate(kind, joint=None, **more) -> Candidate:

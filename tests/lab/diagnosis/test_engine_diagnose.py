@@ -6,10 +6,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-from lab.diagnosis.diagnose import diagnose
-from lab.diagnosis.fit import with_effects
-from lab.diagnosis.gap import gap_between
-from lab.diagnosis.holdout import split
 from tests.lab.diagnosis.bank_rows import measured
 from tests.lab.diagnosis.diagnosed import ECCENTRIC, clean, eccentric
 from tests.lab.diagnosis.engine_campaigns import (
@@ -19,6 +15,10 @@ from tests.lab.diagnosis.engine_campaigns import (
     measured_with,
     poses,
 )
+from traverse.lab.diagnosis.diagnose import diagnose
+from traverse.lab.diagnosis.fit import with_effects
+from traverse.lab.diagnosis.gap import gap_between
+from traverse.lab.diagnosis.holdout import split
 
 
 def decided(campaign, options=DECISION):

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.special import betaln
 
-from kinematics.arm_file import effect_from_table
-from lab.diagnosis.candidate import Bank, BankName, Candidate
-from lab.diagnosis.findings import judge, log_evidences, log_p_values, project
-from lab.diagnosis.library import library_bank
 from tests.lab.diagnosis.bank_rows import measured, measured_rows
+from traverse.kinematics.arm_file import effect_from_table
+from traverse.lab.diagnosis.candidate import Bank, BankName, Candidate
+from traverse.lab.diagnosis.findings import judge, log_evidences, log_p_values, project
+from traverse.lab.diagnosis.library import library_bank
 
 FACTORS = 10.0 ** np.linspace(-1.5, 1.5, 61)
 COSTS = 0.5 * (np.log10(FACTORS) / 0.7) ** 2

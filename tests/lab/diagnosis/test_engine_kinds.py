@@ -2,8 +2,6 @@
 
 import pytest
 
-from lab.diagnosis.diagnose import diagnose
-from simulator.campaigns.blind_effects import EFFECT_KINDS
 from tests.lab.diagnosis.engine_campaigns import (
     DECISION,
     hidden,
@@ -11,6 +9,8 @@ from tests.lab.diagnosis.engine_campaigns import (
     measured_with,
     poses,
 )
+from traverse.lab.diagnosis.diagnose import diagnose
+from traverse.simulator.campaigns.blind_effects import EFFECT_KINDS
 
 
 @pytest.mark.parametrize("kind", EFFECT_KINDS)

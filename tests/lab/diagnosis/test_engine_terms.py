@@ -7,21 +7,27 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from kinematics.arm_file import effect_from_table
-from lab.diagnosis.candidate import BankName
-from lab.diagnosis.findings import judge, project
-from lab.diagnosis.fit import fitted, with_effects
-from lab.diagnosis.library import library_bank
-from lab.diagnosis.rows import rows_of
-from lab.diagnosis.serial import SerialNoise, without_serial_noise
-from lab.diagnosis.terms import estimates_of, rows_without
-from lab.identification.network import has_length
-from lab.identification.plausible import campaign_start
-from simulator.campaigns import BallBar, Cone, NoiseTable, draw_noise, make_poses
-from simulator.campaigns import with_effects as touched_with
 from tests.lab.diagnosis.bank_rows import measured
 from tests.simulator.effect_examples import heavy_arm, spec_of
-from traverse.blind_campaign import handed_over
+from traverse.cli.blind_campaign import handed_over
+from traverse.kinematics.arm_file import effect_from_table
+from traverse.lab.diagnosis.candidate import BankName
+from traverse.lab.diagnosis.findings import judge, project
+from traverse.lab.diagnosis.fit import fitted, with_effects
+from traverse.lab.diagnosis.library import library_bank
+from traverse.lab.diagnosis.rows import rows_of
+from traverse.lab.diagnosis.serial import SerialNoise, without_serial_noise
+from traverse.lab.diagnosis.terms import estimates_of, rows_without
+from traverse.lab.identification.network import has_length
+from traverse.lab.identification.plausible import campaign_start
+from traverse.simulator.campaigns import (
+    BallBar,
+    Cone,
+    NoiseTable,
+    draw_noise,
+    make_poses,
+)
+from traverse.simulator.campaigns import with_effects as touched_with
 
 START = campaign_start(measured().campaign)
 ECCENTRICITY = {

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from lab.diagnosis.findings import project
-from lab.diagnosis.library import library_bank
-from lab.diagnosis.serial import (
+from tests.lab.diagnosis.bank_rows import measured, measured_rows
+from traverse.lab.diagnosis.findings import project
+from traverse.lab.diagnosis.library import library_bank
+from traverse.lab.diagnosis.serial import (
     SerialNoise,
     is_serial,
     serial_noise,
     without_serial_noise,
 )
-from lab.diagnosis.steps import scan_steps
-from lab.diagnosis.thresholds import log_p_threshold, noise_draws
-from tests.lab.diagnosis.bank_rows import measured, measured_rows
+from traverse.lab.diagnosis.steps import scan_steps
+from traverse.lab.diagnosis.thresholds import log_p_threshold, noise_draws
 
 
 def correlated_errors(rows, share, phi, n_draws, seed):

@@ -6,22 +6,22 @@ from functools import cache
 import numpy as np
 import pytest
 
-from kinematics.arm_file import effect_from_table
-from lab.diagnosis.fit import fitted, with_effects
-from lab.diagnosis.gap import (
+from tests.lab.diagnosis.bank_rows import measured
+from tests.lab.simulated import PROBE_RADIUS_MM
+from traverse.kinematics.arm_file import effect_from_table
+from traverse.lab.diagnosis.fit import fitted, with_effects
+from traverse.lab.diagnosis.gap import (
     believable,
     closed,
     gap_between,
     held_out_fit,
     is_worse,
 )
-from lab.diagnosis.holdout import split
-from lab.diagnosis.prediction import predicted, with_noise
-from lab.diagnosis.rows import rows_of
-from lab.identification.network import stations
-from lab.identification.station_equations import white_rows
-from tests.lab.diagnosis.bank_rows import measured
-from tests.lab.simulated import PROBE_RADIUS_MM
+from traverse.lab.diagnosis.holdout import split
+from traverse.lab.diagnosis.prediction import predicted, with_noise
+from traverse.lab.diagnosis.rows import rows_of
+from traverse.lab.identification.network import stations
+from traverse.lab.identification.station_equations import white_rows
 
 ECCENTRIC = effect_from_table(
     {"kind": "encoder_eccentricity", "joint": "J3", "cos_rad": 4e-5, "sin_rad": -2e-5}

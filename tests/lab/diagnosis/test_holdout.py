@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lab.diagnosis.holdout import split
 from tests.lab.diagnosis.bank_rows import measured
 from tests.lab.simulated import bar, cones, seven_joints, simulate
+from traverse.lab.diagnosis.holdout import split
 
 
 def test_three_poses_in_ten_of_every_artefact_are_held_out():

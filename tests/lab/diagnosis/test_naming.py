@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from kinematics.arm_file import effect_from_table
-from lab.diagnosis.naming import leaves_a_curve
-from lab.diagnosis.rows import rows_of
-from lab.diagnosis.stage import stage_of
 from tests.lab.diagnosis.bank_rows import measured
 from tests.lab.diagnosis.test_diagnosis_report_words import candidate
+from traverse.kinematics.arm_file import effect_from_table
+from traverse.lab.diagnosis.naming import leaves_a_curve
+from traverse.lab.diagnosis.rows import rows_of
+from traverse.lab.diagnosis.stage import stage_of
 
 KNOTS = [-2.0, -1.0, 0.0, 1.0, 2.0]
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kinematics.arm_file import effect_from_table
-from lab.diagnosis.detectable import detectable
-from lab.diagnosis.library import library_bank
-from lab.diagnosis.plan import planned, planned_rows
 from tests.lab.diagnosis.bank_rows import measured, measured_rows
+from traverse.kinematics.arm_file import effect_from_table
+from traverse.lab.diagnosis.detectable import detectable
+from traverse.lab.diagnosis.library import library_bank
+from traverse.lab.diagnosis.plan import planned, planned_rows
 
 SLIPPING = {
     "kind": "encoder_eccentricity",

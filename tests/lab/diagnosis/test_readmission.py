@@ -3,13 +3,6 @@
 import numpy as np
 import pytest
 
-from lab.diagnosis.diagnose import diagnose
-from lab.diagnosis.findings import project
-from lab.diagnosis.fit import fitted
-from lab.diagnosis.generic import generic_bank
-from lab.diagnosis.holdout import split
-from lab.diagnosis.mean_shifts import best_shifts, groups_of, shifted
-from lab.diagnosis.readmission import readmitted, rows_of_all
 from tests.lab.diagnosis.engine_campaigns import (
     DECISION,
     SEED,
@@ -17,6 +10,13 @@ from tests.lab.diagnosis.engine_campaigns import (
     measured_with,
     poses,
 )
+from traverse.lab.diagnosis.diagnose import diagnose
+from traverse.lab.diagnosis.findings import project
+from traverse.lab.diagnosis.fit import fitted
+from traverse.lab.diagnosis.generic import generic_bank
+from traverse.lab.diagnosis.holdout import split
+from traverse.lab.diagnosis.mean_shifts import best_shifts, groups_of, shifted
+from traverse.lab.diagnosis.readmission import readmitted, rows_of_all
 
 # Statistics at which poses of three rows and of one are left out.
 LIMITS = {3: 28.0, 1: 20.0}

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from lab.diagnosis.candidate import Bank, BankName, Candidate
-from lab.diagnosis.rivals import (
+from traverse.lab.diagnosis.candidate import Bank, BankName, Candidate
+from traverse.lab.diagnosis.rivals import (
     RIVALS,
     forward_bic,
     overall_test,
     raw_correlation,
     sparse_regression,
 )
-from lab.diagnosis.rows import Rows
+from traverse.lab.diagnosis.rows import Rows
 
 N_ROWS = 300
 

@@ -8,23 +8,23 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from kinematics.arm_file import effect_from_table, read_arm
-from lab.campaign import read_campaign
-from lab.diagnosis.findings import judge, project
-from lab.diagnosis.fit import fitted
-from lab.diagnosis.harmonics import harmonic_bank
-from lab.diagnosis.library import library_bank
-from lab.diagnosis.options import DiagnosisOptions
-from lab.diagnosis.rows import rows_of
-from lab.diagnosis.stream_harmonics import first_significant, stream_harmonics
-from lab.diagnosis.streams import diagnose_stream
-from lab.diagnosis.thinning import thinned
-from lab.stream_motion import senses_of, speeds_of, stretches_of
-from simulator.campaigns.dense_scan import simulate_scan
-from simulator.campaigns.dense_spec import DenseFile
-from simulator.campaigns.dense_writing import write_scan
 from tests.simulator.campaign_arms import seven_joint_arm
-from traverse.__main__ import app
+from traverse.cli.__main__ import app
+from traverse.kinematics.arm_file import effect_from_table, read_arm
+from traverse.lab.campaign import read_campaign
+from traverse.lab.diagnosis.findings import judge, project
+from traverse.lab.diagnosis.fit import fitted
+from traverse.lab.diagnosis.harmonics import harmonic_bank
+from traverse.lab.diagnosis.library import library_bank
+from traverse.lab.diagnosis.options import DiagnosisOptions
+from traverse.lab.diagnosis.rows import rows_of
+from traverse.lab.diagnosis.stream_harmonics import first_significant, stream_harmonics
+from traverse.lab.diagnosis.streams import diagnose_stream
+from traverse.lab.diagnosis.thinning import thinned
+from traverse.lab.stream_motion import senses_of, speeds_of, stretches_of
+from traverse.simulator.campaigns.dense_scan import simulate_scan
+from traverse.simulator.campaigns.dense_spec import DenseFile
+from traverse.simulator.campaigns.dense_writing import write_scan
 
 LATENCY = {"kind": "encoder_latency", "joint": "J5", "latency_s": 1e-4}
 BACKLASH = {"kind": "backlash", "joint": "J3", "half_width_rad": 3e-5}
