@@ -92,38 +92,38 @@ bench-kernel: $(PEERS)/.ready  ## kernel and measurement path beside others; tak
 
 bench: venv system bench-kernel  ## the figures of docs/performance.md; takes six minutes
 	$(BIN)/python -m benchmarks 6 $(FIGURES)
-	$(BIN)/python -m benchmarks.latency $(FIGURES)/latency.json
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.effects 4 $(FIGURES)/effects.json
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.gil $(FIGURES)/gil.json
-	$(BIN)/python -m benchmarks.plots $(FIGURES)
+	$(BIN)/python -m benchmarks.service.latency $(FIGURES)/latency.json
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.service.effects 4 $(FIGURES)/effects.json
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.service.gil $(FIGURES)/gil.json
+	$(BIN)/python -m benchmarks.tools.plots $(FIGURES)
 
 bench-drivers: venv  ## the drivers: rates, losses, share of a core; takes minutes
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.drivers_bar
-	$(BIN)/python -m benchmarks.drivers_can
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.deskew
-	$(BIN)/python -m benchmarks.clock
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.drivers.bar
+	$(BIN)/python -m benchmarks.drivers.can
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.drivers.deskew
+	$(BIN)/python -m benchmarks.drivers.clock
 
 bench-capture: venv system  ## filters, and a switching probe's contact; takes two minutes
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.filters
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.touch
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.service.filters
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.drivers.touch
 
 bench-recording: venv system  ## what recording costs at 10 kHz, and how fast a replay is; takes two minutes
-	$(BIN)/python -m benchmarks.recording 8 $(FIGURES)/recording.json
+	$(BIN)/python -m benchmarks.service.recording 8 $(FIGURES)/recording.json
 
 bench-page: venv system  ## the operator's page in a browser: latency, a million points, memory; takes 13 minutes
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.page all
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.clients.page all
 
 screenshots: venv system  ## pictures of the operator's page in docs/, from a real run
-	$(BIN)/python -m benchmarks.screenshots docs
+	$(BIN)/python -m benchmarks.clients.screenshots docs
 
 bench-identification: venv  ## the adjustment beside scipy's least squares; takes many minutes
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.identification
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.identification.__main__
 
 prove-acceptance: venv  ## a thousand arms accepted or rejected, rightly or not; takes minutes
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.acceptance --out build/acceptance.json --pictures docs
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.acceptance.__main__ --out build/acceptance.json --pictures docs
 
 prove-alignment: venv  ## 10 000 dispositions of common points: predicted errors against true ones; takes minutes
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.alignment --out build/alignment.json --pictures docs
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.alignment.__main__ --out build/alignment.json --pictures docs
 
 prove: venv  ## the statistics of the identification over thousands of campaigns; takes an hour
 	$(BIN)/python -m benchmarks.proofs
@@ -136,7 +136,7 @@ blind-full: venv  ## thousands of them, goes on from its file; takes an hour or 
 
 bench-fleet: venv system  ## 50 arms at one broker read by a group, daemons beside each other, a hostile client; takes minutes
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.fleet --daemons 1,4,8,12 --out $(FIGURES)/fleet.json
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.hostile
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.service.hostile
 
 audit: venv  ## known advisories of the dependencies, where their data can be reached
 	$(BIN)/python deploy/audit.py
@@ -148,10 +148,10 @@ soak: venv system  ## 200 times daemon, broker, board, networks, consumer killed
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.soak --kills $(or $(KILLS),200)
 
 endurance: venv system  ## a stream at 1 kHz for an hour (MINUTES=5 for less): memory, descriptors, losses
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.endurance $(or $(MINUTES),60)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.service.endurance $(or $(MINUTES),60)
 
 bench-client: venv system  ## the Python client: points over cut connections, beside bare subscribers
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.client
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.clients.client
 
 install: venv  ## into DESTDIR: /usr/lib/traverse, unit, rules; nothing is started
 	sh deploy/package/install.sh '$(DESTDIR)'

@@ -9,7 +9,7 @@ from typing import Protocol
 import aiomqtt
 from paho.mqtt.reasoncodes import ReasonCode
 
-from traverse.broker.visitor import SilentEndError
+from traverse.broker.diagnosing_client import SilentEndError
 
 _NOT_AUTHORISED = (4, 5, 134, 135)
 _BANNED = 138

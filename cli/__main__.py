@@ -12,29 +12,29 @@ try:  # before everything else that computes
 except ValueError as error:
     sys.stderr.write(f"traverse: {error}\n")
     sys.exit(2)
-from traverse.cli.align import align
+from traverse.cli.align.command import align
 from traverse.cli.amt21 import amt21
-from traverse.cli.arm import arm
+from traverse.cli.arm.command import arm
 from traverse.cli.blind import blind
 from traverse.cli.can import can
 from traverse.cli.check import check
-from traverse.cli.collect import collect
+from traverse.cli.collect.command import collect
+from traverse.cli.daily_check.command import interim
 from traverse.cli.demo import demo
 from traverse.cli.diagnose import diagnose
-from traverse.cli.export import export
-from traverse.cli.identify import identify
-from traverse.cli.interim import interim
-from traverse.cli.microscribe import microscribe
+from traverse.cli.export.command import export
+from traverse.cli.identify.command import identify
+from traverse.cli.microscribe.command import microscribe
 from traverse.cli.page import page
-from traverse.cli.points import points
-from traverse.cli.probe import probe
+from traverse.cli.points.command import points
+from traverse.cli.probe.command import probe
 from traverse.cli.record import record
 from traverse.cli.refusals import REFUSED, missing_library
-from traverse.cli.replay import replay
+from traverse.cli.replay.command import replay
 from traverse.cli.run import run
 from traverse.cli.simulate import simulate
 from traverse.cli.verify import verify
-from traverse.cli.watch import watch
+from traverse.cli.watch.command import watch
 
 app = typer.Typer(
     name="traverse",

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from traverse.drivers.amt21_line import Amt21Line
+    from traverse.drivers.amt21.line import Amt21Line
 
 UNREACHABLE = 3
 TRIES = 3  # for each address of a scan
@@ -151,9 +151,9 @@ def _address(name: str, text: str) -> int:
 @contextmanager
 def _line(port: str, baud_rate: int, timeout_s: float) -> Iterator["Amt21Line"]:
     """The line, opened; ends the command where a device cannot be reached."""
-    from traverse.drivers.amt21_line import Amt21Line  # noqa: PLC0415
-    from traverse.drivers.serial_port import SerialPort  # noqa: PLC0415
-    from traverse.drivers.values import DeviceError  # noqa: PLC0415
+    from traverse.drivers.amt21.line import Amt21Line  # noqa: PLC0415
+    from traverse.drivers.base.values import DeviceError  # noqa: PLC0415
+    from traverse.drivers.io.serial_port import SerialPort  # noqa: PLC0415
 
     wake_read, wake_write = os.pipe2(os.O_NONBLOCK)
     try:
@@ -180,8 +180,8 @@ def _answering(line: "Amt21Line", addresses: Sequence[int]) -> list[dict[str, An
     Raises:
         DeviceError: none.
     """
-    from traverse.drivers.amt21_line import Answer  # noqa: PLC0415
-    from traverse.drivers.values import DeviceError  # noqa: PLC0415
+    from traverse.drivers.amt21.line import Answer  # noqa: PLC0415
+    from traverse.drivers.base.values import DeviceError  # noqa: PLC0415
     from traverse.protocol.amt21 import (  # noqa: PLC0415
         position_request,
         turns_of,
@@ -211,7 +211,7 @@ def _answering(line: "Amt21Line", addresses: Sequence[int]) -> list[dict[str, An
 
 
 def _value(line: "Amt21Line", request: bytes) -> int | None:
-    from traverse.drivers.amt21_line import Answer  # noqa: PLC0415
+    from traverse.drivers.amt21.line import Answer  # noqa: PLC0415
 
     answers = (line.ask(request) for _ in range(TRIES))
     return next((a.value for a in answers if isinstance(a, Answer)), None)

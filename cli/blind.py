@@ -9,8 +9,8 @@ import typer
 
 if TYPE_CHECKING:
     from traverse.cli.blind_round import Case
-    from traverse.kinematics.arm_file import Arm
-    from traverse.lab.diagnosis.diagnosis import Diagnosis
+    from traverse.kinematics.arm_file.arm import Arm
+    from traverse.lab.diagnosis.model.result import Diagnosis
 
 REFUSED = 2
 _MOST_EFFECTS = 3
@@ -74,7 +74,7 @@ def blind(
 
 
 def _arm(path: Path | None) -> "Arm":
-    from traverse.kinematics.arm_file import FileError, read_arm  # noqa: PLC0415
+    from traverse.kinematics.arm_file.arm import FileError, read_arm  # noqa: PLC0415
 
     try:
         return read_arm(path or Path(__file__).parent / "demo_data" / "arm.toml")
@@ -85,9 +85,9 @@ def _arm(path: Path | None) -> "Arm":
 def _write(case: "Case", diagnosis: "Diagnosis", out: Path) -> None:
     """Write the campaign, the truth beside it, and the diagnosis."""
     from traverse.cli.blind_words import hidden_table  # noqa: PLC0415
-    from traverse.kinematics.arm_text import write_whole  # noqa: PLC0415
-    from traverse.lab.diagnosis.files import write_diagnosis  # noqa: PLC0415
+    from traverse.lab.diagnosis.report.files import write_diagnosis  # noqa: PLC0415
     from traverse.simulator.campaigns import write_campaign  # noqa: PLC0415
+    from traverse.strict_toml.writing import write_whole  # noqa: PLC0415
 
     folder = out / "campaign"
     write_campaign(folder, case.simulated, case.arm)

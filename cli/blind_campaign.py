@@ -8,9 +8,9 @@ from datetime import datetime
 
 import numpy as np
 
-from traverse.lab.campaign import Campaign, Poses
-from traverse.lab.identification.artefacts import artefact_from_table
-from traverse.lab.identification.artefacts.artefact import Artefact
+from traverse.lab.artefacts import artefact_from_table
+from traverse.lab.artefacts.artefact import Artefact
+from traverse.lab.campaign.campaign import Campaign, Poses
 from traverse.simulator.campaigns import Campaign as SimulatedColumns
 
 _FIRST_LINE = 2

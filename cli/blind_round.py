@@ -8,14 +8,14 @@ import numpy as np
 
 from traverse.cli.blind_campaign import handed_over
 from traverse.cli.blind_sizes import Ruler, exact_campaign, ruler
-from traverse.kinematics.arm_file import Arm
-from traverse.lab.campaign import Campaign
+from traverse.kinematics.arm_file.arm import Arm
+from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.diagnose import diagnose
-from traverse.lab.diagnosis.diagnosis import Diagnosis
-from traverse.lab.diagnosis.fit import fitted, with_effects
-from traverse.lab.diagnosis.gap import believable, held_out_fit
-from traverse.lab.diagnosis.holdout import split
-from traverse.lab.diagnosis.options import DiagnosisOptions
+from traverse.lab.diagnosis.holdout.comparison import believable, held_out_fit
+from traverse.lab.diagnosis.holdout.holdout import split
+from traverse.lab.diagnosis.model.fit import fitted, with_effects
+from traverse.lab.diagnosis.model.options import DiagnosisOptions
+from traverse.lab.diagnosis.model.result import Diagnosis
 from traverse.lab.diagnosis.score import TrueTerm
 from traverse.simulator.campaigns import (
     NoiseTable,
@@ -23,9 +23,9 @@ from traverse.simulator.campaigns import (
     SimulatedCampaign,
     draw_noise,
 )
-from traverse.simulator.campaigns.blind import Hidden, drawn, drawn_round, played
-from traverse.simulator.campaigns.blind_effects import EFFECT_KINDS, HiddenEffect
-from traverse.simulator.campaigns.blind_poses import pose_set
+from traverse.simulator.campaigns.blind.effects import EFFECT_KINDS, HiddenEffect
+from traverse.simulator.campaigns.blind.hidden import Hidden, drawn, drawn_round, played
+from traverse.simulator.campaigns.blind.poses import pose_set
 
 _TAG = 0x626C696E
 # Between the seeds of the noise of two streams.

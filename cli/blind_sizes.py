@@ -12,23 +12,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.cli.blind_campaign import handed_over
-from traverse.kinematics.arm_file import Arm
-from traverse.lab.campaign import Campaign
-from traverse.lab.diagnosis.aliases import ALIAS
-from traverse.lab.diagnosis.findings import Projected, project
-from traverse.lab.diagnosis.harmonics import harmonic_bank
-from traverse.lab.diagnosis.library import library_bank
-from traverse.lab.diagnosis.rows import Rows, rows_of
+from traverse.kinematics.arm_file.arm import Arm
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.diagnosis.candidates.aliases import ALIAS
+from traverse.lab.diagnosis.candidates.harmonics import harmonic_bank
+from traverse.lab.diagnosis.candidates.library import library_bank
+from traverse.lab.diagnosis.candidates.scoring import Projected, project
+from traverse.lab.diagnosis.model.observation_equations import Rows, rows_of
 from traverse.lab.diagnosis.score import Identity
-from traverse.lab.identification.adjustment import adjust
+from traverse.lab.identification.equations.network import Network, stations
+from traverse.lab.identification.equations.noise import a_priori_noise
+from traverse.lab.identification.equations.station_equations import start_state
 from traverse.lab.identification.identify import prepared
-from traverse.lab.identification.network import Network, stations
-from traverse.lab.identification.noise import a_priori_noise
-from traverse.lab.identification.options import Options
-from traverse.lab.identification.station_equations import start_state
+from traverse.lab.identification.solve.adjustment import adjust
+from traverse.lab.identification.solve.options import Options
 from traverse.simulator.campaigns import Campaign as Columns
 from traverse.simulator.campaigns import NoiseTable, PoseSet, draw_noise
-from traverse.simulator.campaigns.blind import Hidden, played
+from traverse.simulator.campaigns.blind.hidden import Hidden, played
 
 Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]

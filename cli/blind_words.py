@@ -4,7 +4,7 @@ from dataclasses import asdict
 from typing import Any
 
 from traverse.cli.blind_round import Case
-from traverse.lab.diagnosis.diagnosis import Diagnosis
+from traverse.lab.diagnosis.model.result import Diagnosis
 from traverse.lab.diagnosis.report import summary_lines
 from traverse.lab.diagnosis.score import Score
 

@@ -12,7 +12,7 @@ import typer
 from traverse.cli.refusals import refuse
 
 if TYPE_CHECKING:
-    from traverse.client.address import BrokerAddress
+    from traverse.client.mqtt.address import BrokerAddress
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,7 +38,7 @@ class BrokerOptions:
 
     def address(self, command: str) -> "BrokerAddress":
         """What they say; ends the command where they or their files are bad."""
-        from traverse.client.address import BrokerAddress  # noqa: PLC0415
+        from traverse.client.mqtt.address import BrokerAddress  # noqa: PLC0415
 
         try:
             address = replace(

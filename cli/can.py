@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 import typer
 
 if TYPE_CHECKING:
-    from traverse.drivers.canopen_tool import BusTool, FoundNode
+    from traverse.drivers.canopen.commissioning import BusTool, FoundNode
 
 REFUSED, UNREACHABLE = 2, 3
 
@@ -123,7 +123,7 @@ def _bus(
 ) -> Iterator["BusTool"]:
     """The bus, opened; ends the command where a device cannot be reached."""
     try:
-        from traverse.drivers.canopen_tool import BusTool  # noqa: PLC0415 - an extra; quick help
+        from traverse.drivers.canopen.commissioning import BusTool  # noqa: PLC0415 - an extra; quick help
     except ModuleNotFoundError as error:
         typer.echo(
             f"traverse can needs {error.name}, which is not installed; install the "
@@ -131,7 +131,7 @@ def _bus(
             err=True,
         )
         raise typer.Exit(REFUSED) from error
-    from traverse.drivers.values import DeviceError  # noqa: PLC0415
+    from traverse.drivers.base.values import DeviceError  # noqa: PLC0415
 
     try:
         with BusTool(interface, channel, bit_rate, timeout_s) as tool:
@@ -143,7 +143,7 @@ def _bus(
 
 def _report(found: "FoundNode") -> dict[str, Any]:
     """A node for JSON; what it does not tell is null."""
-    from traverse.protocol.canopen import STATES  # noqa: PLC0415
+    from traverse.protocol.canopen.frames import STATES  # noqa: PLC0415
 
     heard, facts, kind = found.heard, found.facts, found.device_type
     vendor, product, revision, serial = (None,) * 4 if facts is None else facts.identity
@@ -171,7 +171,7 @@ def _report(found: "FoundNode") -> dict[str, Any]:
 
 def _line(one: dict[str, Any]) -> str:
     """A node for people."""
-    from traverse.protocol.canopen_objects import alarm_text, warning_text  # noqa: PLC0415
+    from traverse.protocol.canopen.objects import alarm_text, warning_text  # noqa: PLC0415
 
     text = f"node {one['node']:3d}: "
     if one["problem"]:

@@ -23,8 +23,8 @@ def check(
     and with a configuration the arm file and the probe library that it names.
     Says everything that is wrong with it, at once. Exit status 2 if anything is.
     """
-    from traverse.daemon.startup import StartupError  # noqa: PLC0415 - keeps --help quick
-    from traverse.kinematics.arm_file import FileError  # noqa: PLC0415
+    from traverse.daemon.inputs import StartupError  # noqa: PLC0415 - keeps --help quick
+    from traverse.kinematics.arm_file.arm import FileError  # noqa: PLC0415
 
     if (file / "campaign.toml").is_file():
         file /= "campaign.toml"
@@ -54,7 +54,7 @@ def _reader(file: Path) -> tuple[str, Callable[[Path], object]]:
     """What the file is, by its schema or its tables, and what reads it."""
     import tomllib  # noqa: PLC0415
 
-    from traverse.kinematics.arm_file import read_arm  # noqa: PLC0415
+    from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
 
     try:
         tables = tomllib.loads(file.read_text("utf-8"))
@@ -68,32 +68,32 @@ def _reader(file: Path) -> tuple[str, Callable[[Path], object]]:
 
 
 def _read_simulator(path: Path) -> object:
-    from traverse.kinematics.arm_file import read_strict  # noqa: PLC0415
+    from traverse.kinematics.arm_file.arm import read_strict  # noqa: PLC0415
     from traverse.simulator.config import SimulatorConfig, config_problems  # noqa: PLC0415
 
     return read_strict(path, SimulatorConfig, config_problems)
 
 
 def _read_probes(path: Path) -> object:
-    from traverse.daemon.probes import read_probes  # noqa: PLC0415
+    from traverse.daemon.pose.probe_library import read_probes  # noqa: PLC0415
 
     return read_probes(path)
 
 
 def _read_limits(path: Path) -> object:
-    from traverse.lab.acceptance.limits import read_limits  # noqa: PLC0415
+    from traverse.lab.acceptance.conformity.limits import read_limits  # noqa: PLC0415
 
     return read_limits(path)
 
 
 def _read_plan(path: Path) -> object:
-    from traverse.cli.collection_plan import read_plan  # noqa: PLC0415
+    from traverse.lab.collection.plan import read_plan  # noqa: PLC0415
 
     return read_plan(path)
 
 
 def _read_daemon(path: Path) -> object:
-    from traverse.daemon.startup import read_inputs  # noqa: PLC0415
+    from traverse.daemon.inputs import read_inputs  # noqa: PLC0415
 
     # Who has no broker yet may run with one that is embedded.
     return read_inputs(path, True)
@@ -101,8 +101,8 @@ def _read_daemon(path: Path) -> object:
 
 def _read_campaign(path: Path) -> object:
     """Read a campaign with whatever joints its poses have."""
-    from traverse.lab.campaign import read_campaign  # noqa: PLC0415
-    from traverse.lab.campaign_file import read_campaign_file  # noqa: PLC0415
+    from traverse.lab.campaign.campaign import read_campaign  # noqa: PLC0415
+    from traverse.lab.campaign.campaign_file import read_campaign_file  # noqa: PLC0415
 
     poses = path.parent / read_campaign_file(path).poses
     header = ""

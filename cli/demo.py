@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import aiomqtt
 
     from traverse.cli.demo_round import Round
-    from traverse.client.address import BrokerAddress
+    from traverse.client.mqtt.address import BrokerAddress
 
 READY_S = 30.0
 PAGE_PORT = 8080
@@ -90,9 +90,9 @@ async def _demonstrate(
     with_page: bool,
 ) -> None:
     from traverse.cli.demo_round import Round, write_files  # noqa: PLC0415
-    from traverse.client.address import BrokerAddress  # noqa: PLC0415 - quick --help
-    from traverse.client.ending import end  # noqa: PLC0415
-    from traverse.daemon.embedded_broker import HOST, free_port  # noqa: PLC0415
+    from traverse.client.cancel_tasks import end  # noqa: PLC0415
+    from traverse.client.mqtt.address import BrokerAddress  # noqa: PLC0415 - quick --help
+    from traverse.daemon.mqtt.embedded_broker import HOST, free_port  # noqa: PLC0415
 
     port = free_port()
     own = [] if broker else ["--embedded-broker", "--embedded-port", str(port)]
@@ -192,8 +192,8 @@ async def _follow(
     broker: "BrokerAddress", measured: "Round", once: bool, rate_hz: float
 ) -> None:
     """Print and note what the arm says, until a round is complete."""
-    from traverse.cli.lines import line  # noqa: PLC0415
-    from traverse.client.subscription import received, subscribe  # noqa: PLC0415
+    from traverse.cli.message_lines import line  # noqa: PLC0415
+    from traverse.client.mqtt.subscription import received, subscribe  # noqa: PLC0415
     from traverse.protocol.encoding import encode  # noqa: PLC0415
     from traverse.protocol.messages import Command, Event, Point, Scan, ScanArgs  # noqa: PLC0415
     from traverse.protocol.topics import command_topic  # noqa: PLC0415
@@ -228,7 +228,7 @@ async def _patient_connection(
     """A connection to a broker that may still be starting."""
     import aiomqtt  # noqa: PLC0415
 
-    from traverse.client.subscription import connection  # noqa: PLC0415
+    from traverse.client.mqtt.subscription import connection  # noqa: PLC0415
 
     loop = asyncio.get_running_loop()
     until = loop.time() + READY_S

@@ -10,11 +10,11 @@ import typer
 from traverse.cli.refusals import refusals, refuse
 
 if TYPE_CHECKING:
-    from traverse.kinematics.arm_file import Arm
-    from traverse.lab.campaign import Campaign
-    from traverse.lab.diagnosis.diagnosis import Diagnosis
-    from traverse.lab.diagnosis.options import DiagnosisOptions
-    from traverse.lab.diagnosis.streams import StreamDiagnosis
+    from traverse.kinematics.arm_file.arm import Arm
+    from traverse.lab.campaign.campaign import Campaign
+    from traverse.lab.diagnosis.model.options import DiagnosisOptions
+    from traverse.lab.diagnosis.model.result import Diagnosis
+    from traverse.lab.diagnosis.scans.scan_diagnosis import StreamDiagnosis
 
 NO = 1
 
@@ -78,7 +78,7 @@ def diagnose(
                 "diagnose",
                 "--out missing: name a folder for the results, or give --plan",
             )
-        from traverse.lab.diagnosis.options import DiagnosisOptions  # noqa: PLC0415
+        from traverse.lab.diagnosis.model.options import DiagnosisOptions  # noqa: PLC0415
 
         options = DiagnosisOptions(
             seed=seed, most_terms=max_terms, accept_tentative=accept_tentative
@@ -88,7 +88,7 @@ def diagnose(
         if stream is not None:
             lines = _with_stream(stream, lines, out)
     if as_json:
-        from traverse.lab.diagnosis.files import diagnosis_json  # noqa: PLC0415
+        from traverse.lab.diagnosis.report.files import diagnosis_json  # noqa: PLC0415
 
         typer.echo(json.dumps(diagnosis_json(result), indent=1))
     else:
@@ -104,7 +104,7 @@ def _diagnosed(
     import numpy as np  # noqa: PLC0415
 
     from traverse.lab.diagnosis.diagnose import diagnose as found_by  # noqa: PLC0415
-    from traverse.lab.diagnosis.streams import diagnose_stream  # noqa: PLC0415
+    from traverse.lab.diagnosis.scans.scan_diagnosis import diagnose_stream  # noqa: PLC0415
     from traverse.lab.identification.identify import IdentificationError  # noqa: PLC0415
 
     arm, campaign = _read(folder, arm_file)
@@ -135,9 +135,9 @@ def _written(
     result: "Diagnosis", arm_file: Path, out: Path, *, accept: bool
 ) -> list[str]:
     """Write the results and say what there is."""
-    from traverse.lab.diagnosis.adapted_arm import write_adapted  # noqa: PLC0415
-    from traverse.lab.diagnosis.files import write_diagnosis  # noqa: PLC0415
     from traverse.lab.diagnosis.report import summary_lines  # noqa: PLC0415
+    from traverse.lab.diagnosis.report.adapted_arm import write_adapted  # noqa: PLC0415
+    from traverse.lab.diagnosis.report.files import write_diagnosis  # noqa: PLC0415
 
     adapted = write_diagnosis(out, result, arm_file)
     names = "arm.toml, diagnosis.json, discrepancies.csv, report.html, pictures"
@@ -150,7 +150,7 @@ def _written(
 
 def _with_stream(stream: "StreamDiagnosis", lines: list[str], out: Path) -> list[str]:
     """Write what is special of a dense scan, and tell of it first."""
-    from traverse.lab.diagnosis.stream_figures import stream_json, stream_lines  # noqa: PLC0415
+    from traverse.lab.diagnosis.scans.figures import stream_json, stream_lines  # noqa: PLC0415
 
     text = json.dumps(stream_json(stream), indent=1, allow_nan=False)
     (out / "stream.json").write_text(text + "\n", encoding="utf-8")
@@ -176,12 +176,12 @@ class _Progress:
 
 def _plan(folder: Path, arm_file: Path, *, as_json: bool) -> None:
     """Say what a campaign could see; its measured misclosures are not looked at."""
-    from traverse.lab.diagnosis.files import detectable_json  # noqa: PLC0415
-    from traverse.lab.diagnosis.plan import planned  # noqa: PLC0415
+    from traverse.lab.diagnosis.advice.planned_campaign import planned  # noqa: PLC0415
     from traverse.lab.diagnosis.report.detectable_table import (  # noqa: PLC0415
         detectable_lines,
     )
-    from traverse.lab.diagnosis.thinning import thinned  # noqa: PLC0415
+    from traverse.lab.diagnosis.report.files import detectable_json  # noqa: PLC0415
+    from traverse.lab.diagnosis.scans.decimation import thinned  # noqa: PLC0415
     from traverse.lab.identification.identify import IdentificationError  # noqa: PLC0415
 
     arm, campaign = _read(folder, arm_file)
@@ -203,8 +203,8 @@ def _plan(folder: Path, arm_file: Path, *, as_json: bool) -> None:
 
 
 def _read(folder: Path, arm_file: Path) -> "tuple[Arm, Campaign]":
-    from traverse.kinematics.arm_file import read_arm  # noqa: PLC0415
-    from traverse.lab.campaign import read_campaign  # noqa: PLC0415
+    from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
+    from traverse.lab.campaign.campaign import read_campaign  # noqa: PLC0415
 
     arm = read_arm(arm_file)
     return arm, read_campaign(folder, [joint.name for joint in arm.joints])

@@ -9,7 +9,7 @@ import typer
 from traverse.cli.broker_options import BrokerOptions, with_broker
 
 if TYPE_CHECKING:
-    from traverse.client.address import BrokerAddress
+    from traverse.client.mqtt.address import BrokerAddress
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 FIND_S = 5.0
@@ -90,7 +90,7 @@ def page(
 def _only_arm(address: "BrokerAddress") -> str:
     """The one arm that has said something to a broker."""
     from traverse.client.errors import BrokerUnreachableError  # noqa: PLC0415
-    from traverse.client.finding import arms_on  # noqa: PLC0415
+    from traverse.client.mqtt.discovery import arms_on  # noqa: PLC0415
 
     try:
         arms = asyncio.run(arms_on(address, FIND_S))

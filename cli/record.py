@@ -10,7 +10,7 @@ import typer
 from traverse.cli.broker_options import BrokerOptions, with_broker
 
 if TYPE_CHECKING:
-    from traverse.client.address import BrokerAddress
+    from traverse.client.mqtt.address import BrokerAddress
 
 REFUSED, UNREACHABLE = 2, 3
 

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from traverse.cli.logs import LogFormat, LogLevel, start_log
+from traverse.daemon.system.log_setup import LogFormat, LogLevel, start_log
 
 
 def run(
@@ -52,7 +52,7 @@ def run(
     Ends in order on SIGTERM or Ctrl-C. Exit status 2: the configuration or arm file was
     refused; 3: a device or the broker could not be reached.
     """
-    from traverse.daemon.program import run_service  # noqa: PLC0415 - keeps --help quick
+    from traverse.daemon.app import run_service  # noqa: PLC0415 - keeps --help quick
 
     start_log(log_format, log_level)
     status = asyncio.run(

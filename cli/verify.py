@@ -9,8 +9,8 @@ import typer
 from traverse.cli.refusals import refusals, refuse
 
 if TYPE_CHECKING:
-    from traverse.kinematics.arm_file import Arm
-    from traverse.lab.acceptance.certificate_json import Sealed
+    from traverse.kinematics.arm_file.arm import Arm
+    from traverse.lab.acceptance.certificate.values import Sealed
 
 NO = 1
 
@@ -77,13 +77,13 @@ def verify(
         certificate = _certificate(data, _known(standard, "--standard"), arm, limits)
         values = certificate.values
         if out is not None:
-            from traverse.lab.acceptance.files import write_certificate  # noqa: PLC0415
+            from traverse.lab.acceptance.certificate.files import write_certificate  # noqa: PLC0415
 
             write_certificate(certificate, out)
     if as_json:
         typer.echo(json.dumps(values, indent=1, ensure_ascii=False))
     else:
-        from traverse.lab.acceptance.words import figure_lines  # noqa: PLC0415
+        from traverse.lab.acceptance.certificate.words import figure_lines  # noqa: PLC0415
 
         typer.echo("\n".join(figure_lines(values)))
         if out is not None:
@@ -105,11 +105,11 @@ def _certificate(
     data: Path, standard: str, arm_file: Path | None, limits_file: Path | None
 ) -> "Sealed":
     """Read everything, compute everything."""
-    from traverse.lab.acceptance.certificate_check import ARM, LIMITS  # noqa: PLC0415
-    from traverse.lab.acceptance.certificate_json import sealed  # noqa: PLC0415
-    from traverse.lab.acceptance.limits import NO_LIMITS, read_limits  # noqa: PLC0415
-    from traverse.lab.acceptance.reading import files_read, read_measured  # noqa: PLC0415
+    from traverse.lab.acceptance.certificate.check import ARM, LIMITS  # noqa: PLC0415
+    from traverse.lab.acceptance.certificate.values import sealed  # noqa: PLC0415
+    from traverse.lab.acceptance.conformity.limits import NO_LIMITS, read_limits  # noqa: PLC0415
     from traverse.lab.acceptance.standards import verified  # noqa: PLC0415
+    from traverse.lab.measured_points.reading import files_read, read_measured  # noqa: PLC0415
 
     arm, text = _arm(data, arm_file)
     permitted = NO_LIMITS if limits_file is None else read_limits(limits_file)
@@ -123,7 +123,7 @@ def _certificate(
 
 def _arm(data: Path, file: Path | None) -> "tuple[Arm, bytes]":
     """The arm, and its file as it is."""
-    from traverse.kinematics.arm_file import parse_arm, read_arm  # noqa: PLC0415
+    from traverse.kinematics.arm_file.arm import parse_arm, read_arm  # noqa: PLC0415
 
     if file is not None:
         return read_arm(file), file.read_bytes()
@@ -138,9 +138,9 @@ def _arm(data: Path, file: Path | None) -> "tuple[Arm, bytes]":
 def _planned(
     standard: str, arm_file: Path | None, out: Path | None, *, bidirectional: bool
 ) -> dict[str, Any]:
-    from traverse.cli.verify_plan import write_plan  # noqa: PLC0415
-    from traverse.kinematics.arm_file import read_arm  # noqa: PLC0415
+    from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
     from traverse.lab.acceptance.plan import plan_of  # noqa: PLC0415
+    from traverse.lab.acceptance.plan_files import write_plan  # noqa: PLC0415
 
     if arm_file is None or out is None:
         refuse("verify", "--plan needs --arm and --out")
@@ -149,14 +149,14 @@ def _planned(
 
 
 def _tell_planned(report: dict[str, Any], *, as_json: bool) -> None:
-    from traverse.cli.verify_plan import plan_words  # noqa: PLC0415
+    from traverse.lab.acceptance.plan_files import plan_words  # noqa: PLC0415
 
     words = "\n".join(plan_words(report))
     typer.echo(json.dumps(report, indent=1) if as_json else words)
 
 
 def _checked(path: Path, *, as_json: bool) -> None:
-    from traverse.lab.acceptance.certificate_check import (  # noqa: PLC0415
+    from traverse.lab.acceptance.certificate.check import (  # noqa: PLC0415
         certificate_problems,
     )
 

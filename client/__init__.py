@@ -1,6 +1,5 @@
 """What connects from outside over MQTT: the Python client of an arm."""
 
-from traverse.client.address import BrokerAddress
 from traverse.client.arm import Arm
 from traverse.client.blocking import BlockingArm
 from traverse.client.counters import Counters
@@ -10,7 +9,8 @@ from traverse.client.errors import (
     CommandRefused,
     NoAnswerError,
 )
-from traverse.client.following import Lost
+from traverse.client.mqtt.address import BrokerAddress
+from traverse.client.points.session_points import Lost
 from traverse.client.results import HeldSession, Resent, ResentScan, StartedScan
 
 __all__ = [

@@ -6,18 +6,18 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
 
-from traverse.client.address import BrokerAddress
+from traverse.client.cancel_tasks import end
 from traverse.client.commands import ArmCommands
 from traverse.client.counters import Counters
-from traverse.client.ending import end
 from traverse.client.feeds import Feed
 from traverse.client.inbox import Inbox
-from traverse.client.link import Link
-from traverse.client.place import read_place, write_place
-from traverse.client.point_order import PointOrder
-from traverse.client.points import PointStream
-from traverse.client.points_by_id import PointsById
-from traverse.client.readers import Points
+from traverse.client.mqtt.address import BrokerAddress
+from traverse.client.mqtt.reconnection import Link
+from traverse.client.points.cursor import read_place, write_place
+from traverse.client.points.index import PointsById
+from traverse.client.points.reader import Points
+from traverse.client.points.reorder_buffer import PointOrder
+from traverse.client.points.stream import PointStream
 from traverse.client.requests import Requests
 from traverse.client.scans import ScanBlocks
 from traverse.protocol.messages import Args, Event, Health, Live, Scan, Status

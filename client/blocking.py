@@ -13,11 +13,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self, TypedDict, TypeVar, Unpack
 
-from traverse.client.address import BrokerAddress
 from traverse.client.arm import Arm
 from traverse.client.counters import Counters
-from traverse.client.following import Lost
 from traverse.client.loop_thread import Items, LoopThread, Source
+from traverse.client.mqtt.address import BrokerAddress
+from traverse.client.points.session_points import Lost
 from traverse.client.results import HeldSession, Resent, ResentScan
 from traverse.protocol.messages import Args, Event, Health, Live, Point, Scan, Status
 from traverse.protocol.messages.scan import ScanMode

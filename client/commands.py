@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from traverse.client.errors import NoAnswerError
-from traverse.client.points_by_id import PointsById
+from traverse.client.points.index import PointsById
 from traverse.client.results import HeldSession, Resent, ResentScan, StartedScan, Taken
 from traverse.protocol.messages import (
     AlignArgs,

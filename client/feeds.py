@@ -8,7 +8,7 @@ import weakref
 from collections import deque
 from typing import Generic, Self, TypeVar
 
-from traverse.client.pulse import Pulse
+from traverse.client.change_signal import Pulse
 
 T = TypeVar("T")
 

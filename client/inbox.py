@@ -3,11 +3,11 @@
 import logging
 from collections.abc import Callable
 
-from traverse.client.connection import Arrived
 from traverse.client.feeds import Feeds
-from traverse.client.link import Link
-from traverse.client.points import PointStream
-from traverse.client.points_by_id import PointsById
+from traverse.client.mqtt.connection import Arrived
+from traverse.client.mqtt.reconnection import Link
+from traverse.client.points.index import PointsById
+from traverse.client.points.stream import PointStream
 from traverse.client.requests import Requests
 from traverse.protocol import topics
 from traverse.protocol.encoding import decode

@@ -6,7 +6,7 @@ from collections.abc import AsyncIterator, Coroutine
 from concurrent.futures import Future
 from typing import Any, Generic, Self, TypeVar
 
-from traverse.client.ending import end
+from traverse.client.cancel_tasks import end
 
 T = TypeVar("T")
 

@@ -14,9 +14,9 @@ from typing import Any
 
 import aiomqtt
 
+from traverse.client.change_signal import Pulse
 from traverse.client.errors import CommandRefused, NoAnswerError
-from traverse.client.link import Link
-from traverse.client.pulse import Pulse
+from traverse.client.mqtt.reconnection import Link
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Args, Command, Reply, ScanArgs, Status
 from traverse.protocol.topics import command_topic

@@ -3,18 +3,18 @@
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from traverse.daemon.align_requests import AlignRequests
-from traverse.daemon.button_actions import ButtonActions
-from traverse.daemon.commands import CommandHandler
+from traverse.daemon.commands.alignment import AlignRequests
+from traverse.daemon.commands.button_actions import ButtonActions
+from traverse.daemon.commands.dispatcher import CommandHandler
+from traverse.daemon.commands.points import PointRequests
+from traverse.daemon.commands.probe import ProbeRequests
+from traverse.daemon.commands.recording import RecordRequests
+from traverse.daemon.commands.reload import Inputs, Reload
+from traverse.daemon.commands.resend import ResendRequests
+from traverse.daemon.commands.scans import Requests
 from traverse.daemon.instrument import Instrument
-from traverse.daemon.notify import Notifier
 from traverse.daemon.output import Output
-from traverse.daemon.point_requests import PointRequests
-from traverse.daemon.probe_requests import ProbeRequests
-from traverse.daemon.record_requests import RecordRequests
-from traverse.daemon.reload import Inputs, Reload
-from traverse.daemon.requests import Requests
-from traverse.daemon.resend_requests import ResendRequests
+from traverse.daemon.system.systemd_notify import Notifier
 
 
 class CommandTable:

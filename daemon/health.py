@@ -6,9 +6,9 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from traverse.daemon.acquisition.device import Device
 from traverse.daemon.clock import HostClock
-from traverse.daemon.device import Device
-from traverse.daemon.latencies import Latencies
+from traverse.daemon.monitoring.latencies import Latencies
 from traverse.kinematics.kernel.choice import KERNEL
 from traverse.protocol.messages import (
     BrokerHealth,

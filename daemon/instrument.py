@@ -3,21 +3,21 @@
 import asyncio
 from collections.abc import Callable
 
-from traverse.daemon.alignment import PartSystem
-from traverse.daemon.arm_devices import ArmDevices
-from traverse.daemon.capture import Capture, triggers_of
-from traverse.daemon.configuration import Configuration
-from traverse.daemon.device import open_device
+from traverse.daemon.acquisition.device import open_device
+from traverse.daemon.acquisition.joint_devices import ArmDevices
+from traverse.daemon.config.schema import Configuration
+from traverse.daemon.delivery_dispatcher import Measuring
+from traverse.daemon.frozen_clock import StepClock
 from traverse.daemon.health import HealthReport
-from traverse.daemon.live import LiveView
-from traverse.daemon.measuring import Measuring
-from traverse.daemon.model import ArmModel
 from traverse.daemon.output import Output
-from traverse.daemon.pipeline import Pipeline
-from traverse.daemon.recorder_state import MeasuringState
-from traverse.daemon.scanner import Scanner
-from traverse.daemon.step_clock import StepClock
-from traverse.daemon.uncertainty import Uncertainty
+from traverse.daemon.points.capture import Capture, triggers_of
+from traverse.daemon.pose.alignment import PartSystem
+from traverse.daemon.pose.arm_model import ArmModel
+from traverse.daemon.pose.live import LiveView
+from traverse.daemon.pose.pipeline import Pipeline
+from traverse.daemon.pose.uncertainty import Uncertainty
+from traverse.daemon.recorder.snapshot import MeasuringState
+from traverse.daemon.scans.scanner import Scanner
 
 TIME_S = 0.02
 TURNS = 4  # of the loop, in which deliveries that wait already are taken

@@ -5,17 +5,17 @@ from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 
 from traverse.daemon.clock import HostClock
-from traverse.daemon.configuration import Configuration
-from traverse.daemon.events import EventLog, Occurrence
+from traverse.daemon.commands.recording import recorder_of, tell_reloaded
+from traverse.daemon.config.schema import Configuration
+from traverse.daemon.frozen_clock import StepClock
 from traverse.daemon.health import HealthReport
-from traverse.daemon.outbox import Outbox
-from traverse.daemon.outgoing import OutgoingQueue
-from traverse.daemon.outlet import Outlet
-from traverse.daemon.record_requests import recorder_of, tell_reloaded
-from traverse.daemon.scan_spool import ScanSpool
-from traverse.daemon.state_folder import OUTBOX, SCANS, state_path
-from traverse.daemon.step_clock import StepClock
-from traverse.drivers.pulse import Pulse
+from traverse.daemon.monitoring.events import EventLog, Occurrence
+from traverse.daemon.mqtt.message_publisher import Outlet
+from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
+from traverse.daemon.state_dir import OUTBOX, SCANS, state_path
+from traverse.daemon.store.outbox import Outbox
+from traverse.daemon.store.scan_store import ScanSpool
+from traverse.drivers.base.heartbeat import Pulse
 from traverse.protocol.encoding import Encoding
 
 

@@ -3,12 +3,12 @@
 from importlib.metadata import version
 
 from traverse.daemon.clock import HostClock
-from traverse.daemon.commands import CommandDesk
-from traverse.daemon.counts import broker_health, counters_of
+from traverse.daemon.commands.dispatcher import CommandDesk
 from traverse.daemon.health import HealthReport
+from traverse.daemon.health_counters import broker_health, counters_of
 from traverse.daemon.instrument import Instrument
+from traverse.daemon.mqtt.connection import Publisher
 from traverse.daemon.output import Output
-from traverse.daemon.publisher import Publisher
 from traverse.kinematics.kernel.choice import KERNEL
 from traverse.protocol.encoding import Encoding
 from traverse.protocol.messages import Health, Status

@@ -6,27 +6,27 @@ import logging
 import signal
 from pathlib import Path
 
-from traverse.daemon.arrival import Arrival
-from traverse.daemon.broker_access import address_of
-from traverse.daemon.broker_section import BrokerSection
+from traverse.daemon.acquisition.device import Device, running_drivers
 from traverse.daemon.clock import HostClock
 from traverse.daemon.command_table import CommandTable
-from traverse.daemon.commands import CommandDesk
-from traverse.daemon.configuration import Configuration
-from traverse.daemon.device import Device, running_drivers
+from traverse.daemon.commands.dispatcher import CommandDesk
+from traverse.daemon.commands.reload import Inputs
+from traverse.daemon.config.broker import BrokerSection
+from traverse.daemon.config.schema import Configuration
+from traverse.daemon.frozen_clock import StepClock
 from traverse.daemon.health import HealthReport
+from traverse.daemon.inputs import StartupError
 from traverse.daemon.instrument import Instrument
-from traverse.daemon.life import Life
-from traverse.daemon.model import ArmModel
-from traverse.daemon.model_told import tell_model
-from traverse.daemon.notify import Notifier
+from traverse.daemon.mqtt.connection import Publisher
+from traverse.daemon.mqtt.credentials import address_of
 from traverse.daemon.output import Output
-from traverse.daemon.publisher import Publisher
-from traverse.daemon.reload import Inputs
+from traverse.daemon.pose.arm_model import ArmModel
+from traverse.daemon.pose.model_log import tell_model
 from traverse.daemon.reports import Reports
-from traverse.daemon.startup import StartupError
-from traverse.daemon.state_folder import state_path
-from traverse.daemon.step_clock import StepClock
+from traverse.daemon.startup_check import Arrival
+from traverse.daemon.state_dir import state_path
+from traverse.daemon.system.lifecycle import Life
+from traverse.daemon.system.systemd_notify import Notifier
 from traverse.protocol import topics
 
 log = logging.getLogger(__name__)

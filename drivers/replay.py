@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from traverse.drivers.crossing import Crossing
-from traverse.drivers.delivery_maps import delivery_of
-from traverse.drivers.driver import Driver
-from traverse.drivers.options import DriverOptions
-from traverse.drivers.values import (
+from traverse.drivers.base.delivery_maps import delivery_of
+from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.driver import Driver
+from traverse.drivers.base.options import DriverOptions
+from traverse.drivers.base.values import (
     CountSamples,
     Delivery,
     DeviceError,

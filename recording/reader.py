@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from mcap.records import Attachment, Channel, Header, McapRecord, Message, Metadata
 
-from traverse.kinematics.file_problems import FileError, Problem
 from traverse.recording.messages import (
     SCHEMA,
     TOPICS,
@@ -18,6 +17,7 @@ from traverse.recording.messages import (
 )
 from traverse.recording.torn import PROFILE, TornRecords
 from traverse.recording.values import TIMES, Conditions, Recording, Samples, Touching
+from traverse.strict_toml.problems import FileError, Problem
 
 
 class _Parts:

@@ -5,11 +5,11 @@ from typing import Any, Literal
 
 from pydantic import AwareDatetime, Field
 
-from traverse.kinematics.arm_file import Problem, StrictModel
-from traverse.simulator.climate import ClimateTable
+from traverse.kinematics.arm_file.arm import Problem, StrictModel
 from traverse.simulator.devices.table import AnyDevice
-from traverse.simulator.faults import AnyFault
 from traverse.simulator.motions import AnyMotion
+from traverse.simulator.scenario.climate import ClimateTable
+from traverse.simulator.scenario.faults import AnyFault
 
 
 class DeviationTable(StrictModel):

@@ -24,13 +24,16 @@ from typing import IO, Any
 
 # What a command imports when it runs.
 MODULES = {
-    "run": ("traverse.daemon.program",),
+    "run": ("traverse.daemon.app",),
     "simulate": ("traverse.simulator.run",),
     "identify": (
         "traverse.lab.identification.identify",
         "traverse.lab.identification.report.page",
     ),
-    "diagnose": ("traverse.lab.diagnosis.diagnose", "traverse.lab.diagnosis.files"),
+    "diagnose": (
+        "traverse.lab.diagnosis.diagnose",
+        "traverse.lab.diagnosis.report.files",
+    ),
     "blind": ("traverse.lab.diagnosis.diagnose", "traverse.cli.blind_round"),
     "watch": ("traverse.client.arm", "rich.live"),
 }

@@ -5,13 +5,13 @@ import traceback
 from dataclasses import asdict
 from typing import Any
 
+from benchmarks.blind.baselines import RIVALS
 from benchmarks.blind.scenarios import SCENARIOS
 from benchmarks.proofs.campaigns import demo_arm
 from traverse.cli.blind_round import Case, find, gap_of, hide
-from traverse.lab.diagnosis.diagnosis import Diagnosis
-from traverse.lab.diagnosis.library import library_bank
-from traverse.lab.diagnosis.rivals import RIVALS
-from traverse.lab.diagnosis.rows import rows_of
+from traverse.lab.diagnosis.candidates.library import library_bank
+from traverse.lab.diagnosis.model.observation_equations import rows_of
+from traverse.lab.diagnosis.model.result import Diagnosis
 from traverse.lab.diagnosis.score import Identity, TrueTerm, scored
 
 Line = dict[str, Any]

@@ -3,9 +3,9 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from benchmarks.blind.baselines import RIVALS
 from benchmarks.blind.outcomes import Line
 from benchmarks.proofs.statistics import binomial_interval
-from traverse.lab.diagnosis.rivals import RIVALS
 
 # Of the intervals.
 LEVEL = 0.95

@@ -4,10 +4,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from benchmarks.blind.baselines import RIVALS
 from benchmarks.blind.outcomes import Line
 from benchmarks.blind.rates import LEVEL, Question, Row, Runs, binomial_row, share
 from benchmarks.proofs.statistics import binomial_interval
-from traverse.lab.diagnosis.rivals import RIVALS
 from traverse.lab.diagnosis.score import pooled_gap
 
 _NORMAL = 1.96

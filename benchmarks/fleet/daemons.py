@@ -11,7 +11,6 @@ from pathlib import Path
 
 import aiomqtt
 
-from benchmarks import rig
 from benchmarks.fleet.tally import (
     Cost,
     Fleet,
@@ -22,6 +21,7 @@ from benchmarks.fleet.tally import (
     cost_of,
     tally,
 )
+from benchmarks.tools import rig
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Command, ScanArgs
 from traverse.protocol.topics import command_topic

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.raw_mqtt import PUBLISH, RawClient, packet, text
+from benchmarks.tools.raw_mqtt import PUBLISH, RawClient, packet, text
 from tests.protocol.message_examples import POINT
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Scan

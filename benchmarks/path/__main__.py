@@ -16,9 +16,9 @@ from benchmarks.path.whole import (
     stages,
     whole,
 )
-from benchmarks.rig import ARM
-from benchmarks.rounds import Table, Task, load, one_core, timed, write
-from traverse.daemon.model import read_model
+from benchmarks.tools.rig import ARM
+from benchmarks.tools.rounds import Table, Task, load, one_core, timed, write
+from traverse.daemon.pose.arm_model import read_model
 from traverse.protocol.encoding import decode
 from traverse.protocol.messages import Scan
 

@@ -5,22 +5,22 @@ from dataclasses import dataclass
 from functools import partial
 
 from benchmarks.path.line import TICKS, cut
-from benchmarks.rounds import Task
+from benchmarks.tools.rounds import Task
 from traverse.daemon.clock import HostClock
-from traverse.daemon.model import ArmModel
-from traverse.daemon.pipeline import Pipeline
-from traverse.daemon.poses import PoseBlock
-from traverse.daemon.scan_plan import plan_scan
-from traverse.daemon.scanner import Scanner
-from traverse.drivers.stream_sequence import StreamSequence
-from traverse.drivers.tick_clock import TickClock
-from traverse.drivers.values import CountSamples
-from traverse.kinematics.effects.block import Block
+from traverse.daemon.pose.arm_model import ArmModel
+from traverse.daemon.pose.pipeline import Pipeline
+from traverse.daemon.pose.poses import PoseBlock
+from traverse.daemon.scans.plan import plan_scan
+from traverse.daemon.scans.scanner import Scanner
+from traverse.drivers.base.values import CountSamples
+from traverse.drivers.timing.device_clock import TickClock
+from traverse.drivers.timing.stream_sequence import StreamSequence
+from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.pose import corrected_pose
-from traverse.kinematics.readings import Unwrapper, counts_to_angles
+from traverse.kinematics.model.readings import Unwrapper, counts_to_angles
 from traverse.protocol.encoding import encode
-from traverse.protocol.framing import FrameSplitter
 from traverse.protocol.latch_board import Decoder, SampleBlock
+from traverse.protocol.latch_board.framing import FrameSplitter
 from traverse.protocol.messages import Scan
 
 BLOCK_S = 0.05  # what one message spans unless told otherwise

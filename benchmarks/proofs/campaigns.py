@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import traverse.cli
-from traverse.kinematics.arm_file import Arm, read_arm
+from traverse.kinematics.arm_file.arm import Arm, read_arm
 from traverse.simulator.campaigns import CampaignSpec, PoseSet, make_poses
 from traverse.simulator.campaigns.spec import NoiseTable
 

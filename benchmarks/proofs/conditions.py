@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.proofs.campaigns import demo_arm
 from traverse.cli.blind_campaign import handed_over
-from traverse.kinematics.arm_file import Arm, Effect, effect_from_table
+from traverse.kinematics.arm_file.arm import Arm, Effect, effect_from_table
 from traverse.lab.identification.identify import Options, identify
 from traverse.simulator.campaigns import CampaignSpec, simulate_campaign
 

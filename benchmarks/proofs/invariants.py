@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.kinematics.forward import probe_centre
-from traverse.lab.identification.parameters import ArmValues
-from traverse.lab.identification.result import Identification
+from traverse.kinematics.model.forward import probe_centre
+from traverse.lab.identification.equations.parameters import ArmValues
+from traverse.lab.identification.results.result import Identification
+from traverse.simulator.arm.physics import probe_pose
 from traverse.simulator.campaigns import PoseSet
-from traverse.simulator.physics import probe_pose
 
 Floats = NDArray[np.float64]
 

@@ -14,11 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.cli.blind_campaign import handed_over
-from traverse.lab.campaign import Campaign
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.identification.equations.network import Station
+from traverse.lab.identification.equations.station_equations import (
+    WhiteRows,
+    white_rows,
+)
 from traverse.lab.identification.identify import Options, identify
-from traverse.lab.identification.network import Station
-from traverse.lab.identification.station_equations import WhiteRows, white_rows
-from traverse.lab.identification.system import certified
+from traverse.lab.identification.solve.system import certified
 from traverse.simulator.campaigns import PoseSet, SimulatedCampaign, draw_noise
 from traverse.simulator.campaigns.spec import NoiseTable
 

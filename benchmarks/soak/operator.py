@@ -11,10 +11,10 @@ import sys
 from pathlib import Path
 from typing import Any, TextIO
 
-from traverse.client.address import BrokerAddress
-from traverse.client.connection import Arrived
 from traverse.client.errors import CommandRefused, NoAnswerError
-from traverse.client.link import Link
+from traverse.client.mqtt.address import BrokerAddress
+from traverse.client.mqtt.connection import Arrived
+from traverse.client.mqtt.reconnection import Link
 from traverse.client.requests import Requests
 from traverse.protocol import topics
 from traverse.protocol.encoding import decode

@@ -21,7 +21,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
 
-from traverse.protocol.framing import FrameSplitter
 from traverse.protocol.latch_board import (
     EDGE_ACK,
     FORGET_EDGES,
@@ -30,6 +29,7 @@ from traverse.protocol.latch_board import (
     Edge,
     Hello,
 )
+from traverse.protocol.latch_board.framing import FrameSplitter
 
 READ_BYTES = 65_536
 LOOK_MS = 50

@@ -6,12 +6,12 @@ import logging
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 
-from traverse.client.address import BrokerAddress
 from traverse.client.arm import Arm
-from traverse.client.display.clouds import Cloud
-from traverse.client.display.sight import ArmSight, Change
-from traverse.client.ending import end
+from traverse.client.cancel_tasks import end
+from traverse.client.display.arm_state import ArmSight, Change
+from traverse.client.display.point_cloud import Cloud
 from traverse.client.errors import BrokerUnreachableError, ClientError, CommandRefused
+from traverse.client.mqtt.address import BrokerAddress
 
 log = logging.getLogger(__name__)
 

@@ -4,8 +4,8 @@ import io
 from collections.abc import Sequence
 
 from traverse.client.exports.binary import Numpy, Parquet, Ply
+from traverse.client.exports.point_table import Coordinates, standing
 from traverse.client.exports.sink import Sink
-from traverse.client.exports.tables import Coordinates, standing
 from traverse.client.exports.text import Csv, JsonLines, Template, Xyz
 from traverse.protocol.messages import Point
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from types import TracebackType
 from typing import IO, Self
 
-from traverse.client.exports.tables import Coordinates, PointTable, table_of
+from traverse.client.exports.point_table import Coordinates, PointTable, table_of
 from traverse.protocol.messages import Point
 
 

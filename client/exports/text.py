@@ -8,8 +8,8 @@ from collections.abc import Iterable, Sequence
 from string import Formatter
 from typing import IO, Any
 
+from traverse.client.exports.point_table import Coordinates, PointTable
 from traverse.client.exports.sink import Sink
-from traverse.client.exports.tables import Coordinates, PointTable
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Point, Quality
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from nicegui import ui
 
-from traverse.client.display.verdict import Verdict
+from traverse.client.display.condition import Verdict
 
 
 class Banner:

@@ -4,9 +4,9 @@ from collections.abc import Callable
 
 from nicegui import ui
 
-from traverse.client.display.guided import GuidedCheck
-from traverse.client.display.sight import ArmSight
-from traverse.client.page.tables import coverage_bars
+from traverse.client.display.arm_state import ArmSight
+from traverse.client.display.guided_check import GuidedCheck
+from traverse.client.page.health_tables import coverage_bars
 from traverse.protocol.messages import Point
 
 CHECKS = (("Single point", "articulation", 10), ("Sphere", "sphere", 9))

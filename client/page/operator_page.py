@@ -6,16 +6,16 @@ from pathlib import Path
 from nicegui import ui
 
 from traverse.client.arm import Arm
+from traverse.client.display.arm_state import Change
+from traverse.client.display.condition import verdict
 from traverse.client.display.follower import Follower
-from traverse.client.display.sight import Change
-from traverse.client.display.verdict import verdict
 from traverse.client.page.arm_scene import ArmScene
 from traverse.client.page.banner import Banner
 from traverse.client.page.check_panel import CheckPanel
 from traverse.client.page.controls import Controls, Soft
-from traverse.client.page.figures import Figures
+from traverse.client.page.health_tables import alarm_list, health_table
 from traverse.client.page.points_panel import PointsPanel
-from traverse.client.page.tables import alarm_list, health_table
+from traverse.client.page.readout import Figures
 from traverse.protocol.messages import Point
 
 HERE = Path(__file__).parent

@@ -4,7 +4,7 @@ from collections.abc import Awaitable, Callable
 
 from nicegui import ui
 
-from traverse.client.page.figures import point_rows
+from traverse.client.page.readout import point_rows
 from traverse.protocol.messages import Point
 
 SHOWN_POINTS = 60

@@ -8,8 +8,8 @@ from pathlib import Path
 from fastapi import Response
 from nicegui import app, ui
 
+from traverse.client.cancel_tasks import end
 from traverse.client.display.follower import Follower
-from traverse.client.ending import end
 from traverse.client.page.access import Guard
 from traverse.client.page.operator_page import OperatorPage
 from traverse.protocol.messages import Point

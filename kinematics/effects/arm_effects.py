@@ -9,19 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.kinematics.effects import EFFECTS
-from traverse.kinematics.effects.block import Block
-from traverse.kinematics.effects.bodies import Bodies, bodies_from_arm
-from traverse.kinematics.effects.correction import (
+from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.base.bodies import Bodies, bodies_from_arm
+from traverse.kinematics.effects.base.context import Setting, Span, setting_from_arm
+from traverse.kinematics.effects.base.correction import (
     BodyCorrection,
     ContactCorrection,
     Correction,
     ReadingCorrection,
 )
-from traverse.kinematics.effects.covariate import Covariate, Need
-from traverse.kinematics.effects.setting import Setting, Span, setting_from_arm
+from traverse.kinematics.effects.base.covariate import Covariate, Need
 
 if TYPE_CHECKING:
-    from traverse.kinematics.arm_file import Arm, Effect
+    from traverse.kinematics.arm_file.arm import Arm, Effect
 
 Floats = NDArray[np.float64]
 

@@ -18,21 +18,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.kinematics.effects.arm_effects import ArmEffects
-from traverse.kinematics.effects.block import Block
-from traverse.kinematics.effects.bodies import cross
-from traverse.kinematics.effects.contact import Contact, contact_seen
-from traverse.kinematics.effects.correction import (
+from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.base.bodies import cross
+from traverse.kinematics.effects.base.contact import Contact, contact_seen
+from traverse.kinematics.effects.base.correction import (
     BodyCorrection,
     ContactCorrection,
     Correction,
     ReadingCorrection,
     Target,
 )
+from traverse.kinematics.effects.base.posture import Posture
 from traverse.kinematics.effects.deflection import Deflection, deflection, totals
 from traverse.kinematics.effects.pose import checked, chunks, undeflected_posture
-from traverse.kinematics.effects.posture import Posture
-from traverse.kinematics.geometry import Geometry
-from traverse.kinematics.quaternion import rotate
+from traverse.kinematics.model.geometry import Geometry
+from traverse.kinematics.model.quaternion import rotate
 
 Floats = NDArray[np.float64]
 

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.kinematics.effects.arm_effects import ArmEffects
-from traverse.kinematics.effects.block import Block
-from traverse.kinematics.geometry import Geometry
+from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.kernel.choice import KERNEL, aligned_floats, compiled_chain
+from traverse.kinematics.model.geometry import Geometry
 
 if KERNEL != "numpy":
     from traverse.kinematics.kernel.compiled import DeflectedChain

@@ -17,11 +17,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.kinematics.effects.correction import BodyCorrection, Target
-from traverse.kinematics.effects.posture import Posture
-from traverse.kinematics.effects.turning import chained, composed, rotated
-from traverse.kinematics.geometry import Geometry
-from traverse.kinematics.quaternion import turn
+from traverse.kinematics.effects.base.correction import BodyCorrection, Target
+from traverse.kinematics.effects.base.posture import Posture
+from traverse.kinematics.model.batched_quaternions import chained, composed, rotated
+from traverse.kinematics.model.geometry import Geometry
+from traverse.kinematics.model.quaternion import turn
 
 Floats = NDArray[np.float64]
 

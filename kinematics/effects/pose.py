@@ -20,15 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.kinematics.effects.arm_effects import ArmEffects
-from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.base.contact import contact_seen
+from traverse.kinematics.effects.base.correction import FlagName
+from traverse.kinematics.effects.base.posture import Posture
 from traverse.kinematics.effects.compiled import compiled_pose
-from traverse.kinematics.effects.contact import contact_seen
-from traverse.kinematics.effects.correction import FlagName
 from traverse.kinematics.effects.deflection import Deflection, deflection, totals
-from traverse.kinematics.effects.posture import Posture
-from traverse.kinematics.effects.turning import rotated
-from traverse.kinematics.forward import numpy_pose, probe_pose
-from traverse.kinematics.geometry import Geometry
+from traverse.kinematics.model.batched_quaternions import rotated
+from traverse.kinematics.model.forward import numpy_pose, probe_pose
+from traverse.kinematics.model.geometry import Geometry
 
 Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]

@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.kinematics.geometry import Geometry
+from traverse.kinematics.model.geometry import Geometry
 
 try:
     from traverse.kinematics.kernel.compiled import (

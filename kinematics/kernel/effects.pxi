@@ -124,7 +124,7 @@ cdef class DeflectedChain:
         """Compute centres and directions.
 
         Args:
-            block: `traverse.kinematics.effects.block.Block`, with what the effects need.
+            block: `traverse.kinematics.effects.base.block.Block`, with what the effects need.
             gravity_m_s2: Three floats.
             centres_mm: Where the centres go, (n_samples, 3); new where absent.
             directions: Where the directions go, likewise.

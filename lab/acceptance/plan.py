@@ -6,12 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from traverse.kinematics.arm_file import Arm
-from traverse.lab.acceptance.b89 import N_BARS, ZONES
-from traverse.lab.acceptance.interim import POSITIONS as CHECK_POSITIONS
-from traverse.lab.acceptance.length_tests import LENGTHS, POSITIONS
-from traverse.lab.acceptance.lengths import SET
-from traverse.lab.acceptance.measured import reach_of
+from traverse.kinematics.arm_file.arm import Arm
+from traverse.lab.acceptance.procedures.b89 import N_BARS, ZONES
+from traverse.lab.acceptance.procedures.interim_test import POSITIONS as CHECK_POSITIONS
+from traverse.lab.acceptance.procedures.length_tests import LENGTHS, POSITIONS
+from traverse.lab.acceptance.procedures.lengths import SET
 from traverse.lab.acceptance.standards import (
     BIDIRECTIONAL,
     DIAMETER,
@@ -19,6 +18,7 @@ from traverse.lab.acceptance.standards import (
     PROBING,
     UNIDIRECTIONAL,
 )
+from traverse.lab.measured_points.measurement import reach_of
 
 SPHERE = {"kind": "sphere", "radius_mm": 12.7, "radius_std_mm": 0.0003}
 PER_BALL = 5

@@ -7,13 +7,22 @@ by features; docs/reference/acceptance.md lists them.
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
-from traverse.lab.acceptance.b89 import articulation, volumetric
-from traverse.lab.acceptance.figure import Figure, Part, Verification, verification
-from traverse.lab.acceptance.interim import interim_check
-from traverse.lab.acceptance.length_tests import length_test
-from traverse.lab.acceptance.limits import NO_LIMITS, Limits
-from traverse.lab.acceptance.measured import Measured
-from traverse.lab.acceptance.probing import effective_diameter, location, size_and_form
+from traverse.lab.acceptance.conformity.figure import (
+    Figure,
+    Part,
+    Verification,
+    verification,
+)
+from traverse.lab.acceptance.conformity.limits import NO_LIMITS, Limits
+from traverse.lab.acceptance.procedures.b89 import articulation, volumetric
+from traverse.lab.acceptance.procedures.interim_test import interim_check
+from traverse.lab.acceptance.procedures.length_tests import length_test
+from traverse.lab.acceptance.procedures.probing import (
+    effective_diameter,
+    location,
+    size_and_form,
+)
+from traverse.lab.measured_points.measurement import Measured
 
 Tests = Callable[[Measured, Limits], Iterator[Part]]
 

@@ -6,18 +6,18 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.kinematics.arm_file import Arm
-from traverse.lab.campaign import Campaign
-from traverse.lab.diagnosis.decision import Decision, decided
-from traverse.lab.diagnosis.diagnosis import (
+from traverse.kinematics.arm_file.arm import Arm
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.diagnosis.holdout.comparison import Gap, gap_between
+from traverse.lab.diagnosis.holdout.holdout import split
+from traverse.lab.diagnosis.model.fit import Fit
+from traverse.lab.diagnosis.model.observation_equations import Rows, rows_of
+from traverse.lab.diagnosis.model.options import DiagnosisOptions
+from traverse.lab.diagnosis.model.result import (
     Diagnosis,
     Step,
 )
-from traverse.lab.diagnosis.fit import Fit
-from traverse.lab.diagnosis.gap import Gap, gap_between
-from traverse.lab.diagnosis.holdout import split
-from traverse.lab.diagnosis.naming import Naming
-from traverse.lab.diagnosis.options import DiagnosisOptions
+from traverse.lab.diagnosis.model.serial_correlation import without_serial_noise
 from traverse.lab.diagnosis.outcome import (
     detectable_of,
     leftovers_of,
@@ -25,9 +25,9 @@ from traverse.lab.diagnosis.outcome import (
     terms_of,
     verdict_of,
 )
-from traverse.lab.diagnosis.rows import Rows, rows_of
-from traverse.lab.diagnosis.search import Progress, refitted
-from traverse.lab.diagnosis.serial import without_serial_noise
+from traverse.lab.diagnosis.search.decision import Decision, decided
+from traverse.lab.diagnosis.search.forward_search import Progress, refitted
+from traverse.lab.diagnosis.search.naming import Naming
 
 __all__ = ["DiagnosisOptions", "diagnose"]
 

@@ -5,25 +5,25 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.lab.diagnosis.advice import separate_by
-from traverse.lab.diagnosis.candidate import BankName, Candidate
-from traverse.lab.diagnosis.choice import Choice, ranked
-from traverse.lab.diagnosis.clusters import Cluster, cluster_of
-from traverse.lab.diagnosis.decision import Decision
-from traverse.lab.diagnosis.detectable import detectable
-from traverse.lab.diagnosis.diagnosis import (
+from traverse.lab.diagnosis.advice.experiments import separate_by
+from traverse.lab.diagnosis.advice.minimal_detectable import detectable
+from traverse.lab.diagnosis.candidates.library import absent_candidates
+from traverse.lab.diagnosis.model.candidate import BankName, Candidate
+from traverse.lab.diagnosis.model.observation_equations import Rows
+from traverse.lab.diagnosis.model.options import DiagnosisOptions
+from traverse.lab.diagnosis.model.outlier_clusters import Cluster, cluster_of
+from traverse.lab.diagnosis.model.result import (
     Detectable,
     Leftover,
     NoiseFound,
     Term,
     Verdict,
 )
-from traverse.lab.diagnosis.library import absent_candidates
-from traverse.lab.diagnosis.naming import Naming
-from traverse.lab.diagnosis.options import DiagnosisOptions
-from traverse.lab.diagnosis.rows import Rows
-from traverse.lab.diagnosis.search import Search
-from traverse.lab.diagnosis.terms import estimates_of
+from traverse.lab.diagnosis.model.terms import estimates_of
+from traverse.lab.diagnosis.search.decision import Decision
+from traverse.lab.diagnosis.search.forward_search import Search
+from traverse.lab.diagnosis.search.naming import Naming
+from traverse.lab.diagnosis.search.selection import Choice, ranked
 
 Booleans = NDArray[np.bool_]
 

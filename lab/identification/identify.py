@@ -2,13 +2,19 @@
 
 import numpy as np
 
-from traverse.kinematics.arm_file import Arm
-from traverse.kinematics.geometry import geometry_from_arm
-from traverse.lab.campaign import Campaign
-from traverse.lab.identification.adjustment import Progress
-from traverse.lab.identification.advice import suggestions
-from traverse.lab.identification.arm_parameters import arm_parameters, masked
-from traverse.lab.identification.conclusions import (
+from traverse.kinematics.arm_file.arm import Arm
+from traverse.kinematics.model.geometry import geometry_from_arm
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.identification.design.coverage import joint_coverage
+from traverse.lab.identification.design.optimal_design import suggestions
+from traverse.lab.identification.equations.arm_parameters import arm_parameters, masked
+from traverse.lab.identification.equations.datum import with_datum
+from traverse.lab.identification.equations.effect_model import effect_model
+from traverse.lab.identification.equations.network import Network, stations
+from traverse.lab.identification.equations.noise import a_priori_noise
+from traverse.lab.identification.equations.parameters import ArmValues, Parameters
+from traverse.lab.identification.equations.station_equations import start_state
+from traverse.lab.identification.results.postprocessing import (
     artefact_results,
     cartesian_covariance,
     condition_number,
@@ -18,22 +24,16 @@ from traverse.lab.identification.conclusions import (
     rms_mm,
     variance_factor,
 )
-from traverse.lab.identification.coverage import joint_coverage
-from traverse.lab.identification.datum import with_datum
-from traverse.lab.identification.effect_model import effect_model
-from traverse.lab.identification.network import Network, stations
-from traverse.lab.identification.noise import a_priori_noise
-from traverse.lab.identification.options import Options
-from traverse.lab.identification.parameters import ArmValues, Parameters
-from traverse.lab.identification.result import ExcludedPose, Identification
-from traverse.lab.identification.rounds import Rounds
-from traverse.lab.identification.serial_noise import serial_noise
-from traverse.lab.identification.start import coarse_start
-from traverse.lab.identification.station_equations import start_state
-from traverse.lab.identification.undetermined import (
+from traverse.lab.identification.results.result import ExcludedPose, Identification
+from traverse.lab.identification.results.undetermined import (
     undetermined_directions,
     weak_directions,
 )
+from traverse.lab.identification.solve.adjustment import Progress
+from traverse.lab.identification.solve.coarse_start import coarse_start
+from traverse.lab.identification.solve.iterative_adjustment import Rounds
+from traverse.lab.identification.solve.options import Options
+from traverse.lab.identification.solve.serial_noise import serial_noise
 
 __all__ = ["IdentificationError", "Options", "identify"]
 

@@ -2,8 +2,8 @@
 
 from collections import Counter
 
-from traverse.protocol.framing import FrameSplitter
 from traverse.protocol.latch_board.bodies import PARSERS
+from traverse.protocol.latch_board.framing import FrameSplitter
 from traverse.protocol.latch_board.messages import Message
 from traverse.protocol.latch_board.samples import sample_block
 

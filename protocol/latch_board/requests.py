@@ -2,7 +2,7 @@
 
 import struct
 
-from traverse.protocol.framing import encode_frame
+from traverse.protocol.latch_board.framing import encode_frame
 from traverse.protocol.latch_board.numbers import (
     CONFIGURE,
     EDGE_ACK,

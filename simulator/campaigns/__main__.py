@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from traverse.kinematics.arm_file import read_arm, read_strict
+from traverse.kinematics.arm_file.arm import read_arm, read_strict
 from traverse.simulator.campaigns.command import run_command
 from traverse.simulator.campaigns.drawing import simulate_campaign
 from traverse.simulator.campaigns.spec import CampaignFile, spec_problems

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from traverse.kinematics.arm_file import FileError
+from traverse.kinematics.arm_file.arm import FileError
 from traverse.simulator.campaigns.siting import UnreachableError
 
 DONE, REFUSED = 0, 2

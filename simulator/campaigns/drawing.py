@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from traverse.kinematics.arm_file import Arm
+from traverse.kinematics.arm_file.arm import Arm
+from traverse.simulator.arm.physics import Floats
 from traverse.simulator.campaigns.artefacts.artefact import Table
 from traverse.simulator.campaigns.blunders import spoilt_poses
 from traverse.simulator.campaigns.campaign import (
@@ -22,7 +23,6 @@ from traverse.simulator.campaigns.poses import make_poses
 from traverse.simulator.campaigns.postures import shifted_postures
 from traverse.simulator.campaigns.spec import CampaignSpec, NoiseTable
 from traverse.simulator.campaigns.streams import stream
-from traverse.simulator.physics import Floats
 
 
 def simulate_campaign(arm: Arm, spec: CampaignSpec, seed: int) -> SimulatedCampaign:

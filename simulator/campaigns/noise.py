@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from traverse.simulator.arm.physics import Floats
 from traverse.simulator.campaigns.pose_set import PoseSet
 from traverse.simulator.campaigns.spec import NoiseTable
-from traverse.simulator.physics import Floats
 
 
 def encoder_stds(noise: NoiseTable, n_joints: int) -> Floats:

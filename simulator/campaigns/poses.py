@@ -5,7 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.kinematics.arm_file import Arm, FileError
+from traverse.kinematics.arm_file.arm import Arm, FileError
+from traverse.simulator.arm.physics import Floats, probe_pose
+from traverse.simulator.arm.truth import Deviations, TrueArm, true_arm
 from traverse.simulator.campaigns.artefacts import Artefact
 from traverse.simulator.campaigns.artefacts.artefact import (
     REFERENCE_C,
@@ -22,8 +24,6 @@ from traverse.simulator.campaigns.streams import stream
 from traverse.simulator.campaigns.travel import travel_limits
 from traverse.simulator.campaigns.with_effects import with_effects
 from traverse.simulator.effects.faulty_arm import faulty_arm
-from traverse.simulator.physics import Floats, probe_pose
-from traverse.simulator.truth import Deviations, TrueArm, true_arm
 
 __all__ = ["PlacedArtefact", "PoseSet", "make_poses"]
 

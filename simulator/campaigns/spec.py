@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from pydantic import AwareDatetime, Field, field_validator
 
-from traverse.kinematics.arm_file import Problem, StrictModel
+from traverse.kinematics.arm_file.arm import Problem, StrictModel
 from traverse.simulator.campaigns.artefacts import AnyArtefact
 from traverse.simulator.campaigns.mixes import MIXES
 from traverse.simulator.config import DeviationTable

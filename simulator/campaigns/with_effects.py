@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from traverse.kinematics.arm_file import Effect, FileError, Problem
+from traverse.kinematics.arm_file.arm import Effect, FileError, Problem
 from traverse.simulator.campaigns.pose_set import PoseSet
 from traverse.simulator.effects import Fault, faults_from_effects, on_true_axes
 from traverse.simulator.effects.faulty_arm import faulty_arm

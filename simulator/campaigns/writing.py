@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from traverse.kinematics.arm_file import Arm, Joint, write_arm
+from traverse.kinematics.arm_file.arm import Arm, Joint, write_arm
+from traverse.simulator.arm.physics import Floats
+from traverse.simulator.arm.truth import TrueArm
 from traverse.simulator.campaigns.campaign import (
     Campaign,
     SimulatedCampaign,
@@ -15,8 +17,6 @@ from traverse.simulator.campaigns.campaign import (
     Truth,
 )
 from traverse.simulator.effects import on_true_axes
-from traverse.simulator.physics import Floats
-from traverse.simulator.truth import TrueArm
 
 CHUNK = 20_000  # rows in memory as text at a time
 MOST_POINTS = 100  # more coordinates than that get a CSV file of their own

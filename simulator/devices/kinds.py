@@ -31,20 +31,20 @@ def class_named(name: str) -> type:
 DEFAULT = "latch-board"
 KINDS = {
     "latch-board": Kind(
-        "traverse.simulator.devices.latch_board:LatchBoardTable",
-        "traverse.simulator.devices.latch_board:LatchBoard",
+        "traverse.simulator.devices.latch_board.device:LatchBoardTable",
+        "traverse.simulator.devices.latch_board.device:LatchBoard",
     ),
     "canopen": Kind(
-        "traverse.simulator.devices.canopen_table:CanOpenTable",
-        "traverse.simulator.devices.canopen:CanOpenBus",
+        "traverse.simulator.devices.canopen.table:CanOpenTable",
+        "traverse.simulator.devices.canopen.device:CanOpenBus",
     ),
     "amt21": Kind(
         "traverse.simulator.devices.amt21:Amt21Table",
         "traverse.simulator.devices.amt21:Amt21Line",
     ),
     "microscribe": Kind(
-        "traverse.simulator.devices.microscribe:MicroscribeTable",
-        "traverse.simulator.devices.microscribe:Microscribe",
+        "traverse.simulator.devices.microscribe.device:MicroscribeTable",
+        "traverse.simulator.devices.microscribe.device:Microscribe",
     ),
     "modbus": Kind(
         "traverse.simulator.devices.modbus:ModbusTable",

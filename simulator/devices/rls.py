@@ -18,7 +18,7 @@ from pydantic import Field
 
 from traverse.simulator.devices.device import Mounting
 from traverse.simulator.devices.serial_device import SerialDevice, SerialTable
-from traverse.simulator.faults import StatusFault
+from traverse.simulator.scenario.faults import StatusFault
 
 UNLOCK = b"\xcd\xef\x89\xab"
 ARGUMENTS = {ord("T"): 4, ord("S"): 0, ord("P"): 0}

@@ -16,9 +16,9 @@ import numpy as np
 from pydantic import Field
 
 from traverse.simulator.devices.device import Mounting
+from traverse.simulator.devices.disturbed_line import DisturbedLine
 from traverse.simulator.devices.serial_line import LineTiming, SerialLine
 from traverse.simulator.devices.table import DeviceTable
-from traverse.simulator.disturbed_line import DisturbedLine
 
 
 class SerialTable(DeviceTable):

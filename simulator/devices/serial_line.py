@@ -13,8 +13,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from traverse.simulator.latched import Frame
-from traverse.simulator.pty_port import PtyPort
+from traverse.simulator.devices.pty_port import PtyPort
+from traverse.simulator.scenario.signals import Frame
 
 BUFFER_BYTES = 65_536
 

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from traverse.simulator.arm.physics import Floats
 from traverse.simulator.effects.fault import BodyFault
 from traverse.simulator.effects.posture import Posture
 from traverse.simulator.effects.yielding import Yielding
-from traverse.simulator.physics import Floats
 
 
 @dataclass(frozen=True, slots=True)

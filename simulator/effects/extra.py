@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from traverse.simulator.arm.physics import Floats
 from traverse.simulator.effects.fault import ReadingFault, Seen
-from traverse.simulator.physics import Floats
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from traverse.kinematics.arm_file import Arm
+from traverse.kinematics.arm_file.arm import Arm
+from traverse.simulator.arm.physics import Floats, Mechanism, probe_rates
 from traverse.simulator.effects.fault import (
     BodyFault,
     Fault,
@@ -17,7 +18,6 @@ from traverse.simulator.effects.fault import (
 from traverse.simulator.effects.posture import Build, Posture, build_of
 from traverse.simulator.effects.surroundings import Surroundings
 from traverse.simulator.effects.yielding import no_yielding, yielded_motion
-from traverse.simulator.physics import Floats, Mechanism, probe_rates
 
 N_LOOKS = 12  # for a reading; each look is 1e-3 of the last one off, or better
 SAME_RAD = 1e-15

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from traverse.simulator.arm.physics import Floats
 from traverse.simulator.effects.fault import Touch, TouchFault
-from traverse.simulator.physics import Floats
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from traverse.simulator.arm.physics import Floats, turn_matrices
 from traverse.simulator.effects.posture import Build
-from traverse.simulator.physics import Floats, turn_matrices
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from pydantic import (
     field_validator,
 )
 
-from traverse.kinematics.arm_file import StrictModel
+from traverse.kinematics.arm_file.arm import StrictModel
 from traverse.simulator.motions.stage import Stage
 
 Vector = tuple[float, float, float]

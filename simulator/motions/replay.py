@@ -2,8 +2,8 @@
 
 from traverse.simulator.motions.motion import Motion
 from traverse.simulator.motions.stage import Stage
-from traverse.simulator.recording_csv import read_recording
-from traverse.simulator.script import ScriptEvent
+from traverse.simulator.scenario.recorded_counts import read_recording
+from traverse.simulator.scenario.script import ScriptEvent
 
 
 class Replay(Motion):

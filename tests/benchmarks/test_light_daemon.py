@@ -16,7 +16,7 @@ HEAVY = (
 
 def test_daemon_imports_nothing_heavy():
     program = (
-        "import sys, traverse.cli.__main__, traverse.daemon.program\n"
+        "import sys, traverse.cli.__main__, traverse.daemon.app\n"
         f"print(*(name for name in {HEAVY!r} if name in sys.modules))"
     )
     run = subprocess.run(

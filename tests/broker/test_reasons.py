@@ -10,9 +10,9 @@ import pytest
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.reasoncodes import ReasonCode
 
+from traverse.broker.diagnosing_client import SilentEndError
 from traverse.broker.reasons import Wording, is_refusal, reason_of
 from traverse.broker.tls import tls_context
-from traverse.broker.visitor import SilentEndError
 
 WORDING = Wording("this visitor", " of [door]", "speak TLS", "; look elsewhere")
 

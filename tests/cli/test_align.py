@@ -13,13 +13,16 @@ from typer.testing import CliRunner
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.protocol.message_examples import POINT
 from traverse.cli.__main__ import app
-from traverse.kinematics.arm_file import read_arm
-from traverse.kinematics.helmert import Helmert
+from traverse.kinematics.arm_file.arm import read_arm
+from traverse.kinematics.helmert.transformation import Helmert
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import AlignArgs
 from traverse.protocol.messages.point import Label
 from traverse.simulator.campaigns import write_campaign
-from traverse.simulator.campaigns.acceptance import acceptance_poses, drawn_acceptance
+from traverse.simulator.campaigns.acceptance.poses import (
+    acceptance_poses,
+    drawn_acceptance,
+)
 
 TRUE = Helmert(
     Rotation.from_euler("xyz", [0.1, 0.2, 2.0]).as_matrix(),

@@ -8,11 +8,11 @@ import pytest
 from benchmarks.proofs.campaigns import demo_arm
 from traverse.cli.blind_round import Scenario, hide
 from traverse.cli.blind_sizes import exact_campaign, ruler
-from traverse.lab.diagnosis.fit import fitted
-from traverse.lab.diagnosis.holdout import split
-from traverse.simulator.campaigns.blind import drawn, played
-from traverse.simulator.campaigns.blind_effects import EFFECT_KINDS
-from traverse.simulator.campaigns.blind_poses import pose_set
+from traverse.lab.diagnosis.holdout.holdout import split
+from traverse.lab.diagnosis.model.fit import fitted
+from traverse.simulator.campaigns.blind.effects import EFFECT_KINDS
+from traverse.simulator.campaigns.blind.hidden import drawn, played
+from traverse.simulator.campaigns.blind.poses import pose_set
 
 POSE_SEED = 1
 

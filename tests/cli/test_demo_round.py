@@ -8,7 +8,7 @@ import pytest
 
 from tests.protocol import message_examples as examples
 from traverse.cli.demo_round import Expected, Round, expected_points, write_files
-from traverse.kinematics.arm_file import read_arm
+from traverse.kinematics.arm_file.arm import read_arm
 from traverse.protocol.messages import Point, Scan
 
 PROBE_MM = 3.0

@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 from tests.cli.programs import END_S, run_traverse
-from tests.lab.diagnosis.bank_rows import measured
+from tests.lab.diagnosis.fitted_rows import measured
 from tests.lab.simulated import written
-from traverse.kinematics.arm_file import effect_from_table, read_arm, write_arm
+from traverse.kinematics.arm_file.arm import effect_from_table, read_arm, write_arm
 
 COMMENT = "# Measured on a Friday."
 ECCENTRIC = {

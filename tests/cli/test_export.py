@@ -13,9 +13,9 @@ import traverse.cli
 from tests.client.display.values import point
 from tests.protocol.message_examples import SCAN
 from traverse.cli.__main__ import app
-from traverse.daemon.outbox_store import OutboxStore
-from traverse.daemon.outbox_values import Entry
-from traverse.lab.campaign import read_campaign
+from traverse.daemon.store.database import OutboxStore
+from traverse.daemon.store.records import Entry
+from traverse.lab.campaign.campaign import read_campaign
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Point
 from traverse.recording.run_writer import Entry as Recorded

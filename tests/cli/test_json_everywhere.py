@@ -17,9 +17,9 @@ from tests.end_to_end.programs import Program
 from tests.mosquitto import Mosquitto
 from tests.protocol.message_examples import POINT
 from traverse.cli.__main__ import app
-from traverse.daemon.outbox_store import OutboxStore
-from traverse.daemon.outbox_values import Entry
-from traverse.kinematics.arm_file import read_arm
+from traverse.daemon.store.database import OutboxStore
+from traverse.daemon.store.records import Entry
+from traverse.kinematics.arm_file.arm import read_arm
 from traverse.protocol.encoding import encode
 from traverse.simulator.campaigns import (
     CampaignSpec,
@@ -35,17 +35,17 @@ WITHOUT = {
     "page": "a server for browsers",
 }
 ELSEWHERE = {
-    "watch": "tests/end_to_end/test_watch.py",
-    "replay": "tests/end_to_end/test_recording_replay.py",
-    "collect": "tests/end_to_end/test_collect.py",
-    "interim": "tests/cli/test_interim_command.py",
+    "watch": "tests/end_to_end/cli/test_watch.py",
+    "replay": "tests/end_to_end/service/test_recording_replay.py",
+    "collect": "tests/end_to_end/cli/test_collect.py",
+    "interim": "tests/cli/test_daily_check.py",
     "blind": "tests/cli/test_blind.py",
-    "points resend": "tests/end_to_end/test_outbox_recovery.py",
-    "microscribe arm-file": "tests/cli/test_microscribe_command.py",
-    **dict.fromkeys(("can scan", "can preset"), "tests/cli/test_can_command.py"),
+    "points resend": "tests/end_to_end/delivery/test_outbox_recovery.py",
+    "microscribe arm-file": "tests/cli/test_microscribe.py",
+    **dict.fromkeys(("can scan", "can preset"), "tests/cli/test_can.py"),
     **dict.fromkeys(
         ("amt21 scan", "amt21 zero", "amt21 reset"),
-        "tests/cli/test_amt21_command.py",
+        "tests/cli/test_amt21.py",
     ),
 }
 """Commands that want a device or daemon, or take seconds: their tests read the JSON."""

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from traverse.cli.microscribe_arm import ToldArm, arm_from_told
-from traverse.kinematics.arm_file import FileError, read_arm, write_arm
-from traverse.kinematics.forward import probe_pose
-from traverse.kinematics.geometry import geometry_from_arm
-from traverse.protocol.microscribe_set_up import Kinematics, kinematics_of
+from traverse.cli.microscribe.arm_values import ToldArm, arm_from_told
+from traverse.kinematics.arm_file.arm import FileError, read_arm, write_arm
+from traverse.kinematics.model.forward import probe_pose
+from traverse.kinematics.model.geometry import geometry_from_arm
+from traverse.protocol.microscribe.session import Kinematics, kinematics_of
 
 MAXES = (7999, 16383, 8191, 3999, 3999, 1023)
 words = st.integers(-32768, 32767)

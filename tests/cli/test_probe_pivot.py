@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 
 from tests.lab.simulated import Noise, arm_value, cones, seven_joints, simulate, written
 from traverse.cli.__main__ import app
-from traverse.daemon.probes import read_probes
-from traverse.kinematics.arm_file import effect_from_table, read_arm, write_arm
+from traverse.daemon.pose.probe_library import read_probes
+from traverse.kinematics.arm_file.arm import effect_from_table, read_arm, write_arm
 
 VECTOR_MM = (12.0, -5.0, 60.0)
 LIBRARY = """\

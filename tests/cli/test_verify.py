@@ -7,10 +7,13 @@ from typer.testing import CliRunner
 
 from tests.docs.pages import CHECKOUT
 from traverse.cli.__main__ import app
-from traverse.kinematics.arm_file import read_arm
-from traverse.lab.campaign_file import read_campaign_file
+from traverse.kinematics.arm_file.arm import read_arm
+from traverse.lab.campaign.campaign_file import read_campaign_file
 from traverse.simulator.campaigns import NoiseTable, write_campaign
-from traverse.simulator.campaigns.acceptance import acceptance_poses, drawn_acceptance
+from traverse.simulator.campaigns.acceptance.poses import (
+    acceptance_poses,
+    drawn_acceptance,
+)
 
 ARM = CHECKOUT / "cli" / "demo_data" / "arm.toml"
 NOISE = NoiseTable(encoder_rad=2e-6, contact_mm=0.003)

@@ -3,8 +3,8 @@
 from rich.console import Console
 
 from tests.client.display.values import event, live, point, retraction, status
-from traverse.cli.watch_view import picture
-from traverse.client.display.sight import ArmSight
+from traverse.cli.watch.view import picture
+from traverse.client.display.arm_state import ArmSight
 
 
 def shown(sight: ArmSight) -> str:

@@ -5,7 +5,7 @@ from collections.abc import AsyncIterator
 
 import pytest
 
-from benchmarks.network import Network
+from benchmarks.tools.network import Network
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.mosquitto import Mosquitto
 

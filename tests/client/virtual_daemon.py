@@ -14,7 +14,7 @@ from typing import Any
 import aiomqtt
 
 from tests.protocol.message_examples import POINT, SCAN, STATUS
-from traverse.client.ending import end
+from traverse.client.cancel_tasks import end
 from traverse.protocol import topics
 from traverse.protocol.encoding import decode, encode, parse_args
 from traverse.protocol.messages import (

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from tests.daemon.measuring_bench import BOARD, Bench
+from tests.daemon.board_harness import BOARD, Bench
 from tests.daemon.values import arm_model, count_samples, latch
 from tests.protocol.message_examples import HEALTH
-from traverse.drivers.values import (
+from traverse.drivers.base.values import (
     DeviceCounters,
     DeviceFault,
     DeviceTemperatures,

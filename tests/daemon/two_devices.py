@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tests.daemon.values import ARM, arm_file
-from traverse.daemon.assembly import Assembly
-from traverse.daemon.configuration import AssemblySection
-from traverse.daemon.model import read_model
-from traverse.drivers.values import CountSamples
+from traverse.daemon.acquisition.resampler import Assembly
+from traverse.daemon.config.schema import AssemblySection
+from traverse.daemon.pose.arm_model import read_model
+from traverse.drivers.base.values import CountSamples
 
 BEGIN_NS = 10**12
 # J1 on channel 2 and J2 on channel 0 of the base, J3 on channel 1 of the wrist.

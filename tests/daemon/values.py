@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from traverse.daemon.clock import HostClock
-from traverse.daemon.model import ArmModel, read_model
-from traverse.daemon.outbox_keeping import Keeping
-from traverse.daemon.poses import PoseBlock
-from traverse.daemon.sessions import Session
-from traverse.drivers.values import CountSamples, LatchedCounts
+from traverse.daemon.points.session import Session
+from traverse.daemon.pose.arm_model import ArmModel, read_model
+from traverse.daemon.pose.poses import PoseBlock
+from traverse.daemon.store.pending_write import Keeping
+from traverse.drivers.base.values import CountSamples, LatchedCounts
 from traverse.protocol.messages import Point
 
 UTC_OFFSET_NS = 1_700_000_000_000_000_000

@@ -17,8 +17,8 @@ import pytest
 from tests.docs.pages import CHECKOUT, examples, kinds_of_examples, text_of
 from tests.mosquitto import Mosquitto
 from tests.protocol.message_examples import GOLDEN
-from traverse.daemon.configuration import read_configuration
-from traverse.kinematics.arm_file import parse_arm, read_strict
+from traverse.daemon.config.schema import read_configuration
+from traverse.kinematics.arm_file.arm import parse_arm, read_strict
 from traverse.simulator.config import SimulatorConfig, config_problems
 
 END_S = 30.0

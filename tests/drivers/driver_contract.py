@@ -18,9 +18,9 @@ import numpy as np
 import pytest
 
 from tests.drivers.taken import Taken, until
-from traverse.drivers.crossing import Crossing
-from traverse.drivers.driver import Driver
-from traverse.drivers.values import (
+from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.driver import Driver
+from traverse.drivers.base.values import (
     STATUS_MISSING,
     CountSamples,
     DeviceAlarm,

@@ -4,8 +4,8 @@ import asyncio
 from collections.abc import Callable
 from typing import TypeVar
 
-from traverse.drivers.crossing import Crossing
-from traverse.drivers.values import CountSamples, Delivery
+from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.values import CountSamples, Delivery
 
 LIMIT_S = 8.0
 

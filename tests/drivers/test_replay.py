@@ -6,10 +6,9 @@ import time
 import numpy as np
 import pytest
 
-from traverse.drivers.crossing import Crossing
-from traverse.drivers.delivery_maps import delivery_of, map_of
-from traverse.drivers.replay import Replay
-from traverse.drivers.values import (
+from traverse.drivers.base.delivery_maps import delivery_of, map_of
+from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.values import (
     CountSamples,
     DeviceAlarm,
     DeviceCounters,
@@ -21,6 +20,7 @@ from traverse.drivers.values import (
     LatchedCounts,
     StreamStarted,
 )
+from traverse.drivers.replay import Replay
 from traverse.recording.maps import bytes_to_map, map_to_bytes
 from traverse.recording.run_writer import Entry, RunHead, RunWriter
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.virtual_time import (
+from benchmarks.tools.virtual_time import (
     Cable,
     Straight,
     VirtualTime,
@@ -19,8 +19,8 @@ from benchmarks.virtual_time import (
 )
 from tests.drivers.delivered import Delivered
 from tests.simulator.one_hinge import mounted
-from traverse.drivers.driver import Driver
-from traverse.drivers.values import DeviceAlarm
+from traverse.drivers.base.driver import Driver
+from traverse.drivers.base.values import DeviceAlarm
 from traverse.simulator.devices.device import make_device
 
 FIRST_NS = 10**12

@@ -9,9 +9,9 @@ import aiomqtt
 import numpy as np
 
 from tests.end_to_end.programs import PATIENCE_S, until
-from traverse.client.address import BrokerAddress
-from traverse.client.ending import end
-from traverse.client.subscription import KINDS, connection, received, subscribe
+from traverse.client.cancel_tasks import end
+from traverse.client.mqtt.address import BrokerAddress
+from traverse.client.mqtt.subscription import KINDS, connection, received, subscribe
 from traverse.protocol import topics
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import (

@@ -3,7 +3,7 @@
 import contextlib
 from pathlib import Path
 
-from traverse.daemon.commands import MAX_COMMAND_BYTES
+from traverse.daemon.commands.dispatcher import MAX_COMMAND_BYTES
 from traverse.protocol.encoding import decode, encode, parse_args
 from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages import COMMANDS, Command

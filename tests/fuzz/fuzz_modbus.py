@@ -3,7 +3,7 @@
 from pymodbus.exceptions import ModbusException
 
 from tests.fuzz.chunks import chunks
-from traverse.drivers.modbus_client import PortClient
+from traverse.drivers.modbus.line import PortClient
 from traverse.protocol.modbus import PositionRegisters
 
 LONGEST = 48  # all frames that may be in it are looked at

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from traverse.kinematics.arm_file import parse_strict
+from traverse.kinematics.arm_file.arm import parse_strict
+from traverse.simulator.arm.physics import Mechanism
 from traverse.simulator.config import SimulatorConfig, config_problems
-from traverse.simulator.physics import Mechanism
-from traverse.simulator.script import Script
+from traverse.simulator.scenario.script import Script
 from traverse.simulator.virtual_arm import VirtualArm, build_arm, build_script
 
 AXES = ["0, 0, 1", "0, 1, 0", "1, 0, 0", "0, 1, 0", "1, 0, 0", "0, 1, 0", "0, 0, -1"]

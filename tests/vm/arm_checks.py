@@ -22,7 +22,7 @@ from tests.vm.bus_checks import NODES
 from tests.vm.can_arm import N_POINTS, TRACKING_HZ, write_files
 from tests.vm.can_interface import NAME, open_raw, send
 from tests.vm.table import Table
-from traverse.protocol.canopen import HEARTBEAT, identifiers
+from traverse.protocol.canopen.frames import HEARTBEAT, identifiers
 from traverse.protocol.messages import Event, PointArgs
 
 START_S = 120.0

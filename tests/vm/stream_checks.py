@@ -13,15 +13,15 @@ import numpy as np
 from tests.vm.bus_checks import NODES
 from tests.vm.can_interface import NAME
 from tests.vm.table import Table
-from traverse.drivers.canopen import CanOpen
-from traverse.drivers.crossing import Crossing
-from traverse.drivers.values import (
+from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.values import (
     STATUS_LATE,
     STATUS_MISSING,
     CountSamples,
     DeviceUp,
     StreamStarted,
 )
+from traverse.drivers.canopen.driver import CanOpen
 
 RATES_HZ = (200.0, 100.0, 50.0, 20.0, 10.0)
 STEADY_S, START_S = 20.0, 60.0

@@ -1,7 +1,7 @@
 """The sections of the page about what was not found, what was left out, and how."""
 
-from traverse.lab.diagnosis.candidate import BankName
-from traverse.lab.diagnosis.diagnosis import Diagnosis
+from traverse.lab.diagnosis.model.candidate import BankName
+from traverse.lab.diagnosis.model.result import Diagnosis
 from traverse.lab.diagnosis.report.detectable_table import (
     joint_rows,
     reasons,
@@ -10,7 +10,7 @@ from traverse.lab.diagnosis.report.detectable_table import (
 from traverse.lab.diagnosis.report.names import name_in_words, quantity
 from traverse.lab.diagnosis.report.plots import Plots
 from traverse.lab.diagnosis.report.words import excluded_sentence, noise_sentences
-from traverse.lab.identification.report.markup import note, paragraph, section, table
+from traverse.lab.report.html import note, paragraph, section, table
 
 _MOST_EXCLUDED = 200
 _BANKS = {

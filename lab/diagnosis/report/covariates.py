@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.lab.campaign import Campaign, Poses
-from traverse.lab.diagnosis.diagnosis import Term
+from traverse.lab.campaign.campaign import Campaign, Poses
+from traverse.lab.diagnosis.model.result import Term
 
 Floats = NDArray[np.float64]
 

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from traverse.lab.diagnosis.candidate import Candidate
-from traverse.lab.diagnosis.diagnosis import Detectable
+from traverse.lab.diagnosis.model.candidate import Candidate
+from traverse.lab.diagnosis.model.result import Detectable
 from traverse.lab.diagnosis.report.names import (
     minimum_in_words,
     name_in_words,

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from traverse.lab.diagnosis.candidate import Candidate
-from traverse.lab.diagnosis.clusters import Cluster
-from traverse.lab.diagnosis.diagnosis import Detectable, Diagnosis, Estimate, Term
+from traverse.lab.diagnosis.model.candidate import Candidate
+from traverse.lab.diagnosis.model.outlier_clusters import Cluster
+from traverse.lab.diagnosis.model.result import Detectable, Diagnosis, Estimate, Term
 
 _KINDS = {
     "encoder_eccentricity": "encoder eccentricity",

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from traverse.lab.diagnosis.diagnosis import Diagnosis
+from traverse.lab.diagnosis.model.result import Diagnosis
 from traverse.lab.diagnosis.report.closing_sections import (
     detectable_section,
     excluded_section,
@@ -16,8 +16,8 @@ from traverse.lab.diagnosis.report.sections import (
     term_section,
 )
 from traverse.lab.diagnosis.report.words import verdict_sentences
-from traverse.lab.identification.report.frame import framed, navigation
-from traverse.lab.identification.report.markup import note, paragraph, section
+from traverse.lab.report.html import note, paragraph, section
+from traverse.lab.report.page_frame import framed, navigation
 
 _STYLE = """
 h3 { font-size: 1rem; margin: 1.6rem 0 0; }

@@ -5,11 +5,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from traverse.lab.diagnosis.diagnosis import Diagnosis
+from traverse.lab.diagnosis.model.result import Diagnosis
 from traverse.lab.diagnosis.report.binning import Bins, binned
 from traverse.lab.diagnosis.report.names import name_in_words, step_names
 from traverse.lab.diagnosis.report.term_curve import TermCurve
-from traverse.lab.identification.report.pictures import (
+from traverse.lab.report.figures import (
     BLUE,
     GREY,
     ORANGE,

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.lab.diagnosis.compare import Discrepancies, discrepancies
-from traverse.lab.diagnosis.diagnosis import Diagnosis
-from traverse.lab.diagnosis.gap import believable
+from traverse.lab.diagnosis.holdout.comparison import believable
+from traverse.lab.diagnosis.model.result import Diagnosis
+from traverse.lab.diagnosis.report.discrepancies import Discrepancies, discrepancies
 from traverse.lab.diagnosis.report.maps import artefact_map, condition_map, joint_map
 from traverse.lab.diagnosis.report.pictures import ledger_picture, term_picture
 from traverse.lab.diagnosis.report.term_curve import term_curve

@@ -2,7 +2,7 @@
 
 from html import escape
 
-from traverse.lab.diagnosis.diagnosis import Diagnosis, Term
+from traverse.lab.diagnosis.model.result import Diagnosis, Term
 from traverse.lab.diagnosis.report.names import (
     name_in_words,
     odds,
@@ -17,7 +17,7 @@ from traverse.lab.diagnosis.report.words import (
     held_out_sentence,
     rival_sentences,
 )
-from traverse.lab.identification.report.markup import (
+from traverse.lab.report.html import (
     image,
     note,
     paragraph,

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.kinematics.effects.arm_effects import ArmEffects
-from traverse.lab.diagnosis.diagnosis import Diagnosis, Term
+from traverse.lab.diagnosis.model.result import Diagnosis, Term
 
 Floats = NDArray[np.float64]
 

@@ -10,19 +10,22 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.kinematics.arm_file import Arm, Effect
+from traverse.kinematics.arm_file.arm import Arm, Effect
 from traverse.kinematics.effects.arm_effects import ArmEffects, effects_of
-from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.base.context import utc_ns
 from traverse.kinematics.effects.pose import angle_corrections, corrected_pose
-from traverse.kinematics.effects.setting import utc_ns
-from traverse.kinematics.geometry import Geometry, geometry_from_arm
-from traverse.lab.campaign import Campaign
-from traverse.lab.diagnosis.compare import Discrepancies
-from traverse.lab.diagnosis.diagnosis import Diagnosis, Term
+from traverse.kinematics.model.geometry import Geometry, geometry_from_arm
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.diagnosis.model.result import Diagnosis, Term
 from traverse.lab.diagnosis.report.covariates import Covariate, covariate_of
+from traverse.lab.diagnosis.report.discrepancies import Discrepancies
 from traverse.lab.diagnosis.report.term_covariance import value_covariance
-from traverse.lab.identification.effect_model import block_of
-from traverse.lab.identification.plausible import campaign_span, campaign_start
+from traverse.lab.identification.equations.effect_model import block_of
+from traverse.lab.identification.equations.plausible_sizes import (
+    campaign_span,
+    campaign_start,
+)
 
 Floats = NDArray[np.float64]
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from traverse.lab.diagnosis.adapted_arm import terms_without_epoch
-from traverse.lab.diagnosis.clusters import Cluster
-from traverse.lab.diagnosis.diagnosis import Alternative, Diagnosis, Term
+from traverse.lab.diagnosis.model.outlier_clusters import Cluster
+from traverse.lab.diagnosis.model.result import Alternative, Diagnosis, Term
+from traverse.lab.diagnosis.report.adapted_arm import terms_without_epoch
 from traverse.lab.diagnosis.report.names import (
     name_in_words,
     odds,

@@ -4,13 +4,6 @@ from pathlib import Path
 
 import numpy as np
 
-from traverse.kinematics.arm_text import write_whole
-from traverse.lab.identification.distance_deviations import (
-    known_arm,
-    noise_deviations_mm,
-)
-from traverse.lab.identification.report.frame import framed, navigation
-from traverse.lab.identification.report.markup import note, paragraph, section
 from traverse.lab.identification.report.parameter_sections import (
     correlation_section,
     map_section,
@@ -35,8 +28,18 @@ from traverse.lab.identification.report.words import (
     sigma0_sentences,
     zeros_sentence,
 )
-from traverse.lab.identification.result import Identification
-from traverse.lab.identification.uncertainty_map import UncertaintyMap, uncertainty_map
+from traverse.lab.identification.results.result import Identification
+from traverse.lab.identification.volume.distance_deviations import (
+    known_arm,
+    noise_deviations_mm,
+)
+from traverse.lab.identification.volume.uncertainty_map import (
+    UncertaintyMap,
+    uncertainty_map,
+)
+from traverse.lab.report.html import note, paragraph, section
+from traverse.lab.report.page_frame import framed, navigation
+from traverse.strict_toml.writing import write_whole
 
 _CONTENTS = {
     "artefacts": "artefacts",

@@ -2,15 +2,8 @@
 
 import numpy as np
 
-from traverse.lab.identification.probe_effect import probe_effects_mm
+from traverse.lab.identification.equations.probe_effect import probe_effects_mm
 from traverse.lab.identification.report.map_picture import map_picture
-from traverse.lab.identification.report.markup import (
-    image,
-    note,
-    paragraph,
-    section,
-    table,
-)
 from traverse.lab.identification.report.parameter_pictures import correlation_picture
 from traverse.lab.identification.report.undetermined_effects import (
     undetermined_effects_mm,
@@ -20,8 +13,15 @@ from traverse.lab.identification.report.words import (
     length_mm,
     map_sentence,
 )
-from traverse.lab.identification.result import Identification, ParameterEstimate
-from traverse.lab.identification.uncertainty_map import UncertaintyMap
+from traverse.lab.identification.results.result import Identification, ParameterEstimate
+from traverse.lab.identification.volume.uncertainty_map import UncertaintyMap
+from traverse.lab.report.html import (
+    image,
+    note,
+    paragraph,
+    section,
+    table,
+)
 
 _MOST_PAIRS = 12
 _CLOSE = 0.9

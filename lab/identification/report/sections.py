@@ -2,13 +2,6 @@
 
 import numpy as np
 
-from traverse.lab.identification.report.markup import (
-    image,
-    note,
-    paragraph,
-    section,
-    table,
-)
 from traverse.lab.identification.report.parameter_pictures import coverage_picture
 from traverse.lab.identification.report.residual_pictures import (
     against_normal,
@@ -16,7 +9,14 @@ from traverse.lab.identification.report.residual_pictures import (
     by_joint,
 )
 from traverse.lab.identification.report.words import excluded_sentence, length_mm
-from traverse.lab.identification.result import ArtefactResult, Identification
+from traverse.lab.identification.results.result import ArtefactResult, Identification
+from traverse.lab.report.html import (
+    image,
+    note,
+    paragraph,
+    section,
+    table,
+)
 
 _MOST_ROWS = 200
 _SMALL_CONTROLLABILITY = 0.1

@@ -7,8 +7,8 @@ import numpy as np
 from traverse.lab.identification.report.undetermined_effects import (
     undetermined_effects_mm,
 )
-from traverse.lab.identification.result import Identification
-from traverse.lab.identification.uncertainty_map import UncertaintyMap
+from traverse.lab.identification.results.result import Identification
+from traverse.lab.identification.volume.uncertainty_map import UncertaintyMap
 
 # Ordinary standard deviations between which 95 % of a normal lie.
 _TWO_SIDED = 1.96

@@ -14,9 +14,9 @@ from pydantic import (
     field_validator,
 )
 
-from traverse.kinematics.arm_file import StrictModel
-from traverse.simulator.campaigns.placement import Placement
-from traverse.simulator.physics import Floats
+from traverse.kinematics.arm_file.arm import StrictModel
+from traverse.simulator.arm.physics import Floats
+from traverse.simulator.campaigns.artefacts.placement import Placement
 
 Indices = NDArray[np.intp]
 Table = dict[str, Any]  # what a campaign.toml or truth.json says of an artefact

@@ -4,6 +4,7 @@ from typing import Literal
 
 import numpy as np
 
+from traverse.simulator.arm.physics import Floats
 from traverse.simulator.campaigns.artefacts.artefact import (
     Artefact,
     Contacts,
@@ -11,8 +12,7 @@ from traverse.simulator.campaigns.artefacts.artefact import (
     Table,
     no_directions,
 )
-from traverse.simulator.campaigns.placement import Placement
-from traverse.simulator.physics import Floats
+from traverse.simulator.campaigns.artefacts.placement import Placement
 
 
 class Cone(Artefact):

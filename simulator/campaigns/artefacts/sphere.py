@@ -5,6 +5,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from traverse.simulator.arm.physics import Floats
 from traverse.simulator.campaigns.artefacts.artefact import (
     Artefact,
     Contacts,
@@ -13,8 +14,7 @@ from traverse.simulator.campaigns.artefacts.artefact import (
     stated_expansion,
     stated_length,
 )
-from traverse.simulator.campaigns.placement import Placement, drawn_directions
-from traverse.simulator.physics import Floats
+from traverse.simulator.campaigns.artefacts.placement import Placement, drawn_directions
 
 INWARDS = -1.0
 

@@ -14,7 +14,7 @@ import trimesh
 from tests.client.display.values import point, retraction
 from traverse.client.exports.binary import PLY_ROW
 from traverse.client.exports.formats import FORMATS, points_as
-from traverse.client.exports.tables import PointTable, standing, table_of
+from traverse.client.exports.point_table import PointTable, standing, table_of
 from traverse.client.exports.text import Template
 from traverse.protocol.encoding import decode
 from traverse.protocol.messages import Point

@@ -19,7 +19,7 @@ from tests.kinematics.effects.samples import (
     full_block,
 )
 from traverse.kinematics.effects.arm_effects import effects_of
-from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.compiled import compiled_pose
 from traverse.kinematics.effects.pose import (
     contact_shifts,

@@ -10,7 +10,7 @@ from tests.kinematics.effects.samples import (
     GEOMETRY,
     full_block,
 )
-from traverse.kinematics.effect_kinds import EFFECT_KINDS
+from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.arm_effects import effects_of
 from traverse.kinematics.effects.columns import columns
 from traverse.kinematics.effects.pose import corrected_pose

@@ -12,7 +12,7 @@ from tests.kinematics.effects.reference import (
     random_arm,
     random_readings,
 )
-from traverse.kinematics.arm_file import parse_arm
+from traverse.kinematics.arm_file.arm import parse_arm
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -11,10 +11,10 @@ from tests.kinematics.effects.reference import (
     rotation,
 )
 from traverse.kinematics.effects.arm_effects import effects_of
-from traverse.kinematics.effects.block import Block
+from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.pose import contact_shifts, corrected_pose
-from traverse.kinematics.forward import probe_pose
-from traverse.kinematics.geometry import geometry_from_arm
+from traverse.kinematics.model.forward import probe_pose
+from traverse.kinematics.model.geometry import geometry_from_arm
 
 ARM = random_arm(21)
 GEOMETRY = geometry_from_arm(ARM)

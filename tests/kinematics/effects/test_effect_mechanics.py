@@ -16,8 +16,8 @@ from tests.kinematics.effects.reference import (
     random_readings,
     shifted,
 )
-from traverse.kinematics.arm_file import Identification
-from traverse.kinematics.geometry import geometry_from_arm
+from traverse.kinematics.arm_file.arm import Identification
+from traverse.kinematics.model.geometry import geometry_from_arm
 
 
 @pytest.mark.parametrize("order", [2, 5])

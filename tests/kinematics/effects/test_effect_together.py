@@ -13,7 +13,7 @@ from tests.kinematics.effects.reference import (
     random_readings,
     shifted,
 )
-from traverse.kinematics.geometry import geometry_from_arm
+from traverse.kinematics.model.geometry import geometry_from_arm
 
 
 @pytest.mark.parametrize("seed", SEEDS)

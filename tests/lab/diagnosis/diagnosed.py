@@ -4,10 +4,10 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cache
 
-from tests.lab.diagnosis.bank_rows import Measured, measured
-from traverse.kinematics.arm_file import effect_from_table
+from tests.lab.diagnosis.fitted_rows import Measured, measured
+from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.lab.diagnosis.diagnose import DiagnosisOptions, diagnose
-from traverse.lab.diagnosis.diagnosis import Diagnosis
+from traverse.lab.diagnosis.model.result import Diagnosis
 
 START = datetime(2026, 11, 20, 9, tzinfo=UTC)
 OPTIONS = DiagnosisOptions(seed=3, n_draws=200)

@@ -7,9 +7,9 @@ import numpy as np
 from benchmarks.proofs.campaigns import demo_arm
 from traverse.cli.blind_campaign import handed_over
 from traverse.cli.blind_sizes import Ruler, exact_campaign, ruler
-from traverse.lab.campaign import Campaign
+from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.diagnose import DiagnosisOptions
-from traverse.lab.diagnosis.holdout import split
+from traverse.lab.diagnosis.holdout.holdout import split
 from traverse.simulator.campaigns import (
     BallBar,
     CampaignSpec,
@@ -20,8 +20,8 @@ from traverse.simulator.campaigns import (
     draw_noise,
     make_poses,
 )
-from traverse.simulator.campaigns.blind import Hidden, drawn, played
-from traverse.simulator.campaigns.blind_poses import campaign_spec, weighed
+from traverse.simulator.campaigns.blind.hidden import Hidden, drawn, played
+from traverse.simulator.campaigns.blind.poses import campaign_spec, weighed
 
 SEED = 1
 OPTIONS = DiagnosisOptions(seed=SEED, n_draws=200)

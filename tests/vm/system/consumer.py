@@ -10,7 +10,7 @@ from tests.end_to_end.listener import Listener
 from tests.end_to_end.programs import until
 from tests.vm.system.preparation import OPERATOR, PASSWORDS
 from tests.vm.system.unit import ARM
-from traverse.client.subscription import received, subscribe
+from traverse.client.mqtt.subscription import received, subscribe
 
 START_S = 60.0
 
