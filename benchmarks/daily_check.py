@@ -22,10 +22,10 @@ from traverse.lab.artefacts.sphere import Sphere
 from traverse.lab.daily_check.control_chart import charted, rules
 from traverse.lab.daily_check.figures import (
     KINDS,
-    InterimFigures,
-    interim_figures,
+    DailyCheckFigures,
+    daily_check_figures,
 )
-from traverse.lab.measured_points.measurement import Measured, Touched
+from traverse.lab.measured_points.measurement import ArtefactTouches, Measurement
 
 Floats = NDArray[np.float64]
 
@@ -99,7 +99,7 @@ class CheckedArm:
             "sphere": Sphere.model_validate(ball),
         }
 
-    def check(self, fault: Fault) -> InterimFigures:
+    def check(self, fault: Fault) -> DailyCheckFigures:
         """Touch both, on a day with a fault."""
         ways = self._ways()
         outwards = (RADIUS_MM + TIP_MM + fault.tip_mm) * ways
@@ -109,8 +109,8 @@ class CheckedArm:
             "cone": _touched(places[:10]),
             "sphere": _touched(places[10:]),
         }
-        return interim_figures(
-            Measured(self._artefacts, touched, "simulated", np.zeros(3), 1000.0)
+        return daily_check_figures(
+            Measurement(self._artefacts, touched, "simulated", np.zeros(3), 1000.0)
         )
 
     def _ways(self) -> Floats:
@@ -135,9 +135,9 @@ class CheckedArm:
         return errors
 
 
-def _touched(places_mm: Floats) -> Touched:
+def _touched(places_mm: Floats) -> ArtefactTouches:
     n = len(places_mm)
-    return Touched(places_mm, ("",) * n, np.full(n, np.nan), np.full(n, TIP_MM))
+    return ArtefactTouches(places_mm, ("",) * n, np.full(n, np.nan), np.full(n, TIP_MM))
 
 
 @dataclass(frozen=True, slots=True)

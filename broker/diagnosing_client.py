@@ -16,7 +16,7 @@ from paho.mqtt.reasoncodes import ReasonCode
 T = TypeVar("T")
 
 
-class SilentEndError(aiomqtt.MqttError):
+class ConnectionClosedError(aiomqtt.MqttError):
     """The broker closed the connection before it had answered."""
 
     def __init__(self) -> None:
@@ -39,7 +39,7 @@ class _Faults(logging.Logger):
                 self.last = one
 
 
-class Visitor(aiomqtt.Client):
+class DiagnosingClient(aiomqtt.Client):
     """A connection to a broker; what kept it from coming about is the error's cause.
 
     Args:
@@ -105,4 +105,4 @@ class Visitor(aiomqtt.Client):
         if self._connected.done():
             super()._on_disconnect(client, userdata, flags, reason_code, properties)
         else:  # aiomqtt would wait until its time is over
-            self._connected.set_exception(SilentEndError())
+            self._connected.set_exception(ConnectionClosedError())

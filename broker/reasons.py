@@ -9,7 +9,7 @@ from typing import Protocol
 import aiomqtt
 from paho.mqtt.reasoncodes import ReasonCode
 
-from traverse.broker.diagnosing_client import SilentEndError
+from traverse.broker.diagnosing_client import ConnectionClosedError
 
 _NOT_AUTHORISED = (4, 5, 134, 135)
 _BANNED = 138
@@ -134,7 +134,7 @@ def _known(error: BaseException | None, address: Address, wording: Wording) -> s
             text = _of_code(error, address, wording)
         case ConnectionResetError() if address.tls:
             text = f"it cuts the connection; {_NO_TLS}"
-        case SilentEndError() if not address.tls:
+        case ConnectionClosedError() if not address.tls:
             text = f"{error}; does it want TLS? Then {wording.use_tls}"
         case _:
             text = ""

@@ -87,12 +87,12 @@ def _write(case: "Case", diagnosis: "Diagnosis", out: Path) -> None:
     from traverse.cli.blind_words import hidden_table  # noqa: PLC0415
     from traverse.lab.diagnosis.report.files import write_diagnosis  # noqa: PLC0415
     from traverse.simulator.campaigns import write_campaign  # noqa: PLC0415
-    from traverse.strict_toml.writing import write_whole  # noqa: PLC0415
+    from traverse.strict_toml.writing import write_atomically  # noqa: PLC0415
 
     folder = out / "campaign"
     write_campaign(folder, case.simulated, case.arm)
     text = json.dumps({"hidden": hidden_table(case)}, indent=1) + "\n"
-    write_whole(folder / "truth" / "hidden.json", text)
+    write_atomically(folder / "truth" / "hidden.json", text)
     write_diagnosis(out, diagnosis, folder / "arm.toml")
 
 

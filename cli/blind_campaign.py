@@ -16,7 +16,7 @@ from traverse.simulator.campaigns import Campaign as SimulatedColumns
 _FIRST_LINE = 2
 
 
-def handed_over(drawn: SimulatedColumns) -> Campaign:
+def campaign_from_simulation(drawn: SimulatedColumns) -> Campaign:
     """Turn a simulated campaign into the lab's, every column included."""
     artefacts, names = [], []
     for stated in drawn.artefacts:

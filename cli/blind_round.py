@@ -6,12 +6,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from traverse.cli.blind_campaign import handed_over
-from traverse.cli.blind_sizes import Ruler, exact_campaign, ruler
+from traverse.cli.blind_campaign import campaign_from_simulation
+from traverse.cli.blind_sizes import SizeScale, noise_free_campaign, ruler
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.diagnose import diagnose
-from traverse.lab.diagnosis.holdout.comparison import believable, held_out_fit
+from traverse.lab.diagnosis.holdout.comparison import holdout_result, uncontradicted
 from traverse.lab.diagnosis.holdout.holdout import split
 from traverse.lab.diagnosis.model.fit import fitted, with_effects
 from traverse.lab.diagnosis.model.options import DiagnosisOptions
@@ -128,7 +128,7 @@ def hide(arm: Arm, scenario: Scenario, seed: int) -> Case:
         likeness,
         poses.arm,
         simulated,
-        handed_over(simulated.campaign),
+        campaign_from_simulation(simulated.campaign),
     )
 
 
@@ -161,22 +161,22 @@ def gap_of(case: Case, diagnosis: Diagnosis) -> tuple[float, float, float] | Non
     arm = with_effects(case.arm, tuple(entries))
     adjustment = fitted(case.campaign, arm, diagnosis.choosing).adjustment
     radius_mm, after = arm.probe.radius_mm, diagnosis.after
-    compared = believable(after, diagnosis.held_out, radius_mm)
-    oracle = held_out_fit(adjustment, compared, radius_mm, after.network.noise)
+    compared = uncontradicted(after, diagnosis.held_out, radius_mm)
+    oracle = holdout_result(adjustment, compared, radius_mm, after.network.noise)
     first, last = diagnosis.ledger[0].held_out, diagnosis.ledger[-1].held_out
     return first.chi2, last.chi2, oracle.chi2
 
 
 @lru_cache(maxsize=16)
-def _ruler(arm: Arm, pose_seed: int, n_lengths: int) -> Ruler:
+def _ruler(arm: Arm, pose_seed: int, n_lengths: int) -> SizeScale:
     poses: PoseSet = pose_set(arm, pose_seed, n_lengths)
-    choosing, _ = split(exact_campaign(poses), pose_seed)
+    choosing, _ = split(noise_free_campaign(poses), pose_seed)
     return ruler(poses, poses.arm, choosing)
 
 
 def _drawn_sizes(
     rng: np.random.Generator,
-    measure: Ruler,
+    measure: SizeScale,
     kinds: tuple[str, ...],
     scenario: Scenario,
 ) -> tuple[Hidden, ...]:
@@ -192,14 +192,14 @@ def _drawn_sizes(
     return tuple(hidden)
 
 
-def _has_a_name(measure: Ruler, hidden: Hidden) -> bool:
+def _has_a_name(measure: SizeScale, hidden: Hidden) -> bool:
     """Say whether a name fits so well that what it leaves over is not seen."""
     size = float(np.linalg.norm(measure.signal((hidden,))))
     left = size * np.sqrt(max(1.0 - measure.likeness(hidden) ** 2, 0.0))
     return bool(left < _HARDLY_SEEN)
 
 
-def _truth(measure: Ruler, hidden: Hidden) -> TrueTerm:
+def _truth(measure: SizeScale, hidden: Hidden) -> TrueTerm:
     keys = hidden.keys
     runout = keys["component"] if hidden.kind == "axis_runout" else None
     return TrueTerm(

@@ -11,14 +11,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.cli.blind_campaign import handed_over
+from traverse.cli.blind_campaign import campaign_from_simulation
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.candidates.aliases import ALIAS
 from traverse.lab.diagnosis.candidates.harmonics import harmonic_bank
 from traverse.lab.diagnosis.candidates.library import library_bank
-from traverse.lab.diagnosis.candidates.scoring import Projected, project
-from traverse.lab.diagnosis.model.observation_equations import Rows, rows_of
+from traverse.lab.diagnosis.candidates.scoring import ProjectedCandidate, project
+from traverse.lab.diagnosis.model.observation_equations import (
+    ObservationEquations,
+    equations_of,
+)
 from traverse.lab.diagnosis.score import Identity
 from traverse.lab.identification.equations.network import Network, stations
 from traverse.lab.identification.equations.noise import a_priori_noise
@@ -41,7 +44,7 @@ _SILENT = NoiseTable(encoder_rad=0.0, contact_mm=0.0, direction_rad=0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Ruler:
+class SizeScale:
     """Measures effects on a set of poses.
 
     Attributes:
@@ -53,8 +56,8 @@ class Ruler:
 
     poses: PoseSet
     exact: Columns
-    rows: Rows
-    library: tuple[Projected, ...]
+    rows: ObservationEquations
+    library: tuple[ProjectedCandidate, ...]
 
     def signal(self, hidden: tuple[Hidden, ...]) -> Floats:
         """Compute what effects do to the rows beyond what is absorbed, (n_rows,)."""
@@ -106,7 +109,7 @@ class Ruler:
         ]
 
 
-def ruler(poses: PoseSet, arm: Arm, choosing: Booleans) -> Ruler:
+def ruler(poses: PoseSet, arm: Arm, choosing: Booleans) -> SizeScale:
     """Fit an arm without effects to poses without noise.
 
     Args:
@@ -114,7 +117,7 @@ def ruler(poses: PoseSet, arm: Arm, choosing: Booleans) -> Ruler:
         arm: What the arm file says.
         choosing: Which poses are used for choosing, (n_poses,).
     """
-    campaign = exact_campaign(poses)
+    campaign = noise_free_campaign(poses)
     design, parameters = prepared(campaign, arm, Options(coarse_start=False))
     network = Network(
         campaign,
@@ -124,16 +127,16 @@ def ruler(poses: PoseSet, arm: Arm, choosing: Booleans) -> Ruler:
         np.ones(len(campaign.poses)),
     )
     # No tests: nothing contradicts anything where there is no noise.
-    rows = rows_of(adjust(network, start_state(network, design), design))
+    rows = equations_of(adjust(network, start_state(network, design), design))
     banks = (library_bank(rows, arm), harmonic_bank(rows))
     library = tuple(one for bank in banks for one in project(rows, bank))
-    return Ruler(poses, exact_columns(poses), rows, library)
+    return SizeScale(poses, exact_columns(poses), rows, library)
 
 
-def exact_campaign(poses: PoseSet) -> Campaign:
+def noise_free_campaign(poses: PoseSet) -> Campaign:
     """Make a campaign without noise, which states the noise that there could be."""
     stated = poses.spec.noise
-    exact = handed_over(exact_columns(poses))
+    exact = campaign_from_simulation(exact_columns(poses))
     return replace(exact, encoder_rad=stated.encoder_rad, contact_mm=stated.contact_mm)
 
 

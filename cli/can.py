@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 import typer
 
 if TYPE_CHECKING:
-    from traverse.drivers.canopen.commissioning import BusTool, FoundNode
+    from traverse.drivers.canopen.commissioning import Commissioning, FoundNode
 
 REFUSED, UNREACHABLE = 2, 3
 
@@ -120,10 +120,10 @@ def _refuse(text: str) -> NoReturn:
 @contextmanager
 def _bus(
     interface: str, channel: str, bit_rate: int, timeout_s: float
-) -> Iterator["BusTool"]:
+) -> Iterator["Commissioning"]:
     """The bus, opened; ends the command where a device cannot be reached."""
     try:
-        from traverse.drivers.canopen.commissioning import BusTool  # noqa: PLC0415 - an extra; quick help
+        from traverse.drivers.canopen.commissioning import Commissioning  # noqa: PLC0415 - an extra; quick help
     except ModuleNotFoundError as error:
         typer.echo(
             f"traverse can needs {error.name}, which is not installed; install the "
@@ -134,7 +134,7 @@ def _bus(
     from traverse.drivers.base.values import DeviceError  # noqa: PLC0415
 
     try:
-        with BusTool(interface, channel, bit_rate, timeout_s) as tool:
+        with Commissioning(interface, channel, bit_rate, timeout_s) as tool:
             yield tool
     except DeviceError as error:
         typer.echo(f"{error}; {error.remedy}", err=True)

@@ -90,10 +90,10 @@ def page(
 def _only_arm(address: "BrokerAddress") -> str:
     """The one arm that has said something to a broker."""
     from traverse.client.errors import BrokerUnreachableError  # noqa: PLC0415
-    from traverse.client.mqtt.discovery import arms_on  # noqa: PLC0415
+    from traverse.client.mqtt.discovery import find_arms  # noqa: PLC0415
 
     try:
-        arms = asyncio.run(arms_on(address, FIND_S))
+        arms = asyncio.run(find_arms(address, FIND_S))
     except BrokerUnreachableError as error:
         typer.echo(str(error), err=True)
         raise typer.Exit(3) from error

@@ -10,7 +10,7 @@ from traverse.cli.refusals import refusals, refuse
 
 if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Arm
-    from traverse.lab.acceptance.certificate.values import Sealed
+    from traverse.lab.acceptance.certificate.values import SealedCertificate
 
 NO = 1
 
@@ -103,7 +103,7 @@ def _known(standard: str, option: str) -> str:
 
 def _certificate(
     data: Path, standard: str, arm_file: Path | None, limits_file: Path | None
-) -> "Sealed":
+) -> "SealedCertificate":
     """Read everything, compute everything."""
     from traverse.lab.acceptance.certificate.check import ARM, LIMITS  # noqa: PLC0415
     from traverse.lab.acceptance.certificate.values import sealed  # noqa: PLC0415

@@ -13,17 +13,17 @@ from traverse.client.feeds import Feed
 from traverse.client.inbox import Inbox
 from traverse.client.mqtt.address import BrokerAddress
 from traverse.client.mqtt.reconnection import Link
-from traverse.client.points.cursor import read_place, write_place
-from traverse.client.points.index import PointsById
+from traverse.client.points.cursor import read_cursor, write_cursor
+from traverse.client.points.index import PointIndex
 from traverse.client.points.reader import Points
-from traverse.client.points.reorder_buffer import PointOrder
+from traverse.client.points.reorder_buffer import ReorderBuffer
 from traverse.client.points.stream import PointStream
 from traverse.client.requests import Requests
 from traverse.client.scans import ScanBlocks
 from traverse.protocol.messages import Args, Event, Health, Live, Scan, Status
 from traverse.protocol.messages.scan import ScanMode
 
-PLACE_S = 0.5
+CURSOR_PERIOD_S = 0.5
 BEGIN_S = 2.0
 
 
@@ -60,7 +60,7 @@ class Arm(ArmCommands):
         self._answer_s = answer_s
         place: Mapping[str, int] | None = None
         if self._place_file is not None:
-            place = read_place(self._place_file, name)
+            place = read_cursor(self._place_file, name)
         if place is None and since != "now":
             place = {} if isinstance(since, str) else since
         address = BrokerAddress.parse(broker) if isinstance(broker, str) else broker
@@ -69,11 +69,11 @@ class Arm(ArmCommands):
             address, take=self._inbox.take, came=self._came, went=self._went
         )
         self._requests = Requests(name, self._link)
-        self._order = PointOrder(place)
+        self._order = ReorderBuffer(place)
         self._stream = PointStream(
             self._order, self._link, self._requests, max(2, max_waiting)
         )
-        self._inbox.lead_to(self._link, self._requests, self._stream)
+        self._inbox.connect_consumers(self._link, self._requests, self._stream)
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def __aenter__(self) -> Self:
@@ -86,7 +86,7 @@ class Arm(ArmCommands):
             await self._end()
             raise
         if self._place_file is not None:
-            self._run(self._keep_place(self._place_file))
+            self._run(self._save_cursor_periodically(self._place_file))
         try:
             async with asyncio.timeout(BEGIN_S):
                 status = await self._inbox.statuses.first(BEGIN_S)
@@ -103,10 +103,10 @@ class Arm(ArmCommands):
         trace: TracebackType | None,
     ) -> None:
         if error is None:
-            self._stream.put_down()
+            self._stream.commit_current()
         await self._end()
         if self._place_file is not None:
-            write_place(self._place_file, self.name, self._stream.place)
+            write_cursor(self._place_file, self.name, self._stream.place)
 
     @property
     def is_connected(self) -> bool:
@@ -134,7 +134,7 @@ class Arm(ArmCommands):
         )
 
     @property
-    def by_id(self) -> PointsById:
+    def by_id(self) -> PointIndex:
         """The latest points that came."""
         return self._inbox.by_id
 
@@ -215,14 +215,14 @@ class Arm(ArmCommands):
         self._requests.link_lost()
         self._stream.link_lost()
 
-    async def _keep_place(self, path: Path) -> None:
+    async def _save_cursor_periodically(self, path: Path) -> None:
         kept: dict[str, int] | None = None
         while True:
             place = self._stream.place
             if place != kept and self._order.has_begun:
-                await asyncio.to_thread(write_place, path, self.name, place)
+                await asyncio.to_thread(write_cursor, path, self.name, place)
                 kept = place
-            await asyncio.sleep(PLACE_S)
+            await asyncio.sleep(CURSOR_PERIOD_S)
 
     def _run(self, work: Coroutine[Any, Any, None]) -> None:
         task = asyncio.create_task(work)

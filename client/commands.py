@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from traverse.client.errors import NoAnswerError
-from traverse.client.points.index import PointsById
+from traverse.client.points.index import PointIndex
 from traverse.client.results import HeldSession, Resent, ResentScan, StartedScan, Taken
 from traverse.protocol.messages import (
     AlignArgs,
@@ -45,7 +45,7 @@ class ArmCommands(ABC):
 
     @property
     @abstractmethod
-    def by_id(self) -> PointsById:
+    def by_id(self) -> PointIndex:
         """The points that came."""
 
     async def capture(

@@ -4,9 +4,9 @@ import logging
 from collections.abc import Callable
 
 from traverse.client.feeds import Feeds
-from traverse.client.mqtt.connection import Arrived
+from traverse.client.mqtt.connection import IncomingMessage
 from traverse.client.mqtt.reconnection import Link
-from traverse.client.points.index import PointsById
+from traverse.client.points.index import PointIndex
 from traverse.client.points.stream import PointStream
 from traverse.client.requests import Requests
 from traverse.protocol import topics
@@ -56,9 +56,9 @@ class Inbox:
         self.events = Feeds[Event](MAX_EVENTS, keep_newest=True)
         self.lives = Feeds[Live](1, keep_newest=True)
         self.scans = Feeds[Scan](MAX_BLOCKS, keep_newest=False)
-        self.by_id = PointsById()
+        self.by_id = PointIndex()
         self.undecodable = 0
-        self._kinds: dict[str, Callable[[Arrived], None]] = {
+        self._kinds: dict[str, Callable[[IncomingMessage], None]] = {
             "status": lambda m: self._take_status(decode(Status, m.payload)),
             "health": lambda m: self.healths.put(decode(Health, m.payload)),
             "event": self._take_event,
@@ -68,13 +68,15 @@ class Inbox:
             "point": self._take_point,
         }
 
-    def lead_to(self, link: Link, requests: Requests, stream: PointStream) -> None:
+    def connect_consumers(
+        self, link: Link, requests: Requests, stream: PointStream
+    ) -> None:
         """Say who takes answers and points."""
         self._link = link
         self._requests = requests
         self._stream = stream
 
-    def take(self, arrived: Arrived) -> None:
+    def take(self, arrived: IncomingMessage) -> None:
         """A message has come."""
         kind = arrived.topic.split("/", 3)[2]
         try:
@@ -97,12 +99,12 @@ class Inbox:
             self._stream.notice(status.session)
         self._requests.take_status(status)
 
-    def _take_event(self, arrived: Arrived) -> None:
+    def _take_event(self, arrived: IncomingMessage) -> None:
         event = decode(Event, arrived.payload)
         self._link.acknowledge(arrived.number)
         self.events.put(event)
 
-    def _take_point(self, arrived: Arrived) -> None:
+    def _take_point(self, arrived: IncomingMessage) -> None:
         point = decode(Point, arrived.payload)
         self.by_id.take(point)
         self._stream.take(point, arrived.number)

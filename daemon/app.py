@@ -8,8 +8,8 @@ from traverse.daemon.config.broker import BrokerSection
 from traverse.daemon.inputs import REFUSED, UNREACHABLE, StartupError, read_inputs
 from traverse.daemon.mqtt.embedded_broker import HOST, BrokerStartError, embedded_broker
 from traverse.daemon.service import Service
-from traverse.daemon.store.records import OutboxRefusedError
-from traverse.daemon.system.memory import bound_free_memory
+from traverse.daemon.store.records import StoreRefusedError
+from traverse.daemon.system.memory import limit_malloc_arenas
 
 log = logging.getLogger(__name__)
 
@@ -28,7 +28,7 @@ async def run_service(
     Returns:
         The exit status.
     """
-    bound_free_memory()
+    limit_malloc_arenas()
     try:
         configuration, model = read_inputs(path, embedded)
         async with contextlib.AsyncExitStack() as stack:
@@ -49,7 +49,7 @@ async def run_service(
     except BrokerStartError as error:
         log.error("%s", StartupError([str(error)], UNREACHABLE))
         return UNREACHABLE
-    except OutboxRefusedError as error:
+    except StoreRefusedError as error:
         log.error("%s", StartupError([str(error)], REFUSED))
         return REFUSED
     except StartupError as error:

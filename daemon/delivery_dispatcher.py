@@ -10,30 +10,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.daemon.acquisition.device import Device
-from traverse.daemon.acquisition.device_states import DeviceStates
-from traverse.daemon.acquisition.joint_devices import ArmDevices
-from traverse.daemon.acquisition.late_readings import Tardiness
-from traverse.daemon.acquisition.resampler import Assembly
-from traverse.daemon.acquisition.temperature_monitor import TemperatureWatch
+from traverse.daemon.acquisition.device_states import DeviceStateTracker
+from traverse.daemon.acquisition.joint_devices import JointDevices
+from traverse.daemon.acquisition.late_readings import LateReadingMonitor
+from traverse.daemon.acquisition.resampler import Resampler
+from traverse.daemon.acquisition.temperature_monitor import TemperatureMonitor
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.quality import QualitySection
 from traverse.daemon.config.schema import AssemblySection, CaptureSection, Configuration
 from traverse.daemon.health import HealthReport
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.points.capture import Capture, Triggers, triggers_of
-from traverse.daemon.points.controller import Answer, ArmPoints
+from traverse.daemon.points.capture import Capture, TriggerMap, triggers_of
+from traverse.daemon.points.controller import Answer, PointController
 from traverse.daemon.points.pose_evaluator import Stage
 from traverse.daemon.pose.arm_model import ArmModel
-from traverse.daemon.pose.live import LiveView
+from traverse.daemon.pose.live import LivePoseSampler
 from traverse.daemon.pose.pipeline import Pipeline
 from traverse.daemon.pose.poses import PoseBlock
-from traverse.daemon.pose.quality_watch import QualityWatch
-from traverse.daemon.pose.skew import SkewWatch
-from traverse.daemon.pose.trajectory import TipPath
+from traverse.daemon.pose.quality_watch import QualityMonitor
+from traverse.daemon.pose.skew import SkewMonitor
+from traverse.daemon.pose.trajectory import TrajectoryBuffer
 from traverse.daemon.pose.uncertainty import Reading, Uncertainty
-from traverse.daemon.scans.controller import ArmScans
+from traverse.daemon.scans.controller import ScanController
 from traverse.daemon.scans.scanner import Scanner
-from traverse.daemon.step_listener import Tape
+from traverse.daemon.step_listener import StepListener
 from traverse.drivers.base.values import (
     CountSamples,
     Delivery,
@@ -74,36 +74,36 @@ class Measuring:
         self,
         *,
         clock: HostClock,
-        devices: ArmDevices,
+        devices: JointDevices,
         settings: AssemblySection,
         uncertainty: Uncertainty,
         pipeline: Pipeline,
         capture: Capture,
-        triggers: Triggers,
+        triggers: TriggerMap,
         scanner: Scanner,
-        live: LiveView,
+        live: LivePoseSampler,
         events: EventLog,
         health: HealthReport,
         offer_live: Callable[[Live], object],
         status_changed: Callable[[], None],
         taking: CaptureSection | None = None,
         quality: QualitySection | None = None,
-        tape: Tape | None = None,
+        tape: StepListener | None = None,
     ) -> None:
         self._clock = clock
-        self._tape = tape or Tape()
+        self._tape = tape or StepListener()
         self._devices = devices
         self._pipeline = pipeline
         self._capture = capture
         self._triggers = triggers
         self._events = events
         self._live = live
-        self._temperature = TemperatureWatch(clock, events)
+        self._temperature = TemperatureMonitor(clock, events)
         self._health = health
         self._offer_live = offer_live
         self._settings = taking or CaptureSection()
-        self.assembly = Assembly(pipeline.model, settings)
-        self._states = DeviceStates(
+        self.assembly = Resampler(pipeline.model, settings)
+        self._states = DeviceStateTracker(
             clock=clock,
             devices=devices,
             pipeline=pipeline,
@@ -111,11 +111,11 @@ class Measuring:
             events=events,
             changed=status_changed,
         )
-        self._tardiness = Tardiness(self.assembly, clock, events)
-        self.skew = SkewWatch(settings.skew_limit_mm)
-        self.path = TipPath()
+        self._tardiness = LateReadingMonitor(self.assembly, clock, events)
+        self.skew = SkewMonitor(settings.skew_limit_mm)
+        self.path = TrajectoryBuffer()
         self._uncertainty = uncertainty
-        self.quality = QualityWatch(
+        self.quality = QualityMonitor(
             quality or QualitySection(), pipeline.model, clock, events
         )
         self._stage = Stage(
@@ -129,7 +129,7 @@ class Measuring:
             self.quality,
             int(settings.point_wait_s * 1e9),
         )
-        self.points = ArmPoints(
+        self.points = PointController(
             self._stage,
             capture=capture,
             triggers=triggers,
@@ -138,11 +138,13 @@ class Measuring:
             health=health,
         )
         self.latches: dict[int, Answer] = {}
-        self.scans = ArmScans(scanner, capture=capture, events=events, asked=self.asked)
+        self.scans = ScanController(
+            scanner, capture=capture, events=events, asked=self.asked
+        )
         self.rate_hz = 0.0
         # Points come out of the stream where nothing latches all joints for them.
         self._remembers = not triggers.devices <= set(pipeline.model.devices)
-        self._let_gather()
+        self._set_batch_window()
 
     @property
     def clock_device(self) -> Device:
@@ -172,7 +174,7 @@ class Measuring:
         self.points.use(self._stage, self._triggers, capture)
         self._live.use_rate(capture.live_rate_hz)
         self.scans.use(capture.scan_block_s, configuration.scan)
-        self._let_gather()
+        self._set_batch_window()
 
     def use_probe(self, model: ArmModel) -> None:
         """Measure with another probe on the same arm from the next sample on."""
@@ -209,7 +211,7 @@ class Measuring:
         self.latches.pop(token, None)
         answer.cancel()
 
-    def keep_time(self) -> None:
+    def process_timeouts(self) -> None:
         """Go on with what has waited long enough; call it every few milliseconds.
 
         Nothing else looks at the time, so that deliveries which already wait when the
@@ -234,36 +236,36 @@ class Measuring:
                 self._take_stream(delivery)
             case DeviceTemperatures():
                 device.temperatures_c = delivery.values_c
-                if device in self._devices and self._devices.unfit is None:
+                if device in self._devices and self._devices.first_mismatched is None:
                     self._temperature.look(self._pipeline.model, self._devices)
             case DeviceCounters():
                 device.counters.clear()
                 device.counters.update(delivery.values)
             case DeviceUp():
-                self._states.take_up(device, delivery)
+                self._states.on_up(device, delivery)
                 self.quality.standing.came(device.section.id)
                 if delivery.restarted:
                     self.path.forget()
                 # What cannot latch gives its points out of the stream.
                 not_latching = not delivery.identity.latches
                 self._remembers |= not_latching and device in self._devices
-                self._let_gather()
+                self._set_batch_window()
             case DeviceLost():
-                self._states.take_lost(device, delivery)
+                self._states.on_lost(device, delivery)
             case DeviceAlarm():
-                self._states.take_alarm(device, delivery)
+                self._states.on_alarm(device, delivery)
                 self.quality.standing.alarm(
                     delivery.device, delivery.channel, delivery.code, delivery.raised
                 )
             case DeviceFault():
-                self._states.take_fault(device, delivery)
+                self._states.on_fault(device, delivery)
 
-    def _let_gather(self) -> None:
-        self._devices.let_gather(self._settings, may_wait=self.may_wait)
+    def _set_batch_window(self) -> None:
+        self._devices.set_batch_window(self._settings, may_wait=self.may_wait)
 
     def _take_samples(self, device: Device, samples: CountSamples) -> None:
         device.samples += len(samples.seq)
-        if device not in self._devices or self._devices.unfit is not None:
+        if device not in self._devices or self._devices.first_mismatched is not None:
             return
         waited_ns = self._clock.running.monotonic_ns() - samples.received_ns
         self._health.latencies["queue_wait"].add(waited_ns)
@@ -278,17 +280,17 @@ class Measuring:
 
     def _take_assembled(self, now_ns: int | None = None) -> None:
         for assembled in self.assembly.assembled(now_ns):
-            self._measure(assembled.samples, assembled.doubts_counts)
+            self._measure(assembled.samples, assembled.error_bounds_counts)
 
     def _measure(
-        self, samples: CountSamples, doubts_counts: NDArray[np.float64] | None
+        self, samples: CountSamples, error_bounds_counts: NDArray[np.float64] | None
     ) -> None:
         """Pass samples of the whole arm down the pipeline."""
         model, temperature_c = self._pipeline.model, self._devices.temperature_c
         poses = self._pipeline.poses(samples, temperature_c)
-        if doubts_counts is not None:
-            self.skew.mark_block(model, poses, doubts_counts)
-        self.quality.mark_block(model, poses, temperature_c)
+        if error_bounds_counts is not None:
+            self.skew.flag_block(model, poses, error_bounds_counts)
+        self.quality.flag_block(model, poses, temperature_c)
         taken_ns = self._clock.running.monotonic_ns() - samples.received_ns
         self._health.latencies["sample_to_pose"].add(taken_ns)
         self.path.add(poses)
@@ -297,11 +299,14 @@ class Measuring:
         session = self._capture.session.id
         live = self._live.message(model, poses, session, samples.device)
         if live is not None:
-            self._offer_live(self._with_covariance(live, poses, doubts_counts))
+            self._offer_live(self._with_covariance(live, poses, error_bounds_counts))
         self._temperature.look(model, self._devices)
 
     def _with_covariance(
-        self, live: Live, poses: PoseBlock, doubts_counts: NDArray[np.float64] | None
+        self,
+        live: Live,
+        poses: PoseBlock,
+        error_bounds_counts: NDArray[np.float64] | None,
     ) -> Live:
         """What is shown of a block's last pose, with how well it is known."""
         time_ns, angles_rad = int(poses.sample_time_ns[-1]), poses.angles_rad[-1]
@@ -311,7 +316,7 @@ class Measuring:
         reading = Reading(
             block,
             self.path.speeds_rad_s(time_ns, angles_rad),
-            None if doubts_counts is None else doubts_counts[-1],
+            None if error_bounds_counts is None else error_bounds_counts[-1],
         )
         found = self._uncertainty.covariance(self._pipeline.model, reading)
         return live.model_copy(update={"covariance_mm2": found})
@@ -320,10 +325,10 @@ class Measuring:
         if latch.input is not None:
             name = device.section.id
             if self._triggers.trigger_of(name, latch.input) == "button":
-                self.scans.take_button(name, latch.input, latch)
+                self.scans.on_button(name, latch.input, latch)
             self.points.take_edge(device, latch)
         elif (answer := self.latches.pop(latch.token, None)) is not None:
-            self.points.take_latched(latch, answer)
+            self.points.add_latched(latch, answer)
 
     def _take_stream(self, started: StreamStarted) -> None:
         model = self._pipeline.model
@@ -331,4 +336,4 @@ class Measuring:
             self.assembly.stream(started.device, started.rate_hz)
         if started.device == self.assembly.clock:
             self.rate_hz = started.rate_hz
-            self.scans.take_stream(started)
+            self.scans.on_stream_started(started)

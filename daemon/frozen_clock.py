@@ -13,7 +13,7 @@ LOOK_NS = 1_000_000_000
 JITTER_NS = 50_000
 
 
-class StepClock(HostClock):
+class FrozenClock(HostClock):
     """Goes on when it is told to.
 
     Args:

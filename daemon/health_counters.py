@@ -1,13 +1,13 @@
 """What the daemon has done so far, in numbers for the health message."""
 
-from traverse.daemon.commands.dispatcher import CommandDesk
+from traverse.daemon.commands.dispatcher import CommandDispatcher
 from traverse.daemon.config.filters import removed_counters
 from traverse.daemon.mqtt.connection import Publisher
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
 from traverse.daemon.points.capture import Capture
-from traverse.daemon.pose.live import LiveView
+from traverse.daemon.pose.live import LivePoseSampler
 from traverse.daemon.scans.scanner import Scanner
-from traverse.daemon.store.scan_store import ScanSpool
+from traverse.daemon.store.scan_store import ScanStore
 from traverse.protocol.messages import BrokerHealth
 
 
@@ -29,13 +29,13 @@ def broker_health(publisher: Publisher, queue: OutgoingQueue) -> BrokerHealth:
     )
 
 
-def counters_of(
+def health_counters(
     *,
     capture: Capture,
     scanner: Scanner,
-    spool: ScanSpool,
-    live: LiveView,
-    commands: CommandDesk,
+    spool: ScanStore,
+    live: LivePoseSampler,
+    commands: CommandDispatcher,
     publisher: Publisher,
     queue: OutgoingQueue,
 ) -> dict[str, int]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from traverse.daemon.acquisition.device import Device
 from traverse.daemon.config.schema import Configuration, read_configuration
-from traverse.daemon.mqtt.credentials import access_problems
+from traverse.daemon.mqtt.credentials import credentials_problems
 from traverse.daemon.pose.arm_model import ArmModel, read_model
 from traverse.daemon.pose.probe_library import read_probes
 from traverse.kinematics.arm_file.arm import FileError, Problem
@@ -53,7 +53,7 @@ def read_inputs(path: Path, embedded: bool) -> tuple[Configuration, ArmModel]:
         )
         failures.append(FileError(str(path), [missing]))
     if configuration.broker is not None and not embedded:
-        problems = list(access_problems(configuration.broker, path.parent))
+        problems = list(credentials_problems(configuration.broker, path.parent))
         if problems:
             failures.append(FileError(str(path), problems))
     ids = {device.id: device for device in configuration.device}

@@ -3,9 +3,9 @@
 from importlib.metadata import version
 
 from traverse.daemon.clock import HostClock
-from traverse.daemon.commands.dispatcher import CommandDesk
+from traverse.daemon.commands.dispatcher import CommandDispatcher
 from traverse.daemon.health import HealthReport
-from traverse.daemon.health_counters import broker_health, counters_of
+from traverse.daemon.health_counters import broker_health, health_counters
 from traverse.daemon.instrument import Instrument
 from traverse.daemon.mqtt.connection import Publisher
 from traverse.daemon.output import Output
@@ -40,7 +40,7 @@ class Reports:
         clock: HostClock,
         instrument: Instrument,
         output: Output,
-        commands: CommandDesk,
+        commands: CommandDispatcher,
         health: HealthReport,
     ) -> None:
         self._arm = arm
@@ -82,7 +82,7 @@ class Reports:
             outbox=output.outbox.health(),
             spool=output.spool.health(),
             recording=output.recorder.health(),
-            counters=counters_of(
+            counters=health_counters(
                 capture=instrument.capture,
                 scanner=instrument.scanner,
                 spool=output.spool,

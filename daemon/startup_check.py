@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 BROKER_ANSWER_S = 12.0  # in either version of MQTT
 
 
-class Arrival:
+class StartupCheck:
     """Waits for all that the daemon needs.
 
     Args:
@@ -34,7 +34,7 @@ class Arrival:
         keep_trying: begin without what cannot be reached.
 
     Attributes:
-        broker_told: to be set when the connection is known to be there, or not.
+        broker_state_known: to be set when the connection is known to be there, or not.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class Arrival:
         self._publisher = publisher
         self._events = events
         self._keep_trying = keep_trying
-        self.broker_told = asyncio.Event()
+        self.broker_state_known = asyncio.Event()
 
     @property
     def longest_s(self) -> float:
@@ -69,7 +69,7 @@ class Arrival:
         await _unless(stopping, self._told())
 
     async def _told(self) -> None:
-        await self.broker_told.wait()
+        await self.broker_state_known.wait()
 
     async def _check(self) -> None:
         failures = await check_devices(self._devices)

@@ -34,7 +34,7 @@ def state_folder(configuration_path: Path) -> Path:
 
 
 @contextlib.contextmanager
-def only_user_of(folder: Path) -> Iterator[None]:
+def lock_directory(folder: Path) -> Iterator[None]:
     """Keep every other daemon out of a state folder while the block lasts.
 
     The lock is one of the system's, on the folder itself: it ends with the process,

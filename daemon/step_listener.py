@@ -10,7 +10,7 @@ from traverse.drivers.base.values import Delivery
 from traverse.protocol.messages import Message
 
 
-class Tape:
+class StepListener:
     """Takes what it is told, on the event loop, and never waits."""
 
     def delivered(self, now_ns: int, delivery: Delivery) -> None:

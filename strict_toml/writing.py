@@ -33,7 +33,7 @@ def canonical_text(values: object) -> str:
     return json.dumps(_canonical(values), sort_keys=True, separators=(",", ":"))
 
 
-def write_whole(path: Path, text: str) -> None:
+def write_atomically(path: Path, text: str) -> None:
     """Put a file in place of an old one, whole or not at all, and onto the disk."""
     # A symbolic link goes on pointing to the file; the file is replaced.
     target = path.resolve()

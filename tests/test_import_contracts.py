@@ -124,7 +124,7 @@ PLANTED = {
         ("lab/artefacts/planted.py", "traverse.lab.campaign.campaign"),
     ],
     "folders of the diagnosis": [
-        ("lab/diagnosis/model/planted.py", "traverse.lab.diagnosis.search.search"),
+        ("lab/diagnosis/model/planted.py", "traverse.lab.diagnosis.diagnose"),
     ],
     "folders of the identification": [
         ("lab/identification/solve/planted.py", "traverse.lab.identification.results"),

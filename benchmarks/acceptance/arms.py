@@ -23,7 +23,11 @@ from traverse.lab.acceptance.procedures.length_tests import (
 from traverse.lab.acceptance.procedures.lengths import SET
 from traverse.lab.acceptance.standards import verified
 from traverse.lab.artefacts import artefact_from_table
-from traverse.lab.measured_points.measurement import Measured, Touched, reach_of
+from traverse.lab.measured_points.measurement import (
+    ArtefactTouches,
+    Measurement,
+    reach_of,
+)
 from traverse.simulator.arm.truth import Deviations, true_arm
 from traverse.simulator.campaigns import NoiseTable
 from traverse.simulator.campaigns.acceptance.poses import (
@@ -102,7 +106,7 @@ def tested_arm(seed: int) -> Tested:
 
 def _procedure(
     poses: PoseSet,
-    measured: Measured,
+    measured: Measurement,
     seed: int,
     rule: str,
     limit_mm: dict[str, float],
@@ -131,7 +135,7 @@ def _procedure(
             rows = np.flatnonzero(campaign.artefact == name)
             before = touched[name]
             room = 2 * (SET + AGAIN) - len(before)
-            touched[name] = Touched(
+            touched[name] = ArtefactTouches(
                 np.concatenate([before.places_mm, places_mm[rows][:room]]),
                 (*before.features, *campaign.feature[rows].tolist()[:room]),
                 np.full(len(before) + min(room, len(rows)), before.temperature_c[0]),
@@ -140,7 +144,7 @@ def _procedure(
     return _e_uni(replace(measured, touched=touched), limits)[0]
 
 
-def _e_uni(measured: Measured, limits: Limits) -> tuple[Verdict, list[LengthError]]:
+def _e_uni(measured: Measurement, limits: Limits) -> tuple[Verdict, list[LengthError]]:
     parts = list(length_test(measured, "e_uni", "uni", limits))
     (figure,) = [part for part in parts if isinstance(part, Figure)]
     if figure.decision is None:
@@ -178,7 +182,7 @@ def _measured(
     drawn: SimulatedCampaign,
     artefacts: Sequence[StatedArtefact],
     warm_c: float,
-) -> Measured:
+) -> Measurement:
     """Compute places with the arm file; standards are of steel."""
     campaign = drawn.campaign
     places_mm = probe_centre(geometry_from_arm(arm), campaign.readings_rad)
@@ -196,14 +200,14 @@ def _measured(
     touched = {}
     for name in tables:
         rows = np.flatnonzero(campaign.artefact == name)
-        touched[name] = Touched(
+        touched[name] = ArtefactTouches(
             places_mm[rows],
             tuple(campaign.feature[rows].tolist()),
             np.full(len(rows), warm_c),
             np.full(len(rows), arm.probe.radius_mm),
         )
     shoulder_mm, reach_mm = reach_of(arm)
-    return Measured(tables, touched, arm.name, shoulder_mm, reach_mm)  # type: ignore[arg-type] # made from tables
+    return Measurement(tables, touched, arm.name, shoulder_mm, reach_mm)  # type: ignore[arg-type] # made from tables
 
 
 def _values(figures: Sequence[Figure]) -> dict[str, float]:

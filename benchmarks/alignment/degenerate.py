@@ -10,7 +10,7 @@ from benchmarks.alignment.point_distributions import STD_MM, drawn_rotation
 from traverse.kinematics.helmert.adjustment import HelmertError
 from traverse.kinematics.helmert.transformation import Helmert
 from traverse.kinematics.helmert.volume import Box
-from traverse.lab.alignment.best_fit import fitted_alignment
+from traverse.lab.alignment.best_fit import best_fit_alignment
 from traverse.lab.alignment.common_points import CommonPoints, Place
 from traverse.lab.alignment.volume import fixed_volume
 
@@ -63,7 +63,7 @@ def _said(
         tuple(Place(place, 0.0 * covariance) for place in to_mm),
     )
     try:
-        found = fitted_alignment(common, fixed_volume(VOLUME), "drawn")
+        found = best_fit_alignment(common, fixed_volume(VOLUME), "drawn")
     except HelmertError as error:
         return [REFUSED], str(error)
     codes = [flag.code for flag in found.flags]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from benchmarks.alignment.point_distributions import drawn_rotation
 from traverse.kinematics.helmert.transformation import Helmert
 from traverse.kinematics.helmert.volume import Box
-from traverse.lab.alignment.best_fit import fitted_alignment
+from traverse.lab.alignment.best_fit import best_fit_alignment
 from traverse.lab.alignment.common_points import CommonPoints, Place
 from traverse.lab.alignment.values import alignment_values
 from traverse.lab.alignment.volume import fixed_volume
@@ -89,5 +89,5 @@ def _aligned(
         tuple(Place(place, None) for place in from_mm),
         tuple(Place(place, None) for place in to_mm),
     )
-    found = fitted_alignment(common, fixed_volume(VOLUME), "of the example")
+    found = best_fit_alignment(common, fixed_volume(VOLUME), "of the example")
     return alignment_values(found, name=title, arm=None, measured="", nominal="")

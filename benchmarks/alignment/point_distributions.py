@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from traverse.kinematics.helmert.adjustment import HelmertError
 from traverse.kinematics.helmert.transformation import Helmert, rotation_matrix
 from traverse.kinematics.helmert.volume import Box, disposition_index
-from traverse.lab.alignment.best_fit import fitted_alignment
+from traverse.lab.alignment.best_fit import best_fit_alignment
 from traverse.lab.alignment.common_points import CommonPoints, Place
 from traverse.lab.alignment.volume import fixed_volume
 
@@ -114,7 +114,7 @@ def outcome(seed: int) -> Outcome:
         tuple(Place(*pair) for pair in zip(to_mm, covariances[1], strict=True)),
     )
     try:
-        found = fitted_alignment(
+        found = best_fit_alignment(
             common,
             fixed_volume(drawn.volume),
             "drawn",

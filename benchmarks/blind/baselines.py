@@ -17,7 +17,7 @@ from scipy.stats import (  # type: ignore[import-untyped] # scipy ships no types
 )
 
 from traverse.lab.diagnosis.model.candidate import Bank
-from traverse.lab.diagnosis.model.observation_equations import Rows
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 
 Floats = NDArray[np.float64]
 Identity = tuple[str, str | None, int | None, str | None, str | None]
@@ -32,7 +32,7 @@ _LEAST = 0.016
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class BaselineResult:
     """What a rival says.
 
     Attributes:
@@ -44,13 +44,13 @@ class Answer:
     names: tuple[Identity, ...]
 
 
-def overall_test(rows: Rows, _bank: Bank) -> Answer:
+def overall_test(rows: ObservationEquations, _bank: Bank) -> BaselineResult:
     """Test the sum of squares against its expectation, the noise taken as stated."""
     tail = float(chi2.sf(rows.sum_of_squares, rows.redundancy))
-    return Answer(tail < _LEVEL, ())
+    return BaselineResult(tail < _LEVEL, ())
 
 
-def raw_correlation(rows: Rows, bank: Bank) -> Answer:
+def raw_correlation(rows: ObservationEquations, bank: Bank) -> BaselineResult:
     """Correlate the residuals with columns as they are, unknowns not projected out."""
     residuals = rows.residuals
     total = float(residuals @ residuals)
@@ -64,10 +64,10 @@ def raw_correlation(rows: Rows, bank: Bank) -> Answer:
         if explained / total > best:
             best, name = explained / total, candidate.identity
     detected = least < _LEVEL / max(len(bank.candidates), 1)
-    return Answer(detected, (name,) if detected and name is not None else ())
+    return BaselineResult(detected, (name,) if detected and name is not None else ())
 
 
-def forward_bic(rows: Rows, bank: Bank) -> Answer:
+def forward_bic(rows: ObservationEquations, bank: Bank) -> BaselineResult:
     """Add the candidate that lowers BIC most, as long as any does."""
     columns = rows.project(bank.columns)
     residuals = rows.residuals
@@ -88,10 +88,10 @@ def forward_bic(rows: Rows, bank: Bank) -> Answer:
         names.append(bank.candidates[at].identity)
         columns = columns - basis @ (basis.T @ columns)
         residuals = residuals - basis @ (basis.T @ residuals)
-    return Answer(bool(names), tuple(names))
+    return BaselineResult(bool(names), tuple(names))
 
 
-def sparse_regression(rows: Rows, bank: Bank) -> Answer:
+def sparse_regression(rows: ObservationEquations, bank: Bank) -> BaselineResult:
     """Lasso by coordinate descent on all columns of unit length together.
 
     The penalty is sqrt(2 log p) standard deviations of the noise, p columns: noise
@@ -123,16 +123,20 @@ def sparse_regression(rows: Rows, bank: Bank) -> Answer:
     whole[seen] = amplitudes
     sizes = np.array([np.linalg.norm(whole[part]) for part in bank.slices])
     order = [int(at) for at in np.argsort(-sizes) if sizes[at] > 0.0]
-    return Answer(bool(order), tuple(bank.candidates[at].identity for at in order))
+    return BaselineResult(
+        bool(order), tuple(bank.candidates[at].identity for at in order)
+    )
 
 
-RIVALS: Mapping[str, Callable[[Rows, Bank], Answer]] = MappingProxyType(
-    {
-        "overall test": overall_test,
-        "raw correlation": raw_correlation,
-        "forward BIC": forward_bic,
-        "sparse regression": sparse_regression,
-    }
+BASELINES: Mapping[str, Callable[[ObservationEquations, Bank], BaselineResult]] = (
+    MappingProxyType(
+        {
+            "overall test": overall_test,
+            "raw correlation": raw_correlation,
+            "forward BIC": forward_bic,
+            "sparse regression": sparse_regression,
+        }
+    )
 )
 
 

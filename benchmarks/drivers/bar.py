@@ -30,13 +30,13 @@ from benchmarks.tools.virtual_time import (
     lines_through,
     played,
 )
-from traverse.daemon.acquisition.resampler import Assembly
+from traverse.daemon.acquisition.resampler import Resampler
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.schema import AssemblySection
 from traverse.daemon.pose.arm_model import ArmModel, read_model
 from traverse.daemon.pose.joint_counts import JointCounts
 from traverse.daemon.pose.pipeline import Pipeline
-from traverse.drivers.base.delivery_queue import GATHER_NS
+from traverse.drivers.base.delivery_queue import BATCH_WINDOW_NS
 from traverse.drivers.base.driver import Driver
 from traverse.drivers.base.values import (
     STATUS_MISSING,
@@ -66,7 +66,7 @@ class Taker:
 
     dropped_samples = dropped_others = 0
     max_samples = 1 << 20
-    gather_ns = GATHER_NS
+    batch_window_ns = BATCH_WINDOW_NS
 
     def __init__(self, asked_hz: float, over: threading.Event) -> None:
         self.all: list[Delivery] = []
@@ -197,7 +197,7 @@ def points_of(
         RuntimeError: Readings are missing around a press.
     """
     device = stage.make.name
-    assembly = Assembly(model, AssemblySection())
+    assembly = Resampler(model, AssemblySection())
     pipeline = Pipeline(model, HostClock())
     edges: list[tuple[int, LatchedCounts | None]] = [
         (one.sample_time_ns, one)

@@ -7,7 +7,7 @@ from typing import Any
 
 from traverse.drivers.base.driver import Driver
 from traverse.drivers.base.registry import driver_class
-from traverse.drivers.polling.polled_driver import Polled
+from traverse.drivers.polling.polled_driver import PolledDriver
 
 ARM = Path(__file__).parent.parent.parent / "cli" / "demo_data" / "arm.toml"
 N_JOINTS = 7
@@ -15,7 +15,7 @@ ADAPTER = {"request_delay_s": 0.00015, "reply_delay_s": 0.00035}
 NODES = tuple(range(1, N_JOINTS + 1))
 ADDRESSES = tuple(range(0x54, 0x54 + 4 * N_JOINTS, 4))
 PORTS = tuple(f"rls-{number}" for number in range(N_JOINTS))
-Crossing = Any
+DeliveryQueue = Any
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ class Make:
     @property
     def is_polled(self) -> bool:
         """Its encoders are asked one after the other."""
-        return issubclass(driver_class(self.name), Polled)
+        return issubclass(driver_class(self.name), PolledDriver)
 
     def arm_text(self) -> str:
         """The arm file with these encoders on it."""
@@ -64,7 +64,9 @@ class Make:
         ports: tuple[str, ...] = self.table.get("ports", (self.table.get("port"),))
         return ports
 
-    def driver(self, crossing: Crossing, folder: Path, **more: object) -> Driver:
+    def driver(
+        self, delivery_queue: DeliveryQueue, folder: Path, **more: object
+    ) -> Driver:
         """A driver that reads them; more of what it is made with may be given."""
         options = {**self.options, **more}
         if "port" in options:
@@ -72,7 +74,7 @@ class Make:
         if "ports" in options:
             options["ports"] = tuple(str(folder / port) for port in options["ports"])
         make: Callable[..., Driver] = driver_class(self.name)
-        return make(self.name, crossing, **options)
+        return make(self.name, delivery_queue, **options)
 
 
 MAKES = (

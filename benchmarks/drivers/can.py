@@ -21,7 +21,7 @@ from can.interfaces.virtual import channels
 from canopen.objectdictionary import ODRecord, ODVariable, datatypes
 
 from tests.drivers.canopen.fake_nodes import FakeNodes, u32
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import (
     STATUS_MISSING,
     CountSamples,
@@ -29,7 +29,7 @@ from traverse.drivers.base.values import (
     DeviceUp,
     StreamStarted,
 )
-from traverse.drivers.canopen.driver import CanOpen
+from traverse.drivers.canopen.driver import CanOpenDriver
 from traverse.drivers.canopen.sync_cycles import Cycles
 
 NODES = (1, 2, 3, 4, 5, 6, 7)
@@ -135,27 +135,32 @@ def thread_named(part: str) -> threading.Thread:
 
 async def measure(seconds: float, sync: str) -> list[str]:
     """Run, and say what came of it."""
-    crossing = Crossing(asyncio.get_running_loop())
-    driver = CanOpen(
-        "arm", crossing, channel=CHANNEL, interface="virtual", nodes=NODES, sync=sync
+    delivery_queue = DeliveryQueue(asyncio.get_running_loop())
+    driver = CanOpenDriver(
+        "arm",
+        delivery_queue,
+        channel=CHANNEL,
+        interface="virtual",
+        nodes=NODES,
+        sync=sync,
     )
     taken: list[object] = []
     with CheapNodes(CHANNEL, NODES) as nodes, driver:
         nodes.answers_sync = sync == "host"
         while not any(isinstance(d, DeviceUp) for d in taken):
-            taken += await crossing.take()
+            taken += await delivery_queue.take()
         library = LibraryReader()
         ours, theirs = thread_named("driver-arm"), thread_named("Notifier")
         begun = busy_s(ours), busy_s(theirs), time.monotonic()
         driver.request_stream(RATE_HZ)
         master = Master(nodes)
         while not any(isinstance(d, StreamStarted) for d in taken):
-            taken += await crossing.take()
+            taken += await delivery_queue.take()
         await asyncio.sleep(0.1)
         if sync == "external":
             master.start()
         while time.monotonic() - begun[2] < seconds:
-            taken += await crossing.take()
+            taken += await delivery_queue.take()
         elapsed_s = time.monotonic() - begun[2]
         ours_s, theirs_s = busy_s(ours) - begun[0], busy_s(theirs) - begun[1]
         master.stopped = True
@@ -164,7 +169,7 @@ async def measure(seconds: float, sync: str) -> list[str]:
         await asyncio.sleep(0.2)
         n_library = library.n_frames
         library.network.disconnect()
-    taken += await crossing.take()
+    taken += await delivery_queue.take()
     return [
         f"CANopen, {len(NODES)} nodes, SYNC at {RATE_HZ:g} Hz by "
         f"{'the driver' if sync == 'host' else 'another, as by the kernel'}, "

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.drivers.timing.device_clock import WRAP, TickClock
+from traverse.drivers.timing.device_clock import WRAP, DeviceClock
 
 RATE_HZ = 100.0
 SECONDS = 60.0
@@ -57,7 +57,7 @@ CASES: dict[str, Delays] = {
 def errors_ns(ppm: float, delays: Delays, seed: int = 1) -> NDArray[np.float64]:
     """How far each latch is mapped from its true time, as it arrives, (n,)."""
     rng = np.random.default_rng(seed)
-    clock = TickClock(TICK_RATE_HZ)
+    clock = DeviceClock(TICK_RATE_HZ)
     n = int(RATE_HZ * SECONDS)
     latch_ns = 1e12 + np.arange(n) * 1e9 / RATE_HZ
     first = WRAP - int(20.0 * TICK_RATE_HZ)  # it wraps after 20 s

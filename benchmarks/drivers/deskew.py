@@ -22,12 +22,12 @@ from benchmarks.drivers.moving_arm import (
     read_really,
     read_virtually,
 )
-from traverse.daemon.acquisition.resampler import Assembly
+from traverse.daemon.acquisition.resampler import Resampler
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.schema import AssemblySection
 from traverse.daemon.pose.pipeline import Pipeline
 from traverse.daemon.pose.poses import PoseBlock
-from traverse.daemon.pose.skew import SkewWatch
+from traverse.daemon.pose.skew import SkewMonitor
 from traverse.drivers.base.values import (
     STATUS_LATE,
     STATUS_MISSING,
@@ -68,8 +68,8 @@ CASES = tuple(
 
 def errors(arm: Moving, deliveries: list[Delivery], first_ns: int) -> Errors:
     """How far points are off, as the daemon would make them."""
-    assembly = Assembly(arm.model, AssemblySection())
-    skew = SkewWatch(limit_mm=1.0)
+    assembly = Resampler(arm.model, AssemblySection())
+    skew = SkewMonitor(limit_mm=1.0)
     ways = {name: Pipeline(arm.model, HostClock()) for name in WAYS}
     off_mm: dict[str, list[Floats]] = {name: [] for name in WAYS}
     rate_hz = 0.0
@@ -95,7 +95,7 @@ def errors(arm: Moving, deliveries: list[Delivery], first_ns: int) -> Errors:
                 assembly.add(delivery, delivery.received_ns)
                 for made in assembly.assembled(delivery.received_ns):
                     poses = judge("interpolated", made.samples)
-                    skew.mark_block(arm.model, poses, made.doubts_counts)
+                    skew.flag_block(arm.model, poses, made.error_bounds_counts)
                     at_s = (made.samples.sample_time_ns - first_ns) * 1e-9
                     readings_rad = arm.course.readings_rad(at_s)
                     noise = np.random.default_rng(0)

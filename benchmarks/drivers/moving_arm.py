@@ -22,7 +22,7 @@ from benchmarks.tools.virtual_time import (
     played,
 )
 from traverse.daemon.pose.arm_model import ArmModel, read_model
-from traverse.drivers.amt21.driver import Amt21
+from traverse.drivers.amt21.driver import Amt21Driver
 from traverse.drivers.base.values import Delivery
 from traverse.simulator.arm.trajectory import Trajectory, spline_pieces
 from traverse.simulator.clock import MonotonicClock
@@ -140,7 +140,7 @@ def read_virtually(
     with lines_through([cable]):
         now.devices.append(Amt21Line(arm.table, arm.mounting))
     straight = Straight(now.over)
-    driver = Amt21(
+    driver = Amt21Driver(
         "base",
         straight,
         port="line",
@@ -168,7 +168,7 @@ def read_really(arm: Moving, case: Case, seconds: float) -> tuple[list[Delivery]
     over = threading.Event()
     straight = Straight(over)
     port = str(arm.mounting.folder / "line")
-    driver = Amt21("base", straight, port=port, addresses=ADDRESSES)
+    driver = Amt21Driver("base", straight, port=port, addresses=ADDRESSES)
     driver.request_stream(case.rate_hz)
     with driver:
         over.wait(seconds)

@@ -105,7 +105,7 @@ def interpolated_mm(
     """The daemon's interpolation of the stream at some instants, (n, 3)."""
     times_ns, first = np.unique(np.concatenate(found.times_ns), return_index=True)
     counts = np.concatenate(found.counts)[first]
-    limits = Limits(widest_ns=50_000_000, late_ns=0, jitter_ns=0)
+    limits = Limits(max_gap_ns=50_000_000, late_ns=0, jitter_ns=0)
     columns = [
         brought(
             Readings(

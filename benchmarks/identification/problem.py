@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.proofs.campaigns import demo_arm
-from traverse.cli.blind_campaign import handed_over
+from traverse.cli.blind_campaign import campaign_from_simulation
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.model.geometry import geometry_from_arm
 from traverse.lab.campaign.campaign import Campaign, Poses
@@ -59,7 +59,8 @@ def large_campaign(kind: str, n_poses: int, seed: int = 1) -> Campaign:
     spec = CampaignSpec.model_validate({**chosen, "conditions": {"columns": ()}})
     poses = make_poses(demo_arm(), spec, seed)
     drawn = [
-        handed_over(draw_noise(poses, seed + draw).campaign) for draw in range(n_draws)
+        campaign_from_simulation(draw_noise(poses, seed + draw).campaign)
+        for draw in range(n_draws)
     ]
     numbers = np.arange(n_poses)
     return replace(

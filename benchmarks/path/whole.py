@@ -13,7 +13,7 @@ from traverse.daemon.pose.poses import PoseBlock
 from traverse.daemon.scans.plan import plan_scan
 from traverse.daemon.scans.scanner import Scanner
 from traverse.drivers.base.values import CountSamples
-from traverse.drivers.timing.device_clock import TickClock
+from traverse.drivers.timing.device_clock import DeviceClock
 from traverse.drivers.timing.stream_sequence import StreamSequence
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.pose import corrected_pose
@@ -44,7 +44,7 @@ class Timing:
 
     def __init__(self) -> None:
         self._sequence = StreamSequence()
-        self._clock = TickClock(TICKS)
+        self._clock = DeviceClock(TICKS)
 
     def samples(self, block: SampleBlock) -> CountSamples:
         """A block with its times; received when its last sample was latched."""

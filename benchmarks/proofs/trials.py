@@ -7,7 +7,7 @@ import numpy as np
 from benchmarks.proofs.campaigns import mix_poses
 from benchmarks.proofs.invariants import distance_errors
 from benchmarks.proofs.planted import PlantedNoise
-from traverse.cli.blind_campaign import handed_over
+from traverse.cli.blind_campaign import campaign_from_simulation
 from traverse.lab.identification.identify import Options, identify
 from traverse.simulator.campaigns import draw_noise
 from traverse.simulator.campaigns.spec import NoiseTable
@@ -97,7 +97,9 @@ def outcomes(task: Task) -> tuple[Outcome, ...]:
     found = []
     for seed in task.noise_seeds:
         simulated = draw_noise(poses, seed, noise)
-        result = identify(handed_over(simulated.campaign), poses.arm, options)
+        result = identify(
+            campaign_from_simulation(simulated.campaign), poses.arm, options
+        )
         spoilt = np.zeros(poses.n_poses, dtype=np.bool_)
         spoilt[[blunder.row for blunder in simulated.truth.blunders]] = True
         kept = spoilt & result.included

@@ -21,7 +21,7 @@ from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
 from traverse.daemon.points.session import Session
 from traverse.daemon.store.outbox import Outbox
-from traverse.daemon.store.pending_write import Keeping
+from traverse.daemon.store.pending_write import PendingWrite
 from traverse.protocol.encoding import encode
 
 N_ALONE = 200
@@ -50,7 +50,7 @@ class Rig:
             latencies=HealthReport(clock).latencies,
         )
 
-    def take(self) -> Keeping:
+    def take(self) -> PendingWrite:
         """A point on its way to the disk."""
         session = self.session
         point = POINT.model_copy(
@@ -66,10 +66,10 @@ class Rig:
         session.add(point)
         return keeping
 
-    async def safe(self, keeping: Keeping) -> None:
+    async def safe(self, keeping: PendingWrite) -> None:
         """Wait until a point is on the disk."""
         done = asyncio.get_running_loop().create_future()
-        keeping.when_settled(lambda: done.set_result(None))
+        keeping.on_settled(lambda: done.set_result(None))
         await done
         if keeping.trouble is not None:
             raise RuntimeError(keeping.trouble.text)

@@ -13,7 +13,7 @@ from typing import Any, TextIO
 
 from traverse.client.errors import CommandRefused, NoAnswerError
 from traverse.client.mqtt.address import BrokerAddress
-from traverse.client.mqtt.connection import Arrived
+from traverse.client.mqtt.connection import IncomingMessage
 from traverse.client.mqtt.reconnection import Link
 from traverse.client.requests import Requests
 from traverse.protocol import topics
@@ -66,7 +66,7 @@ class Operator:
         self._log.write(json.dumps(line) + "\n")
         self._log.flush()
 
-    def _take(self, arrived: Arrived) -> None:
+    def _take(self, arrived: IncomingMessage) -> None:
         if "/reply/" in arrived.topic:
             self._requests.take_reply(decode(Reply, arrived.payload))
         else:

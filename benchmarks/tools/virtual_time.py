@@ -61,7 +61,7 @@ class VirtualTime:
         return FIRST_NS + round(1e9 * self.now_s)
 
     def wait_for(self, wake_fd: int, seconds: float) -> None:
-        """Let the time pass; for `traverse.drivers.polling.polled_driver.Polled`."""
+        """Let the time pass; for `PolledDriver`."""
         del wake_fd
         self.go_on(seconds)
 

@@ -93,7 +93,7 @@ def align(
     with refusals(COMMAND):
         from traverse.cli.align.computing import (  # noqa: PLC0415 - keeps --help quick
             METHODS,
-            AlignOptions,
+            AlignmentOptions,
         )
 
         if method not in METHODS:
@@ -105,7 +105,7 @@ def align(
         if nominal is None:
             values = _read(points, send=send)
         else:
-            options = AlignOptions(
+            options = AlignmentOptions(
                 points=points,
                 nominal=nominal,
                 method=method,
@@ -144,11 +144,11 @@ def _read(file: Path, *, send: bool) -> dict[str, Any]:
 
 
 def _computed(options: Any) -> dict[str, Any]:  # noqa: ANN401 - imported late
-    from traverse.cli.align.computing import computed_values  # noqa: PLC0415
+    from traverse.cli.align.computing import compute_alignment  # noqa: PLC0415
     from traverse.kinematics.arm_file.arm import FileError  # noqa: PLC0415
 
     try:
-        return computed_values(options)
+        return compute_alignment(options)
     except FileError:
         raise
     except ValueError as error:

@@ -9,8 +9,8 @@ import numpy as np
 
 from traverse.cli.align.sources import arm_of, read_touches
 from traverse.kinematics.arm_file.arm import Arm, read_arm
-from traverse.lab.alignment.best_fit import fitted_alignment
-from traverse.lab.alignment.chained_alignment import joined_values
+from traverse.lab.alignment.best_fit import best_fit_alignment
+from traverse.lab.alignment.chained_alignment import chained_values
 from traverse.lab.alignment.common_points import (
     Place,
     common_points,
@@ -18,12 +18,12 @@ from traverse.lab.alignment.common_points import (
 )
 from traverse.lab.alignment.files import read_alignment
 from traverse.lab.alignment.nominal import Nominal, read_nominal
-from traverse.lab.alignment.plane_line_point import aligned_321
+from traverse.lab.alignment.plane_line_point import align_plane_line_point
 from traverse.lab.alignment.result import AlignmentResult
 from traverse.lab.alignment.touches import Touch
 from traverse.lab.alignment.values import alignment_values
 from traverse.lab.alignment.volume import (
-    VolumeOf,
+    VolumeFunction,
     box_around,
     fixed_volume,
     volume_from_text,
@@ -33,7 +33,7 @@ METHODS = ("best-fit", "3-2-1", "leapfrog")
 
 
 @dataclass(frozen=True, slots=True)
-class AlignOptions:
+class AlignmentOptions:
     """What was asked for; the names are those of the command's options."""
 
     points: Path
@@ -49,7 +49,7 @@ class AlignOptions:
     name: str | None = None
 
 
-def computed_values(options: AlignOptions) -> dict[str, Any]:
+def compute_alignment(options: AlignmentOptions) -> dict[str, Any]:
     """Read everything, compute everything; gives the values of alignment.json.
 
     Raises:
@@ -77,15 +77,20 @@ def computed_values(options: AlignOptions) -> dict[str, Any]:
     )
     if options.onto is None:
         return values
-    return joined_values(values, read_alignment(options.onto), str(options.onto))
+    return chained_values(values, read_alignment(options.onto), str(options.onto))
 
 
 def _onto_nominal(
-    options: AlignOptions, touches: Sequence[Touch], nominal: Nominal, arm: Arm | None
+    options: AlignmentOptions,
+    touches: Sequence[Touch],
+    nominal: Nominal,
+    arm: Arm | None,
 ) -> AlignmentResult:
     volume_of, source = _volume(options, nominal, arm)
     if options.method == "3-2-1":
-        return aligned_321(touches, nominal, volume_of, source, std_mm=options.std_mm)
+        return align_plane_line_point(
+            touches, nominal, volume_of, source, std_mm=options.std_mm
+        )
     known = [point.name for point in nominal.points]
     measured, remarks = places_by_name(
         touches, known, std_mm=options.std_mm, spheres=options.spheres
@@ -94,7 +99,7 @@ def _onto_nominal(
         point.name: Place(place, point.std_mm**2 * np.eye(3))
         for point, place in zip(nominal.points, nominal.places_mm(), strict=True)
     }
-    return fitted_alignment(
+    return best_fit_alignment(
         common_points(measured, places),
         volume_of,
         source,
@@ -104,7 +109,7 @@ def _onto_nominal(
 
 
 def _leapfrog(
-    options: AlignOptions, touches: Sequence[Touch], arm: Arm | None
+    options: AlignmentOptions, touches: Sequence[Touch], arm: Arm | None
 ) -> AlignmentResult:
     before = read_touches(options.nominal, options.coordinates, arm)
     given = {"std_mm": options.std_mm}
@@ -120,7 +125,7 @@ def _leapfrog(
         source = "around all that the first station touched"
     else:
         volume_of, source = volume_from_text(options.volume, arm), "--volume"
-    return fitted_alignment(
+    return best_fit_alignment(
         common_points(second, first),
         volume_of,
         source,
@@ -131,8 +136,8 @@ def _leapfrog(
 
 
 def _volume(
-    options: AlignOptions, nominal: Nominal, arm: Arm | None
-) -> tuple[VolumeOf, str]:
+    options: AlignmentOptions, nominal: Nominal, arm: Arm | None
+) -> tuple[VolumeFunction, str]:
     if options.volume is not None:
         return volume_from_text(options.volume, arm), "--volume"
     if nominal.volume is not None:

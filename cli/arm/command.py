@@ -121,12 +121,12 @@ def from_dh(
     Columns: a_mm, d_mm, alpha_rad and, if wanted, theta_rad (the offset at a reading of
     zero), base_rad, name, counts_per_turn, sign, source; _m and _deg also.
     """
-    from traverse.cli.arm.making import Wishes, arm_from_dh_file  # noqa: PLC0415
+    from traverse.cli.arm.making import ArmOptions, arm_from_dh_file  # noqa: PLC0415
     from traverse.kinematics.arm_file.arm import write_arm  # noqa: PLC0415 - keeps --help quick
     from traverse.kinematics.importers.arm_values import ProbeParts  # noqa: PLC0415
     from traverse.kinematics.importers.dh_rows import Units  # noqa: PLC0415
 
-    wishes = Wishes(
+    wishes = ArmOptions(
         name=name,
         counts_per_turn=counts_per_turn,
         signs=signs,
@@ -179,11 +179,11 @@ def from_urdf(
     Revolute and continuous joints become joints, fixed ones are merged, masses go
     along. The shank is the tip's z axis unless --tool-rpy-rad turns it.
     """
-    from traverse.cli.arm.making import Wishes, arm_from_urdf_file  # noqa: PLC0415
+    from traverse.cli.arm.making import ArmOptions, arm_from_urdf_file  # noqa: PLC0415
     from traverse.kinematics.arm_file.arm import write_arm  # noqa: PLC0415 - keeps --help quick
     from traverse.kinematics.importers.arm_values import ProbeParts  # noqa: PLC0415
 
-    wishes = Wishes(
+    wishes = ArmOptions(
         name=name,
         counts_per_turn=counts_per_turn,
         signs=signs,
@@ -220,13 +220,13 @@ def to_dh(
     from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415 - keeps --help quick
     from traverse.kinematics.importers.dh_file import dh_toml  # noqa: PLC0415
     from traverse.kinematics.importers.dh_report import dh_report, remark_lines  # noqa: PLC0415
-    from traverse.strict_toml.writing import write_whole  # noqa: PLC0415
+    from traverse.strict_toml.writing import write_atomically  # noqa: PLC0415
 
     with refusals("arm"):
         report, csv_text = dh_report(read_arm(file), parallel_below_rad, postures, seed)
         if out is not None:
             as_toml = out.suffix.lower() == ".toml"
-            write_whole(out, dh_toml(report["table"]) if as_toml else csv_text)
+            write_atomically(out, dh_toml(report["table"]) if as_toml else csv_text)
     if as_json:
         typer.echo(json.dumps(report, indent=1))
     elif out is None:

@@ -27,7 +27,7 @@ from traverse.kinematics.importers.urdf_file import read_urdf
 
 
 @dataclass(frozen=True, slots=True)
-class Wishes:
+class ArmOptions:
     """What the options of both commands say; None where nothing is said."""
 
     name: str | None
@@ -44,7 +44,7 @@ class Wishes:
 def arm_from_dh_file(
     path: Path,
     units: Units,
-    wishes: Wishes,
+    wishes: ArmOptions,
     *,
     convention: str | None,
     base_xyz_mm: str | None,
@@ -89,7 +89,7 @@ def arm_from_dh_file(
 
 
 def arm_from_urdf_file(
-    path: Path, root: str | None, tip: str | None, wishes: Wishes
+    path: Path, root: str | None, tip: str | None, wishes: ArmOptions
 ) -> Arm:
     """Make an arm of a robot description.
 
@@ -145,7 +145,7 @@ def _placed(
 
 def _joints(
     path: Path,
-    wishes: Wishes,
+    wishes: ArmOptions,
     *,
     names: Sequence[str],
     counts: Sequence[int | None],

@@ -19,12 +19,12 @@ from traverse.cli.collect.view import instruction, shown, summary
 from traverse.client.cancel_tasks import end
 from traverse.client.mqtt.address import BrokerAddress
 from traverse.client.mqtt.subscription import connection, received, subscribe
-from traverse.daemon.pose.joint_motion import MotionTrail
+from traverse.daemon.pose.joint_motion import JointMotionTracker
 from traverse.lab.collection.collection import Collection, touch_of
 from traverse.lab.collection.targets import Target
 from traverse.protocol.messages import Live, Point
 
-SENSE_BAND_RAD = 5e-4  # hands that rest tremble less
+APPROACH_BAND_RAD = 5e-4  # hands that rest tremble less
 RETRY_S = 1.0
 LINES_SHOWN = 6
 
@@ -59,7 +59,9 @@ class _Session:
         self._allowed = allowed
         self._said: deque[str] = deque(maxlen=LINES_SHOWN)
         self._live: LivePicture | None = None
-        self._trail = MotionTrail(np.full(len(collection.joint_names), SENSE_BAND_RAD))
+        self._trail = JointMotionTracker(
+            np.full(len(collection.joint_names), APPROACH_BAND_RAD)
+        )
         self._next_seq: dict[str, int] = {}
         self._ended = asyncio.Event()
         self._current: Target | None = None

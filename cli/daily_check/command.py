@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from traverse.client.mqtt.address import BrokerAddress
     from traverse.kinematics.arm_file.arm import Arm
     from traverse.lab.daily_check.history import Check
-    from traverse.lab.daily_check.report import InterimReport
+    from traverse.lab.daily_check.report import DailyCheckReport
 
 NO, UNREACHABLE = 1, 3
 HISTORY = "interim.db"
@@ -179,13 +179,13 @@ def _checked(folder: Path, arm: "Arm", begins: str) -> "Check":
     """The figures of a folder, as they go into the history."""
     from traverse.kinematics.arm_file.arm import arm_digest  # noqa: PLC0415 - quick help
     from traverse.lab.campaign.campaign_file import read_campaign_file  # noqa: PLC0415
-    from traverse.lab.daily_check.figures import interim_figures  # noqa: PLC0415
+    from traverse.lab.daily_check.figures import daily_check_figures  # noqa: PLC0415
     from traverse.lab.daily_check.history import Check  # noqa: PLC0415
     from traverse.lab.measured_points.certified_values import IncompleteError  # noqa: PLC0415
     from traverse.lab.measured_points.reading import files_read, read_measured  # noqa: PLC0415
 
     try:
-        figures = interim_figures(read_measured(folder, arm))
+        figures = daily_check_figures(read_measured(folder, arm))
     except IncompleteError as error:
         typer.echo(f"traverse interim: {folder}: {error}", err=True)
         raise typer.Exit(NO) from error
@@ -204,7 +204,7 @@ def _checked(folder: Path, arm: "Arm", begins: str) -> "Check":
 
 def _report(
     checks: "list[Check]", arm: str, limits: Path | None, acceptance: Path | None
-) -> "InterimReport":
+) -> "DailyCheckReport":
     from traverse.lab.acceptance.conformity.limits import NO_LIMITS, read_limits  # noqa: PLC0415
     from traverse.lab.daily_check.report import (  # noqa: PLC0415 - quick help
         read_certificate,
@@ -218,7 +218,7 @@ def _report(
     return report_of(checks, permitted, beside)
 
 
-def _tell(report: "InterimReport", *, as_json: bool) -> None:
+def _tell(report: "DailyCheckReport", *, as_json: bool) -> None:
     if as_json:
         from traverse.lab.daily_check.report import report_values  # noqa: PLC0415
 

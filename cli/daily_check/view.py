@@ -4,12 +4,12 @@ from collections.abc import Iterator
 
 from traverse.lab.daily_check.chart_pictures import chart_lines
 from traverse.lab.daily_check.control_chart import rules
-from traverse.lab.daily_check.report import FigureChart, InterimReport
+from traverse.lab.daily_check.report import DailyCheckReport, FigureChart
 
 CHECKS_A_YEAR = 250
 
 
-def report_lines(report: InterimReport) -> Iterator[str]:
+def report_lines(report: DailyCheckReport) -> Iterator[str]:
     """Say a report."""
     check = report.checks[-1]
     warm = check.figures.temperature_c

@@ -7,10 +7,10 @@ from typing import Any
 from traverse.cli.export.file import selected_points
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.lab.campaign.campaign_file import read_campaign_file
-from traverse.lab.collection.collection import Collection, Touch, touch_of
+from traverse.lab.collection.collection import CollectedTouch, Collection, touch_of
 from traverse.lab.collection.targets import targets_of
 from traverse.protocol.messages import Point
-from traverse.strict_toml.writing import write_whole
+from traverse.strict_toml.writing import write_atomically
 
 
 def export_campaign(
@@ -34,7 +34,7 @@ def export_campaign(
     if folder.exists() and any(folder.iterdir()):
         raise ValueError(f"{folder} is not empty; name another with --out")
     folder.mkdir(parents=True, exist_ok=True)
-    write_whole(folder / "campaign.toml", campaign.read_text("utf-8"))
+    write_atomically(folder / "campaign.toml", campaign.read_text("utf-8"))
     collection = Collection(file, folder, names, targets_of(file, 1))
     left_out: list[str] = []
     points = selected_points(source, session, retracted=False)
@@ -53,7 +53,7 @@ def campaign_words(report: dict[str, Any]) -> list[str]:
 
 def _touches(
     collection: Collection, points: Iterator[Point], left_out: list[str]
-) -> Iterator[Touch]:
+) -> Iterator[CollectedTouch]:
     n_joints = len(collection.joint_names)
     for point in points:
         label = point.label

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from traverse.cli.points.resend import LAST
 from traverse.client.exports.point_table import PointTable
-from traverse.daemon.store.queries import all_messages_of, open_to_read, sessions_of
-from traverse.daemon.store.records import OutboxRefusedError
+from traverse.daemon.store.queries import iter_messages, open_read_only, read_sessions
+from traverse.daemon.store.records import StoreRefusedError
 from traverse.protocol.encoding import decode
 from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages import Point
@@ -85,12 +85,12 @@ def _table(time_ns: int, cloud: NDArray[np.void]) -> PointTable:
 
 def _of_outbox(source: Path) -> Iterator[Point]:
     try:
-        connection = open_to_read(source)
-    except OutboxRefusedError as error:
+        connection = open_read_only(source)
+    except StoreRefusedError as error:
         raise ValueError(str(error)) from error
     try:
-        for session in sessions_of(connection, LAST):
-            for held in all_messages_of(connection, session.session, 0, LAST):
+        for session in read_sessions(connection, LAST):
+            for held in iter_messages(connection, session.session, 0, LAST):
                 yield decode(Point, held.payload, held.encoding)
     except MessageError as error:
         raise ValueError(f"{source}: {error}") from error

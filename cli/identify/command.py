@@ -136,7 +136,7 @@ def _written(result: "Identification", out: Path) -> list[str]:
         identification_json,
         write_result,
     )
-    from traverse.strict_toml.writing import write_whole  # noqa: PLC0415
+    from traverse.strict_toml.writing import write_atomically  # noqa: PLC0415
 
     found = result_map(result)
     lines = summary_lines(result, found)
@@ -144,7 +144,7 @@ def _written(result: "Identification", out: Path) -> list[str]:
         # An arm file of it might be measured with.
         out.mkdir(parents=True, exist_ok=True)
         text = json.dumps(identification_json(result), indent=1) + "\n"
-        write_whole(out / "identification.json", text)
+        write_atomically(out / "identification.json", text)
         write_report(result, found, out / "report.html")
         return [*lines, f"wrote {out}: identification.json, report.html; no arm.toml"]
     write_result(result, out)

@@ -30,7 +30,7 @@ _BETA_JOINT = 3
 
 
 @dataclass(frozen=True, slots=True)
-class ToldArm:
+class MicroscribeDescription:
     """What the arm says.
 
     Attributes:
@@ -48,7 +48,9 @@ class ToldArm:
     home: tuple[int, ...]
 
 
-def arm_from_told(told: ToldArm, device: str, radius_mm: float) -> Arm:
+def arm_from_microscribe(
+    told: MicroscribeDescription, device: str, radius_mm: float
+) -> Arm:
     """Make an arm of what a MicroScribe says.
 
     Args:
@@ -95,7 +97,7 @@ def geometry_of(kinematics: Kinematics, base_posture_rad: Floats) -> Geometry:
     return geometry
 
 
-def _joint_count(told: ToldArm) -> int:
+def _joint_count(told: MicroscribeDescription) -> int:
     there = [bool(greatest) for greatest in told.maxes]
     n = sum(there)
     problems = []

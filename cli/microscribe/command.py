@@ -75,21 +75,21 @@ def arm_file(
     The arm stands in its home position while it is switched on. Exit status 2 if what
     it says makes no arm file, or a file exists already; 3 if it does not answer.
     """
-    from traverse.cli.microscribe.arm_values import arm_from_told  # noqa: PLC0415
-    from traverse.cli.microscribe.inquiry import ask_told  # noqa: PLC0415
+    from traverse.cli.microscribe.arm_values import arm_from_microscribe  # noqa: PLC0415
+    from traverse.cli.microscribe.inquiry import query_microscribe  # noqa: PLC0415
     from traverse.drivers.base.values import DeviceError  # noqa: PLC0415 - keeps --help quick
     from traverse.kinematics.arm_file.arm import write_arm  # noqa: PLC0415
-    from traverse.strict_toml.writing import write_whole  # noqa: PLC0415
+    from traverse.strict_toml.writing import write_atomically  # noqa: PLC0415
 
     config = out.with_name("traverse.toml")
     _check_names(out, config, baud_rate, device, force=force)
     with refusals("microscribe arm-file"):
         try:
-            said, told = ask_told(port, baud_rate, name)
+            said, told = query_microscribe(port, baud_rate, name)
         except DeviceError as error:
             typer.echo(f"{error}; {error.remedy}", err=True)
             raise typer.Exit(UNREACHABLE) from error
-        arm = arm_from_told(told, device, radius_mm)
+        arm = arm_from_microscribe(told, device, radius_mm)
         text = CONFIGURATION.format(
             name=said.name,
             file=config.name,
@@ -100,7 +100,7 @@ def arm_file(
             id=device,
         )
         write_arm(out, arm)
-        write_whole(config, text)
+        write_atomically(config, text)
     report = {
         "arm_file": str(out),
         "configuration": str(config),

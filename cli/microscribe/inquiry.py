@@ -6,18 +6,21 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
-from traverse.cli.microscribe.arm_values import ToldArm
+from traverse.cli.microscribe.arm_values import MicroscribeDescription
 from traverse.drivers.io.serial_port import SerialPort
-from traverse.drivers.microscribe.identification import MicroscribeArm, ask_arm
+from traverse.drivers.microscribe.identification import (
+    MicroscribeIdentification,
+    read_identification,
+)
 from traverse.drivers.microscribe.line import MicroscribeLine
 from traverse.drivers.microscribe.session import BAUD_RATES, signed_on
 from traverse.kinematics.arm_file.arm import FileError, Problem
 from traverse.protocol.microscribe.session import DH_FORMAT, kinematics_of
 
 
-def ask_told(
+def query_microscribe(
     port: str, baud_rate: int | None, name: str | None
-) -> tuple[MicroscribeArm, ToldArm]:
+) -> tuple[MicroscribeIdentification, MicroscribeDescription]:
     """What an arm says of itself, and its geometry with it.
 
     Args:
@@ -43,7 +46,9 @@ def ask_told(
             raise FileError(port, [Problem("geometry", what)]) from error
         home = (*line.home(), *[0] * len(arm.maxes.encoders))
     maxes = arm.maxes.encoders
-    return arm, ToldArm(name or topic_name(arm.name), port, kinematics, maxes, home)
+    return arm, MicroscribeDescription(
+        name or topic_name(arm.name), port, kinematics, maxes, home
+    )
 
 
 def topic_name(text: str) -> str:
@@ -54,7 +59,7 @@ def topic_name(text: str) -> str:
 @contextmanager
 def _session(
     port: str, rates: Sequence[int]
-) -> Iterator[tuple[MicroscribeLine, MicroscribeArm]]:
+) -> Iterator[tuple[MicroscribeLine, MicroscribeIdentification]]:
     """A session with the arm; ends with the block."""
     wake_read, wake_write = os.pipe2(os.O_NONBLOCK)
     try:
@@ -65,7 +70,7 @@ def _session(
             lambda: False,
         )
         try:
-            yield line, ask_arm(line, box, rate)
+            yield line, read_identification(line, box, rate)
         finally:
             line.end()
             line.port.close()

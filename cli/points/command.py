@@ -48,21 +48,21 @@ def list_points(
     """
     from traverse.cli.points.lines import point_line, session_line  # noqa: PLC0415
     from traverse.daemon.store.queries import (  # noqa: PLC0415 - keeps --help quick
-        all_messages_of,
         counts_of,
-        sessions_of,
+        iter_messages,
+        read_sessions,
     )
 
     command = "points list"
     with _opened(command, db, config) as connection:
         if session is None:
-            for one in sessions_of(connection, LAST):
+            for one in read_sessions(connection, LAST):
                 n, unsent = counts_of(connection, one.session)
                 typer.echo(session_line(one, n, unsent, as_json=as_json))
             return
         _check(command, connection, session)
         last = LAST if to_seq is None else to_seq
-        for message in all_messages_of(connection, session, from_seq, last):
+        for message in iter_messages(connection, session, from_seq, last):
             typer.echo(point_line(message, as_json=as_json))
 
 
@@ -91,7 +91,7 @@ def export(
     Exit status 1: some could not be read; 2: the file cannot be read or written.
     """
     from traverse.cli.points.export import FORMATS, write_points  # noqa: PLC0415
-    from traverse.daemon.store.queries import all_messages_of, sessions_of  # noqa: PLC0415
+    from traverse.daemon.store.queries import iter_messages, read_sessions  # noqa: PLC0415
 
     command = "points export"
     if as_format not in FORMATS:
@@ -109,11 +109,11 @@ def export(
                 file = stack.enter_context(out.open("wb"))
             except OSError as error:
                 refuse(command, f"{out}: {error.strerror}; name another file")
-        names = [s.session for s in sessions_of(connection, LAST)]
+        names = [s.session for s in read_sessions(connection, LAST)]
         messages = (
             message
             for name in (names if session is None else [session])
-            for message in all_messages_of(connection, name, from_seq, last)
+            for message in iter_messages(connection, name, from_seq, last)
         )
         n, unreadable = write_points(messages, file, as_format)
     for text in unreadable:
@@ -135,17 +135,17 @@ def _opened(
     import sqlite3  # noqa: PLC0415 - keeps --help quick
 
     from traverse.daemon.state_dir import OUTBOX, state_path  # noqa: PLC0415
-    from traverse.daemon.store.queries import open_to_read  # noqa: PLC0415
-    from traverse.daemon.store.records import OutboxRefusedError  # noqa: PLC0415
+    from traverse.daemon.store.queries import open_read_only  # noqa: PLC0415
+    from traverse.daemon.store.records import StoreRefusedError  # noqa: PLC0415
 
     if (db is None) == (config is None):
         refuse(command, "give --db FILE or --config FILE, one of them")
     path = db or state_path(config or Path()) / OUTBOX
     connection = None
     try:
-        connection = open_to_read(path)
+        connection = open_read_only(path)
         yield connection
-    except OutboxRefusedError as error:
+    except StoreRefusedError as error:
         refuse(command, str(error))
     except sqlite3.Error as error:
         refuse(command, f"{path}: cannot be read: {error}; check file and rights")
@@ -156,9 +156,9 @@ def _opened(
 
 def _check(command: str, connection: "Connection", session: str) -> None:
     """End the command where the outbox has nothing of a session."""
-    from traverse.daemon.store.queries import messages_of  # noqa: PLC0415 - quick help
+    from traverse.daemon.store.queries import read_messages  # noqa: PLC0415 - quick help
 
-    if not messages_of(connection, session, 0, LAST, 1):
+    if not read_messages(connection, session, 0, LAST, 1):
         refuse(
             command,
             f"there are no points of session {session!r}; `traverse points list` tells "

@@ -20,7 +20,7 @@ from traverse.kinematics.probing.pivot import Pivot, fit_pivot
 from traverse.lab.campaign.campaign import Campaign, read_campaign
 from traverse.lab.identification.equations.effect_model import block_of
 from traverse.lab.identification.equations.plausible_sizes import campaign_start
-from traverse.strict_toml.writing import arm_text, write_whole
+from traverse.strict_toml.writing import arm_text, write_atomically
 
 Floats = NDArray[np.float64]
 
@@ -160,7 +160,7 @@ def write_vector(
     )
     changed = library.model_copy(update={"probes": probes})
     text = arm_text(changed.model_dump(by_alias=True), path.read_text("utf-8"))
-    write_whole(path, text)
+    write_atomically(path, text)
     return changed
 
 

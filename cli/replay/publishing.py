@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import aiomqtt
 
 from traverse.client.mqtt.address import BrokerAddress
-from traverse.client.mqtt.broker_client import EnteringClient
+from traverse.client.mqtt.broker_client import ConfiguredClient
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Point
 from traverse.protocol.topics import point_topic
@@ -23,7 +23,7 @@ async def published(points: Sequence[Point], broker: BrokerAddress) -> int:
     """
     sessions: dict[str, str] = {}
     try:
-        async with EnteringClient(broker) as client:
+        async with ConfiguredClient(broker) as client:
             for point in points:
                 session = sessions.setdefault(
                     point.session, f"replay-{uuid.uuid4().hex}"

@@ -62,10 +62,10 @@ def _only_arm(broker: "BrokerAddress") -> str | None:
     from traverse.client.errors import (  # noqa: PLC0415 - keeps --help quick
         BrokerUnreachableError,
     )
-    from traverse.client.mqtt.discovery import arms_on  # noqa: PLC0415
+    from traverse.client.mqtt.discovery import find_arms  # noqa: PLC0415
 
     try:
-        arms = asyncio.run(arms_on(broker, FIND_S))
+        arms = asyncio.run(find_arms(broker, FIND_S))
     except BrokerUnreachableError as error:
         typer.echo(str(error), err=True)
         raise typer.Exit(3) from error

@@ -77,7 +77,7 @@ class BrokerAddress:
         return self.port or (TLS_PORT if self.tls else PORT)
 
     def options(self) -> dict[str, Any]:
-        """Arguments of `Visitor`; files are read now, so they may be renewed.
+        """Arguments of `DiagnosingClient`; files are read now, so they may be renewed.
 
         Raises:
             OSError: a file cannot be read, or holds not what it should.

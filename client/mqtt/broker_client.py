@@ -4,7 +4,7 @@ from typing import Any, Self
 
 import aiomqtt
 
-from traverse.broker.diagnosing_client import Visitor
+from traverse.broker.diagnosing_client import DiagnosingClient
 from traverse.broker.reasons import Wording, is_refusal, reason_of
 from traverse.client.mqtt.address import BrokerAddress
 
@@ -16,11 +16,11 @@ WORDING = Wording(
 )
 
 
-class EntryRefusedError(aiomqtt.MqttError):
+class AccessRefusedError(aiomqtt.MqttError):
     """The broker does not let us in, and waiting will not change that."""
 
 
-class EnteringClient(Visitor):
+class ConfiguredClient(DiagnosingClient):
     """A connection to a broker that says why it did not come about.
 
     Args:
@@ -28,7 +28,7 @@ class EnteringClient(Visitor):
         options: further ones of aiomqtt's client.
 
     Raises:
-        EntryRefusedError: a file of the address cannot be used.
+        AccessRefusedError: a file of the address cannot be used.
     """
 
     def __init__(
@@ -40,19 +40,19 @@ class EnteringClient(Visitor):
         try:
             where = address.options()
         except OSError as error:
-            raise EntryRefusedError(str(error)) from error
+            raise AccessRefusedError(str(error)) from error
         super().__init__(**where, **options)
 
     async def __aenter__(self) -> Self:
         """Connect.
 
         Raises:
-            EntryRefusedError: the broker does not want us, or we do not trust it.
+            AccessRefusedError: the broker does not want us, or we do not trust it.
             aiomqtt.MqttError: it is not there. Both say what to do.
         """
         try:
             return await super().__aenter__()
         except aiomqtt.MqttError as error:
             refused = is_refusal(error) or is_refusal(error.__cause__)
-            kind = EntryRefusedError if refused else aiomqtt.MqttError
+            kind = AccessRefusedError if refused else aiomqtt.MqttError
             raise kind(reason_of(error, self._address, WORDING)) from error

@@ -17,13 +17,13 @@ from paho.mqtt.client import Client as PahoClient
 from paho.mqtt.client import MQTTMessage
 
 from traverse.client.mqtt.address import BrokerAddress
-from traverse.client.mqtt.broker_client import EnteringClient
+from traverse.client.mqtt.broker_client import ConfiguredClient
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
-class Arrived:
+class IncomingMessage:
     """A message as it came.
 
     Attributes:
@@ -35,7 +35,7 @@ class Arrived:
     number: int
 
 
-class BrokerConnection(EnteringClient):
+class ManualAckConnection(ConfiguredClient):
     """A connection; use with `async with`, then wait for `ended`.
 
     Args:
@@ -43,7 +43,9 @@ class BrokerConnection(EnteringClient):
         take: called with each message.
     """
 
-    def __init__(self, address: BrokerAddress, take: Callable[[Arrived], None]) -> None:
+    def __init__(
+        self, address: BrokerAddress, take: Callable[[IncomingMessage], None]
+    ) -> None:
         super().__init__(address)
         self._take = take
         self.pending_calls_threshold = 1000
@@ -53,7 +55,7 @@ class BrokerConnection(EnteringClient):
         """Tell the broker that a message has been taken."""
         self._client.ack(number, 1)
 
-    async def ask_for(self, topic: str, qos: int) -> None:
+    async def subscribe_checked(self, topic: str, qos: int) -> None:
         """Subscribe.
 
         Raises:
@@ -122,4 +124,4 @@ class BrokerConnection(EnteringClient):
         message: MQTTMessage,
     ) -> None:
         number = message.mid if message.qos else 0
-        self._take(Arrived(message.topic, bytes(message.payload), number))
+        self._take(IncomingMessage(message.topic, bytes(message.payload), number))

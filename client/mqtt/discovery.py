@@ -7,14 +7,14 @@ import aiomqtt
 
 from traverse.client.errors import BrokerUnreachableError
 from traverse.client.mqtt.address import BrokerAddress
-from traverse.client.mqtt.broker_client import EnteringClient
+from traverse.client.mqtt.broker_client import ConfiguredClient
 from traverse.protocol import topics
 from traverse.protocol.message_error import MessageError
 
 QUIET_S = 0.3
 
 
-async def arms_on(address: BrokerAddress, patience_s: float) -> list[str]:
+async def find_arms(address: BrokerAddress, patience_s: float) -> list[str]:
     """Names of all arms that have ever told the broker their state, sorted.
 
     Args:
@@ -26,7 +26,7 @@ async def arms_on(address: BrokerAddress, patience_s: float) -> list[str]:
     """
     found: set[str] = set()
     try:
-        async with EnteringClient(address) as client:
+        async with ConfiguredClient(address) as client:
             await client.subscribe(topics.kind_filter("status"), qos=1)
             messages = aiter(client.messages)
             with contextlib.suppress(TimeoutError):

@@ -9,8 +9,8 @@ import aiomqtt
 
 from traverse.client.errors import BrokerUnreachableError
 from traverse.client.mqtt.address import BrokerAddress
-from traverse.client.mqtt.broker_client import EntryRefusedError
-from traverse.client.mqtt.connection import Arrived, BrokerConnection
+from traverse.client.mqtt.broker_client import AccessRefusedError
+from traverse.client.mqtt.connection import IncomingMessage, ManualAckConnection
 
 log = logging.getLogger(__name__)
 
@@ -37,7 +37,7 @@ class Link:
         self,
         address: BrokerAddress,
         *,
-        take: Callable[[Arrived], None],
+        take: Callable[[IncomingMessage], None],
         came: Callable[[], None],
         went: Callable[[], None],
     ) -> None:
@@ -49,7 +49,7 @@ class Link:
         self._take = take
         self._came = came
         self._went = went
-        self._connection: BrokerConnection | None = None
+        self._connection: ManualAckConnection | None = None
 
     @property
     def is_up(self) -> bool:
@@ -61,9 +61,9 @@ class Link:
         wait_s = FIRST_WAIT_S
         while True:
             try:
-                async with BrokerConnection(self.address, self._take) as connection:
+                async with ManualAckConnection(self.address, self._take) as connection:
                     for topic, qos in self.topics.items():
-                        await connection.ask_for(topic, qos)
+                        await connection.subscribe_checked(topic, qos)
                     self._connection = connection
                     self.connections += 1
                     self.reason, wait_s = "", FIRST_WAIT_S
@@ -72,7 +72,7 @@ class Link:
                     await connection.ended()
             except (aiomqtt.MqttError, OSError) as error:
                 self._gone(str(error))
-                if isinstance(error, EntryRefusedError):
+                if isinstance(error, AccessRefusedError):
                     self._settled.set()
             finally:
                 self._connection = None
@@ -115,7 +115,7 @@ class Link:
         """Subscribe, now and at every connection to come."""
         self.topics[topic] = qos
         if self._connection is not None:
-            await self._connection.ask_for(topic, qos)
+            await self._connection.subscribe_checked(topic, qos)
 
     async def drop_topic(self, topic: str) -> None:
         """Unsubscribe."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import aiomqtt
 
 from traverse.client.mqtt.address import BrokerAddress
-from traverse.client.mqtt.broker_client import EnteringClient
+from traverse.client.mqtt.broker_client import ConfiguredClient
 from traverse.protocol import topics
 from traverse.protocol.encoding import decode
 from traverse.protocol.message_error import MessageError
@@ -61,7 +61,7 @@ def connection(address: BrokerAddress) -> aiomqtt.Client:
     Raises:
         OSError: a file of the address cannot be used.
     """
-    client = EnteringClient(address, max_queued_incoming_messages=MAX_WAITING)
+    client = ConfiguredClient(address, max_queued_incoming_messages=MAX_WAITING)
     client.pending_calls_threshold = MAX_WAITING
     return client
 

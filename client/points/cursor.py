@@ -9,7 +9,7 @@ from traverse.protocol.message_error import MessageError
 SCHEMA = "traverse/place/1"
 
 
-def read_place(path: Path, arm: str) -> dict[str, int] | None:
+def read_cursor(path: Path, arm: str) -> dict[str, int] | None:
     """Next numbers of the sessions, the newest last; None where there is no file.
 
     Raises:
@@ -38,7 +38,7 @@ def read_place(path: Path, arm: str) -> dict[str, int] | None:
     return sessions
 
 
-def write_place(path: Path, arm: str, place: dict[str, int]) -> None:
+def write_cursor(path: Path, arm: str, place: dict[str, int]) -> None:
     """Write it whole or not at all, also when the power fails."""
     text = json.dumps({"schema": SCHEMA, "arm": arm, "sessions": place}, indent=1)
     beside = path.with_name(f"{path.name}.new")

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from traverse.client.change_signal import Pulse
 from traverse.client.errors import ClientError, CommandRefused
 from traverse.client.mqtt.reconnection import Link
-from traverse.client.points.reorder_buffer import Ask, PointOrder
+from traverse.client.points.reorder_buffer import Ask, ReorderBuffer
 from traverse.client.requests import Requests
 from traverse.client.results import HeldSession, Resent
 from traverse.protocol.message_error import MessageError
@@ -37,7 +37,7 @@ class Asking:
 
     def __init__(
         self,
-        order: PointOrder,
+        order: ReorderBuffer,
         link: Link,
         requests: Requests,
         room: Callable[[], int],
@@ -80,11 +80,11 @@ class Asking:
             except (ClientError, MessageError) as error:
                 self._order.unanswered(ask)
                 log.info("points may be missing: %s", error)
-                self._count_silence(before, str(error))
+                self._count_unanswered(before, str(error))
             await asyncio.sleep(wait_s)
             wait_s = min(2 * wait_s, LAST_WAIT_S)
 
-    def _count_silence(self, before: tuple[int, int], reason: str) -> None:
+    def _count_unanswered(self, before: tuple[int, int], reason: str) -> None:
         """Points that come while nobody answers: this client may read, not command."""
         n_taken, connections = before
         is_speaking = self._order.n_taken > n_taken
@@ -100,14 +100,14 @@ class Asking:
     async def _next_ask(self) -> Ask:
         """Wait until something is missing, or nothing has come for long."""
         while True:
-            ask = self._order.next_ask(self._room())
+            ask = self._order.next_request(self._room())
             if ask is not None:
                 return ask
             before = self._order.n_taken
             if await self._questions.wait(TAIL_S) or before != self._order.n_taken:
                 continue
-            if self._order.may_ask and self._room():
-                return self._order.tail_ask()
+            if self._order.can_request and self._room():
+                return self._order.tail_request()
 
     async def _carry_out(self, ask: Ask, arrival_s: float) -> None:
         if ask.session is None:
@@ -126,7 +126,11 @@ class Asking:
         """Wait until points up to a number are here, or for so long none came."""
         loop = asyncio.get_running_loop()
         until_s, next_seq = loop.time() + seconds, self._order.next_seq_of(session)
-        while next_seq is not None and next_seq <= last and not self._order.must_list:
+        while (
+            next_seq is not None
+            and next_seq <= last
+            and not self._order.needs_session_list
+        ):
             left_s = until_s - loop.time()
             if left_s <= 0:
                 return

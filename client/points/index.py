@@ -8,7 +8,7 @@ from traverse.protocol.messages import Point
 MAX_REMEMBERED = 256
 
 
-class PointsById:
+class PointIndex:
     """The latest points that came, to be found by their names."""
 
     def __init__(self) -> None:

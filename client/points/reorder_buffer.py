@@ -14,7 +14,11 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from traverse.client.points.session_order import FORGOTTEN, NEVER_FOLLOWED, SessionOrder
+from traverse.client.points.session_order import (
+    FORGOTTEN,
+    NEVER_FOLLOWED,
+    SessionSequence,
+)
 from traverse.client.points.session_points import Lost
 from traverse.client.results import HeldSession, Resent
 from traverse.protocol.messages import Point
@@ -41,7 +45,7 @@ class Ask:
     is_tail: bool = False
 
 
-class PointOrder:
+class ReorderBuffer:
     """Takes points as they come; `ready` holds those whose turn it is.
 
     Args:
@@ -49,7 +53,7 @@ class PointOrder:
             points of from now on, an empty map with everything that the outbox holds.
 
     Attributes:
-        must_list: whether it has to be asked which sessions there are.
+        needs_session_list: whether it has to be asked which sessions there are.
         ready: points and losses in their order, to be taken from the left.
         n_taken: points that came, whatever became of them.
         duplicates: points that came once more.
@@ -58,10 +62,10 @@ class PointOrder:
     """
 
     def __init__(self, since: Mapping[str, int] | None) -> None:
-        self._sessions = SessionOrder(since)
-        self._strangers: dict[str, dict[int, Point]] = {}
+        self._sessions = SessionSequence(since)
+        self._unknown_sessions: dict[str, dict[int, Point]] = {}
         self._refusal: str | None = None
-        self.must_list = True
+        self.needs_session_list = True
         self.ready: deque[Point | Lost] = deque()
         self.n_taken = 0
         self.duplicates = 0
@@ -79,31 +83,34 @@ class PointOrder:
         return self._sessions.start
 
     @property
-    def may_ask(self) -> bool:
+    def can_request(self) -> bool:
         """Whether the arm sends points again, as far as is known."""
         return self._refusal is None
 
     @property
-    def has_questions(self) -> bool:
+    def needs_request(self) -> bool:
         """Whether something may have to be asked for."""
         head = self._sessions.head
-        return self.may_ask and (
-            self.must_list
-            or (head is not None and (head.next_seq <= head.known or head.is_doubtful))
+        return self.can_request and (
+            self.needs_session_list
+            or (
+                head is not None
+                and (head.next_seq <= head.known or head.needs_confirmation)
+            )
         )
 
     @property
     def n_held(self) -> int:
         """Points that came before their turn."""
         followed = sum(len(one.held) for one in self._sessions)
-        return followed + sum(map(len, self._strangers.values()))
+        return followed + sum(map(len, self._unknown_sessions.values()))
 
     def take(self, point: Point, *, room: bool = True) -> None:
         """A point has come; without room it only counts as seen."""
         self.n_taken += 1
         followed = self._sessions.get(point.session)
         if followed is None:
-            self._take_strange(point)
+            self._buffer_unknown(point)
             return
         if point.seq < followed.next_seq or point.seq in followed.held:
             self.duplicates += 1
@@ -121,22 +128,24 @@ class PointOrder:
         """The arm says that this is its session."""
         self._sessions.anchor = self._sessions.anchor or session
         if self._sessions.get(session) is None and self._sessions.past(session) is None:
-            self.must_list = True
+            self.needs_session_list = True
 
-    def may_ask_again(self) -> None:
+    def connection_restored(self) -> None:
         """There is a new connection: what was refused may be granted now."""
         self._refusal = None
-        self.must_list = True
+        self.needs_session_list = True
 
-    def next_ask(self, room: int) -> Ask | None:
+    def next_request(self, room: int) -> Ask | None:
         """What is to be asked for now; None: nothing is known to be missing.
 
         It counts as asked; say so with `unanswered` where no answer came.
         """
         if self._refusal is not None:
             return None
-        if self.must_list:
-            self.must_list = False  # unless something new comes before the answer
+        if self.needs_session_list:
+            self.needs_session_list = (
+                False  # unless something new comes before the answer
+            )
             return Ask(None)
         head = self._sessions.head
         if head is None or room < 1:
@@ -145,9 +154,9 @@ class PointOrder:
         if gap is not None:
             first, last = gap
             return Ask(head.session, first, min(last, first + min(room, BATCH) - 1))
-        return self.tail_ask() if head.is_doubtful else None
+        return self.tail_request() if head.needs_confirmation else None
 
-    def tail_ask(self) -> Ask:
+    def tail_request(self) -> Ask:
         """Asks for what may have come after the last point that is known of."""
         head = self._sessions.head
         if head is None:
@@ -162,7 +171,7 @@ class PointOrder:
 
     def unanswered(self, ask: Ask) -> None:
         """No answer came."""
-        self.must_list = self.must_list or ask.session is None
+        self.needs_session_list = self.needs_session_list or ask.session is None
 
     def resent(self, ask: Ask, answer: Resent) -> int | None:
         """The outbox has answered.
@@ -175,8 +184,8 @@ class PointOrder:
         if head is None or head.session != ask.session:
             return None
         first, last = answer.first_seq, answer.last_seq
-        if head.is_doubtful:
-            head.is_doubtful, head.has_ended = False, True
+        if head.needs_confirmation:
+            head.needs_confirmation, head.has_ended = False, True
             head.cut = UNKNOWN if last is None else ""
         if last is not None:
             head.see(last)
@@ -192,45 +201,47 @@ class PointOrder:
     def refuse(self, reason: str) -> None:
         """The arm cannot send points again: go on with what comes, and tell gaps."""
         self._refusal = reason
-        self.must_list = False
+        self.needs_session_list = False
         first_time = not self.has_begun
         if first_time:
-            self._sessions.begin_blindly()
-        self._adopt_strangers(from_lowest=first_time and self._sessions.begins_now)
+            self._sessions.begin_without_list()
+        self._adopt_unknown_sessions(
+            from_lowest=first_time and self._sessions.begins_now
+        )
         self._hand_on()
 
     def listed(self, sessions: Sequence[HeldSession]) -> None:
         """The outbox has told which sessions it holds, oldest first."""
-        lowest = {name: min(held) for name, held in self._strangers.items()}
-        self._sessions.list(sessions, lowest, is_old=self.must_list)
-        self._adopt_strangers()
+        lowest = {name: min(held) for name, held in self._unknown_sessions.items()}
+        self._sessions.list(sessions, lowest, is_old=self.needs_session_list)
+        self._adopt_unknown_sessions()
         self._hand_on()
 
-    def _take_strange(self, point: Point) -> None:
+    def _buffer_unknown(self, point: Point) -> None:
         """Keep a point of a session that is not known yet."""
         past = self._sessions.past(point.session)
-        held = self._strangers.get(point.session, {})
+        held = self._unknown_sessions.get(point.session, {})
         is_past = past is not None and (past == NEVER_FOLLOWED or point.seq < past)
         if is_past or point.seq in held:
             self.duplicates += 1
             return
-        self.must_list = True
+        self.needs_session_list = True
         if self.n_held >= MAX_HELD:
             self.put_back += 1
             return
-        self._strangers.setdefault(point.session, held)[point.seq] = point
+        self._unknown_sessions.setdefault(point.session, held)[point.seq] = point
         if self._refusal is not None:
             self.refuse(self._refusal)
 
-    def _adopt_strangers(self, *, from_lowest: bool = False) -> None:
+    def _adopt_unknown_sessions(self, *, from_lowest: bool = False) -> None:
         """Sort in the points that waited for the list of sessions."""
-        strangers, self._strangers = self._strangers, {}
-        for session, held in strangers.items():
+        unknown_sessions, self._unknown_sessions = self._unknown_sessions, {}
+        for session, held in unknown_sessions.items():
             lowest = min(held)
             past = self._sessions.past(session)
             followed = self._sessions.get(session)
-            if followed is None and past is None and self.must_list:
-                self._strangers[session] = held  # the next list may know it
+            if followed is None and past is None and self.needs_session_list:
+                self._unknown_sessions[session] = held  # the next list may know it
                 continue
             if followed is None and past == NEVER_FOLLOWED:
                 self.duplicates += len(held)

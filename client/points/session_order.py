@@ -11,7 +11,7 @@ NEVER_FOLLOWED = -1
 FORGOTTEN = "the arm's outbox holds them no more"
 
 
-class SessionOrder:
+class SessionSequence:
     """Sessions in the order in which they began; the first is the head.
 
     Args:
@@ -55,7 +55,7 @@ class SessionOrder:
         """The next number of a session that is past; None where it is not."""
         return self._past.get(session)
 
-    def begin_blindly(self) -> None:
+    def begin_without_list(self) -> None:
         """Begin without knowing which sessions there are."""
         self.has_begun = True
         for session, next_seq in (self._since or {}).items():
@@ -86,7 +86,7 @@ class SessionOrder:
             elif followed.known < 0:
                 del self._sessions[name]  # it had no points, and says nothing
             elif not followed.has_ended:
-                followed.is_doubtful = True
+                followed.needs_confirmation = True
 
     def adopt(self, session: str, first: int, begun_ns: int) -> Followed:
         """Follow a session that is in no list, where it belongs by its time."""

@@ -30,7 +30,7 @@ class Followed:
         next_seq: the number that is handed on next.
         known: the highest number that is known to exist; -1 before the first.
         has_ended: whether no number above `known` will come.
-        is_doubtful: whether the outbox has to be asked if it knows this session.
+        needs_confirmation: whether the outbox has to be asked if it knows this session.
         cut: why nobody can tell what came after `known`; empty where one can.
         held: points that came before their turn, by number.
     """
@@ -41,7 +41,7 @@ class Followed:
         self.next_seq = next_seq
         self.known = next_seq - 1
         self.has_ended = False
-        self.is_doubtful = False
+        self.needs_confirmation = False
         self.cut = ""
         self.held: dict[int, Point] = {}
 

@@ -13,7 +13,7 @@ from typing import Self
 from traverse.client.change_signal import Pulse
 from traverse.client.mqtt.reconnection import Link
 from traverse.client.points.gap_filler import Asking
-from traverse.client.points.reorder_buffer import PointOrder
+from traverse.client.points.reorder_buffer import ReorderBuffer
 from traverse.client.points.session_points import Lost
 from traverse.client.requests import Requests
 from traverse.protocol.messages import Point
@@ -38,7 +38,7 @@ class PointStream:
     """
 
     def __init__(
-        self, order: PointOrder, link: Link, requests: Requests, limit: int
+        self, order: ReorderBuffer, link: Link, requests: Requests, limit: int
     ) -> None:
         self._order = order
         self._link = link
@@ -89,7 +89,7 @@ class PointStream:
 
     def link_came(self) -> None:
         """There is a connection: find out what was missed."""
-        self._order.may_ask_again()
+        self._order.connection_restored()
         self._tell_all()
 
     def link_lost(self) -> None:
@@ -102,7 +102,7 @@ class PointStream:
         self._unacknowledged.clear()
         self._arrived.beat()
 
-    def put_down(self) -> None:
+    def commit_current(self) -> None:
         """The reader is done with what it was given last."""
         item, self._in_hand = self._in_hand, None
         if item is None:
@@ -118,7 +118,7 @@ class PointStream:
         return self
 
     async def __anext__(self) -> Point | Lost:
-        self.put_down()
+        self.commit_current()
         self._is_read = True
         while not self._order.ready:
             if self._error is not None:
@@ -149,17 +149,17 @@ class PointStream:
 
     def _tell_all(self) -> None:
         self._arrived.beat()
-        if self._order.has_questions:
+        if self._order.needs_request:
             self._asking.look()
 
     def _hold_back(self, number: int) -> None:
         """Let the broker wait, but not for ever for a reader that has gone away."""
         if not self._unacknowledged:
             loop = asyncio.get_running_loop()
-            loop.call_later(READER_S, self._look_after_reader)
+            loop.call_later(READER_S, self._check_reader)
         self._unacknowledged.append(number)
 
-    def _look_after_reader(self) -> None:
+    def _check_reader(self) -> None:
         loop = asyncio.get_running_loop()
         if not self._unacknowledged:
             return
@@ -167,7 +167,7 @@ class PointStream:
             self._is_read = False
             self._let_go()
         else:
-            loop.call_later(READER_S, self._look_after_reader)
+            loop.call_later(READER_S, self._check_reader)
 
     def _let_go(self) -> None:
         """Have the broker send on."""

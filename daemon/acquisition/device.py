@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from traverse.daemon.config.devices import DeviceSection
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import Driver
 from traverse.drivers.base.registry import driver_class
 from traverse.drivers.base.values import DeviceLost, Identity
@@ -29,7 +29,7 @@ class Device:
     """
 
     section: DeviceSection
-    crossing: Crossing
+    delivery_queue: DeliveryQueue
     driver: Driver
     state: DeviceStateName = "starting"
     identity: Identity | None = None
@@ -70,8 +70,8 @@ class Device:
             state=self.state,
             rate_hz=rate_hz,
             age_s=(now_ns - self.last_ns) * 1e-9 if self.last_ns else None,
-            queued=self.crossing.waiting_samples,
-            queue_limit=self.crossing.max_samples,
+            queued=self.delivery_queue.waiting_samples,
+            queue_limit=self.delivery_queue.max_samples,
             counters={**self.counters, **lacks},
             temperatures_c={
                 str(number): value
@@ -83,10 +83,10 @@ class Device:
 
 def open_device(section: DeviceSection, loop: asyncio.AbstractEventLoop) -> Device:
     """The device that a configuration asks for; its driver is not yet started."""
-    crossing = Crossing(loop)
+    delivery_queue = DeliveryQueue(loop)
     options: dict[str, Any] = section.options
-    driver = driver_class(section.driver)(section.id, crossing, **options)
-    return Device(section, crossing, driver)
+    driver = driver_class(section.driver)(section.id, delivery_queue, **options)
+    return Device(section, delivery_queue, driver)
 
 
 @contextlib.asynccontextmanager

@@ -3,15 +3,15 @@
 from collections.abc import Callable
 
 from traverse.daemon.acquisition.device import Device
-from traverse.daemon.acquisition.joint_devices import ArmDevices
-from traverse.daemon.acquisition.resampler import Assembly
+from traverse.daemon.acquisition.joint_devices import JointDevices
+from traverse.daemon.acquisition.resampler import Resampler
 from traverse.daemon.clock import HostClock
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.pose.pipeline import Pipeline
 from traverse.drivers.base.values import DeviceAlarm, DeviceFault, DeviceLost, DeviceUp
 
 
-class DeviceStates:
+class DeviceStateTracker:
     """Follows what devices say of themselves.
 
     Args:
@@ -27,9 +27,9 @@ class DeviceStates:
         self,
         *,
         clock: HostClock,
-        devices: ArmDevices,
+        devices: JointDevices,
         pipeline: Pipeline,
-        assembly: Assembly,
+        assembly: Resampler,
         events: EventLog,
         changed: Callable[[], None],
     ) -> None:
@@ -40,7 +40,7 @@ class DeviceStates:
         self._events = events
         self._changed = changed
 
-    def take_up(self, device: Device, up: DeviceUp) -> None:
+    def on_up(self, device: Device, up: DeviceUp) -> None:
         """The device answered; it may not be what the arm file says."""
         name = device.section.id
         device.identity = up.identity
@@ -48,7 +48,7 @@ class DeviceStates:
         device.temperatures_c = ()  # those of before may have changed meanwhile
         device.problems = []
         if device in self._devices:
-            device.problems = self._pipeline.model.problems_with(name, up.identity)
+            device.problems = self._pipeline.model.mismatches_with(name, up.identity)
             self._assembly.up(name, up.identity.jitter_ns, restarted=up.restarted)
         for problem in device.problems:
             self._events.report(
@@ -81,7 +81,7 @@ class DeviceStates:
         device.heard.set()
         self._changed()
 
-    def take_lost(self, device: Device, lost: DeviceLost) -> None:
+    def on_lost(self, device: Device, lost: DeviceLost) -> None:
         """The device is gone."""
         device.lost = lost
         if device in self._devices:
@@ -99,7 +99,7 @@ class DeviceStates:
         device.heard.set()
         self._changed()
 
-    def take_alarm(self, device: Device, alarm: DeviceAlarm) -> None:
+    def on_alarm(self, device: Device, alarm: DeviceAlarm) -> None:
         """A condition of the device begins or ends."""
         source = device.section.id
         if alarm.channel is not None:
@@ -114,7 +114,7 @@ class DeviceStates:
             remedy=alarm.remedy,
         )
 
-    def take_fault(self, device: Device, fault: DeviceFault) -> None:
+    def on_fault(self, device: Device, fault: DeviceFault) -> None:
         """Something went wrong that the driver survived."""
         self._events.report(
             "warning",

@@ -44,7 +44,7 @@ class Readings:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Brought:
+class Interpolated:
     """What an encoder showed at m instants.
 
     Attributes:
@@ -53,14 +53,14 @@ class Brought:
             ``STATUS_INTERPOLATED`` where it was, ``STATUS_LATE`` where the last
             reading was taken for want of a later one, and ``STATUS_MISSING`` where
             readings are lacking around the instant.
-        doubts_counts: (m, 2) how far the count may be off, see above: by the motion,
-            at most; by the instants, as likely one way as the other.
+        error_bounds_counts: (m, 2) how far the count may be off, see above: by the
+            motion, at most; by the instants, as likely one way as the other.
     """
 
     counts: Integers
     fractions: Floats
     status: NDArray[np.uint8]
-    doubts_counts: Floats
+    error_bounds_counts: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,12 +68,12 @@ class Limits:
     """How far readings are trusted.
 
     Attributes:
-        widest_ns: readings further apart have lost others between them.
+        max_gap_ns: readings further apart have lost others between them.
         late_ns: a last reading that is older than this is no reading at all.
         jitter_ns: how far the instant of a reading may be off.
     """
 
-    widest_ns: int
+    max_gap_ns: int
     late_ns: int
     jitter_ns: int
 
@@ -83,7 +83,7 @@ def are_valid(status: NDArray[np.uint8]) -> NDArray[np.bool_]:
     return np.asarray((status & (STATUS_ERROR | STATUS_MISSING)) == 0)
 
 
-def brought(readings: Readings, instants_ns: Integers, limits: Limits) -> Brought:
+def brought(readings: Readings, instants_ns: Integers, limits: Limits) -> Interpolated:
     """Bring readings, at least one, to instants (m,)."""
     valid = np.flatnonzero(are_valid(readings.status))
     if not len(valid):  # what stands there is the last count that was
@@ -102,7 +102,7 @@ def brought(readings: Readings, instants_ns: Integers, limits: Limits) -> Brough
     rise = (x[right] - x[left]) * (run_ns / np.maximum(span_ns, 1))
     whole = np.rint(rise)
     told = status[left] | status[right]
-    holes = (numbers[right] - numbers[left] > 1) | (span_ns > limits.widest_ns) | early
+    holes = (numbers[right] - numbers[left] > 1) | (span_ns > limits.max_gap_ns) | early
     for row in np.flatnonzero(holes & (left < right)).tolist():
         between = slice(valid[left[row]], valid[right[row]])
         told[row] |= np.bitwise_or.reduce(readings.status[between])
@@ -114,17 +114,17 @@ def brought(readings: Readings, instants_ns: Integers, limits: Limits) -> Brough
         holes |= gone
     told[holes] |= STATUS_MISSING
     told[left < right] |= STATUS_INTERPOLATED
-    return Brought(
+    return Interpolated(
         x[left] + whole.astype(np.int64),
         rise - whole,
         told,
-        _doubts(t, x, (left, right), run_ns, limits),
+        _error_bounds(t, x, (left, right), run_ns, limits),
     )
 
 
-def _last_known(readings: Readings, n: int) -> Brought:
+def _last_known(readings: Readings, n: int) -> Interpolated:
     status = np.bitwise_or.reduce(readings.status) | STATUS_MISSING
-    return Brought(
+    return Interpolated(
         np.full(n, readings.counts[-1]),
         np.zeros(n),
         np.full(n, status, np.uint8),
@@ -132,7 +132,7 @@ def _last_known(readings: Readings, n: int) -> Brought:
     )
 
 
-def _doubts(
+def _error_bounds(
     t: Integers,
     x: Integers,
     ends: tuple[Integers, Integers],

@@ -5,12 +5,12 @@ from collections.abc import Sequence
 from traverse.daemon.acquisition.device import Device
 from traverse.daemon.config.schema import CaptureSection
 from traverse.daemon.pose.arm_model import ArmModel
-from traverse.drivers.base.delivery_queue import GATHER_NS
+from traverse.drivers.base.delivery_queue import BATCH_WINDOW_NS
 
-AWAITED_NS = 20_000_000  # longer would be felt: a point is told so much later
+WAITING_BATCH_NS = 20_000_000  # longer would be felt: a point is told so much later
 
 
-class ArmDevices:
+class JointDevices:
     """Those of all devices that the arm file names.
 
     Args:
@@ -32,13 +32,13 @@ class ArmDevices:
         return len(self.all) == 1
 
     @property
-    def latch_together(self) -> bool:
+    def has_simultaneous_latch(self) -> bool:
         """One device latches all joints at one instant, at edges and on request."""
         identity = self.all[0].identity
         return self.alone and identity is not None and identity.latches
 
     @property
-    def unfit(self) -> Device | None:
+    def first_mismatched(self) -> Device | None:
         """The first that is not as the arm file says."""
         return next((device for device in self.all if device.problems), None)
 
@@ -53,7 +53,7 @@ class ArmDevices:
         told_c = (device.temperature_c for device in self.all)
         return next((c for c in told_c if c is not None), None)
 
-    def let_gather(self, settings: CaptureSection, *, may_wait: bool) -> None:
+    def set_batch_window(self, settings: CaptureSection, *, may_wait: bool) -> None:
         """Let samples come together, as long as nobody who looks at them waits.
 
         Args:
@@ -62,9 +62,9 @@ class ArmDevices:
         """
         # A little longer, or a block that lacks a sample would wait for as much again.
         gather_s = 1.04 * min(settings.scan_block_s, 1.0 / settings.live_rate_hz)
-        longest_ns = AWAITED_NS if may_wait else GATHER_NS
+        longest_ns = WAITING_BATCH_NS if may_wait else BATCH_WINDOW_NS
         for device in self.all:
-            device.crossing.gather_ns = min(longest_ns, int(gather_s * 1e9))
+            device.delivery_queue.batch_window_ns = min(longest_ns, int(gather_s * 1e9))
 
     def request_stream(self, rate_hz: float) -> None:
         """Let all of them be read at a rate, or as fast as each can be."""

@@ -14,7 +14,7 @@ from traverse.daemon.acquisition.interpolation import (
 from traverse.daemon.acquisition.reading_buffer import History
 from traverse.drivers.base.values import CountSamples, LatchedCounts
 
-PERIODS_APART = 3  # readings further apart than so many periods have lost others
+MAX_GAP_PERIODS = 3  # readings further apart than so many periods have lost others
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,17 +24,17 @@ class Columns:
     Attributes:
         counts: (n, k) int64; whole turns are of no meaning.
         fractions: (n, k). status: (n, k) uint8.
-        doubts_counts: (n, k, 2), see
-            `traverse.daemon.acquisition.interpolation.Brought`.
+        error_bounds_counts: (n, k, 2), see
+            `traverse.daemon.acquisition.interpolation.Interpolated`.
     """
 
     counts: Integers
     fractions: NDArray[np.float64]
     status: NDArray[np.uint8]
-    doubts_counts: NDArray[np.float64]
+    error_bounds_counts: NDArray[np.float64]
 
 
-class JointSource:
+class JointStream:
     """Follows the joints on one device.
 
     Args:
@@ -81,15 +81,15 @@ class JointSource:
 
     def at(self, instants_ns: Integers) -> Columns:
         """What the readings say about any instants (n,)."""
-        widest_ns = max(PERIODS_APART * self.period_ns, self._wait_ns)
-        limits = Limits(widest_ns, 0 if self.lost else self._wait_ns, self.jitter_ns)
-        around = self.history.around(int(instants_ns[0]), widest_ns)
+        max_gap_ns = max(MAX_GAP_PERIODS * self.period_ns, self._wait_ns)
+        limits = Limits(max_gap_ns, 0 if self.lost else self._wait_ns, self.jitter_ns)
+        around = self.history.around(int(instants_ns[0]), max_gap_ns)
         found = [brought(readings, instants_ns, limits) for readings in around]
         return Columns(
             np.stack([one.counts for one in found], axis=1),
             np.stack([one.fractions for one in found], axis=1),
             np.stack([one.status for one in found], axis=1),
-            np.stack([one.doubts_counts for one in found], axis=1),
+            np.stack([one.error_bounds_counts for one in found], axis=1),
         )
 
 

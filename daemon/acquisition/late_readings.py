@@ -3,7 +3,7 @@
 from collections import Counter
 from dataclasses import dataclass
 
-from traverse.daemon.acquisition.resampler import Assembly
+from traverse.daemon.acquisition.resampler import Resampler
 from traverse.daemon.clock import HostClock
 from traverse.daemon.monitoring.events import EventLog
 
@@ -34,7 +34,7 @@ INCOMPLETE = _Condition(
 )
 
 
-class Tardiness:
+class LateReadingMonitor:
     """Follows the counters of an assembly.
 
     Args:
@@ -43,7 +43,7 @@ class Tardiness:
         events: where it is told.
     """
 
-    def __init__(self, assembly: Assembly, clock: HostClock, events: EventLog) -> None:
+    def __init__(self, assembly: Resampler, clock: HostClock, events: EventLog) -> None:
         self._assembly = assembly
         self._clock = clock
         self._events = events

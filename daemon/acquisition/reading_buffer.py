@@ -10,7 +10,7 @@ from traverse.drivers.base.values import CountSamples
 
 KEPT_NS = 5_000_000_000  # an edge that is older finds nothing to interpolate
 MAX_READINGS = 100_000
-STEP_BACK_NS = 10_000_000  # beyond, the device's clock has begun afresh
+CLOCK_RESET_NS = 10_000_000  # beyond, the device's clock has begun afresh
 NEVER_NS, LONG_AGO_NS = 2**62, -(2**62)
 
 
@@ -38,13 +38,14 @@ class History:
         counts_per_turn: of each, (n_joints,).
 
     Attributes:
-        disordered: readings left out because their time was not after the last one's.
+        n_out_of_order: readings left out because their time was not after the
+            last one's.
     """
 
     def __init__(self, channels: NDArray[np.intp], counts_per_turn: Integers) -> None:
         self._channels = channels
         self._turns = counts_per_turn
-        self.disordered = 0
+        self.n_out_of_order = 0
         self.forget()
 
     def forget(self) -> None:
@@ -81,7 +82,7 @@ class History:
         numbers = self._numbered(samples)
         rows = self._ordered(times_ns)
         if not rows.all():
-            self.disordered += len(rows) - int(rows.sum())
+            self.n_out_of_order += len(rows) - int(rows.sum())
             times_ns, numbers = times_ns[rows], numbers[rows]
             if not len(numbers):
                 return
@@ -125,7 +126,7 @@ class History:
 
     def _ordered(self, times_ns: Integers) -> NDArray[np.bool_]:
         """Which rows come after all before them."""
-        if int((times_ns[0] - self._times_ns).min()) < -STEP_BACK_NS:
+        if int((times_ns[0] - self._times_ns).min()) < -CLOCK_RESET_NS:
             self._blocks.clear()
             self._size = 0
             self._times_ns = np.full(len(self._channels), LONG_AGO_NS)

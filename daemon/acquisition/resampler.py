@@ -16,11 +16,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.daemon.acquisition.joint_stream import Columns, JointSource
+from traverse.daemon.acquisition.joint_stream import Columns, JointStream
 from traverse.daemon.acquisition.reading_buffer import NEVER_NS
 from traverse.daemon.config.schema import AssemblySection
 from traverse.daemon.pose.arm_model import ArmModel
-from traverse.daemon.pose.joint_counts import Assembled, AssembledCounts, JointCounts
+from traverse.daemon.pose.joint_counts import (
+    JointCounts,
+    ResampledBlock,
+    ResampledCounts,
+)
 from traverse.drivers.base.values import (
     STATUS_LATE,
     STATUS_MISSING,
@@ -31,7 +35,7 @@ from traverse.drivers.base.values import (
 Floats = NDArray[np.float64]
 
 
-class Assembly:
+class Resampler:
     """Makes samples of the whole arm, and counts of it at single instants.
 
     Args:
@@ -61,7 +65,7 @@ class Assembly:
         self._waiting.clear()
         for device in model.devices:
             joints = np.flatnonzero(np.array(model.joint_devices) == device)
-            self._sources[device] = JointSource(
+            self._sources[device] = JointStream(
                 joints, model.channels[joints], self._turns[joints], self._wait_ns
             )
 
@@ -105,9 +109,9 @@ class Assembly:
 
     # -- what comes of it -----------------------------------------------------
 
-    def assembled(self, now_ns: int | None = None) -> list[Assembled]:
+    def assembled(self, now_ns: int | None = None) -> list[ResampledBlock]:
         """All samples that are complete, or have waited long enough by some time."""
-        made: list[Assembled | None] = []
+        made: list[ResampledBlock | None] = []
         while self._waiting:
             block, deadline_ns = self._waiting[0]
             n = len(block.seq)
@@ -125,7 +129,7 @@ class Assembly:
 
     def at(
         self, instant_ns: int, latch: LatchedCounts | None
-    ) -> AssembledCounts | None:
+    ) -> ResampledCounts | None:
         """The arm at one instant; None while readings after it are missing.
 
         Args:
@@ -142,7 +146,7 @@ class Assembly:
             else:
                 return None
         counts, fractions, status, doubts = self._joined(found)
-        return AssembledCounts(
+        return ResampledCounts(
             JointCounts(instant_ns, counts[0], status[0], fractions[0]), doubts[0]
         )
 
@@ -165,7 +169,7 @@ class Assembly:
         awaited = [s.history.reach_ns for s in sources if not s.lost]
         return min(awaited, default=NEVER_NS)
 
-    def _assembled(self, block: CountSamples) -> Assembled | None:
+    def _assembled(self, block: CountSamples) -> ResampledBlock | None:
         """Samples of the whole arm at the instants of a block of the clock device."""
         begin_ns = max(s.history.begin_ns for s in self._sources.values())
         known = block.sample_time_ns >= begin_ns
@@ -190,10 +194,10 @@ class Assembly:
             block, counts=counts, status=status, skew_ns=None, fractions=fractions
         )
         if passed.all():
-            return Assembled(samples, doubts)
+            return ResampledBlock(samples, doubts)
         if not passed.any():
             return None
-        return Assembled(samples.rows(passed), doubts[passed])
+        return ResampledBlock(samples.rows(passed), doubts[passed])
 
     def _joined(
         self, found: Mapping[str, Columns]
@@ -206,7 +210,7 @@ class Assembly:
             (counts % self._turns).astype(np.uint32),
             np.concatenate([c.fractions for c in columns], axis=1)[:, order],
             np.concatenate([c.status for c in columns], axis=1)[:, order],
-            np.concatenate([c.doubts_counts for c in columns], axis=1)[:, order],
+            np.concatenate([c.error_bounds_counts for c in columns], axis=1)[:, order],
         )
 
     def _judged(self, device: str, status: NDArray[np.uint8]) -> NDArray[np.bool_]:

@@ -1,6 +1,6 @@
 """Tells when effects of the arm lack the temperature that they need."""
 
-from traverse.daemon.acquisition.joint_devices import ArmDevices
+from traverse.daemon.acquisition.joint_devices import JointDevices
 from traverse.daemon.clock import HostClock
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.pose.arm_model import ArmModel
@@ -8,7 +8,7 @@ from traverse.daemon.pose.arm_model import ArmModel
 PATIENCE_NS = 5_000_000_000  # boards tell the temperature every 2 s
 
 
-class TemperatureWatch:
+class TemperatureMonitor:
     """Raises and clears one lasting condition.
 
     Args:
@@ -20,7 +20,7 @@ class TemperatureWatch:
         self._clock = clock
         self._events = events
 
-    def look(self, model: ArmModel, devices: ArmDevices) -> None:
+    def look(self, model: ArmModel, devices: JointDevices) -> None:
         """Look at the devices that read the arm; call it with every block."""
         if not model.uses_temperature:
             return

@@ -2,11 +2,15 @@
 
 from traverse.daemon.commands.dispatcher import Result
 from traverse.daemon.delivery_dispatcher import Measuring
-from traverse.daemon.pose.alignment import Alignment, PartSystem, alignment_asked_for
+from traverse.daemon.pose.alignment import (
+    ActiveAlignment,
+    Alignment,
+    requested_alignment,
+)
 from traverse.protocol.messages import AlignArgs
 
 
-class AlignRequests:
+class AlignmentCommands:
     """Changes the alignment.
 
     Args:
@@ -14,7 +18,7 @@ class AlignRequests:
         measuring: which points come before.
     """
 
-    def __init__(self, part: PartSystem, measuring: Measuring) -> None:
+    def __init__(self, part: ActiveAlignment, measuring: Measuring) -> None:
         self._part = part
         self._measuring = measuring
 
@@ -23,7 +27,7 @@ class AlignRequests:
 
         Points that were asked for before the command keep the alignment of then.
         """
-        alignment = alignment_asked_for(args)
+        alignment = requested_alignment(args)
 
         def use() -> bool:
             self._part.alignment = alignment

@@ -8,7 +8,7 @@ from traverse.daemon.monitoring.events import EventLog
 from traverse.protocol.messages import ScanArgs
 
 
-class ButtonActions:
+class ButtonScans:
     """Carries actions out one after the other, beside the edges.
 
     Args:

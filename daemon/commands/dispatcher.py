@@ -11,12 +11,12 @@ from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
 
 from traverse.daemon.clock import HostClock
-from traverse.daemon.commands.rate_limit import PAUSE_S, CommandLimits
-from traverse.daemon.commands.refusal_log import RefusalLog, in_one_line
+from traverse.daemon.commands.rate_limit import PAUSE_S, CommandRateLimiter
+from traverse.daemon.commands.refusal_log import RefusalLog, single_line
 from traverse.daemon.commands.reply_cache import Answers
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.mqtt.outgoing_queue import Outgoing
-from traverse.daemon.mqtt.subscriber import Incoming
+from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage
+from traverse.daemon.mqtt.subscriber import IncomingCommand
 from traverse.protocol.encoding import Encoding, decode, encode, parse_args
 from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages import COMMANDS, Command, Reply, ReplyError
@@ -42,7 +42,7 @@ class CommandError(Exception):
         self.remedy = remedy
 
 
-class CommandDesk:
+class CommandDispatcher:
     """Takes commands in and sends answers out.
 
     Args:
@@ -61,7 +61,7 @@ class CommandDesk:
         *,
         arm: str,
         encoding: Encoding,
-        offer: Callable[[Outgoing], bool],
+        offer: Callable[[OutgoingMessage], bool],
         carry_out: Mapping[str, CommandHandler],
         events: EventLog,
         clock: HostClock,
@@ -73,14 +73,14 @@ class CommandDesk:
         self._carry_out = carry_out
         self._events = events
         self._response_topics = response_topics
-        self._limits = CommandLimits(clock, self._tell_flood, carry_out)
+        self._limits = CommandRateLimiter(clock, self._tell_flood, carry_out)
         self._refusals = RefusalLog(clock)
         self._answers = Answers()
         self._running: set[asyncio.Task[None]] = set()
         self.received = 0
         self.refused = 0
 
-    def receive(self, incoming: Incoming) -> float:
+    def receive(self, incoming: IncomingCommand) -> float:
         """A command has arrived; its answer follows when there is one.
 
         Returns:
@@ -101,9 +101,9 @@ class CommandDesk:
         task.add_done_callback(self._running.discard)
         return 0.0
 
-    def see_calm(self) -> None:
+    def check_flood_end(self) -> None:
         """Tell the end of a flood, and what had no line; call it now and then."""
-        self._limits.see_calm()
+        self._limits.check_flood_end()
         self._refusals.write_rest()
 
     async def close(self) -> None:
@@ -114,7 +114,7 @@ class CommandDesk:
         await asyncio.gather(*tasks, return_exceptions=True)
         await self._answers.close()
 
-    async def _answer(self, incoming: Incoming) -> None:
+    async def _answer(self, incoming: IncomingCommand) -> None:
         try:
             name = parse_topic(incoming.topic).command or ""
             command = decode(
@@ -145,7 +145,7 @@ class CommandDesk:
         self._send(await asyncio.shield(task), topic, incoming.correlation)
 
     def _send(self, payload: bytes, topic: str, correlation: bytes | None) -> None:
-        self._offer(Outgoing(topic, payload, qos=1, correlation=correlation))
+        self._offer(OutgoingMessage(topic, payload, qos=1, correlation=correlation))
 
     async def _reply(self, name: str, command: Command) -> bytes:
         try:
@@ -177,7 +177,9 @@ class CommandDesk:
         )
         return encode(Reply(request=request, ok=False, error=error), self._encoding)
 
-    def _problem_of_the_way_back(self, incoming: Incoming) -> CommandError | None:
+    def _problem_of_the_way_back(
+        self, incoming: IncomingCommand
+    ) -> CommandError | None:
         """Why the answer cannot go where the sender wants it."""
         topic, correlation = incoming.response_topic, incoming.correlation
         if topic is not None and not is_response_topic(
@@ -200,7 +202,7 @@ class CommandDesk:
         return None
 
     def _problem_of_rate(self, name: str) -> CommandError | None:
-        if self._answers.n_working < MAX_RUNNING and self._limits.admit_kind(name):
+        if self._answers.n_executing < MAX_RUNNING and self._limits.admit_kind(name):
             return None
         return CommandError(
             "command.too_many",
@@ -219,7 +221,7 @@ class CommandDesk:
         self._events.report(
             "warning",
             "commands.retained",
-            f"the broker keeps an old command on {in_one_line(topic)}; ignored",
+            f"the broker keeps an old command on {single_line(topic)}; ignored",
             source="commands",
             remedy="clear it: publish an empty retained message there",
         )

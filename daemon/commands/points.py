@@ -5,11 +5,11 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from traverse.daemon.acquisition.device import Device
-from traverse.daemon.acquisition.joint_devices import ArmDevices
+from traverse.daemon.acquisition.joint_devices import JointDevices
 from traverse.daemon.commands.dispatcher import CommandError, Result
 from traverse.daemon.config.schema import CaptureSection
 from traverse.daemon.delivery_dispatcher import Measuring
-from traverse.daemon.points.averaging import LONGEST_NS, Average, AverageLimits
+from traverse.daemon.points.averaging import MAX_AVERAGING_NS, Average, AverageLimits
 from traverse.daemon.points.capture import Capture, CaptureRefusedError
 from traverse.daemon.points.controller import Answer
 from traverse.drivers.base.values import DeviceError
@@ -22,12 +22,12 @@ from traverse.protocol.messages import (
     UndoArgs,
 )
 
-LATCH_S = 2.0
+LATCH_TIMEOUT_S = 2.0
 
 T = TypeVar("T")
 
 
-class PointRequests:
+class PointCommands:
     """Carries out commands that concern points, in order with the edges.
 
     Args:
@@ -42,7 +42,7 @@ class PointRequests:
         self,
         *,
         settings: CaptureSection,
-        devices: ArmDevices,
+        devices: JointDevices,
         capture: Capture,
         measuring: Measuring,
         session_changed: Callable[[], None],
@@ -63,7 +63,7 @@ class PointRequests:
         if (args.samples or 1) > 1 or args.dwell_s is not None:
             average = self._average(args)
             point = await _told(self._measuring.points.take_mean(average))
-        elif self._devices.latch_together:
+        elif self._devices.has_simultaneous_latch:
             point = await self._latched_point(self._devices.all[0])
         else:
             self._measuring.asked("take_now")
@@ -117,11 +117,14 @@ class PointRequests:
         settings = self._settings
         dwell_ns = None if args.dwell_s is None else int(args.dwell_s * 1e9)
         rate_hz = self._measuring.rate_hz
-        if args.samples is not None and args.samples > rate_hz * LONGEST_NS * 1e-9:
+        if (
+            args.samples is not None
+            and args.samples > rate_hz * MAX_AVERAGING_NS * 1e-9
+        ):
             raise CommandError(
                 "command.bad_args",
-                f"{args.samples} samples take longer than {LONGEST_NS * 1e-9:g} s at "
-                f"the {rate_hz:g} Hz of now",
+                f"{args.samples} samples take longer than "
+                f"{MAX_AVERAGING_NS * 1e-9:g} s at the {rate_hz:g} Hz of now",
                 "average fewer samples, or while a faster scan runs",
             )
         speed_mm_s = settings.average_speed_mm_s
@@ -146,11 +149,11 @@ class PointRequests:
             raise CommandError("device.busy", str(error), error.remedy) from error
         self._measuring.await_latch(token, waiting)
         try:
-            await asyncio.wait({waiting}, timeout=LATCH_S)
+            await asyncio.wait({waiting}, timeout=LATCH_TIMEOUT_S)
             if token in latches:
                 raise CommandError(
                     "device.no_answer",
-                    f"{device.section.id} did not latch within {LATCH_S:g} s",
+                    f"{device.section.id} did not latch within {LATCH_TIMEOUT_S:g} s",
                     "check the device",
                 )
             return await _told(waiting)  # it may have to wait for its turn
@@ -166,7 +169,7 @@ async def _told(answer: asyncio.Future[T]) -> T:
         raise CommandError(error.code, str(error), error.remedy) from error
 
 
-def check_ready(devices: ArmDevices) -> None:
+def check_ready(devices: JointDevices) -> None:
     """See that all devices of the arm can measure now.
 
     Raises:

@@ -15,7 +15,7 @@ from traverse.protocol.messages import ProbeArgs
 REFUSED = "capture.probe_refused"
 
 
-class ProbeRequests:
+class ProbeCommands:
     """Changes probes.
 
     Args:

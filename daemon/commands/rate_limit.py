@@ -31,11 +31,11 @@ FLOOD: Final = 200
 """Commands dropped in one second, after which the broker is to keep them."""
 PAUSE_S: Final = 2.0
 """For so long."""
-CALM_S: Final = 5.0
+FLOOD_END_S: Final = 5.0
 """Without a dropped command: then the flood is over. Longer than a pause."""
 
 
-class Bucket:
+class TokenBucket:
     """Gives out permissions, at a rate, some of them saved up.
 
     Args:
@@ -61,7 +61,7 @@ class Bucket:
         return True
 
 
-class CommandLimits:
+class CommandRateLimiter:
     """The buckets of all commands, and what came of those beyond them.
 
     Args:
@@ -79,11 +79,11 @@ class CommandLimits:
     ) -> None:
         self._clock = clock
         self._tell = tell
-        self._all = Bucket(ALL, clock)
+        self._all = TokenBucket(ALL, clock)
         self._of_kind = {
-            name: Bucket(OF_KIND.get(name, OTHERS), clock) for name in kinds
+            name: TokenBucket(OF_KIND.get(name, OTHERS), clock) for name in kinds
         }
-        self._unknown = Bucket(OTHERS, clock)
+        self._unknown = TokenBucket(OTHERS, clock)
         self._last_ns: int | None = None
         self._second_ns = clock.monotonic_ns()
         self._in_second = 0
@@ -109,11 +109,11 @@ class CommandLimits:
         """Whether so many are dropped that the broker had better keep them."""
         return self._in_second >= FLOOD
 
-    def see_calm(self) -> None:
+    def check_flood_end(self) -> None:
         """Tell the end of a flood; call it now and then."""
         if self._last_ns is None:
             return
-        if self._clock.monotonic_ns() - self._last_ns >= CALM_S * NS:
+        if self._clock.monotonic_ns() - self._last_ns >= FLOOD_END_S * NS:
             self._last_ns = None
             self._in_second = 0
             self._tell(False, self.dropped)

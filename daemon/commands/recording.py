@@ -6,10 +6,10 @@ from pathlib import Path
 
 from traverse.daemon.commands.dispatcher import CommandError, Result
 from traverse.daemon.config.schema import Configuration
-from traverse.daemon.frozen_clock import StepClock
+from traverse.daemon.frozen_clock import FrozenClock
 from traverse.daemon.inputs import REFUSED, StartupError
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.recorder.recorded_inputs import files_in_force
+from traverse.daemon.recorder.recorded_inputs import recorded_files
 from traverse.daemon.recorder.recorder import Recorder
 from traverse.daemon.state_dir import RECORDINGS, state_path
 from traverse.kinematics.kernel.choice import KERNEL
@@ -23,7 +23,7 @@ def recorder_of(
     path: Path,
     *,
     arm: str,
-    clock: StepClock,
+    clock: FrozenClock,
     events: EventLog,
 ) -> Recorder:
     """The recorder that a configuration asks for.
@@ -32,7 +32,7 @@ def recorder_of(
         StartupError: a file has gone since it was read.
     """
     try:
-        files = files_in_force(path, configuration)
+        files = recorded_files(path, configuration)
     except OSError as error:
         raise StartupError([f"{error}; was it moved just now?"], REFUSED) from error
     about = {"arm": arm, "version": version("traverse-cmm"), "kernel": KERNEL}
@@ -51,14 +51,14 @@ def recorder_of(
 def tell_reloaded(recorder: Recorder, path: Path, configuration: Configuration) -> None:
     """Have what is in force now recorded."""
     try:
-        files = files_in_force(path, configuration)
+        files = recorded_files(path, configuration)
     except OSError as error:  # it was there a moment ago, when it was read
         log.warning("recordings will lack the new files: %s", error)
         files = {}
     recorder.reloaded(files)
 
 
-class RecordRequests:
+class RecordingCommands:
     """Carries out the command.
 
     Args:

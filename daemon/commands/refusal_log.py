@@ -3,7 +3,7 @@
 import logging
 
 from traverse.daemon.clock import HostClock
-from traverse.daemon.commands.rate_limit import LOG_LINES, NS, Bucket
+from traverse.daemon.commands.rate_limit import LOG_LINES, NS, TokenBucket
 
 log = logging.getLogger("traverse.daemon.commands")
 
@@ -17,7 +17,7 @@ class RefusalLog:
 
     def __init__(self, clock: HostClock) -> None:
         self._clock = clock
-        self._lines = Bucket(LOG_LINES, clock)
+        self._lines = TokenBucket(LOG_LINES, clock)
         self._untold = 0
         self._last_ns = 0
 
@@ -29,7 +29,7 @@ class RefusalLog:
             return
         before = f" ({self._untold} more refused before it)" if self._untold else ""
         self._untold = 0
-        log.warning("%s%s", in_one_line(text), before)
+        log.warning("%s%s", single_line(text), before)
 
     def write_rest(self) -> None:
         """Say how many had no line, a second after the last; call it now and then."""
@@ -38,6 +38,6 @@ class RefusalLog:
             self._untold = 0
 
 
-def in_one_line(text: str) -> str:
+def single_line(text: str) -> str:
     """A text of anybody's as it may stand in a log."""
     return "".join(c if c.isprintable() else " " for c in text)[:1000]

@@ -103,7 +103,7 @@ class Reload:
         )
         return {"model": model.digest, "changed": changed}
 
-    async def on_signal(self) -> None:
+    async def on_sighup(self) -> None:
         """Reload because of SIGHUP; what went wrong is told by an event."""
         try:
             await self.carry_out(ReloadArgs())
@@ -129,12 +129,12 @@ class Reload:
                 "correct the arm file, or change the probe first",
             ) from error
         old, new = self._inputs, Inputs(configuration, model)
-        fixed = needing_restart(old, new)
+        fixed = restart_required(old, new)
         fixed += [
             text
             for device in self._devices
             if device.identity is not None
-            for text in model.problems_with(device.section.id, device.identity)
+            for text in model.mismatches_with(device.section.id, device.identity)
         ]
         if fixed:
             raise CommandError(
@@ -162,7 +162,7 @@ class Reload:
             ) from error
 
 
-def needing_restart(old: Inputs, new: Inputs) -> list[str]:
+def restart_required(old: Inputs, new: Inputs) -> list[str]:
     """What a running daemon cannot change, of all that has."""
     before, after = old.configuration, new.configuration
     found = [
@@ -176,7 +176,7 @@ def needing_restart(old: Inputs, new: Inputs) -> list[str]:
         found.append("probes of [arm]")
     if old.model.name != new.model.name:
         found.append(f"the arm's name, {old.model.name} to {new.model.name}")
-    elif not new.model.reads_like(old.model):
+    elif not new.model.has_same_encoders(old.model):
         found.append("which encoders read the joints")
     return found
 

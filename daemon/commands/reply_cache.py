@@ -21,7 +21,7 @@ class Answers:
         self._bytes = 0
 
     @property
-    def n_working(self) -> int:
+    def n_executing(self) -> int:
         """How many are being worked on."""
         return len(self._working)
 

@@ -4,11 +4,11 @@ from collections.abc import Awaitable, Callable
 
 from traverse.daemon.commands.dispatcher import Result
 from traverse.daemon.store.records import HeldSession
-from traverse.daemon.store.scan_resend import ScanAgain
+from traverse.daemon.store.scan_resend import ScanResend
 from traverse.protocol.messages import ResendArgs
 
 
-class ResendRequests:
+class ResendCommands:
     """Carries the command out.
 
     Args:
@@ -17,7 +17,7 @@ class ResendRequests:
     """
 
     def __init__(
-        self, points: Callable[[ResendArgs], Awaitable[Result]], scans: ScanAgain
+        self, points: Callable[[ResendArgs], Awaitable[Result]], scans: ScanResend
     ) -> None:
         self._points = points
         self._scans = scans

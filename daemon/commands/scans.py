@@ -2,17 +2,17 @@
 
 import asyncio
 
-from traverse.daemon.acquisition.joint_devices import ArmDevices
+from traverse.daemon.acquisition.joint_devices import JointDevices
 from traverse.daemon.commands.dispatcher import CommandError, Result
 from traverse.daemon.commands.points import check_ready
 from traverse.daemon.config.scan import ScanSection
 from traverse.daemon.config.schema import CaptureSection
 from traverse.daemon.delivery_dispatcher import Measuring
-from traverse.daemon.scans.plan import scan_asked_for
+from traverse.daemon.scans.plan import requested_scan
 from traverse.daemon.scans.scanner import Scanner
 from traverse.protocol.messages import ScanArgs
 
-STREAM_S = 3.0
+STREAM_TIMEOUT_S = 3.0
 
 
 class Requests:
@@ -23,7 +23,7 @@ class Requests:
         *,
         settings: CaptureSection,
         scan: ScanSection | None = None,
-        devices: ArmDevices,
+        devices: JointDevices,
         scanner: Scanner,
         measuring: Measuring,
     ) -> None:
@@ -64,13 +64,13 @@ class Requests:
         if device.identity is not None:
             largest_hz = min(largest_hz, device.identity.max_rate_hz)
             tracking_hz = min(tracking_hz, device.identity.max_rate_hz)
-        plan = scan_asked_for(
+        plan = requested_scan(
             args, self._scan, largest_hz=largest_hz, tracking_rate_hz=tracking_hz
         )
         self._measuring.scans.start(plan, self._measuring.model)
         self._devices.request_stream(plan.device_rate_hz)
         try:
-            async with asyncio.timeout(STREAM_S):
+            async with asyncio.timeout(STREAM_TIMEOUT_S):
                 await self._measuring.scans.stream_started.wait()
         except TimeoutError as error:
             if self._scanner.plan is plan:  # else another command has had its way
@@ -78,7 +78,8 @@ class Requests:
                 self.track()
             raise CommandError(
                 "device.no_answer",
-                f"{device.section.id} did not begin to stream within {STREAM_S:g} s",
+                f"{device.section.id} did not begin to stream within "
+                f"{STREAM_TIMEOUT_S:g} s",
                 "check the device",
             ) from error
         return {

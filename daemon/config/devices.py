@@ -37,7 +37,7 @@ class DeviceSection(DriverOptions, StrictModel):
         return {name: value for name, value in self if name not in ("id", "driver")}
 
 
-class UnusableSection(DeviceSection):
+class UnavailableDriverSection(DeviceSection):
     """Of a driver that cannot be: refused for that alone, not for its other keys."""
 
     model_config = ConfigDict(extra="ignore")
@@ -60,7 +60,7 @@ def section_class(driver: str) -> type[DeviceSection]:
     try:
         options = driver_class(driver).options
     except (KeyError, DriverUnavailableError):
-        return UnusableSection
+        return UnavailableDriverSection
     bases: tuple[type[Any], ...] = (DeviceSection, options)
     return create_model(f"{options.__name__}Section", __base__=bases)
 

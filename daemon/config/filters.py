@@ -66,7 +66,7 @@ class FilterSection(StrictModel):
         return self
 
 
-class UnknownFilter(FilterSection):
+class UnknownFilterSection(FilterSection):
     """Of a kind that there is not: refused for that alone, not for its other keys."""
 
     model_config = ConfigDict(extra="ignore")
@@ -77,7 +77,7 @@ class UnknownFilter(FilterSection):
         raise ValueError(unknown_name_message("filter", name, FILTERS))
 
 
-class QualityFilter(FilterSection):
+class QualityFilterSection(FilterSection):
     """Allowed flags are named in a file, and bits in the filter."""
 
     allowed: tuple[str, ...] = ()
@@ -96,9 +96,9 @@ def section_class(kind: str) -> type[FilterSection]:
     """The class of the tables of a kind."""
     made = FILTERS.get(kind)
     if made is None:
-        return UnknownFilter
+        return UnknownFilterSection
     if kind == "quality":
-        return QualityFilter
+        return QualityFilterSection
     hints = get_type_hints(made)
     keys: dict[str, Any] = {
         field.name: (

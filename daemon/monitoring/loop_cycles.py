@@ -26,7 +26,7 @@ FILES = 10
 PATTERN = "cycles-*.json"
 
 
-class Cycle(NamedTuple):
+class LoopCycle(NamedTuple):
     """One delivery, handled; a tuple, since it is made at every delivery.
 
     Attributes:
@@ -48,7 +48,7 @@ class Cycle(NamedTuple):
     collection_ns: int
 
 
-class Collections:
+class GarbageCollectionTimer:
     """Times the interpreter's garbage collections; use as a context manager.
 
     Args:
@@ -60,7 +60,7 @@ class Collections:
         self._begun_ns = 0
         self.total_ns = 0
 
-    def __enter__(self) -> "Collections":
+    def __enter__(self) -> "GarbageCollectionTimer":
         gc.callbacks.append(self._look)
         return self
 
@@ -87,13 +87,13 @@ class Cycles:
     """
 
     def __init__(
-        self, clock: HostClock, collections: Collections, handling: Latencies
+        self, clock: HostClock, collections: GarbageCollectionTimer, handling: Latencies
     ) -> None:
         self._clock = clock
         self._collections = collections
         self._handling = handling
         self._collected_ns = 0
-        self._ring: deque[Cycle] = deque(maxlen=KEPT)
+        self._ring: deque[LoopCycle] = deque(maxlen=KEPT)
 
     def note(self, device: str, delivery: Delivery, begun_ns: int, queue: int) -> None:
         """Note a delivery that has just been handled."""
@@ -101,7 +101,7 @@ class Cycles:
         collected_ns = self._collections.total_ns
         received_ns = getattr(delivery, "received_ns", None)
         self._ring.append(
-            Cycle(
+            LoopCycle(
                 device,
                 type(delivery).__name__,
                 begun_ns,
@@ -125,7 +125,7 @@ class Cycles:
 class Taken:
     """Cycles of a moment, and why they were taken."""
 
-    cycles: tuple[Cycle, ...]
+    cycles: tuple[LoopCycle, ...]
     reason: str
     time_ns: int
     utc_offset_ns: int
@@ -154,7 +154,7 @@ class Taken:
         yield "\n]}\n"
 
 
-def _jitter(cycles: tuple[Cycle, ...]) -> dict[str, dict[str, float]]:
+def _jitter(cycles: tuple[LoopCycle, ...]) -> dict[str, dict[str, float]]:
     """How regularly the samples of each device were handled.
 
     Jitter is the time between the beginnings of two cycles of one device less the

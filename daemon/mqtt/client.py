@@ -20,13 +20,13 @@ from paho.mqtt.enums import MQTTErrorCode
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
-from traverse.broker.diagnosing_client import Visitor
-from traverse.daemon.mqtt.outgoing_queue import Outgoing
+from traverse.broker.diagnosing_client import DiagnosingClient
+from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage
 
-MOST_ON_THE_WAY = 16  # paho holds back what is beyond 20
+MAX_IN_FLIGHT = 16  # paho holds back what is beyond 20
 
 
-class BrokerClient(Visitor):
+class BrokerClient(DiagnosingClient):
     """A client that has several messages on their way.
 
     Attributes:
@@ -35,16 +35,16 @@ class BrokerClient(Visitor):
         received: called with each message that comes in; aiomqtt's own queue takes a
             task for each, and loses what it has no room for.
         writable: called when a socket that took no more takes bytes again.
-        most_on_the_way: so many messages may wait for their answers.
-        most_payload_bytes: a longer payload is cut to this, so that it costs no memory
+        max_in_flight: so many messages may wait for their answers.
+        max_payload_bytes: a longer payload is cut to this, so that it costs no memory
             while it waits; who reads it refuses it as too long.
     """
 
     acknowledged: Callable[[int, str | None], None] | None = None
     received: Callable[[MQTTMessage], None] | None = None
     writable: Callable[[], None] | None = None
-    most_on_the_way = MOST_ON_THE_WAY
-    most_payload_bytes: int | None = None
+    max_in_flight = MAX_IN_FLIGHT
+    max_payload_bytes: int | None = None
     _is_sending = False
 
     def __init__(
@@ -70,7 +70,7 @@ class BrokerClient(Visitor):
         """Whether bytes wait that the socket did not take."""
         return self._client.want_write()
 
-    def send(self, message: Outgoing, properties: Properties | None) -> int:
+    def send(self, message: OutgoingMessage, properties: Properties | None) -> int:
         """Write a message now.
 
         Returns:
@@ -138,8 +138,8 @@ class BrokerClient(Visitor):
         reason_code: ReasonCode,
         properties: Properties | None = None,
     ) -> None:
-        most = getattr(properties, "ReceiveMaximum", MOST_ON_THE_WAY)
-        self.most_on_the_way = min(MOST_ON_THE_WAY, most)
+        most = getattr(properties, "ReceiveMaximum", MAX_IN_FLIGHT)
+        self.max_in_flight = min(MAX_IN_FLIGHT, most)
         super()._on_connect(client, userdata, flags, reason_code, properties)
 
     def _on_socket_register_write(
@@ -163,7 +163,7 @@ class BrokerClient(Visitor):
         message: MQTTMessage,
     ) -> None:
         if self.received is not None:
-            message.payload = message.payload[: self.most_payload_bytes]
+            message.payload = message.payload[: self.max_payload_bytes]
             # Not within paho's callback, see `_on_publish`.
             self._loop.call_soon(self.received, message)
 

@@ -19,19 +19,19 @@ from traverse.broker.reasons import reason_code
 from traverse.daemon.mqtt.client import BrokerClient
 from traverse.daemon.mqtt.connection_errors import reason_of
 from traverse.daemon.mqtt.credentials import (
-    Access,
-    AccessError,
     BrokerAddress,
-    read_access,
+    Credentials,
+    CredentialsError,
+    read_credentials,
 )
-from traverse.daemon.mqtt.outgoing_queue import Outgoing, OutgoingQueue
+from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage, OutgoingQueue
 from traverse.daemon.mqtt.properties import (
-    UsualProperties,
+    CachedProperties,
     connect_properties,
     publish_properties,
 )
-from traverse.daemon.mqtt.sender import Sending
-from traverse.daemon.mqtt.subscriber import Hearing, Incoming
+from traverse.daemon.mqtt.sender import PublishLoop
+from traverse.daemon.mqtt.subscriber import CommandSubscriber, IncomingCommand
 from traverse.protocol.encoding import Encoding
 
 log = logging.getLogger(__name__)
@@ -42,7 +42,7 @@ MAX_PACKET_BYTES = 65_536  # told to a broker of MQTT 5: more it must not send
 UNSUPPORTED_VERSION = (132, 1)  # reason code of MQTT 5, return code of MQTT 3.1.1
 
 
-FAILURES = (aiomqtt.MqttError, OSError, AccessError)
+CONNECTION_FAILURES = (aiomqtt.MqttError, OSError, CredentialsError)
 
 
 class Publisher:
@@ -55,7 +55,7 @@ class Publisher:
         encoding: of the payloads, told as MQTT 5 content type.
         queue: what is to be sent.
         subscription: topic filter of the commands.
-        receive: called with each command; see `Hearing`.
+        receive: called with each command; see `CommandSubscriber`.
         changed: called when the connection is up (True) or lost (False, reason).
     """
 
@@ -64,23 +64,23 @@ class Publisher:
         *,
         address: BrokerAddress,
         client_id: str,
-        will: Outgoing,
+        will: OutgoingMessage,
         encoding: Encoding,
         queue: OutgoingQueue,
         subscription: str,
-        receive: Callable[[Incoming], float | None],
+        receive: Callable[[IncomingCommand], float | None],
         changed: Callable[[bool, str], None],
     ) -> None:
         self.address = address
         self._client_id = client_id
         self._will = will
         self._encoding = encoding
-        self._usual_properties = UsualProperties(encoding)
+        self._usual_properties = CachedProperties(encoding)
         self._queue = queue
-        self._hearing = Hearing(subscription, receive)
+        self._hearing = CommandSubscriber(subscription, receive)
         self._changed = changed
         self._version = aiomqtt.ProtocolVersion.V5
-        self._access: Access | None = None
+        self._access: Credentials | None = None
         self._renewal = asyncio.Event()
         self._warned: set[str] = set()
         self.state: Literal["connecting", "connected", "lost"] = "connecting"
@@ -96,7 +96,7 @@ class Publisher:
         try:
             async with self._connection(will=False):
                 return None
-        except FAILURES as error:
+        except CONNECTION_FAILURES as error:
             return reason_of(error, self.address)
 
     def renew(self) -> None:
@@ -118,7 +118,7 @@ class Publisher:
                     self._changed(True, f"broker {self.address} connected")
                     await self._serve(client)
                     continue  # at once: with new certificates, or deaf to a flood
-            except FAILURES as error:
+            except CONNECTION_FAILURES as error:
                 reason = reason_of(error, self.address)
                 if self.state == "connected" or reason != told:
                     self.state, told = "lost", reason
@@ -128,7 +128,7 @@ class Publisher:
             retry_s = min(2 * retry_s, LAST_RETRY_S)
 
     async def _serve(self, client: BrokerClient) -> None:
-        sending = Sending(
+        sending = PublishLoop(
             client,
             self._queue,
             properties=self._properties,
@@ -157,15 +157,15 @@ class Publisher:
             await self._renewal.wait()
             self._renewal.clear()
             try:
-                now = await asyncio.to_thread(read_access, self.address)
-            except AccessError as error:
+                now = await asyncio.to_thread(read_credentials, self.address)
+            except CredentialsError as error:
                 log.warning("%s; the connection goes on as it is", error)
                 continue
             if self._access is None or now.digest != self._access.digest:
                 log.info("password or certificates have changed; connecting anew")
                 return
 
-    def _properties(self, message: Outgoing) -> Properties | None:
+    def _properties(self, message: OutgoingMessage) -> Properties | None:
         if self._version is not aiomqtt.ProtocolVersion.V5:
             return None
         encoding = message.encoding or self._encoding
@@ -191,7 +191,7 @@ class Publisher:
 
     async def _client(self, *, will: bool) -> BrokerClient:
         """The daemon's connection, or one without a will only to try the broker."""
-        access = await asyncio.to_thread(read_access, self.address)
+        access = await asyncio.to_thread(read_credentials, self.address)
         self._access = access
         for text in access.warnings:
             if text not in self._warned:
@@ -216,7 +216,7 @@ class Publisher:
             else None,
         )
         client.pending_calls_threshold = 1000
-        client.most_payload_bytes = MAX_PACKET_BYTES
+        client.max_payload_bytes = MAX_PACKET_BYTES
         return client
 
 

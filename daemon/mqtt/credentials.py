@@ -1,8 +1,8 @@
 """How the daemon gets in at the broker: address, password, certificates.
 
 Files are read anew at every connection, so that they can be renewed. `credential:NAME`
-is a credential of systemd (LoadCredential=). The password lives in the value `Access`
-alone, which does not show it.
+is a credential of systemd (LoadCredential=). The password lives in the value
+`Credentials` alone, which does not show it.
 """
 
 import hashlib
@@ -25,7 +25,7 @@ MAX_PASSWORD_BYTES = 1024
 _CREDENTIAL_NAME = re.compile(r"(?!\.)[A-Za-z0-9._-]{1,255}")
 
 
-class AccessError(Exception):
+class CredentialsError(Exception):
     """A file of [broker] cannot be used.
 
     Attributes:
@@ -62,7 +62,7 @@ class BrokerAddress:
 
 
 @dataclass(frozen=True, slots=True)
-class Access:
+class Credentials:
     """What the files held at one moment.
 
     Attributes:
@@ -93,24 +93,24 @@ def address_of(section: BrokerSection, folder: Path) -> BrokerAddress:
     )
 
 
-def access_problems(section: BrokerSection, folder: Path) -> Iterator[Problem]:
+def credentials_problems(section: BrokerSection, folder: Path) -> Iterator[Problem]:
     """Why the files of [broker] cannot be used, as mistakes of the configuration."""
     try:
-        read_access(address_of(section, folder))
-    except AccessError as error:
+        read_credentials(address_of(section, folder))
+    except CredentialsError as error:
         yield Problem(f"broker.{error.key}", error.text)
 
 
-def read_access(address: BrokerAddress) -> Access:
+def read_credentials(address: BrokerAddress) -> Credentials:
     """Read password and certificates.
 
     Raises:
-        AccessError: one of them cannot be used.
+        CredentialsError: one of them cannot be used.
     """
     digest = hashlib.sha256()
     for key, path in _files(address):
         digest.update(hashlib.sha256(_content(key, path)).digest())
-    return Access(
+    return Credentials(
         _password(address),
         _context(address) if address.tls else None,
         digest.digest(),
@@ -131,13 +131,13 @@ def _path(key: str, name: str, folder: Path) -> Path:
         return folder / name
     credential = name.removeprefix(CREDENTIAL)
     if not _CREDENTIAL_NAME.fullmatch(credential):
-        raise AccessError(
+        raise CredentialsError(
             key,
             f"{name!r} is no name of a credential; use letters, digits, '.', '_', '-'",
         )
     credentials = os.environ.get("CREDENTIALS_DIRECTORY")
     if credentials is None:
-        raise AccessError(
+        raise CredentialsError(
             key,
             f"{name!r} is a credential of systemd, and $CREDENTIALS_DIRECTORY is not "
             f"set; start the daemon by a unit with LoadCredential={credential}:FILE, "
@@ -151,11 +151,11 @@ def _content(key: str, path: Path) -> bytes:
         with path.open("rb") as file:
             content = file.read(MAX_FILE_BYTES + 1)
     except OSError as error:
-        raise AccessError(
+        raise CredentialsError(
             key, f"{path} cannot be read: {error.strerror or error}"
         ) from error
     if len(content) > MAX_FILE_BYTES:
-        raise AccessError(key, f"{path} has more than {MAX_FILE_BYTES} bytes")
+        raise CredentialsError(key, f"{path} has more than {MAX_FILE_BYTES} bytes")
     return content
 
 
@@ -169,10 +169,10 @@ def _password(address: BrokerAddress) -> str | None:
         password = content.decode("utf-8")
     except UnicodeDecodeError:
         # Not `from` it: a UnicodeDecodeError holds the password.
-        raise AccessError(key, f"{path} is no text in UTF-8") from None
+        raise CredentialsError(key, f"{path} is no text in UTF-8") from None
     if not 1 <= len(content) <= MAX_PASSWORD_BYTES:
         text = f"holds {len(content)} bytes; a password has 1 to {MAX_PASSWORD_BYTES}"
-        raise AccessError(key, f"{path} {text}")
+        raise CredentialsError(key, f"{path} {text}")
     return password
 
 
@@ -183,7 +183,7 @@ def _context(address: BrokerAddress) -> ssl.SSLContext:
         context = tls_context(path)
     except OSError as error:
         text = f"{path} holds no certificate in PEM ({_why(error)})"
-        raise AccessError(key, text) from error
+        raise CredentialsError(key, text) from error
     if address.certificate_file is not None and address.key_file is not None:
         _load_own(context, address.certificate_file, address.key_file, address.folder)
     return context
@@ -196,7 +196,7 @@ def _load_own(
     key = _path("key_file", key_file, folder)
 
     def refuse() -> str:  # else OpenSSL would ask at the terminal
-        raise AccessError(
+        raise CredentialsError(
             "key_file",
             f"{key} is encrypted; a service has nobody to ask. Take the passphrase "
             "off (openssl pkey) and let only the daemon's user read it",
@@ -208,8 +208,8 @@ def _load_own(
         why = _why(error)
         if "KEY_VALUES_MISMATCH" in why:
             text = f"{key} is not the key of {certificate}"
-            raise AccessError("key_file", text) from error
-        raise AccessError(
+            raise CredentialsError("key_file", text) from error
+        raise CredentialsError(
             "certificate_file",
             f"{certificate} and {key} are no certificate and key in PEM ({why})",
         ) from error

@@ -4,14 +4,14 @@ from collections.abc import Callable
 
 from traverse.daemon.clock import HostClock
 from traverse.daemon.monitoring.events import Occurrence
-from traverse.daemon.mqtt.outgoing_queue import Outgoing, OutgoingQueue
-from traverse.daemon.step_listener import Tape
+from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage, OutgoingQueue
+from traverse.daemon.step_listener import StepListener
 from traverse.protocol import topics
 from traverse.protocol.encoding import Encoding, encode
 from traverse.protocol.messages import Event, Message
 
 
-class Outlet:
+class MessagePublisher:
     """Encodes the arm's messages and puts them into the outgoing queue.
 
     Args:
@@ -31,14 +31,14 @@ class Outlet:
         self._encoding: Encoding = encoding
         self._queue = queue
         self._clock = clock
-        self.tape = Tape()
+        self.tape = StepListener()
 
     def outgoing(
         self, kind: str, message: Message, sent: Callable[[], None] | None = None
-    ) -> Outgoing:
+    ) -> OutgoingMessage:
         """The message as it is handed to the broker."""
         channel = topics.CHANNELS[kind]
-        return Outgoing(
+        return OutgoingMessage(
             f"{topics.ROOT}/{self._arm}/{kind}",
             encode(message, self._encoding),
             qos=channel.qos,

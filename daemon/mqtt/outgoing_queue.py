@@ -25,7 +25,7 @@ ON_DISK = frozenset({"point", "spooled"})  # what finds no room is there
 
 
 @dataclass(frozen=True, slots=True)
-class Outgoing:
+class OutgoingMessage:
     """One message on its way to the broker.
 
     Attributes:
@@ -82,8 +82,12 @@ class OutgoingQueue:
             "live",
             "health",
         )
-        self._waiting: dict[str, deque[Outgoing]] = {kind: deque() for kind in kinds}
-        self._on_the_way: dict[str, deque[Outgoing]] = {k: deque() for k in kinds}
+        self._waiting: dict[str, deque[OutgoingMessage]] = {
+            kind: deque() for kind in kinds
+        }
+        self._on_the_way: dict[str, deque[OutgoingMessage]] = {
+            k: deque() for k in kinds
+        }
         self._emptied = asyncio.Event()
         self.dropped: Counter[str] = Counter()
         self.sent: Counter[str] = Counter()
@@ -104,7 +108,7 @@ class OutgoingQueue:
         """How many messages of ``kind`` the broker does not have yet."""
         return len(self._waiting[kind]) + len(self._on_the_way[kind])
 
-    def offer(self, kind: str, message: Outgoing) -> bool:
+    def offer(self, kind: str, message: OutgoingMessage) -> bool:
         """Queue a message; False where there was no room and it was dropped."""
         queue = self._waiting[kind]
         limit = self._limits.get(kind)
@@ -132,7 +136,7 @@ class OutgoingQueue:
             if offered is not None:
                 offered()
 
-    def next(self) -> tuple[str, Outgoing] | None:
+    def next(self) -> tuple[str, OutgoingMessage] | None:
         """Take the message to send next, if there is one: now it is on its way."""
         for kind, queue in self._waiting.items():
             if queue:
@@ -148,7 +152,7 @@ class OutgoingQueue:
                 self._waiting[kind].extendleft(reversed(gone))
             gone.clear()
 
-    def done(self, kind: str, message: Outgoing) -> None:
+    def done(self, kind: str, message: OutgoingMessage) -> None:
         """``message`` has been sent: forget it."""
         self._forget(kind, message)
         self.sent[kind] += 1
@@ -157,14 +161,14 @@ class OutgoingQueue:
         if self.left is not None:
             self.left()
 
-    def drop(self, kind: str, message: Outgoing) -> None:
+    def drop(self, kind: str, message: OutgoingMessage) -> None:
         """``message`` cannot be sent: forget it and count that."""
         self._forget(kind, message)
         self.dropped[kind] += 1
         if self.left is not None:
             self.left()
 
-    def put_off(self, kind: str, message: Outgoing) -> None:
+    def defer(self, kind: str, message: OutgoingMessage) -> None:
         """``message`` comes again later, by who keeps it: forget it here."""
         self._forget(kind, message)
         if message.refused is not None:
@@ -178,7 +182,7 @@ class OutgoingQueue:
             self._emptied.clear()
             await self._emptied.wait()
 
-    def _forget(self, kind: str, message: Outgoing) -> None:
+    def _forget(self, kind: str, message: OutgoingMessage) -> None:
         gone = self._on_the_way[kind]
         if gone and gone[0] is message:  # answers come in the order of sending
             gone.popleft()

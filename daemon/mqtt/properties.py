@@ -5,10 +5,10 @@ from paho.mqtt.properties import Properties
 
 from traverse.protocol.encoding import Encoding, content_type
 
-MAX_UNANSWERED = 32  # commands of QoS 1 on their way to us
+RECEIVE_MAXIMUM = 32  # commands of QoS 1 on their way to us
 
 
-class UsualProperties(Properties):
+class CachedProperties(Properties):
     """What every message in one encoding carries; packed once, since that is slow.
 
     Args:
@@ -39,5 +39,5 @@ def connect_properties(max_packet_bytes: int) -> Properties:
     """What we are ready to take in: longer packets the broker must not send."""
     properties = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]  # paho's is not typed
     properties.MaximumPacketSize = max_packet_bytes
-    properties.ReceiveMaximum = MAX_UNANSWERED
+    properties.ReceiveMaximum = RECEIVE_MAXIMUM
     return properties

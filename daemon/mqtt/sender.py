@@ -10,7 +10,7 @@ import aiomqtt
 from paho.mqtt.properties import Properties
 
 from traverse.daemon.mqtt.client import BrokerClient
-from traverse.daemon.mqtt.outgoing_queue import Outgoing, OutgoingQueue
+from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage, OutgoingQueue
 
 log = logging.getLogger("traverse.daemon.publisher")
 
@@ -19,7 +19,7 @@ LOOK_S = 1.0
 REFUSED_S = 5.0  # a refused point is tried again: somebody may correct the access list
 
 
-class Sending:
+class PublishLoop:
     """Takes messages from the queue whenever the connection has room for them.
 
     A message is written in the call that offers it. Several may be on their way, so
@@ -38,7 +38,7 @@ class Sending:
         client: BrokerClient,
         queue: OutgoingQueue,
         *,
-        properties: Callable[[Outgoing], Properties | None],
+        properties: Callable[[OutgoingMessage], Properties | None],
         changed: Callable[[bool, str], None],
         broker: str,
     ) -> None:
@@ -47,7 +47,7 @@ class Sending:
         self._properties = properties
         self._changed = changed
         self._broker = broker
-        self._on_the_way: dict[int, tuple[str, Outgoing, float]] = {}
+        self._on_the_way: dict[int, tuple[str, OutgoingMessage, float]] = {}
         self._is_sending = False
         self._was_refused = False
         self._resumes_s = 0.0
@@ -85,7 +85,7 @@ class Sending:
         try:
             with client.together() if several else contextlib.nullcontext():
                 while (
-                    len(self._on_the_way) < client.most_on_the_way
+                    len(self._on_the_way) < client.max_in_flight
                     and not client.is_congested
                     and (taken := self._queue.next()) is not None
                 ):
@@ -95,7 +95,7 @@ class Sending:
         finally:
             self._is_sending = False
 
-    def _send_one(self, kind: str, message: Outgoing) -> None:
+    def _send_one(self, kind: str, message: OutgoingMessage) -> None:
         try:
             number = self._client.send(message, self._properties(message))
         except ValueError as error:
@@ -126,7 +126,7 @@ class Sending:
                 self._changed(False, text)
         elif message.refused is not None:
             log.warning("%s; tried again later", text)
-            self._queue.put_off(kind, message)
+            self._queue.defer(kind, message)
         else:
             log.warning("%s; dropped", text)
             self._queue.drop(kind, message)

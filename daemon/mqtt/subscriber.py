@@ -15,7 +15,7 @@ REFUSED_SUBSCRIPTION = 128  # and above, in MQTT 3.1.1 and 5
 
 
 @dataclass(frozen=True, slots=True)
-class Incoming:
+class IncomingCommand:
     """A command as it came: topic, payload, and where its answer goes."""
 
     topic: str
@@ -25,7 +25,7 @@ class Incoming:
     correlation: bytes | None
 
 
-class Hearing:
+class CommandSubscriber:
     """Asks each connection for commands and hands them on.
 
     Args:
@@ -35,7 +35,7 @@ class Hearing:
     """
 
     def __init__(
-        self, subscription: str, receive: Callable[[Incoming], float | None]
+        self, subscription: str, receive: Callable[[IncomingCommand], float | None]
     ) -> None:
         self._subscription = subscription
         self._receive = receive
@@ -73,7 +73,7 @@ class Hearing:
         if self._deafness_s() > 0.0:
             return  # it was on its way when the flood was noticed
         pause_s = self._receive(
-            Incoming(
+            IncomingCommand(
                 message.topic,
                 bytes(message.payload),
                 message.retain,

@@ -17,10 +17,10 @@ from traverse.protocol.messages import QualityFlag
 
 Floats = NDArray[np.float64]
 
-LONGEST_NS = 60_000_000_000
+MAX_AVERAGING_NS = 60_000_000_000
 SPEED_NS = 20_000_000  # over less, noise would be taken for a speed
 _COLUMNS = 12  # sums beside those of the angles
-UNFIT = (
+UNUSABLE_FLAGS = (
     QualityFlag.ENCODER_ERROR
     | QualityFlag.LATE
     | QualityFlag.STALE
@@ -171,9 +171,10 @@ class Average:
                 f"limit is {limits.spread_mm:g} mm",
                 "hold the probe still, then take the point again",
             )
-        if self._quality & UNFIT:
+        if self._quality & UNUSABLE_FLAGS:
             names = ", ".join(
-                str(flag.name).lower() for flag in QualityFlag(self._quality & UNFIT)
+                str(flag.name).lower()
+                for flag in QualityFlag(self._quality & UNUSABLE_FLAGS)
             )
             raise CaptureRefusedError(
                 f"samples to be averaged are flagged {names}",
@@ -214,7 +215,10 @@ class Average:
             CaptureRefusedError: with how many there were.
         """
         end_ns = self.last_ns if self._end_ns is None else self._end_ns
-        if now_ns > end_ns + wait_ns or now_ns > self._begin_ns + LONGEST_NS + wait_ns:
+        if (
+            now_ns > end_ns + wait_ns
+            or now_ns > self._begin_ns + MAX_AVERAGING_NS + wait_ns
+        ):
             wanted = "" if self._samples is None else f" of {self._samples}"
             raise CaptureRefusedError(
                 f"{self.n}{wanted} samples came to be averaged, then no more in time",

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from traverse.daemon.config.schema import Action, CaptureSection
 from traverse.daemon.points.gestures import Button, Decision, Gesture, GestureTimes
 
-GRACE_NS = 50_000_000  # an edge may be under way for so long
+EDGE_DELAY_NS = 50_000_000  # an edge may be under way for so long
 
 Meanings = Mapping[str, Action]
 Input = tuple[str, int]
@@ -42,7 +42,7 @@ class Buttons:
         self._held: dict[Input, Press] = {}
 
     @property
-    def are_decided(self) -> bool:
+    def all_decided(self) -> bool:
         """No press waits to be told apart, and no hold for its end."""
         return not self._open and not self._held
 
@@ -63,7 +63,7 @@ class Buttons:
         """It is later now: decide what no edge can change any more."""
         for which, button in self._buttons.items():
             if button.due_ns is not None:
-                self._decide(which, button.passed(now_ns - GRACE_NS))
+                self._decide(which, button.passed(now_ns - EDGE_DELAY_NS))
 
     def _meant(self, which: Input) -> Meanings:
         return self._meanings.get(which, {"click": "point"})

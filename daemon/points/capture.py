@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.schema import CaptureSection
 from traverse.daemon.points.session import Session
-from traverse.daemon.pose.alignment import PartSystem
+from traverse.daemon.pose.alignment import ActiveAlignment
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.poses import LatchedPose
-from traverse.daemon.store.pending_write import Keeping
+from traverse.daemon.store.pending_write import PendingWrite
 from traverse.protocol.messages import Label, Point, Quality
 from traverse.protocol.messages.point import Compensation, Covariance, Trigger
 
@@ -71,11 +71,11 @@ class Capture:
     def __init__(
         self,
         clock: HostClock,
-        keep: Callable[[Session, Point], Keeping | None],
-        part: PartSystem | None = None,
+        keep: Callable[[Session, Point], PendingWrite | None],
+        part: ActiveAlignment | None = None,
     ) -> None:
         self._clock = clock
-        self.part = part or PartSystem()
+        self.part = part or ActiveAlignment()
         self._keep = keep
         self.session = self._new_session("")
         self.label = Label()
@@ -83,7 +83,7 @@ class Capture:
         self.retracted = 0
         self.refused = 0
 
-    def take(self, measured: Measured, trigger: Trigger) -> Keeping:
+    def take(self, measured: Measured, trigger: Trigger) -> PendingWrite:
         """Capture a point; it is one as soon as it is on the disk.
 
         Raises:
@@ -117,7 +117,7 @@ class Capture:
         )
         return self._hand_on(point)
 
-    def undo(self, trigger: Trigger, point_id: str | None = None) -> Keeping:
+    def undo(self, trigger: Trigger, point_id: str | None = None) -> PendingWrite:
         """Take the last point back that stands yet; gives the retraction on its way.
 
         Args:
@@ -155,7 +155,7 @@ class Capture:
     def _new_session(self, note: str) -> Session:
         return Session(self._clock.to_utc_ns(self._clock.monotonic_ns()), note)
 
-    def _hand_on(self, point: Point) -> Keeping:
+    def _hand_on(self, point: Point) -> PendingWrite:
         session = self.session
         keeping = self._keep(session, point)
         if keeping is None:
@@ -168,11 +168,11 @@ class Capture:
                 self.captured += point.retracts is None
                 self.retracted += point.retracts is not None
 
-        keeping.when_settled(settled)
+        keeping.on_settled(settled)
         return keeping
 
 
-class Triggers:
+class TriggerMap:
     """Which edges capture: (device, input) to the kind of trigger."""
 
     def __init__(self, inputs: Mapping[tuple[str, int], Trigger]) -> None:
@@ -188,6 +188,6 @@ class Triggers:
         return None if number is None else self._inputs.get((device, number))
 
 
-def triggers_of(settings: CaptureSection) -> Triggers:
+def triggers_of(settings: CaptureSection) -> TriggerMap:
     """The triggers of a configuration."""
-    return Triggers({(i.device_id, i.number): i.trigger for i in settings.inputs})
+    return TriggerMap({(i.device_id, i.number): i.trigger for i in settings.inputs})

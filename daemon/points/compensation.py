@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from traverse.daemon.config.schema import CaptureSection
 from traverse.daemon.points.capture import Measured
 from traverse.daemon.pose.poses import PoseBlock
-from traverse.daemon.pose.trajectory import TipPath, first_away
+from traverse.daemon.pose.trajectory import TrajectoryBuffer, first_sample_beyond
 from traverse.kinematics.effects.pose import contact_shifts, pose_flags
 from traverse.kinematics.probing.compensation import surface_point, towards_material
 from traverse.protocol.messages import QualityFlag
@@ -24,7 +24,7 @@ UNKNOWN = QualityFlag.SURFACE_UNKNOWN.value
 
 
 @dataclass(slots=True, eq=False)
-class Pull:
+class RetractDetector:
     """Watches where the probe is pulled to after a touch.
 
     Attributes:
@@ -43,11 +43,13 @@ class Pull:
     def add(self, poses: PoseBlock) -> None:
         """Go on by a block of the stream."""
         if self.place_mm is None:
-            found = first_away(poses, self.from_ns, self.from_mm, self.distance_mm)
+            found = first_sample_beyond(
+                poses, self.from_ns, self.from_mm, self.distance_mm
+            )
             if found is not None and found[0] <= self.until_ns:
                 self.place_mm = found[1]
 
-    def is_over(self, path: TipPath, now_ns: int, wait_ns: int) -> bool:
+    def is_over(self, path: TrajectoryBuffer, now_ns: int, wait_ns: int) -> bool:
         """Whether nothing more is to be waited for."""
         last_ns = path.last_ns
         seen_all = last_ns is not None and last_ns > self.until_ns
@@ -65,7 +67,7 @@ class Tip:
         air_mm: a place in the air, from which the next point is touched; or None.
     """
 
-    def __init__(self, settings: CaptureSection, path: TipPath) -> None:
+    def __init__(self, settings: CaptureSection, path: TrajectoryBuffer) -> None:
         self._method = settings.compensation
         self._settings = settings
         self._path = path
@@ -74,11 +76,11 @@ class Tip:
         self.air_mm: Floats | None = None
 
     @property
-    def wants_path(self) -> bool:
+    def needs_trajectory(self) -> bool:
         """Whether it matters where the probe came from."""
         return self._method == "pretouch" and self.air_mm is None
 
-    def note_air(self, place_mm: Floats) -> None:
+    def set_air_point(self, place_mm: Floats) -> None:
         """A place in the air, from which the next point will be touched."""
         self.air_mm = place_mm
 
@@ -87,20 +89,20 @@ class Tip:
         if self._method != "pretouch":
             return None
         distance_mm = self._settings.pretouch_mm
-        return self._path.last_away_mm(time_ns, place_mm, distance_mm)
+        return self._path.last_position_beyond_mm(time_ns, place_mm, distance_mm)
 
-    def pull(self, time_ns: int, place_mm: Floats) -> Pull | None:
+    def pull(self, time_ns: int, place_mm: Floats) -> RetractDetector | None:
         """What watches the probe from now on; None where it does not matter."""
         if self._method != "pulled":
             return None
         settings = self._settings
         until_ns = time_ns + int(settings.pull_s * 1e9)
-        pull = Pull(time_ns, place_mm, settings.pull_mm, until_ns)
+        pull = RetractDetector(time_ns, place_mm, settings.pull_mm, until_ns)
         for block in self._path.after(time_ns, until_ns):
             pull.add(block)
         return pull
 
-    def compensated(self, measured: Measured, pull: Pull | None) -> Measured:
+    def compensated(self, measured: Measured, pull: RetractDetector | None) -> Measured:
         """The point with the place that was touched.
 
         Raises:

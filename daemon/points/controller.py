@@ -11,13 +11,13 @@ from traverse.daemon.health import HealthReport
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.points.averaging import Average
 from traverse.daemon.points.buttons import buttons_of
-from traverse.daemon.points.capture import Capture, CaptureRefusedError, Triggers
+from traverse.daemon.points.capture import Capture, CaptureRefusedError, TriggerMap
 from traverse.daemon.points.compensation import Tip
 from traverse.daemon.points.ordered_replies import Answers, Outcome
-from traverse.daemon.points.point_evaluator import PointMaking
-from traverse.daemon.points.point_events import PointEvents
+from traverse.daemon.points.point_evaluator import PointEvaluator
+from traverse.daemon.points.point_events import PointEventReporter
 from traverse.daemon.points.pose_evaluator import Stage
-from traverse.daemon.points.request_queue import PendingPoints, Request
+from traverse.daemon.points.request_queue import PointRequestQueue, Request
 from traverse.daemon.pose.poses import PoseBlock
 from traverse.drivers.base.values import LatchedCounts
 from traverse.protocol.messages import Point
@@ -29,7 +29,7 @@ Answer = asyncio.Future[Point]
 REPORT_IT = "report it with the daemon's log"
 
 
-class ArmPoints:
+class PointController:
     """Takes points, and all commands that must keep their order with points.
 
     Args:
@@ -50,7 +50,7 @@ class ArmPoints:
         stage: Stage,
         *,
         capture: Capture,
-        triggers: Triggers,
+        triggers: TriggerMap,
         settings: CaptureSection,
         events: EventLog,
         health: HealthReport,
@@ -59,10 +59,10 @@ class ArmPoints:
         self._capture = capture
         self._triggers = triggers
         self._buttons = buttons_of(settings)
-        self.events = PointEvents(events)
-        self._making = PointMaking(stage, settings, self.events)
+        self.events = PointEventReporter(events)
+        self._making = PointEvaluator(stage, settings, self.events)
         self._health = health
-        self._pending = PendingPoints(self._look, self._deal_with)
+        self._pending = PointRequestQueue(self._look, self._deal_with)
         self._answers = Answers(self._tell)
         self.carry_out: dict[Action, Callable[[], object]] = {}
 
@@ -79,17 +79,17 @@ class ArmPoints:
     @property
     def is_idle(self) -> bool:
         """No point is being taken or kept, and no press waits to be told apart."""
-        return not (self._pending or self._answers) and self._buttons.are_decided
+        return not (self._pending or self._answers) and self._buttons.all_decided
 
-    def use(self, stage: Stage, triggers: Triggers, settings: CaptureSection) -> None:
+    def use(self, stage: Stage, triggers: TriggerMap, settings: CaptureSection) -> None:
         """Go by other rules; only while `is_idle`."""
         self._stage = stage
         self._triggers = triggers
         self._buttons = buttons_of(settings)
-        self._making = PointMaking(stage, settings, self.events)
+        self._making = PointEvaluator(stage, settings, self.events)
 
     @property
-    def some_wait(self) -> asyncio.Event:
+    def has_pending(self) -> asyncio.Event:
         """Set while something waits for time to pass."""
         return self._pending.some
 
@@ -129,7 +129,7 @@ class ArmPoints:
         """Take a point at this very instant, out of the stream."""
         return self._asked(self._request_now("command"))
 
-    def take_latched(self, latch: LatchedCounts, answer: Answer) -> None:
+    def add_latched(self, latch: LatchedCounts, answer: Answer) -> None:
         """Take a point of what a device has latched on request."""
         self._pending.add(
             Request(
@@ -145,7 +145,7 @@ class ArmPoints:
     def take_mean(self, average: Average) -> Answer:
         """Take a point that is the mean of the samples from now on."""
         request = self._request_now("command")
-        self._making.begin_average(request, average)
+        self._making.start_average(request, average)
         return self._asked(request)
 
     def in_order(self, act: Callable[[], Any]) -> asyncio.Future[Any]:
@@ -174,7 +174,7 @@ class ArmPoints:
             return False
         outcome: Outcome = True
         # Whoever was told "no answer" must not find a point later.
-        if not request.is_given_up:
+        if not request.is_cancelled:
             try:
                 outcome = self._outcome(request, is_last_chance)
             except CaptureRefusedError as error:
@@ -199,7 +199,7 @@ class ArmPoints:
             taken.add(now_ns - request.received_ns)
         elif isinstance(outcome, Point) and request.device is not None:
             self.events.undone(outcome)
-        request.answer_with(outcome)
+        request.resolve(outcome)
         if request.device is not None and request.latch is not None:
             self.events.edge(request, request.device, request.latch)
             # Only now may the device forget it.
@@ -217,7 +217,7 @@ class ArmPoints:
             return self._done(request, is_last_chance=is_last_chance)
         press = request.press
         if press is not None and press.action == "average" and request.average is None:
-            self._making.begin_average(request)
+            self._making.start_average(request)
         measured = self._making.measured(
             request,
             is_last_chance=is_last_chance,
@@ -237,7 +237,7 @@ class ArmPoints:
         if action == "undo" and request.trigger is not None:
             outcome = self._capture.undo(request.trigger)
         elif action == "air":
-            if not self._making.note_air(request, is_last_chance=is_last_chance):
+            if not self._making.set_air_point(request, is_last_chance=is_last_chance):
                 return None
         elif action == "session":
             self.events.session(self._capture.begin_session())

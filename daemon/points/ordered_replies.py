@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from traverse.daemon.points.capture import CaptureRefusedError
 from traverse.daemon.points.request_queue import Request
-from traverse.daemon.store.pending_write import Keeping
+from traverse.daemon.store.pending_write import PendingWrite
 
 Outcome = object | CaptureRefusedError
 
@@ -30,17 +30,17 @@ class Answers:
         return len(self._waiting)
 
     def add(self, request: Request, outcome: Outcome) -> None:
-        """This came of a request; what is told of a `Keeping` is what comes of it."""
+        """Report the result of a request; of a `PendingWrite`, what becomes of it."""
         self._waiting.append((request, outcome))
-        if isinstance(outcome, Keeping):
-            outcome.when_settled(self._tell_all)
+        if isinstance(outcome, PendingWrite):
+            outcome.on_settled(self._tell_all)
         else:
             self._tell_all()
 
     def _tell_all(self) -> None:
         while self._waiting:
             request, outcome = self._waiting[0]
-            if isinstance(outcome, Keeping):
+            if isinstance(outcome, PendingWrite):
                 if not outcome.is_settled:
                     return
                 outcome = _settled(outcome)
@@ -48,7 +48,7 @@ class Answers:
             self._tell(request, outcome)
 
 
-def _settled(keeping: Keeping) -> Outcome:
+def _settled(keeping: PendingWrite) -> Outcome:
     trouble = keeping.trouble
     if trouble is None:
         return keeping.point

@@ -5,15 +5,15 @@ from dataclasses import replace
 from traverse.daemon.config.schema import CaptureSection
 from traverse.daemon.points.averaging import Average, AverageLimits
 from traverse.daemon.points.capture import CaptureRefusedError, Measured
-from traverse.daemon.points.compensation import Pull, Tip, without_direction
-from traverse.daemon.points.point_events import PointEvents
+from traverse.daemon.points.compensation import RetractDetector, Tip, without_direction
+from traverse.daemon.points.point_events import PointEventReporter
 from traverse.daemon.points.pose_evaluator import ArmSight, Stage
 from traverse.daemon.points.request_queue import Request
 from traverse.daemon.pose.poses import PoseBlock
 from traverse.kinematics.probing.compensation import DirectionError
 
 
-class PointMaking:
+class PointEvaluator:
     """Follows the stream for all requests that need more than their instant.
 
     Args:
@@ -26,7 +26,7 @@ class PointMaking:
     """
 
     def __init__(
-        self, stage: Stage, settings: CaptureSection, events: PointEvents
+        self, stage: Stage, settings: CaptureSection, events: PointEventReporter
     ) -> None:
         self._stage = stage
         self._sight = ArmSight(stage)
@@ -37,7 +37,7 @@ class PointMaking:
             settings.average_speed_mm_s, settings.average_spread_mm
         )
         self._averages: list[Average] = []
-        self._pulls: list[Pull] = []
+        self._pulls: list[RetractDetector] = []
 
     def follow(self, poses: PoseBlock) -> None:
         """Go on by a block of the arm's stream."""
@@ -58,13 +58,13 @@ class PointMaking:
             self._watch(request, seen.pose.sample_time_ns, seen)
         # An edge may overtake samples from before it.
         time_ns = seen.pose.sample_time_ns
-        if not self.tip.wants_path or self._stage.path.reaches(time_ns):
+        if not self.tip.needs_trajectory or self._stage.path.reaches(time_ns):
             before_mm = self.tip.before(time_ns, seen.pose.xyz_mm)
             if before_mm is not seen.before_mm:
                 request.seen = replace(seen, before_mm=before_mm)
-            request.is_looked_at = True
+            request.is_evaluated = True
 
-    def begin_average(self, request: Request, average: Average | None = None) -> None:
+    def start_average(self, request: Request, average: Average | None = None) -> None:
         """Let samples be averaged from the instant of a request on.
 
         Args:
@@ -84,7 +84,7 @@ class PointMaking:
         if here_mm is not None:
             average.before_mm = self.tip.before(begin_ns, here_mm)
 
-    def note_air(self, request: Request, *, is_last_chance: bool) -> bool:
+    def set_air_point(self, request: Request, *, is_last_chance: bool) -> bool:
         """Remember where the ball was at a press in the air; False while it waits.
 
         Raises:
@@ -94,7 +94,7 @@ class PointMaking:
             if is_last_chance:
                 raise CaptureRefusedError(*self._sight.lack(request))
             return False
-        self.tip.note_air(request.seen.pose.xyz_mm)
+        self.tip.set_air_point(request.seen.pose.xyz_mm)
         return True
 
     def measured(
@@ -112,7 +112,9 @@ class PointMaking:
                 if request.mean is not None:
                     self._watch(request, average.last_ns, request.mean)
             seen = request.mean
-        elif seen is None and (is_last_chance or self._stage.devices.unfit is not None):
+        elif seen is None and (
+            is_last_chance or self._stage.devices.first_mismatched is not None
+        ):
             raise CaptureRefusedError(*self._sight.lack(request))
         if seen is None:
             return None

@@ -11,7 +11,7 @@ from traverse.kinematics.probing.compensation import DirectionError
 from traverse.protocol.messages import Label, Point
 
 
-class PointEvents:
+class PointEventReporter:
     """Tells what becomes of requests.
 
     Args:

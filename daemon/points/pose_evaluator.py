@@ -4,17 +4,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from traverse.daemon.acquisition.joint_devices import ArmDevices
-from traverse.daemon.acquisition.resampler import Assembly
+from traverse.daemon.acquisition.joint_devices import JointDevices
+from traverse.daemon.acquisition.resampler import Resampler
 from traverse.daemon.clock import HostClock
 from traverse.daemon.points.averaging import Average, mean_pose
 from traverse.daemon.points.capture import Measured
 from traverse.daemon.points.request_queue import Request
 from traverse.daemon.pose.pipeline import Pipeline
 from traverse.daemon.pose.poses import LatchedPose
-from traverse.daemon.pose.quality_watch import QualityWatch
-from traverse.daemon.pose.skew import SkewWatch
-from traverse.daemon.pose.trajectory import TipPath
+from traverse.daemon.pose.quality_watch import QualityMonitor
+from traverse.daemon.pose.skew import SkewMonitor
+from traverse.daemon.pose.trajectory import TrajectoryBuffer
 from traverse.daemon.pose.uncertainty import Reading, Uncertainty
 from traverse.drivers.base.values import LatchedCounts
 
@@ -28,13 +28,13 @@ class Stage:
     """
 
     clock: HostClock
-    devices: ArmDevices
+    devices: JointDevices
     pipeline: Pipeline
-    assembly: Assembly
-    skew: SkewWatch
-    path: TipPath
+    assembly: Resampler
+    skew: SkewMonitor
+    path: TrajectoryBuffer
     uncertainty: Uncertainty
-    quality: QualityWatch
+    quality: QualityMonitor
     point_wait_ns: int
 
 
@@ -56,13 +56,17 @@ class ArmSight:
         if pose is None:
             return None
         device = request.device
-        if device is not None and pose.doubts_counts is not None and device.identity:
+        if (
+            device is not None
+            and pose.error_bounds_counts is not None
+            and device.identity
+        ):
             jitter_ns = device.identity.jitter_ns
         speeds_rad_s = stage.path.speeds_rad_s(pose.sample_time_ns, pose.angles_rad)
         pose = stage.quality.marked(pose, speeds_rad_s, temperature_c)
         return self._measured(
             pose,
-            Reading(pose.block, speeds_rad_s, pose.doubts_counts, jitter_ns),
+            Reading(pose.block, speeds_rad_s, pose.error_bounds_counts, jitter_ns),
             temperature_c,
         )
 
@@ -89,9 +93,9 @@ class ArmSight:
 
     def lack(self, request: Request) -> tuple[str, str]:
         """Why nothing is known of an instant, and what to do."""
-        unfit = self._stage.devices.unfit
-        if unfit is not None:
-            text = f"{unfit.section.id} does not fit the arm file"
+        first_mismatched = self._stage.devices.first_mismatched
+        if first_mismatched is not None:
+            text = f"{first_mismatched.section.id} does not fit the arm file"
             return text, "see the event device.mismatch"
         lack = self._stage.assembly.lack(request.instant_ns, request.latch)
         text = f"the joints cannot be told at the instant of the point: {lack}"
@@ -109,7 +113,7 @@ class ArmSight:
         self, request: Request, temperature_c: float | None
     ) -> LatchedPose | None:
         stage, latch = self._stage, request.latch
-        if stage.devices.unfit is not None:
+        if stage.devices.first_mismatched is not None:
             return None
         if latch is not None and self._is_whole(latch):
             return stage.pipeline.latched_pose(latch, temperature_c)
@@ -121,8 +125,8 @@ class ArmSight:
         if found is None or (is_waiting and not stage.path.reaches(instant_ns)):
             return None
         pose = stage.pipeline.pose_at(found.counts, temperature_c)
-        pose = replace(pose, doubts_counts=found.doubts_counts)
-        return stage.skew.marked(stage.pipeline.model, pose, found.doubts_counts)
+        pose = replace(pose, error_bounds_counts=found.error_bounds_counts)
+        return stage.skew.marked(stage.pipeline.model, pose, found.error_bounds_counts)
 
     def _is_whole(self, latch: LatchedCounts) -> bool:
         """The one device that reads all joints has latched them."""

@@ -16,13 +16,15 @@ from traverse.daemon.config.schema import Action
 from traverse.daemon.points.averaging import Average
 from traverse.daemon.points.buttons import Press
 from traverse.daemon.points.capture import Measured
-from traverse.daemon.points.compensation import Pull
+from traverse.daemon.points.compensation import RetractDetector
 from traverse.drivers.base.values import LatchedCounts
 from traverse.protocol.messages.point import Trigger
 
 CAPTURING: frozenset[Action] = frozenset(("point", "average"))
 MAX_PENDING = 256
-MAX_BEHIND = 12  # behind a mean: a board keeps 16 edges that are not acknowledged
+MAX_WAITING_DURING_MEAN = (
+    12  # behind a mean: a board keeps 16 edges that are not acknowledged
+)
 
 
 @dataclass(slots=True, eq=False)
@@ -43,7 +45,7 @@ class Request:
         average: the samples of a mean.
         mean: of these samples, as soon as they are complete.
         pull: watches where the probe is pulled to.
-        is_looked_at: nothing more is to be seen of its instant.
+        is_evaluated: nothing more is to be seen of its instant.
         seen: what is known of the arm at the instant, as soon as it is.
     """
 
@@ -59,9 +61,9 @@ class Request:
     act: Callable[[], object] | None = None
     average: Average | None = None
     mean: Measured | None = None
-    pull: Pull | None = None
+    pull: RetractDetector | None = None
     seen: Measured | None = None
-    is_looked_at: bool = False
+    is_evaluated: bool = False
 
     @property
     def captures(self) -> bool:
@@ -83,11 +85,11 @@ class Request:
         return self.press is not None and self.press.action is None
 
     @property
-    def is_given_up(self) -> bool:
+    def is_cancelled(self) -> bool:
         """Whoever asked for it does not wait any more."""
         return self.answer is not None and self.answer.done()
 
-    def answer_with(self, outcome: object) -> None:
+    def resolve(self, outcome: object) -> None:
         """Tell whoever asked what came of it, if they still wait."""
         if self.answer is None or self.answer.done():
             return
@@ -97,7 +99,7 @@ class Request:
             self.answer.set_result(outcome)
 
 
-class PendingPoints:
+class PointRequestQueue:
     """Deals with requests one after the other.
 
     Args:
@@ -125,7 +127,7 @@ class PendingPoints:
     @property
     def is_crowded(self) -> bool:
         """So many wait that a mean must not be waited for."""
-        return len(self._requests) > MAX_BEHIND
+        return len(self._requests) > MAX_WAITING_DURING_MEAN
 
     def add(self, request: Request) -> None:
         """Take a request, and deal with all that can be dealt with."""
@@ -137,13 +139,13 @@ class PendingPoints:
         for request in self._requests:
             if request.may_capture:
                 request.seen = None
-                request.is_looked_at = False
+                request.is_evaluated = False
                 self._look(request)
 
     def settle(self, now_ns: int | None = None) -> None:
         """Deal with what can be dealt with, or has waited long enough by some time."""
         for request in self._requests:
-            if request.may_capture and not request.is_looked_at:
+            if request.may_capture and not request.is_evaluated:
                 self._look(request)
         while self._requests:
             request = self._requests[0]

@@ -50,7 +50,7 @@ class Session:
         """The oldest of those handed on is safe: it will never be taken out."""
         self._retracted.pop(point.id, None)
 
-    def take_out(self, point: Point) -> None:
+    def roll_back(self, point: Point) -> None:
         """The newest of those handed on is not to be: as if it had never been."""
         self.next_seq -= 1
         if point.retracts is None:

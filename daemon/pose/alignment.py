@@ -30,7 +30,7 @@ class Alignment:
         return self.scale * turned + self.translation_mm
 
 
-def alignment_asked_for(args: AlignArgs) -> Alignment | None:
+def requested_alignment(args: AlignArgs) -> Alignment | None:
     """The alignment that a command sets; None if it clears it."""
     if args.action == "clear":
         return None
@@ -42,7 +42,7 @@ def alignment_asked_for(args: AlignArgs) -> Alignment | None:
     )
 
 
-class PartSystem:
+class ActiveAlignment:
     """The alignment in use, which everything that is published looks up.
 
     Attributes:

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.daemon.pose.model_problems import (
-    never_coming,
-    never_known,
-    unusable_encoders,
+    covariate_problems,
+    encoder_problems,
+    epoch_problems,
 )
 from traverse.daemon.pose.parameter_covariance import (
-    knowledge_with_probe,
-    read_knowledge,
+    covariance_with_probe,
+    read_parameter_covariance,
 )
 from traverse.daemon.pose.probe_library import LibraryProbe, with_probe
 from traverse.drivers.base.values import Identity
@@ -33,7 +33,7 @@ from traverse.kinematics.model.geometry import Geometry, geometry_from_arm
 from traverse.kinematics.model.readings import Encoders, encoders_from_arm
 from traverse.kinematics.uncertainty.arm_covariance import ArmCovariance
 
-OF_GRAVITY = ("joint_compliance", "bearing_compliance", "mount_compliance")
+GRAVITY_EFFECTS = ("joint_compliance", "bearing_compliance", "mount_compliance")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +75,7 @@ class ArmModel:
         encoders = self.encoders
         return encoders.signs * (2.0 * np.pi / encoders.counts_per_turn)
 
-    def reads_like(self, other: "ArmModel") -> bool:
+    def has_same_encoders(self, other: "ArmModel") -> bool:
         """Whether its joints are read by the same encoders of the same devices."""
         mine, theirs = self.encoders, other.encoders
         return (
@@ -95,7 +95,7 @@ class ArmModel:
         """`J3.encoder_eccentricity` and so on, in the order of the arm file."""
         return [self.effects.name(effect) for effect in self.effects.corrections]
 
-    def problems_with(self, device: str, identity: Identity) -> list[str]:
+    def mismatches_with(self, device: str, identity: Identity) -> list[str]:
         """What does not fit between the arm file and what a device says it has."""
         found = []
         moduli_counts = identity.moduli_counts
@@ -131,18 +131,18 @@ def read_model(path: Path, device_ids: Mapping[str, object]) -> ArmModel:
         FileError: the file is wrong, or asks for what this daemon cannot do.
     """
     arm = read_arm(path)
-    problems = list(unusable_encoders(arm, device_ids))
+    problems = list(encoder_problems(arm, device_ids))
     try:
         effects = effects_from_arm(arm)
     except ValueError as error:
         raise FileError(
             str(path), [*problems, Problem("effects", str(error))]
         ) from None
-    problems += [*never_known(effects), *never_coming(arm)]
+    problems += [*covariate_problems(effects), *epoch_problems(arm)]
     in_line = _in_line(effects)
     covariance = None
     try:
-        covariance = read_knowledge(path, arm, effects, in_line)
+        covariance = read_parameter_covariance(path, arm, effects, in_line)
     except ValueError as error:
         problems.append(Problem("identification.covariance_file", str(error)))
     if problems:
@@ -170,7 +170,7 @@ def model_with_probe(model: ArmModel, chosen: LibraryProbe) -> ArmModel:
     Raises:
         ValueError: the arm cannot have it; says why.
     """
-    weighed = [e.kind for e in model.effects.corrections if e.kind in OF_GRAVITY]
+    weighed = [e.kind for e in model.effects.corrections if e.kind in GRAVITY_EFFECTS]
     if weighed and chosen.mass_kg is None:
         raise ValueError(
             f"{weighed[0]} is an effect of gravity; give the probe its mass_kg"
@@ -183,7 +183,7 @@ def model_with_probe(model: ArmModel, chosen: LibraryProbe) -> ArmModel:
         effects=_in_line(effects_from_arm(arm)),
         probe_radius_mm=chosen.radius_mm,
         arm=arm,
-        covariance=knowledge_with_probe(
+        covariance=covariance_with_probe(
             model.covariance, arm, model.effects, chosen.covariance_mm2
         ),
     )

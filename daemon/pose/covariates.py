@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from traverse.daemon.clock import HostClock
 from traverse.daemon.pose.arm_model import ArmModel
-from traverse.daemon.pose.joint_motion import Motion, MotionTrail
+from traverse.daemon.pose.joint_motion import JointMotionTracker, Motion
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.covariate import Covariate
 from traverse.protocol.messages import QualityFlag
@@ -17,8 +17,8 @@ from traverse.protocol.messages import QualityFlag
 Floats = NDArray[np.float64]
 Bits = NDArray[np.uint32]
 
-SENSE_BAND_RAD = 5e-5  # more than hands that rest tremble, less than any approach
-SENSE_BAND_COUNTS = 2  # a count may flicker without a motion
+APPROACH_BAND_RAD = 5e-5  # more than hands that rest tremble, less than any approach
+APPROACH_BAND_COUNTS = 2  # a count may flicker without a motion
 
 
 class Covariates:
@@ -44,8 +44,8 @@ class Covariates:
         )
         per_count_rad = 2.0 * np.pi / model.encoders.counts_per_turn
         self._wants_motion = self._wants_speed or bool(self._approaching)
-        self._trail = MotionTrail(
-            np.maximum(SENSE_BAND_RAD, SENSE_BAND_COUNTS * per_count_rad)
+        self._trail = JointMotionTracker(
+            np.maximum(APPROACH_BAND_RAD, APPROACH_BAND_COUNTS * per_count_rad)
         )
 
     def forget(self) -> None:
@@ -53,7 +53,7 @@ class Covariates:
         self._trail.forget()
 
     @property
-    def trail(self) -> MotionTrail:
+    def trail(self) -> JointMotionTracker:
         """How the joints have moved."""
         return self._trail
 

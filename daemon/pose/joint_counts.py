@@ -26,22 +26,22 @@ class JointCounts:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Assembled:
+class ResampledBlock:
     """Samples of the whole arm.
 
     Attributes:
         samples: their channels are the joints, brought to common instants.
-        doubts_counts: (n, n_joints, 2) how far each count may be off for that, see
-            `traverse.daemon.acquisition.interpolation.Brought`.
+        error_bounds_counts: (n, n_joints, 2) how far each count may be off for
+            that, see `Interpolated`.
     """
 
     samples: CountSamples
-    doubts_counts: NDArray[np.float64]
+    error_bounds_counts: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class AssembledCounts:
-    """One instant of the whole arm, as `Assembled`; doubts (n_joints, 2)."""
+class ResampledCounts:
+    """One instant of the whole arm, as `ResampledBlock`; doubts (n_joints, 2)."""
 
     counts: JointCounts
-    doubts_counts: NDArray[np.float64]
+    error_bounds_counts: NDArray[np.float64]

@@ -47,7 +47,7 @@ class Motion:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Stretch:
+class _MotionSegment:
     """Samples gone by: times (n,); readings, pointers, senses (n, n_joints)."""
 
     times_ns: Times
@@ -56,7 +56,7 @@ class _Stretch:
     approaches: Floats
 
 
-class MotionTrail:
+class JointMotionTracker:
     """Follows the joints through a stream.
 
     Args:
@@ -70,7 +70,7 @@ class MotionTrail:
     def forget(self) -> None:
         """Begin anew: nothing is known of the motion so far."""
         n_joints = len(self._half_bands_rad)
-        self._past: deque[_Stretch] = deque()
+        self._past: deque[_MotionSegment] = deque()
         # The samples that the next speeds may count from.
         self._times_ns: Times = np.empty(0, np.int64)
         self._angles_rad: Floats = np.empty((0, n_joints))
@@ -92,7 +92,7 @@ class MotionTrail:
         """Go on from the `state` of another time; speeds begin anew."""
         self.forget()
         if state:
-            last = _Stretch(**state)
+            last = _MotionSegment(**state)
             self._past.append(last)
             self._times_ns, self._angles_rad = last.times_ns, last.angles_rad
 
@@ -157,7 +157,9 @@ class MotionTrail:
         """Continue by samples without a gap."""
         speeds_rad_s, are_known = self._speeds(times_ns, angles_rad)
         pointers_rad, approaches = self._approaches(angles_rad)
-        self._past.append(_Stretch(times_ns, angles_rad, pointers_rad, approaches))
+        self._past.append(
+            _MotionSegment(times_ns, angles_rad, pointers_rad, approaches)
+        )
         while self._past[0].times_ns[-1] < times_ns[-1] - KEPT_NS:
             self._past.popleft()
         return Motion(speeds_rad_s, are_known, approaches)
@@ -210,7 +212,7 @@ class MotionTrail:
             np.maximum(pointers_rad, low_rad), angles_rad + self._half_bands_rad
         )
 
-    def _latest(self, time_ns: int) -> tuple[_Stretch, int] | None:
+    def _latest(self, time_ns: int) -> tuple[_MotionSegment, int] | None:
         """The last sample at this time or before it."""
         for stretch in reversed(self._past):
             if stretch.times_ns[0] <= time_ns:

@@ -47,7 +47,7 @@ class PoseLimits:
         """Whether it matters how fast the ball moves."""
         return self._overspeed_mm_s is not None
 
-    def of_angles(self, angles_rad: Floats) -> Bits:
+    def flags_of_angles(self, angles_rad: Floats) -> Bits:
         """What readings (n, n_joints) alone tell, (n,)."""
         quality = np.zeros(len(angles_rad), np.uint32)
         if len(self._stopped):
@@ -61,7 +61,7 @@ class PoseLimits:
             quality |= singular * np.uint32(QualityFlag.SINGULAR)
         return quality
 
-    def of_speed(self, speed_mm_s: Floats) -> Bits:
+    def flags_of_speed(self, speed_mm_s: Floats) -> Bits:
         """What speeds (n,) tell, (n,); one that is not known is NaN."""
         if self._overspeed_mm_s is None:
             return np.zeros(len(speed_mm_s), np.uint32)
@@ -77,7 +77,7 @@ class PoseLimits:
         return float(np.linalg.norm(moves @ speeds_rad_s))
 
 
-class SpeedTrail:
+class SpeedTracker:
     """How fast the ball moves through a stream of blocks.
 
     A speed is that since the latest sample which is some milliseconds older, so that it

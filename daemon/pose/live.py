@@ -3,14 +3,14 @@
 import numpy as np
 
 from traverse.daemon.clock import HostClock
-from traverse.daemon.pose.alignment import PartSystem
+from traverse.daemon.pose.alignment import ActiveAlignment
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.poses import PoseBlock
 from traverse.kinematics.model.forward import joint_positions
 from traverse.protocol.messages import Live, Quality
 
 
-class LiveView:
+class LivePoseSampler:
     """Decides when a pose is shown and makes its message.
 
     Args:
@@ -20,10 +20,10 @@ class LiveView:
     """
 
     def __init__(
-        self, clock: HostClock, rate_hz: float, part: PartSystem | None = None
+        self, clock: HostClock, rate_hz: float, part: ActiveAlignment | None = None
     ) -> None:
         self._clock = clock
-        self._part = part or PartSystem()
+        self._part = part or ActiveAlignment()
         self.use_rate(rate_hz)
         self._due_ns = 0
         self._before: tuple[int, np.ndarray[tuple[int], np.dtype[np.float64]]] | None

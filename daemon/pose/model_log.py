@@ -10,7 +10,7 @@ log = logging.getLogger("traverse.daemon.service")
 WITHOUT_DIRECTION: tuple[Compensation, ...] = ("none", "shank")
 
 
-def tell_model(model: ArmModel, compensation: Compensation) -> None:
+def log_model(model: ArmModel, compensation: Compensation) -> None:
     """Log name, digest and effects, and which of them cannot be applied."""
     log.info("arm %s, model %s", model.name, model.digest[:12])
     if names := model.effect_names:

@@ -9,7 +9,7 @@ from traverse.kinematics.effects.base.covariate import Covariate
 LARGEST_TIME_S = 9.2e9  # since 1970, in nanoseconds 63 bits
 
 
-def unusable_encoders(arm: Arm, device_ids: Mapping[str, object]) -> list[Problem]:
+def encoder_problems(arm: Arm, device_ids: Mapping[str, object]) -> list[Problem]:
     """Joints without an encoder, or with one that no device reads."""
     problems = []
     for index, joint in enumerate(arm.joints):
@@ -37,7 +37,7 @@ _NEVER_KNOWN = {
 }
 
 
-def never_known(effects: ArmEffects) -> list[Problem]:
+def covariate_problems(effects: ArmEffects) -> list[Problem]:
     """Effects of something that a running daemon is never told."""
     return [
         Problem(
@@ -53,7 +53,7 @@ def never_known(effects: ArmEffects) -> list[Problem]:
     ]
 
 
-def never_coming(arm: Arm) -> list[Problem]:
+def epoch_problems(arm: Arm) -> list[Problem]:
     """Effects bound to moments that the nanoseconds of a sample cannot tell."""
     problems = []
     for index, effect in enumerate(arm.effects):

@@ -14,7 +14,7 @@ from traverse.kinematics.uncertainty.arm_covariance import (
 )
 
 
-def read_knowledge(
+def read_parameter_covariance(
     path: Path, arm: Arm, effects: ArmEffects, in_line: ArmEffects
 ) -> ArmCovariance | None:
     """The covariance of the parameters that poses depend on.
@@ -44,7 +44,7 @@ def read_knowledge(
     return ArmCovariance(found.factor[[places[name] for name in kept]])
 
 
-def knowledge_with_probe(
+def covariance_with_probe(
     known: ArmCovariance | None,
     arm: Arm,
     in_line: ArmEffects,

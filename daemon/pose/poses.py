@@ -74,9 +74,8 @@ class LatchedPose:
 
     Attributes:
         block: one sample, what the pose was computed of.
-        doubts_counts: of interpolated readings, (n_joints, 2), see
-            `traverse.daemon.acquisition.interpolation.Brought`; None where all were
-            latched.
+        error_bounds_counts: of interpolated readings, (n_joints, 2), see
+            `Interpolated`; None where all were latched.
     """
 
     sample_time_ns: int
@@ -86,4 +85,4 @@ class LatchedPose:
     ijk: NDArray[np.float64]
     quality: int
     block: Block
-    doubts_counts: NDArray[np.float64] | None = None
+    error_bounds_counts: NDArray[np.float64] | None = None

@@ -10,7 +10,7 @@ from traverse.daemon.config.quality import QualitySection
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.points.capture import CaptureRefusedError
 from traverse.daemon.pose.arm_model import ArmModel
-from traverse.daemon.pose.limits import Floats, PoseLimits, SpeedTrail
+from traverse.daemon.pose.limits import Floats, PoseLimits, SpeedTracker
 from traverse.daemon.pose.persistent_flags import Standing
 from traverse.daemon.pose.poses import LatchedPose, PoseBlock
 from traverse.protocol.messages import FLAG_MEANINGS, QualityFlag
@@ -36,7 +36,7 @@ REMEDIES = {
 }
 
 
-class QualityWatch:
+class QualityMonitor:
     """Looks at everything that is measured.
 
     Args:
@@ -55,7 +55,7 @@ class QualityWatch:
     ) -> None:
         self._events = events
         self.standing = Standing(section, model, clock)
-        self._trail = SpeedTrail()
+        self._trail = SpeedTracker()
         self._before = 0
         self.use(section, model)
 
@@ -74,7 +74,7 @@ class QualityWatch:
         """Look at another arm."""
         self.use(self._section, model)
 
-    def mark_block(
+    def flag_block(
         self, model: ArmModel, poses: PoseBlock, temperature_c: float | None
     ) -> None:
         """Flag the poses of a block, in place."""
@@ -83,9 +83,9 @@ class QualityWatch:
         standing = self.standing.bits(temperature_c)
         told = standing
         if self._looks:
-            found = self._limits.of_angles(poses.angles_rad)
+            found = self._limits.flags_of_angles(poses.angles_rad)
             if self._limits.limits_speed:
-                found |= self._limits.of_speed(
+                found |= self._limits.flags_of_speed(
                     self._trail.speeds_mm_s(poses.sample_time_ns, poses.xyz_mm)
                 )
             np.bitwise_or(poses.quality, found, out=poses.quality)
@@ -105,10 +105,10 @@ class QualityWatch:
         found = self.standing.bits(temperature_c)
         if self._looks:
             limits, angles_rad = self._limits, pose.angles_rad
-            found |= int(limits.of_angles(angles_rad[np.newaxis])[0])
+            found |= int(limits.flags_of_angles(angles_rad[np.newaxis])[0])
             if limits.limits_speed:
                 speed_mm_s = limits.speed_mm_s(angles_rad, speeds_rad_s)
-                found |= int(limits.of_speed(np.array([speed_mm_s]))[0])
+                found |= int(limits.flags_of_speed(np.array([speed_mm_s]))[0])
         if not found:
             return pose
         return replace(pose, quality=pose.quality | found)

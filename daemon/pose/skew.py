@@ -23,7 +23,7 @@ from traverse.protocol.messages import QualityFlag
 Floats = NDArray[np.float64]
 
 
-class SkewWatch:
+class SkewMonitor:
     """Flags poses that are too much in doubt, and remembers the worst.
 
     Args:
@@ -39,21 +39,23 @@ class SkewWatch:
         largest_mm, self._largest_mm = self._largest_mm, None
         return largest_mm
 
-    def mark_block(
-        self, model: ArmModel, poses: PoseBlock, doubts_counts: Floats
+    def flag_block(
+        self, model: ArmModel, poses: PoseBlock, error_bounds_counts: Floats
     ) -> None:
         """Flag poses by the doubts (n, n_joints, 2) of their counts."""
         # The levers of the last pose do for a block: it spans milliseconds.
-        errors_mm = _errors_mm(doubts_counts, _levers_mm(model, poses.angles_rad[-1]))
+        errors_mm = _errors_mm(
+            error_bounds_counts, _levers_mm(model, poses.angles_rad[-1])
+        )
         self._note(float(errors_mm.max()))
         poses.quality[errors_mm > self._limit_mm] |= np.uint32(QualityFlag.SKEW)
 
     def marked(
-        self, model: ArmModel, pose: LatchedPose, doubts_counts: Floats
+        self, model: ArmModel, pose: LatchedPose, error_bounds_counts: Floats
     ) -> LatchedPose:
         """A pose, flagged by the doubts (n_joints, 2) of its counts."""
         levers_mm = _levers_mm(model, pose.angles_rad)
-        error_mm = float(_errors_mm(doubts_counts[np.newaxis], levers_mm)[0])
+        error_mm = float(_errors_mm(error_bounds_counts[np.newaxis], levers_mm)[0])
         self._note(error_mm)
         if error_mm <= self._limit_mm:
             return pose
@@ -63,10 +65,10 @@ class SkewWatch:
         self._largest_mm = max(self._largest_mm or 0.0, error_mm)
 
 
-def _errors_mm(doubts_counts: Floats, levers_mm: Floats) -> Floats:
+def _errors_mm(error_bounds_counts: Floats, levers_mm: Floats) -> Floats:
     """Errors (n,) of doubts (n, n_joints, 2)."""
-    by_motion = doubts_counts[:, :, 0] @ levers_mm
-    by_instants = doubts_counts[:, :, 1] ** 2 @ levers_mm**2
+    by_motion = error_bounds_counts[:, :, 0] @ levers_mm
+    by_instants = error_bounds_counts[:, :, 1] ** 2 @ levers_mm**2
     return np.asarray(by_motion + np.sqrt(by_instants))
 
 

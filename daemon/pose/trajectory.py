@@ -19,11 +19,11 @@ KEPT_NS = 3_000_000_000
 SLOW_NS = 30_000_000  # over which it is told whether the ball rests
 SPEED_NS = 5_000_000  # over less the encoders' noise would be more than the speed
 GAP_NS = 250_000_000  # the slowest stream has a sample every 100 ms
-NOT_THERE = (QualityFlag.ENCODER_ERROR | QualityFlag.INCOMPLETE).value
+INVALID_FLAGS = (QualityFlag.ENCODER_ERROR | QualityFlag.INCOMPLETE).value
 """Of samples that do not tell where the ball was."""
 
 
-class TipPath:
+class TrajectoryBuffer:
     """Remembers the last seconds of the stream."""
 
     def __init__(self) -> None:
@@ -65,7 +65,7 @@ class TipPath:
             return None
         block, row = found
         elapsed_ns = time_ns - int(block.sample_time_ns[row])
-        if elapsed_ns > GAP_NS or block.quality[row] & NOT_THERE:
+        if elapsed_ns > GAP_NS or block.quality[row] & INVALID_FLAGS:
             return None
         speeds: Floats = (angles_rad - block.angles_rad[row]) / (elapsed_ns * 1e-9)
         return speeds
@@ -102,7 +102,7 @@ class TipPath:
                 return block, row
         return None
 
-    def last_away_mm(
+    def last_position_beyond_mm(
         self, time_ns: int, from_mm: Floats, distance_mm: float
     ) -> Floats | None:
         """Where the ball was last, before some time, so far or farther from a place.
@@ -143,10 +143,10 @@ def _last_until(block: PoseBlock, time_ns: int) -> int:
 def _away(block: PoseBlock, from_mm: Floats, distance_mm: float) -> NDArray[np.bool_]:
     """Which samples are good and so far away, (n,)."""
     away = np.linalg.norm(block.xyz_mm - from_mm, axis=1) >= distance_mm
-    return np.asarray(away & ((block.quality & NOT_THERE) == 0))
+    return np.asarray(away & ((block.quality & INVALID_FLAGS) == 0))
 
 
-def first_away(
+def first_sample_beyond(
     block: PoseBlock, time_ns: int, from_mm: Floats, distance_mm: float
 ) -> tuple[int, Floats] | None:
     """When and where the ball was first in a block, after some time, so far away."""

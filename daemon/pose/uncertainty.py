@@ -30,16 +30,15 @@ class Reading:
     Attributes:
         block: one sample, with what the effects need.
         speeds_rad_s: of the joints then, (n_joints,); None where not known.
-        doubts_counts: by interpolation, (n_joints, 2), see
-            `traverse.daemon.acquisition.interpolation.Brought`; None where all were
-            latched.
+        error_bounds_counts: by interpolation, (n_joints, 2), see
+            `Interpolated`; None where all were latched.
         jitter_ns: how far the instant may be off beyond `[uncertainty] trigger_s`.
         samples: how many were averaged.
     """
 
     block: Block
     speeds_rad_s: Floats | None
-    doubts_counts: Floats | None = None
+    error_bounds_counts: Floats | None = None
     jitter_ns: int = 0
     samples: int = 1
 
@@ -73,7 +72,7 @@ class Uncertainty:
 
     def _noise(self, model: ArmModel, reading: Reading) -> PointNoise:
         """That of a reading; of all that are latched it is the same."""
-        if reading.doubts_counts is not None or reading.jitter_ns:
+        if reading.error_bounds_counts is not None or reading.jitter_ns:
             return self._made(model, reading)
         if self._usual is None or self._usual[0] is not model:
             self._usual = model, self._made(model, reading)
@@ -83,8 +82,8 @@ class Uncertainty:
         settings = self._settings
         per_count_rad = np.abs(model.per_count_rad)
         variances = np.full(len(per_count_rad), settings.encoder_rad**2)
-        if reading.doubts_counts is not None:
-            doubts_rad = reading.doubts_counts * per_count_rad[:, np.newaxis]
+        if reading.error_bounds_counts is not None:
+            doubts_rad = reading.error_bounds_counts * per_count_rad[:, np.newaxis]
             variances += doubts_rad[:, 0] ** 2 + doubts_rad[:, 1] ** 2 / 3.0
         return PointNoise(
             np.sqrt(variances),

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from traverse.daemon.recorder.item_queue import Item
-from traverse.drivers.base.delivery_maps import map_of
+from traverse.drivers.base.delivery_maps import delivery_to_map
 from traverse.protocol.messages import Event, Point, Scan
 from traverse.recording.maps import map_to_bytes
 from traverse.recording.run_writer import Entry
@@ -17,7 +17,7 @@ from traverse.recording.views import (
 STEPS = "steps"
 
 
-class EntryMaker:
+class RecordingEncoder:
     """Makes the messages of items, in order.
 
     Args:
@@ -36,7 +36,7 @@ class EntryMaker:
             self.utc_offset_ns = item.value
         if item.kind == "delivered":
             topic = f"device/{item.value.device}/{item.what}"
-            table = {"at_ns": item.at_ns, **map_of(item.value)}
+            table = {"at_ns": item.at_ns, **delivery_to_map(item.value)}
         else:
             topic = STEPS
             table = {"at_ns": item.at_ns, "is": item.kind}

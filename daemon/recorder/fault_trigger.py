@@ -8,7 +8,7 @@ FAULTS = ("alarm.", "device.", "outbox.", "daemon.", "watchdog.", "realtime.")
 """Beginnings of the codes of errors that are faults."""
 
 
-class FaultWatch:
+class FaultTrigger:
     """Notes faults, and says when to keep what was before them."""
 
     def __init__(self) -> None:

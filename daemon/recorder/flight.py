@@ -48,7 +48,7 @@ class FlightRecorder:
         self.dropped = 0
         self.n_bytes = 0
 
-    def rescue(self) -> Path | None:
+    def recover_crashed(self) -> Path | None:
         """Keep what a daemon left behind that died; else nothing is left of before.
 
         Returns:

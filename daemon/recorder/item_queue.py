@@ -19,7 +19,7 @@ Kind = Literal[
     "job",
 ]
 
-MOST_ITEMS = 20_000
+MAX_ITEMS = 20_000
 MOST_BYTES = 64 << 20
 ITEM_BYTES = 400  # of anything but samples, roughly
 WAIT_S = 0.2
@@ -57,7 +57,7 @@ class RecorderQueue:
     """
 
     def __init__(
-        self, most_items: int = MOST_ITEMS, most_bytes: int = MOST_BYTES
+        self, most_items: int = MAX_ITEMS, most_bytes: int = MOST_BYTES
     ) -> None:
         self._most_items, self._most_bytes = most_items, most_bytes
         self._lock = threading.Lock()

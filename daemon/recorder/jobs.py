@@ -11,7 +11,7 @@ from traverse.daemon.recorder.item_queue import Item, RecorderQueue
 T = TypeVar("T")
 
 
-class RecorderJobs:
+class ThreadJobs:
     """Hands work to the thread, behind all that has been told to it before.
 
     Args:

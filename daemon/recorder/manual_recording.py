@@ -29,7 +29,7 @@ class Recorded:
     gaps: int
 
 
-class NamedRecording:
+class ManualRecording:
     """Writes one.
 
     Args:
@@ -81,7 +81,7 @@ class NamedRecording:
         self._writer.add(entry)
         self._messages += 1
 
-    def note_gap(self) -> None:
+    def record_gap(self) -> None:
         """Something is missing from here on, which is told in the file."""
         self._gaps += 1
 
@@ -109,7 +109,7 @@ class NamedRecording:
         self._writer.abandon()
 
 
-def head_of(
+def recording_head(
     about: Mapping[str, str], files: Mapping[str, bytes], **more: str
 ) -> RunHead:
     """What stands at the beginning of a recording with a name."""

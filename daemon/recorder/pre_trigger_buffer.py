@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from traverse.daemon.recorder.snapshot import WARM_NS
+from traverse.daemon.recorder.snapshot import WARM_UP_NS
 from traverse.recording.run_writer import Entry
 
 MOST_BYTES = 32 << 20
@@ -33,7 +33,7 @@ class _Part:
             begin = end
 
 
-class Ring:
+class PreTriggerBuffer:
     """Keeps messages since the last state that is old enough to be gone on from."""
 
     def __init__(self, most_bytes: int = MOST_BYTES) -> None:
@@ -41,11 +41,11 @@ class Ring:
         self._parts: deque[_Part] = deque()
         self._n_bytes = 0
 
-    def begin_part(self, at_ns: int) -> None:
+    def begin_segment(self, at_ns: int) -> None:
         """The next message is a state."""
         parts = self._parts
         parts.append(_Part(at_ns))
-        while len(parts) > 1 and parts[1].begun_ns <= at_ns - WARM_NS:
+        while len(parts) > 1 and parts[1].begun_ns <= at_ns - WARM_UP_NS:
             self._drop_oldest()
 
     def add(self, entry: Entry) -> None:

@@ -12,7 +12,7 @@ from traverse.kinematics.arm_file.arm import read_arm
 ARM, CONFIGURATION, PROBES = "arm.toml", "traverse.toml", "probes.toml"
 
 
-def files_in_force(path: Path, configuration: Configuration) -> dict[str, bytes]:
+def recorded_files(path: Path, configuration: Configuration) -> dict[str, bytes]:
     """What a recording has to hold for a replay, by name.
 
     Args:
@@ -33,7 +33,7 @@ def files_in_force(path: Path, configuration: Configuration) -> dict[str, bytes]
     return files
 
 
-def read_recorded(
+def read_recorded_inputs(
     files: Mapping[str, bytes], probe: str | None
 ) -> tuple[Configuration, ArmModel]:
     """Read configuration and arm out of a recording, with the probe in use.

@@ -14,17 +14,17 @@ from traverse.daemon.clock import HostClock
 from traverse.daemon.config.recording import RecordingSection
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.points.session import Session
-from traverse.daemon.recorder.fault_trigger import FaultWatch
+from traverse.daemon.recorder.fault_trigger import FaultTrigger
 from traverse.daemon.recorder.item_queue import Item, RecorderQueue
-from traverse.daemon.recorder.jobs import RecorderJobs
+from traverse.daemon.recorder.jobs import ThreadJobs
 from traverse.daemon.recorder.manual_recording import Recorded
 from traverse.daemon.recorder.notification import Told
-from traverse.daemon.recorder.recorder_events import RecorderEvents
-from traverse.daemon.recorder.snapshot import LastTold, MeasuringState
+from traverse.daemon.recorder.recorder_events import RecorderEventReporter
+from traverse.daemon.recorder.snapshot import DeviceSnapshot, MeasurementSnapshot
 from traverse.daemon.recorder.thread import RecorderThread
-from traverse.daemon.step_listener import Tape
-from traverse.daemon.store.pending_write import Keeping
-from traverse.drivers.base.delivery_maps import kind_of
+from traverse.daemon.step_listener import StepListener
+from traverse.daemon.store.pending_write import PendingWrite
+from traverse.drivers.base.delivery_maps import delivery_kind
 from traverse.drivers.base.heartbeat import Pulse
 from traverse.drivers.base.values import Delivery
 from traverse.protocol.messages import Event, Message, Point
@@ -32,10 +32,10 @@ from traverse.protocol.messages.recording_health import RecordingHealth
 
 STATE_NS = 6_000_000_000
 PATIENCE_NS = 3_000_000_000  # a state is told of a quiet moment, if one comes
-Keep = Callable[[Session, Point], Keeping | None]
+Keep = Callable[[Session, Point], PendingWrite | None]
 
 
-class Recorder(Tape):
+class Recorder(StepListener):
     """Records; use it as an asynchronous context manager.
 
     Args:
@@ -61,13 +61,13 @@ class Recorder(Tape):
         events: EventLog,
     ) -> None:
         self._section = section
-        self._events = RecorderEvents(events)
+        self._events = RecorderEventReporter(events)
         self._clock = clock
         self._queue = RecorderQueue()
-        self._jobs = RecorderJobs(self._queue)
-        self._faults = FaultWatch()
-        self._told = LastTold()
-        self.state: MeasuringState | None = None
+        self._jobs = ThreadJobs(self._queue)
+        self._faults = FaultTrigger()
+        self._told = DeviceSnapshot()
+        self.state: MeasurementSnapshot | None = None
         self._is_on = section.flight
         self._due_ns = 0
         self._missing = 0
@@ -107,7 +107,7 @@ class Recorder(Tape):
         """A device has delivered something."""
         self._look(now_ns)
         self._told.note(delivery)
-        self._put(Item("delivered", now_ns, kind_of(delivery), delivery))
+        self._put(Item("delivered", now_ns, delivery_kind(delivery), delivery))
 
     def passed(self, now_ns: int) -> None:
         """Time has passed."""
@@ -134,7 +134,7 @@ class Recorder(Tape):
     def following(self, keep: Keep) -> Keep:
         """What sends points to the disk, followed: those that arrive are recorded."""
 
-        def kept(session: Session, point: Point) -> Keeping | None:
+        def kept(session: Session, point: Point) -> PendingWrite | None:
             keeping = keep(session, point)
             if keeping is not None:
                 self._follow(keeping)
@@ -142,7 +142,7 @@ class Recorder(Tape):
 
         return kept
 
-    def _follow(self, keeping: Keeping) -> None:
+    def _follow(self, keeping: PendingWrite) -> None:
         def settled() -> None:
             now_ns = self._clock.running.monotonic_ns()
             if keeping.trouble is None:
@@ -150,7 +150,7 @@ class Recorder(Tape):
             else:
                 self._put(Item("asked", now_ns, "not_kept", {}))
 
-        keeping.when_settled(settled)
+        keeping.on_settled(settled)
 
     def reloaded(self, files: Mapping[str, bytes]) -> None:
         """Other files are in force from now on."""
@@ -212,7 +212,7 @@ class Recorder(Tape):
             kept_dropped=flight.dropped,
         )
 
-    def keep_house(self) -> None:
+    def poll(self) -> None:
         """See whether a fault is to be kept, also where no device delivers any more."""
         self._keep_if_due(self._clock.running.monotonic_ns())
 

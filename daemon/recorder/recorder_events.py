@@ -8,7 +8,7 @@ from traverse.daemon.recorder.manual_recording import Recorded
 SOURCE = "recording"
 
 
-class RecorderEvents:
+class RecorderEventReporter:
     """Tells it.
 
     Args:

@@ -10,20 +10,20 @@ from traverse.daemon.recorder.notification import Told, reason_of
 RETRY_S = 30.0
 
 
-class GuardedFlight:
+class RetryingFlightRecorder:
     """Used by the thread of recordings alone.
 
     Args:
         flight: what writes.
-        is_wanted: the configuration wants it to.
+        is_enabled: the configuration wants it to.
         tell: told when it fails, and when it is tried again.
     """
 
     def __init__(
-        self, flight: FlightRecorder, *, is_wanted: bool, tell: Callable[[Told], None]
+        self, flight: FlightRecorder, *, is_enabled: bool, tell: Callable[[Told], None]
     ) -> None:
         self._flight = flight
-        self._is_wanted = is_wanted
+        self._is_wanted = is_enabled
         self._tell = tell
         self._retry_s: float | None = None
 
@@ -42,11 +42,11 @@ class GuardedFlight:
         """Keep the last minutes, after a fault."""
         self.do(lambda: self._tell_kept(self._flight.keep(why)))
 
-    def rescue(self) -> None:
+    def recover_crashed(self) -> None:
         """Keep what a daemon left behind that died."""
-        self.do(lambda: self._tell_kept(self._flight.rescue()))
+        self.do(lambda: self._tell_kept(self._flight.recover_crashed()))
 
-    def try_again(self, now_s: float) -> None:
+    def retry(self, now_s: float) -> None:
         """Use it once more, if it is time; the next state begins a segment."""
         if self._retry_s is not None and now_s >= self._retry_s:
             self._retry_s = None

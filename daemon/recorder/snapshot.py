@@ -1,7 +1,7 @@
 """What a recording that begins in the middle has to know of the time before.
 
 The last seconds of the stream are not part of it: whoever goes on from a state has to
-be given some seconds more before all points are as they were (`WARM_NS`).
+be given some seconds more before all points are as they were (`WARM_UP_NS`).
 """
 
 from collections.abc import Mapping
@@ -10,7 +10,7 @@ from typing import Any
 from traverse.daemon.delivery_dispatcher import Measuring
 from traverse.daemon.points.capture import Capture
 from traverse.daemon.pose.arm_model import ArmModel
-from traverse.drivers.base.delivery_maps import kind_of, map_of
+from traverse.drivers.base.delivery_maps import delivery_kind, delivery_to_map
 from traverse.drivers.base.values import (
     Delivery,
     DeviceAlarm,
@@ -20,12 +20,12 @@ from traverse.drivers.base.values import (
     StreamStarted,
 )
 
-WARM_NS = 6_000_000_000
+WARM_UP_NS = 6_000_000_000
 """Readings, poses and motion are remembered for less."""
 MOST_TEMPERATURES = 1000
 
 
-class LastTold:
+class DeviceSnapshot:
     """The deliveries that together say how the devices are now."""
 
     def __init__(self) -> None:
@@ -39,7 +39,7 @@ class LastTold:
                 told.clear()
                 told["up"] = delivery
             case DeviceLost() | StreamStarted() | DeviceTemperatures():
-                kind = kind_of(delivery)
+                kind = delivery_kind(delivery)
                 told.pop(kind, None)
                 told[kind] = delivery
             case DeviceAlarm():
@@ -53,14 +53,14 @@ class LastTold:
         found = []
         for told in self._told.values():
             for delivery in told.values():
-                table = map_of(delivery)
+                table = delivery_to_map(delivery)
                 if isinstance(delivery, DeviceUp):
                     table["restarted"] = False  # what it made is in the state already
                 found.append(table)
         return found
 
 
-class MeasuringState:
+class MeasurementSnapshot:
     """Says how measuring is at this moment.
 
     Args:
@@ -108,7 +108,7 @@ class MeasuringState:
         }
 
 
-def resume_model(state: Mapping[str, Any], model: ArmModel) -> None:
+def check_model(state: Mapping[str, Any], model: ArmModel) -> None:
     """See that a state is of this arm.
 
     Raises:

@@ -11,13 +11,17 @@ from operator import methodcaller
 from pathlib import Path
 
 from traverse.daemon.config.recording import RecordingSection
-from traverse.daemon.recorder.encoding import EntryMaker
+from traverse.daemon.recorder.encoding import RecordingEncoder
 from traverse.daemon.recorder.flight import FlightRecorder
 from traverse.daemon.recorder.item_queue import Item, RecorderQueue
-from traverse.daemon.recorder.manual_recording import NamedRecording, Recorded, head_of
+from traverse.daemon.recorder.manual_recording import (
+    ManualRecording,
+    Recorded,
+    recording_head,
+)
 from traverse.daemon.recorder.notification import Told, reason_of
-from traverse.daemon.recorder.pre_trigger_buffer import Ring
-from traverse.daemon.recorder.retrying_flight import GuardedFlight
+from traverse.daemon.recorder.pre_trigger_buffer import PreTriggerBuffer
+from traverse.daemon.recorder.retrying_flight import RetryingFlightRecorder
 from traverse.drivers.base.heartbeat import Pulse
 from traverse.protocol.messages import Scan
 from traverse.recording.run_writer import Entry
@@ -61,12 +65,14 @@ class RecorderThread:
         self._section = section
         self._about = about
         self._files = dict(files)
-        self._maker = EntryMaker(utc_offset_ns)
+        self._maker = RecordingEncoder(utc_offset_ns)
         self._tell = tell
-        self._ring = Ring()
+        self._ring = PreTriggerBuffer()
         self._flight = FlightRecorder(folder, section, about)
-        self._guarded = GuardedFlight(self._flight, is_wanted=section.flight, tell=tell)
-        self._named: NamedRecording | None = None
+        self._guarded = RetryingFlightRecorder(
+            self._flight, is_enabled=section.flight, tell=tell
+        )
+        self._named: ManualRecording | None = None
         self._flushed_s = 0.0
         self._ended = False
         self.pulse = Pulse("thread of recordings")
@@ -105,8 +111,8 @@ class RecorderThread:
         """
         self._check_room()
         path = self._folder / f"{name}.mcap"
-        head = head_of(self._about, self._files, name=name, note=note)
-        self._named = NamedRecording(path, name, self._section, head, self._ring)
+        head = recording_head(self._about, self._files, name=name, note=note)
+        self._named = ManualRecording(path, name, self._section, head, self._ring)
         return path
 
     def finish(self) -> Recorded:
@@ -136,7 +142,7 @@ class RecorderThread:
 
     def _run(self) -> None:
         try:
-            self._guarded.rescue()
+            self._guarded.recover_crashed()
             while not self._ended:
                 self.pulse.beat(TURN_S)
                 items = self._queue.take()
@@ -166,7 +172,7 @@ class RecorderThread:
             item.value()
             return
         if item.kind == "state":
-            self._ring.begin_part(item.at_ns)
+            self._ring.begin_segment(item.at_ns)
             utc_ns = item.at_ns + self._maker.utc_offset_ns
             self._guarded.do(
                 lambda: self._flight.begin_segment(item.at_ns, utc_ns, self._files)
@@ -176,7 +182,7 @@ class RecorderThread:
         elif item.kind == "gap":
             self._ring.clear()
             if self._named is not None:
-                self._named.note_gap()
+                self._named.record_gap()
         elif item.kind == "files":
             self._take_files(item.value["files"])
             item = Item("files", item.at_ns, value={"probe": item.value["probe"]})
@@ -197,20 +203,20 @@ class RecorderThread:
         self._in_named(lambda named: named.add(entry))
 
     def _flush(self, now_s: float) -> None:
-        self._guarded.try_again(now_s)
+        self._guarded.retry(now_s)
 
         def flush_flight() -> None:
             self._check_room()
             self._flight.flush()
 
-        def flush_named(named: NamedRecording) -> None:
+        def flush_named(named: ManualRecording) -> None:
             self._check_room()
             named.flush()
 
         self._guarded.do(flush_flight)
         self._in_named(flush_named)
 
-    def _in_named(self, act: Callable[[NamedRecording], object]) -> None:
+    def _in_named(self, act: Callable[[ManualRecording], object]) -> None:
         if self._named is None:
             return
         try:

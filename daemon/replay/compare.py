@@ -35,7 +35,7 @@ class Tally:
     differing: Counter[str] = field(default_factory=Counter)
 
 
-class PointMatch:
+class PointComparison:
     """Brings points together by their instants.
 
     Args:
@@ -121,7 +121,7 @@ class PointMatch:
         tally.differing.update(differing)
 
 
-class ScanMatch:
+class ScanComparison:
     """Brings points of scans together by scan and number.
 
     Attributes:

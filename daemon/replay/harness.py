@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from traverse.daemon.acquisition.device import Device
-from traverse.daemon.acquisition.joint_devices import ArmDevices
+from traverse.daemon.acquisition.joint_devices import JointDevices
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.schema import Configuration
 from traverse.daemon.delivery_dispatcher import Measuring
@@ -16,19 +16,23 @@ from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.points.averaging import Average, AverageLimits
 from traverse.daemon.points.capture import Capture, CaptureRefusedError, triggers_of
 from traverse.daemon.points.session import Session
-from traverse.daemon.pose.alignment import Alignment, PartSystem, alignment_asked_for
+from traverse.daemon.pose.alignment import (
+    ActiveAlignment,
+    Alignment,
+    requested_alignment,
+)
 from traverse.daemon.pose.arm_model import ArmModel, model_with_probe
-from traverse.daemon.pose.live import LiveView
+from traverse.daemon.pose.live import LivePoseSampler
 from traverse.daemon.pose.pipeline import Pipeline
 from traverse.daemon.pose.probe_library import LibraryProbe
 from traverse.daemon.pose.uncertainty import Uncertainty
-from traverse.daemon.recorder.snapshot import resume_model
+from traverse.daemon.recorder.snapshot import check_model
 from traverse.daemon.scans.plan import ScanPlan
 from traverse.daemon.scans.scanner import Scanner
-from traverse.daemon.step_listener import Tape
-from traverse.daemon.store.pending_write import Keeping
-from traverse.drivers.base.delivery_maps import delivery_of
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.daemon.step_listener import StepListener
+from traverse.daemon.store.pending_write import PendingWrite
+from traverse.drivers.base.delivery_maps import delivery_from_map
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import Driver
 from traverse.drivers.base.values import Delivery
 from traverse.protocol.messages import AlignArgs, Label, Point, Scan
@@ -50,7 +54,7 @@ class ReplayClock(HostClock):
         return self.offset_ns
 
 
-class AbsentDriver(Driver):
+class ReplayDriver(Driver):
     """Of a device that is not there: what it delivered comes out of the recording."""
 
     def request_stream(self, rate_hz: float) -> None:
@@ -66,7 +70,7 @@ class AbsentDriver(Driver):
         """Nor this."""
 
 
-class ReplayBench:
+class ReplayHarness:
     """Measures what it is given.
 
     Args:
@@ -88,7 +92,7 @@ class ReplayBench:
         *,
         take_point: Callable[[Point], object],
         take_scan: Callable[[Scan], object],
-        tape: Tape | None = None,
+        tape: StepListener | None = None,
     ) -> None:
         self.configuration = configuration
         self._clock = clock
@@ -97,12 +101,14 @@ class ReplayBench:
         loop = asyncio.get_running_loop()
         self.devices = {
             section.id: Device(
-                section, Crossing(loop), AbsentDriver(section.id, Crossing(loop))
+                section,
+                DeliveryQueue(loop),
+                ReplayDriver(section.id, DeliveryQueue(loop)),
             )
             for section in configuration.device
         }
         settings = configuration.capture
-        part = PartSystem()
+        part = ActiveAlignment()
         events = EventLog(clock, lambda what: None)
         self.capture = Capture(clock, self._keep, part)
         self._pipeline = Pipeline(model, clock)
@@ -111,14 +117,14 @@ class ReplayBench:
         )
         self.measuring = Measuring(
             clock=clock,
-            devices=ArmDevices(model, list(self.devices.values())),
+            devices=JointDevices(model, list(self.devices.values())),
             settings=configuration.assembly,
             uncertainty=Uncertainty(configuration.uncertainty),
             pipeline=self._pipeline,
             capture=self.capture,
             triggers=triggers_of(settings),
             scanner=self._scanner,
-            live=LiveView(clock, settings.live_rate_hz, part),
+            live=LivePoseSampler(clock, settings.live_rate_hz, part),
             events=events,
             health=HealthReport(clock),
             offer_live=lambda live: None,
@@ -141,9 +147,9 @@ class ReplayBench:
             ValueError: it is of another arm.
             KeyError: it lacks something.
         """
-        resume_model(state, self._pipeline.model)
+        check_model(state, self._pipeline.model)
         for table in state["devices"]:
-            self.take(delivery_of(table))
+            self.take(delivery_from_map(table))
         if not state["fresh"]:
             self._pipeline.resume(state["pipeline"])
         self.capture.session.id = state["session"]
@@ -153,7 +159,7 @@ class ReplayBench:
         if alignment is not None:
             self.capture.part.alignment = Alignment(**alignment)
         if air_mm is not None:
-            self.measuring.points.tip.note_air(np.array(air_mm))
+            self.measuring.points.tip.set_air_point(np.array(air_mm))
         self.measuring.quality.standing.resume(state["temperatures"])
 
     def take(self, delivery: Delivery) -> None:
@@ -206,7 +212,7 @@ class ReplayBench:
                     capture.begin_session(values["note"])
                 case "align":
                     asked = AlignArgs(**values)
-                    capture.part.alignment = alignment_asked_for(asked)
+                    capture.part.alignment = requested_alignment(asked)
                 case "probe":
                     chosen = LibraryProbe.model_validate_json(values["probe"])
                     try:
@@ -224,8 +230,8 @@ class ReplayBench:
         self.configuration = configuration
         self.measuring.use(configuration, model)
 
-    def _keep(self, session: Session, point: Point) -> Keeping:
-        keeping = Keeping(point)
+    def _keep(self, session: Session, point: Point) -> PendingWrite:
+        keeping = PendingWrite(point)
         keeping.settle()
         self._take_point(point)
         return keeping

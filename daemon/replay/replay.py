@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from traverse.daemon.recorder.encoding import STEPS
-from traverse.daemon.recorder.recorded_inputs import read_recorded
-from traverse.daemon.recorder.snapshot import WARM_NS
-from traverse.daemon.replay.compare import PointMatch, ScanMatch
-from traverse.daemon.replay.harness import ReplayBench, ReplayClock
+from traverse.daemon.recorder.recorded_inputs import read_recorded_inputs
+from traverse.daemon.recorder.snapshot import WARM_UP_NS
+from traverse.daemon.replay.compare import PointComparison, ScanComparison
+from traverse.daemon.replay.harness import ReplayClock, ReplayHarness
 from traverse.daemon.replay.result import ReplayResult
-from traverse.drivers.base.delivery_maps import delivery_of
+from traverse.drivers.base.delivery_maps import delivery_from_map
 from traverse.drivers.base.values import CountSamples
 from traverse.kinematics.kernel.choice import KERNEL
 from traverse.protocol.message_error import MessageError
@@ -50,9 +50,9 @@ class Replay:
         self._take_point = take_point
         self._take_scan = take_scan
         self._clock = ReplayClock()
-        self._bench: ReplayBench | None = None
-        self._points: PointMatch | None = None
-        self._scans: ScanMatch | None = None
+        self._bench: ReplayHarness | None = None
+        self._points: PointComparison | None = None
+        self._scans: ScanComparison | None = None
         self._sure_ns = 0
         self._joined: list[tuple[int, CountSamples]] = []
         self._samples = 0
@@ -130,8 +130,8 @@ class Replay:
             return
         self._set_clock(entry, table)
         state = table["value"]
-        configuration, model = read_recorded(self._reader.files, state["probe"])
-        bench = ReplayBench(
+        configuration, model = read_recorded_inputs(self._reader.files, state["probe"])
+        bench = ReplayHarness(
             configuration,
             model,
             self._clock,
@@ -140,20 +140,20 @@ class Replay:
         )
         self._bench = bench
         bench.resume(state)
-        self._sure_ns = 0 if state["fresh"] else table["at_ns"] + WARM_NS
+        self._sure_ns = 0 if state["fresh"] else table["at_ns"] + WARM_UP_NS
         if self._points is None:
             reach_mm = float(
                 np.linalg.norm(model.geometry.links_mm, axis=1).sum()
                 + np.abs(model.geometry.origin_mm).max()
             )
             is_recut = self._block is not None
-            self._points = PointMatch(reach_mm, is_recut=is_recut)
-            self._scans = ScanMatch(self._points.tolerance_mm)
+            self._points = PointComparison(reach_mm, is_recut=is_recut)
+            self._scans = ScanComparison(self._points.tolerance_mm)
 
-    def _step(self, bench: ReplayBench, table: Mapping[str, Any]) -> None:
+    def _step(self, bench: ReplayHarness, table: Mapping[str, Any]) -> None:
         match table["is"]:
             case "passed":
-                bench.measuring.keep_time()
+                bench.measuring.process_timeouts()
             case "asked" if table["what"] == "not_kept":
                 if self._points is not None:
                     self._points.not_kept += 1
@@ -162,7 +162,9 @@ class Replay:
                     self._scans.begin(table["value"]["id"])
                 bench.ask(table["what"], table["value"])
             case "files":
-                bench.use(*read_recorded(self._reader.files, table["value"]["probe"]))
+                bench.use(
+                    *read_recorded_inputs(self._reader.files, table["value"]["probe"])
+                )
             case "gap":
                 self._gaps += 1
                 if self._scans is not None:
@@ -174,7 +176,7 @@ class Replay:
         if self._bench is None:
             return
         table = bytes_to_map(entry.content)
-        delivery = delivery_of(table)
+        delivery = delivery_from_map(table)
         if isinstance(delivery, CountSamples):
             self._samples += len(delivery.seq)
             self._join(entry, table, delivery)

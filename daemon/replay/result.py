@@ -17,7 +17,7 @@ class ReplayResult:
         left_out: points of scans that had begun before the recording.
         new: given by the replay, not published then.
         not_kept: refused by the disk then.
-        excused: see `traverse.daemon.replay.compare.PointMatch`.
+        excused: see `traverse.daemon.replay.compare.PointComparison`.
         samples: sets of counts that were replayed.
         gaps: how often something is missing in the recording.
         kernel_then, kernel_now: what computed.

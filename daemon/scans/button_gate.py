@@ -15,7 +15,7 @@ MAX_EDGES = 256  # of one button; older ones are forgotten
 Key = tuple[str, int]
 
 
-class HeldGate:
+class ButtonGate:
     """Remembers when which button was held."""
 
     def __init__(self) -> None:

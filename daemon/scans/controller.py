@@ -14,7 +14,7 @@ from traverse.daemon.scans.scanner import Scanner
 from traverse.drivers.base.values import LatchedCounts, StreamStarted
 
 
-class ArmScans:
+class ScanController:
     """Starts, holds and ends the scans of an arm, one at a time.
 
     Args:
@@ -67,12 +67,12 @@ class ArmScans:
         """Add the points of a block of poses."""
         self._scanner.take(model, poses)
 
-    def take_stream(self, started: StreamStarted) -> None:
+    def on_stream_started(self, started: StreamStarted) -> None:
         """The arm's samples are of another stream from now on."""
         if self._scanner.follow(started.stream, started.rate_hz):
             self.stream_started.set()
 
-    def take_button(self, device: str, number: int, latch: LatchedCounts) -> None:
+    def on_button(self, device: str, number: int, latch: LatchedCounts) -> None:
         """A button was pressed or released: a scan may depend on it."""
         key = device, number
         late_s = self._scanner.edge(key, latch.sample_time_ns, latch.active)

@@ -43,7 +43,7 @@ class ScanMessages:
         Args:
             model: of the arm.
             alignment: in use.
-            points: whose numbers are consecutive; at the end perhaps `no_points`.
+            points: whose numbers are consecutive; at the end perhaps `empty_block`.
             total: of the last one, points of the scan, lost and dropped included.
         """
         plan, n = self._plan, len(points)
@@ -76,7 +76,7 @@ class ScanMessages:
         )
 
 
-def no_points(n_joints: int, time_ns: int) -> PointBlock:
+def empty_block(n_joints: int, time_ns: int) -> PointBlock:
     """A time without a point."""
     return PointBlock(
         np.zeros(0, np.int64),

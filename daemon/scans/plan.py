@@ -60,7 +60,7 @@ def plan_scan(rate_hz: float, tracking_rate_hz: float) -> ScanPlan:
     return ScanPlan(uuid.uuid4().hex[:12], rate_hz, every)
 
 
-def scan_asked_for(
+def requested_scan(
     args: ScanArgs, settings: ScanSection, *, largest_hz: float, tracking_rate_hz: float
 ) -> ScanPlan:
     """The scan that a command asks for.

@@ -10,11 +10,11 @@ import numpy as np
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.filters import filter_chain
 from traverse.daemon.config.scan import ScanSection
-from traverse.daemon.pose.alignment import Alignment, PartSystem
+from traverse.daemon.pose.alignment import ActiveAlignment, Alignment
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.poses import PoseBlock
-from traverse.daemon.scans.button_gate import HeldGate, Key
-from traverse.daemon.scans.messages import ScanMessages, no_points
+from traverse.daemon.scans.button_gate import ButtonGate, Key
+from traverse.daemon.scans.messages import ScanMessages, empty_block
 from traverse.daemon.scans.plan import ScanPlan
 from traverse.daemon.scans.selection import ScanSelection
 from traverse.kinematics.filters import PointBlock
@@ -52,12 +52,12 @@ class Scanner:
         offer: Callable[[Scan], bool],
         block_s: float,
         settings: ScanSection | None = None,
-        part: PartSystem | None = None,
+        part: ActiveAlignment | None = None,
     ) -> None:
         self._clock = clock
-        self._part = part or PartSystem()
+        self._part = part or ActiveAlignment()
         self._offer = offer
-        self._gate = HeldGate()
+        self._gate = ButtonGate()
         self.plan: ScanPlan | None = None
         self.session = ""
         self.dropped_points = 0
@@ -199,7 +199,7 @@ class Scanner:
     def _select(self, piece: _Piece) -> None:
         if piece.model is not self._model:
             self._flush()
-            self._selection.break_path()
+            self._selection.break_interpolation()
             self._model = piece.model
         if piece.alignment is not self._alignment:
             self._flush()
@@ -229,7 +229,7 @@ class Scanner:
     def _publish(self, points: PointBlock | None, *, last: bool) -> None:
         if points is None:
             last_ns = self._last[1] if self._last else self._clock.monotonic_ns()
-            points = no_points(self._model.encoders.n_joints, last_ns)
+            points = empty_block(self._model.encoders.n_joints, last_ns)
         message = self._messages.message(
             self._model,
             self._alignment,

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.daemon.scans.button_gate import HeldGate
+from traverse.daemon.scans.button_gate import ButtonGate
 from traverse.daemon.scans.plan import ScanPlan
 from traverse.kinematics.filters import FilterChain, PointBlock
 from traverse.protocol.messages import QualityFlag
@@ -34,7 +34,7 @@ class ScanSelection:
     """
 
     def __init__(
-        self, plan: ScanPlan, chain: FilterChain, gate: HeldGate | None
+        self, plan: ScanPlan, chain: FilterChain, gate: ButtonGate | None
     ) -> None:
         self._mode = plan.selection()
         self._chain = chain
@@ -72,7 +72,7 @@ class ScanSelection:
         self._points += len(found)
         return replace(found, seq=numbers)
 
-    def break_path(self) -> None:
+    def break_interpolation(self) -> None:
         """What comes does not join on to what was: nothing is interpolated between."""
         if self._mode is not None:
             self._mode.restart()
@@ -87,14 +87,14 @@ class ScanSelection:
             found = replace(found, quality=found.quality | INTERPOLATED)
         return found
 
-    def _held_only(self, instants: PointBlock, gate: HeldGate) -> PointBlock:
+    def _held_only(self, instants: PointBlock, gate: ButtonGate) -> PointBlock:
         held = gate.held(instants.time_ns)
         turns = np.flatnonzero(np.diff(held)) + 1
         pieces = [instants.rows(slice(0, 0))]
         for start, end in pairwise([0, *turns.tolist(), len(held)]):
             if held[start]:
                 if not self._was_held:
-                    self.break_path()
+                    self.break_interpolation()
                 pieces.append(self._selected(instants.rows(slice(start, end))))
             self._was_held = bool(held[start])
         return PointBlock.joined(pieces)

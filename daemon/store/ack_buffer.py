@@ -5,7 +5,7 @@ from collections.abc import Callable
 Range = tuple[int, int]
 
 
-class OutboxMarks:
+class AckBuffer:
     """Collects numbers, as ranges: answers come nearly in order.
 
     Args:

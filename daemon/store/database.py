@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from traverse.daemon.store.records import Entry, Figures
-from traverse.daemon.store.schema import check_version, make_tables
+from traverse.daemon.store.schema import check_version, create_tables
 
 BUSY_S = 1.0
 CHECKED_BYTES = 64 << 20  # a larger file takes too long to be checked at each start
@@ -24,7 +24,7 @@ VACUUM_PAGES = 128
 DAY_NS = 86_400 * 10**9
 
 
-class OutboxStore:
+class MessageDatabase:
     """The database of one arm.
 
     Args:
@@ -32,7 +32,7 @@ class OutboxStore:
         last_number: a new one numbers its messages after this.
 
     Raises:
-        OutboxRefusedError: it is not an outbox, or a newer one.
+        StoreRefusedError: it is not an outbox, or a newer one.
         sqlite3.Error: it cannot be opened, or is damaged.
     """
 
@@ -62,7 +62,7 @@ class OutboxStore:
         execute(f"PRAGMA wal_autocheckpoint = {LOG_PAGES}")
         execute(f"PRAGMA journal_size_limit = {LOG_BYTES}")
         if not is_there:
-            make_tables(connection, last_number)
+            create_tables(connection, last_number)
         # Counted once, then kept up: to count a million takes a while.
         (self._points,) = execute("SELECT count(*) FROM messages").fetchone()
         (self._unsent,) = execute(
@@ -79,7 +79,7 @@ class OutboxStore:
         self._connection.close()
 
     @property
-    def is_in_place(self) -> bool:
+    def is_file_unchanged(self) -> bool:
         """Whether the file is still where it was opened, and the same."""
         try:
             found = self._path.stat()
@@ -166,7 +166,7 @@ class OutboxStore:
             self._points -= len(oldest)
         return len(oldest)
 
-    def give_back(self) -> None:
+    def trim_file(self) -> None:
         """Return some free pages to the file system, and empty the log."""
         execute = self._connection.execute
         with self._unsynced():
@@ -177,7 +177,7 @@ class OutboxStore:
                 )
             execute("PRAGMA wal_checkpoint(PASSIVE)").fetchall()
 
-    def try_room(self) -> None:
+    def check_space(self) -> None:
         """Write and sync as much as a few points need, and take it back.
 
         Raises:

@@ -12,9 +12,9 @@ from collections.abc import Callable, Sequence
 
 from traverse.daemon.clock import HostClock
 from traverse.daemon.monitoring.latencies import Latencies
-from traverse.daemon.mqtt.outgoing_queue import Outgoing, OutgoingQueue
-from traverse.daemon.store.database import OutboxStore
-from traverse.daemon.store.queries import unsent_of
+from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage, OutgoingQueue
+from traverse.daemon.store.database import MessageDatabase
+from traverse.daemon.store.queries import read_unsent
 from traverse.daemon.store.records import Held
 from traverse.protocol.topics import CHANNELS
 
@@ -22,16 +22,16 @@ TOGETHER = 100
 REFUSED_NS = 120_000_000_000
 
 Told = Callable[[object], None]
-Work = Callable[[OutboxStore], object]
+Work = Callable[[MessageDatabase], object]
 
 
 def outgoing(
     message: Held,
     sent: Callable[[], None] | None = None,
     refused: Callable[[], None] | None = None,
-) -> Outgoing:
+) -> OutgoingMessage:
     """A message of the database as it is handed to the broker."""
-    return Outgoing(
+    return OutgoingMessage(
         message.topic,
         message.payload,
         qos=CHANNELS["point"].qos,
@@ -41,7 +41,7 @@ def outgoing(
     )
 
 
-class OutboxFeed:
+class UnsentFeeder:
     """Puts all messages into the queue that the broker does not have, in order.
 
     Args:
@@ -54,7 +54,7 @@ class OutboxFeed:
         together: so many are read at once, when no more than that wait.
 
     Attributes:
-        is_behind: messages wait on the disk, or may.
+        has_backlog: messages wait on the disk, or may.
     """
 
     def __init__(
@@ -76,25 +76,25 @@ class OutboxFeed:
         self._kind = kind
         self._together = together
         self._last_number = 0  # of those that are, or were, in the queue
-        self.is_behind = True  # at the start: an earlier run may have left some
+        self.has_backlog = True  # at the start: an earlier run may have left some
         self._is_reading = False
         self._refused: int | None = None  # the first of them
         self._resumes_ns = 0
 
     def kept(self, message: Held) -> None:
         """A new message is on the disk."""
-        if not self.is_behind:
-            self.is_behind = not self._offer(message)
+        if not self.has_backlog:
+            self.has_backlog = not self._offer(message)
 
     def look_again(self) -> None:
         """The database may hold messages that nobody has told of."""
-        self.is_behind = True
+        self.has_backlog = True
         self.refill()
 
     def refill(self) -> None:
         """Read on, where messages wait on the disk and there is room for them."""
         if (
-            not self.is_behind
+            not self.has_backlog
             or self._is_reading
             or self._queue.waiting(self._kind) > self._together
             or not self._may_resume()
@@ -103,7 +103,7 @@ class OutboxFeed:
         self._is_reading = True
         after = self._last_number
         self._ask(
-            lambda store: unsent_of(store.connection, after, self._together),
+            lambda store: read_unsent(store.connection, after, self._together),
             self._read,
         )
 
@@ -124,10 +124,10 @@ class OutboxFeed:
         if not isinstance(found, Sequence):
             return  # it cannot be read now; somebody calls `refill` again
         # What was kept after this was read is told after it: nothing is missed.
-        self.is_behind = len(found) == self._together
+        self.has_backlog = len(found) == self._together
         for message in found:
             if not self._offer(message):
-                self.is_behind = True
+                self.has_backlog = True
                 return
 
     def _offer(self, message: Held) -> bool:
@@ -138,7 +138,7 @@ class OutboxFeed:
             self._mark(number)
 
         def refused() -> None:
-            self.is_behind = True
+            self.has_backlog = True
             first = number if self._refused is None else self._refused
             self._refused = min(first, number)
             self._resumes_ns = self._clock.monotonic_ns() + REFUSED_NS

@@ -6,17 +6,17 @@ from pathlib import Path
 from traverse.daemon.clock import HostClock
 from traverse.daemon.monitoring.latencies import Latencies
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
-from traverse.daemon.store.ack_buffer import OutboxMarks, Range
-from traverse.daemon.store.feed import TOGETHER, OutboxFeed, Told, Work
+from traverse.daemon.store.ack_buffer import AckBuffer, Range
+from traverse.daemon.store.feed import TOGETHER, Told, UnsentFeeder, Work
 from traverse.daemon.store.jobs import Ask, Condition, Keep, Rules
-from traverse.daemon.store.records import Entry, Trouble
-from traverse.daemon.store.resend import TOGETHER as RESENT_TOGETHER
-from traverse.daemon.store.resend import OutboxResend
-from traverse.daemon.store.writer import OutboxThread
+from traverse.daemon.store.records import Entry, StorageError
+from traverse.daemon.store.resend import TOGETHER as RESEND_BATCH
+from traverse.daemon.store.resend import RangeResender
+from traverse.daemon.store.writer import StoreWriter
 from traverse.drivers.base.heartbeat import Pulse
 
 
-class OutboxPassage:
+class MessageForwarder:
     """Has messages kept, sent in order, marked, and sent again.
 
     Args:
@@ -47,20 +47,20 @@ class OutboxPassage:
         rules: Rules,
         *,
         kept: Callable[[list[int]], None],
-        failed: Callable[[Trouble], None],
+        failed: Callable[[StorageError], None],
         changed: Callable[[Condition], None],
         replaced: Callable[[str], None],
         latency: Latencies,
         kind: str = "point",
         name: str = "outbox",
         together: int = TOGETHER,
-        resent_together: int = RESENT_TOGETHER,
+        resent_together: int = RESEND_BATCH,
     ) -> None:
         self._rules = rules
         self._failed = failed
         self._replaced = replaced
         self._generation = 0
-        self._thread = OutboxThread(
+        self._thread = StoreWriter(
             path,
             clock,
             rules,
@@ -70,8 +70,8 @@ class OutboxPassage:
             replaced=self._begun_anew,
             name=name,
         )
-        self._marks = OutboxMarks(self._write_marks)
-        self.feed = OutboxFeed(
+        self._marks = AckBuffer(self._write_marks)
+        self.feed = UnsentFeeder(
             queue,
             self.ask,
             self._marks.add,
@@ -80,7 +80,7 @@ class OutboxPassage:
             kind=kind,
             together=together,
         )
-        self.again = OutboxResend(queue, self.ask, resent_together)
+        self.again = RangeResender(queue, self.ask, resent_together)
 
     @property
     def pulse(self) -> Pulse:
@@ -91,7 +91,7 @@ class OutboxPassage:
         """Start the thread; where the disk refuses, it tries again and again.
 
         Raises:
-            OutboxRefusedError: the database must be left alone.
+            StoreRefusedError: the database must be left alone.
         """
         await self._thread.start()
 
@@ -107,7 +107,7 @@ class OutboxPassage:
         """Have something done with the database."""
         self._thread.put(Ask(work, told))
 
-    def keep_house(self, rules: Rules) -> None:
+    def poll(self, rules: Rules) -> None:
         """Go by these rules, and go on with what has been put off."""
         if rules != self._rules:
             self._rules = rules
@@ -124,7 +124,7 @@ class OutboxPassage:
         self.feed.refill()
         self.again.refill()
 
-    def _generation_failed(self, generation: int, trouble: Trouble) -> None:
+    def _generation_failed(self, generation: int, trouble: StorageError) -> None:
         self._generation = generation + 1
         self._failed(trouble)
 

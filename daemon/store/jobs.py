@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from traverse.daemon.config.outbox import OutboxSection
-from traverse.daemon.store.database import OutboxStore
-from traverse.daemon.store.records import Entry, Figures, Trouble
+from traverse.daemon.store.database import MessageDatabase
+from traverse.daemon.store.records import Entry, Figures, StorageError
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,7 @@ class Keep:
 class Ask:
     """Do something with the database; told with the result, or the exception."""
 
-    work: Callable[[OutboxStore], Any]
+    work: Callable[[MessageDatabase], Any]
     told: Callable[[Any], None]
 
 
@@ -41,7 +41,7 @@ class Rules:
 class Condition:
     """How the outbox is, as its thread sees it."""
 
-    trouble: Trouble | None = None
+    trouble: StorageError | None = None
     figures: Figures = Figures()  # noqa: RUF009 - a frozen value
 
 

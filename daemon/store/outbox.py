@@ -18,11 +18,11 @@ from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import Latencies
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
 from traverse.daemon.points.session import Session
-from traverse.daemon.store.folder_lock import alone_in
-from traverse.daemon.store.forwarder import OutboxPassage
+from traverse.daemon.store.folder_lock import exclusive_state_dir
+from traverse.daemon.store.forwarder import MessageForwarder
 from traverse.daemon.store.jobs import Condition, Rules
-from traverse.daemon.store.pending_write import InFlight, Keeping
-from traverse.daemon.store.records import Entry, Trouble, held_of
+from traverse.daemon.store.pending_write import PendingWrite, PendingWrites
+from traverse.daemon.store.records import Entry, StorageError, stored_message_of
 from traverse.drivers.base.heartbeat import Pulse
 from traverse.protocol.encoding import Encoding, encode
 from traverse.protocol.messages import OutboxHealth, Point, ResendArgs
@@ -75,10 +75,10 @@ class Outbox:
         self._status_changed = changed
         self._condition = Condition()
         self._is_open = False
-        self._in_flight = InFlight()
+        self._in_flight = PendingWrites()
         self._emptied = asyncio.Event()
         self._entries: deque[tuple[int, Entry]] = deque()  # begun [ns], and what
-        self._passage = OutboxPassage(
+        self._passage = MessageForwarder(
             path,
             clock,
             queue,
@@ -100,9 +100,9 @@ class Outbox:
         """Keep points while the block lasts.
 
         Raises:
-            OutboxRefusedError: the database must be left alone.
+            StoreRefusedError: the database must be left alone.
         """
-        with alone_in(self._path.parent):
+        with exclusive_state_dir(self._path.parent):
             await self._passage.open()
             self._is_open = True
             self._queue.left = self._passage.refill
@@ -130,7 +130,7 @@ class Outbox:
         """Go by other rules of what may be forgotten."""
         self._section = section
 
-    def keep(self, session: Session, point: Point) -> Keeping | None:
+    def keep(self, session: Session, point: Point) -> PendingWrite | None:
         """Send a point of a session to the disk; None where too many wait for it."""
         if not self._is_open or len(self._in_flight) >= self._limit:
             return None
@@ -157,9 +157,9 @@ class Outbox:
         """
         return await self._passage.again.carry_out(args)
 
-    def keep_house(self) -> None:
+    def poll(self) -> None:
         """Go on with what has been put off; call it a few times a second."""
-        self._passage.keep_house(Rules(self._section, self._session()))
+        self._passage.poll(Rules(self._section, self._session()))
 
     def health(self) -> OutboxHealth:
         """How the outbox is."""
@@ -180,12 +180,12 @@ class Outbox:
             for number in numbers:
                 begun_ns, entry = self._entries.popleft()
                 took.add(now_ns - begun_ns)
-                self._passage.feed.kept(held_of(entry, number))
+                self._passage.feed.kept(stored_message_of(entry, number))
         for _ in numbers:  # when they have been written: events may wait, points not
             self._in_flight.keep()
         self._emptied.set()
 
-    def _failed(self, trouble: Trouble) -> None:
+    def _failed(self, trouble: StorageError) -> None:
         self._entries.clear()
         self._in_flight.fail(trouble)
         self._emptied.set()

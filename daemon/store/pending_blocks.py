@@ -6,7 +6,7 @@ from collections import deque
 from traverse.daemon.store.records import Entry
 
 
-class BlocksWaiting:
+class PendingBlocks:
     """Of one spool.
 
     Attributes:
@@ -34,7 +34,7 @@ class BlocksWaiting:
         """None will get there: gives them, with their numbers of points."""
         return self._taken(len(self._blocks))
 
-    async def none_left(self) -> None:
+    async def wait_empty(self) -> None:
         """Wait until no block is on its way."""
         while self._blocks:
             self._changed.clear()

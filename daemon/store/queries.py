@@ -10,7 +10,12 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from traverse.daemon.store.records import Extent, Held, HeldSession, OutboxRefusedError
+from traverse.daemon.store.records import (
+    Held,
+    HeldSession,
+    StoredRange,
+    StoreRefusedError,
+)
 from traverse.daemon.store.schema import check_version
 
 COLUMNS = "number, session, seq, id, time_ns, topic, encoding, payload, sent"
@@ -25,15 +30,15 @@ def held(row: tuple[Any, ...]) -> Held:
     )
 
 
-def open_to_read(path: Path) -> sqlite3.Connection:
+def open_read_only(path: Path) -> sqlite3.Connection:
     """Open an outbox for reading only; the daemon may be running.
 
     Raises:
-        OutboxRefusedError: there is none, or not one of this version.
+        StoreRefusedError: there is none, or not one of this version.
         sqlite3.Error: it cannot be read.
     """
     if not path.is_file():
-        raise OutboxRefusedError(
+        raise StoreRefusedError(
             f"{path}: there is no such file; name the outbox of a daemon with --db, or "
             "its configuration with --config"
         )
@@ -42,14 +47,14 @@ def open_to_read(path: Path) -> sqlite3.Connection:
     )
     try:
         if not check_version(connection, str(path)):
-            raise OutboxRefusedError(f"{path}: is empty; no daemon has used it yet")
+            raise StoreRefusedError(f"{path}: is empty; no daemon has used it yet")
     except BaseException:
         connection.close()
         raise
     return connection
 
 
-def sessions_of(connection: sqlite3.Connection, at_most: int) -> list[HeldSession]:
+def read_sessions(connection: sqlite3.Connection, at_most: int) -> list[HeldSession]:
     """Sessions of which there are points, oldest first, the latest of them."""
     rows: list[tuple[Any, ...]] = connection.execute(
         "SELECT session, begun_ns, note, first_seq, last_seq FROM ("
@@ -72,7 +77,7 @@ def counts_of(connection: sqlite3.Connection, session: str) -> tuple[int, int]:
     return points, unsent
 
 
-def unsent_of(connection: sqlite3.Connection, after: int, at_most: int) -> list[Held]:
+def read_unsent(connection: sqlite3.Connection, after: int, at_most: int) -> list[Held]:
     """What the broker does not have, in order, behind a number."""
     rows = connection.execute(
         f"SELECT {COLUMNS} FROM messages INDEXED BY unsent "
@@ -82,9 +87,9 @@ def unsent_of(connection: sqlite3.Connection, after: int, at_most: int) -> list[
     return [held(row) for row in rows]
 
 
-def extent_of(
+def stored_range(
     connection: sqlite3.Connection, session: str, from_seq: int, to_seq: int
-) -> Extent:
+) -> StoredRange:
     """What there is of a session, and of a range of its numbers."""
     first, last = connection.execute(
         "SELECT min(seq), max(seq) FROM messages WHERE session = ?", (session,)
@@ -93,10 +98,10 @@ def extent_of(
         "SELECT count(*) FROM messages WHERE session = ? AND seq BETWEEN ? AND ?",
         (session, from_seq, to_seq),
     ).fetchone()
-    return Extent(points, first, last)
+    return StoredRange(points, first, last)
 
 
-def messages_of(
+def read_messages(
     connection: sqlite3.Connection,
     session: str,
     from_seq: int,
@@ -112,10 +117,10 @@ def messages_of(
     return [held(row) for row in rows]
 
 
-def all_messages_of(
+def iter_messages(
     connection: sqlite3.Connection, session: str, from_seq: int, to_seq: int
 ) -> Iterator[Held]:
     """The same without a limit, read piece by piece."""
-    while piece := messages_of(connection, session, from_seq, to_seq, PIECE):
+    while piece := read_messages(connection, session, from_seq, to_seq, PIECE):
         yield from piece
         from_seq = piece[-1].seq + 1

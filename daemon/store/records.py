@@ -47,7 +47,7 @@ class Held:
     is_sent: bool
 
 
-def held_of(entry: Entry, number: int) -> Held:
+def stored_message_of(entry: Entry, number: int) -> Held:
     """What has just been kept, under its number."""
     return Held(
         number,
@@ -79,7 +79,7 @@ class HeldSession:
 
 
 @dataclass(frozen=True, slots=True)
-class Extent:
+class StoredRange:
     """What the database has of a session.
 
     Attributes:
@@ -112,12 +112,12 @@ class Figures:
 
 
 @dataclass(frozen=True, slots=True)
-class Trouble:
+class StorageError:
     """Why points cannot be kept, and what people can do."""
 
     text: str
     remedy: str
 
 
-class OutboxRefusedError(Exception):
+class StoreRefusedError(Exception):
     """The file is one that must be left alone; the text says why and what to do."""

@@ -8,10 +8,10 @@ from typing import TypeVar
 
 from traverse.daemon.commands.dispatcher import CommandError, Result
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
-from traverse.daemon.store.database import OutboxStore
+from traverse.daemon.store.database import MessageDatabase
 from traverse.daemon.store.feed import Told, Work, outgoing
-from traverse.daemon.store.queries import extent_of, messages_of, sessions_of
-from traverse.daemon.store.records import Extent
+from traverse.daemon.store.queries import read_messages, read_sessions, stored_range
+from traverse.daemon.store.records import StoredRange
 from traverse.protocol.messages import ResendArgs
 
 log = logging.getLogger("traverse.daemon.outbox")
@@ -24,7 +24,7 @@ LAST = 2**53 - 1
 T = TypeVar("T")
 
 
-class OutboxResend:
+class RangeResender:
     """Sends ranges again, one after the other.
 
     Args:
@@ -54,7 +54,7 @@ class OutboxResend:
         session = args.session
         if session is None:
             found = await self.asked(
-                lambda store: sessions_of(store.connection, MAX_SESSIONS)
+                lambda store: read_sessions(store.connection, MAX_SESSIONS)
             )
             return {
                 "sessions": [
@@ -69,8 +69,8 @@ class OutboxResend:
             }
         self.check_room()
         to_seq = LAST if args.to_seq is None else args.to_seq
-        extent: Extent = await self.asked(
-            lambda store: extent_of(store.connection, session, args.from_seq, to_seq)
+        extent: StoredRange = await self.asked(
+            lambda store: stored_range(store.connection, session, args.from_seq, to_seq)
         )
         if extent.points and extent.last_seq is not None:
             # Not what comes later: that is sent anyway.
@@ -113,7 +113,7 @@ class OutboxResend:
         self._is_reading = True
         session, from_seq, to_seq = self._ranges[0]
         self._ask(
-            lambda store: messages_of(
+            lambda store: read_messages(
                 store.connection, session, from_seq, to_seq, self._together
             ),
             self._read,
@@ -131,7 +131,7 @@ class OutboxResend:
             self._ranges.appendleft((session, found[-1].seq + 1, to_seq))
         self.refill()
 
-    async def asked(self, work: Callable[[OutboxStore], T]) -> T:
+    async def asked(self, work: Callable[[MessageDatabase], T]) -> T:
         """What comes of something done with the database.
 
         Raises:

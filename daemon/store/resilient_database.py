@@ -11,14 +11,19 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeVar
 
-from traverse.daemon.store.database import OutboxStore
-from traverse.daemon.store.records import Entry, Figures, OutboxRefusedError, Trouble
-from traverse.daemon.store.salvage import salvaged
+from traverse.daemon.store.database import MessageDatabase
+from traverse.daemon.store.records import (
+    Entry,
+    Figures,
+    StorageError,
+    StoreRefusedError,
+)
+from traverse.daemon.store.salvage import recover_unsent
 from traverse.daemon.store.storage_error import (
-    is_damage,
-    needs_opening,
-    set_aside,
-    trouble_of,
+    is_corruption,
+    move_aside,
+    needs_reopening,
+    storage_error_of,
 )
 
 log = logging.getLogger("traverse.daemon.outbox")
@@ -26,7 +31,7 @@ log = logging.getLogger("traverse.daemon.outbox")
 T = TypeVar("T")
 
 
-class OutboxKeeper:
+class ResilientDatabase:
     """Keeps points, and says why where it cannot.
 
     Args:
@@ -42,16 +47,16 @@ class OutboxKeeper:
     def __init__(self, path: Path, replaced: Callable[[str], None]) -> None:
         self._path = path
         self._replaced = replaced
-        self._store: OutboxStore | None = None
+        self._store: MessageDatabase | None = None
         self._last_number = 0
-        self.trouble: Trouble | None = None
+        self.trouble: StorageError | None = None
         self.figures = Figures()
 
     def open(self) -> None:
         """Open the database; what prevents it is in `trouble` then.
 
         Raises:
-            OutboxRefusedError: it must be left alone.
+            StoreRefusedError: it must be left alone.
         """
         with contextlib.suppress(sqlite3.Error, OSError):
             self.use(lambda store: None)
@@ -64,7 +69,7 @@ class OutboxKeeper:
             try:
                 store.close()
             except sqlite3.Error as error:
-                log.warning("%s", trouble_of(error, self._path).text)
+                log.warning("%s", storage_error_of(error, self._path).text)
 
     def add(self, entries: Sequence[Entry]) -> list[int]:
         """Keep messages, all or none; gives their numbers. On return they are safe.
@@ -76,7 +81,7 @@ class OutboxKeeper:
         self.trouble = None
         return numbers
 
-    def use(self, work: Callable[[OutboxStore], T]) -> T:
+    def use(self, work: Callable[[MessageDatabase], T]) -> T:
         """Do something with the database; with a new one if it turns out damaged.
 
         Raises:
@@ -86,34 +91,34 @@ class OutboxKeeper:
             try:
                 return work(self._opened())
             except sqlite3.Error as error:
-                if not is_damage(error):
+                if not is_corruption(error):
                     raise
                 self._begin_anew(error)
                 return work(self._opened())
-        except OutboxRefusedError as error:
-            self.trouble = Trouble(str(error), "see there")
+        except StoreRefusedError as error:
+            self.trouble = StorageError(str(error), "see there")
             raise
         except Exception as error:
             if not isinstance(error, sqlite3.Error | OSError):
                 log.exception("fault in the outbox")
-            self.trouble = trouble_of(error, self._path)
-            if needs_opening(error):
+            self.trouble = storage_error_of(error, self._path)
+            if needs_reopening(error):
                 self.close()
             raise
 
     def look(self) -> None:
         """See whether the trouble is over, and whether the file is still there."""
-        if self._store is not None and not self._store.is_in_place:
+        if self._store is not None and not self._store.is_file_unchanged:
             self.close()
-            with contextlib.suppress(sqlite3.Error, OSError, OutboxRefusedError):
+            with contextlib.suppress(sqlite3.Error, OSError, StoreRefusedError):
                 self.use(lambda store: None)
                 self._replaced(
                     f"{self._path} had been moved or removed while the daemon used it; "
                     "what is there now is used instead"
                 )
         if self.trouble is not None:
-            with contextlib.suppress(sqlite3.Error, OSError, OutboxRefusedError):
-                self.use(OutboxStore.try_room)
+            with contextlib.suppress(sqlite3.Error, OSError, StoreRefusedError):
+                self.use(MessageDatabase.check_space)
                 self.trouble = None
 
     def count(self) -> None:
@@ -122,19 +127,19 @@ class OutboxKeeper:
             with contextlib.suppress(sqlite3.Error):
                 self.figures = self._store.figures()
 
-    def _opened(self) -> OutboxStore:
+    def _opened(self) -> MessageDatabase:
         if self._store is None:
-            self._store = OutboxStore(self._path, self._last_number)
+            self._store = MessageDatabase(self._path, self._last_number)
             self._last_number = max(self._last_number, self._store.last_number)
         return self._store
 
     def _begin_anew(self, error: sqlite3.Error) -> None:
         """Set a damaged database aside; a new one gets what can be taken over."""
         self.close()
-        name = set_aside(self._path)
+        name = move_aside(self._path)
         store, entries = self._opened(), []
         with contextlib.suppress(sqlite3.Error):
-            entries = salvaged(name)
+            entries = recover_unsent(name)
             if entries:
                 store.add(entries)
         self._replaced(

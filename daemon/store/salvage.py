@@ -16,7 +16,7 @@ from traverse.protocol.messages import Point, Scan
 WAYS = ("INDEXED BY unsent", "NOT INDEXED")
 
 
-def salvaged(path: Path) -> list[Entry]:
+def recover_unsent(path: Path) -> list[Entry]:
     """Messages that were not sent and can be read, in order, without repeats."""
     found: dict[str, Held] = {}
     begun: dict[str, tuple[int, str]] = {}

@@ -7,7 +7,7 @@ first point. The note of the "session" is the real session's name.
 import sqlite3
 from dataclasses import dataclass
 
-from traverse.daemon.store.queries import messages_of
+from traverse.daemon.store.queries import read_messages
 from traverse.protocol.encoding import decode
 from traverse.protocol.messages import Scan
 
@@ -18,7 +18,7 @@ def block_id(block: Scan) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class ScanExtent:
+class StoredScanRange:
     """What there is of a scan, and of a range of its points.
 
     Attributes:
@@ -39,16 +39,16 @@ class ScanExtent:
     total: int | None = None
 
 
-def extent_of_scan(
+def stored_scan_range(
     connection: sqlite3.Connection, scan: str, from_seq: int, to_seq: int
-) -> ScanExtent:
+) -> StoredScanRange:
     """What there is of a scan, and of the range of its points, ends included."""
     execute = connection.execute
     first, last = execute(
         "SELECT min(seq), max(seq) FROM messages WHERE session = ?", (scan,)
     ).fetchone()
     if first is None:
-        return ScanExtent()
+        return StoredScanRange()
     ((session,),) = execute("SELECT note FROM sessions WHERE session = ?", (scan,))
     # The block before may reach into the range: how long it is, only it tells.
     from_block = from_seq
@@ -63,7 +63,7 @@ def extent_of_scan(
     )
     block = _block(connection, scan, last)
     end = last + len(block.dtime_ns)
-    return ScanExtent(
+    return StoredScanRange(
         session,
         from_block,
         blocks,
@@ -80,5 +80,5 @@ def _end_of(connection: sqlite3.Connection, scan: str, seq: int) -> int:
 
 
 def _block(connection: sqlite3.Connection, scan: str, seq: int) -> Scan:
-    (held,) = messages_of(connection, scan, seq, seq, 1)
+    (held,) = read_messages(connection, scan, seq, seq, 1)
     return decode(Scan, held.payload, held.encoding)

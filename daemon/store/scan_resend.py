@@ -3,13 +3,13 @@
 from collections.abc import Callable
 
 from traverse.daemon.commands.dispatcher import Result
-from traverse.daemon.store.queries import sessions_of
+from traverse.daemon.store.queries import read_sessions
 from traverse.daemon.store.records import HeldSession
-from traverse.daemon.store.resend import LAST, MAX_SESSIONS, OutboxResend
-from traverse.daemon.store.scan_queries import ScanExtent, extent_of_scan
+from traverse.daemon.store.resend import LAST, MAX_SESSIONS, RangeResender
+from traverse.daemon.store.scan_queries import StoredScanRange, stored_scan_range
 
 
-class ScanAgain:
+class ScanResend:
     """Answers the command `resend` for scans.
 
     Args:
@@ -17,7 +17,7 @@ class ScanAgain:
         is_open: whether there is a spool at all.
     """
 
-    def __init__(self, ranges: OutboxResend, is_open: Callable[[], bool]) -> None:
+    def __init__(self, ranges: RangeResender, is_open: Callable[[], bool]) -> None:
         self._ranges = ranges
         self._is_open = is_open
 
@@ -30,7 +30,7 @@ class ScanAgain:
         if not self._is_open():
             return []
         return await self._ranges.asked(
-            lambda store: sessions_of(store.connection, MAX_SESSIONS)
+            lambda store: read_sessions(store.connection, MAX_SESSIONS)
         )
 
     async def send(self, scan: str, from_seq: int, to_seq: int | None) -> Result:
@@ -39,12 +39,12 @@ class ScanAgain:
         Raises:
             CommandError: too many ranges wait, or the database cannot be read.
         """
-        extent = ScanExtent()
+        extent = StoredScanRange()
         if self._is_open():
             self._ranges.check_room()
             end = LAST if to_seq is None else to_seq
             extent = await self._ranges.asked(
-                lambda store: extent_of_scan(store.connection, scan, from_seq, end)
+                lambda store: stored_scan_range(store.connection, scan, from_seq, end)
             )
             if extent.blocks:  # not what comes later: that is sent anyway
                 self._ranges.send(scan, extent.from_block, min(end, extent.last_block))

@@ -22,21 +22,21 @@ from traverse.daemon.config.outbox import OutboxSection
 from traverse.daemon.config.scan import ScanSection
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import Latencies
-from traverse.daemon.mqtt.message_publisher import Outlet
+from traverse.daemon.mqtt.message_publisher import MessagePublisher
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
 from traverse.daemon.store.feed import outgoing
-from traverse.daemon.store.forwarder import OutboxPassage
+from traverse.daemon.store.forwarder import MessageForwarder
 from traverse.daemon.store.jobs import Condition, Rules
-from traverse.daemon.store.pending_blocks import BlocksWaiting
+from traverse.daemon.store.pending_blocks import PendingBlocks
 from traverse.daemon.store.records import (
     Entry,
-    OutboxRefusedError,
-    Trouble,
-    held_of,
+    StorageError,
+    StoreRefusedError,
+    stored_message_of,
 )
 from traverse.daemon.store.scan_queries import block_id
-from traverse.daemon.store.scan_resend import ScanAgain
-from traverse.daemon.store.scan_store_events import ScanSpoolEvents
+from traverse.daemon.store.scan_resend import ScanResend
+from traverse.daemon.store.scan_store_events import ScanStoreEvents
 from traverse.drivers.base.heartbeat import Pulse
 from traverse.protocol.encoding import Encoding, encode
 from traverse.protocol.messages import Scan, SpoolHealth
@@ -49,7 +49,7 @@ TOGETHER = 20  # blocks read at once: ten megabytes at most
 SENT_SHARE = 0.8  # of the spool that blocks may fill which the broker has
 
 
-class ScanSpool:
+class ScanStore:
     """Delivers the blocks of scans, as the configuration says.
 
     Args:
@@ -77,7 +77,7 @@ class ScanSpool:
         encoding: Encoding,
         clock: HostClock,
         section: ScanSection,
-        outlet: Outlet,
+        outlet: MessagePublisher,
         queue: OutgoingQueue,
         events: EventLog,
     ) -> None:
@@ -87,16 +87,16 @@ class ScanSpool:
         self._clock = clock
         self._outlet = outlet
         self._queue = queue
-        self._events = ScanSpoolEvents(path, events)
+        self._events = ScanStoreEvents(path, events)
         self.taken_back: Callable[[str, int], None] = lambda scan, n: None
         self._scan, self._begun_ns, self._is_complete = "", 0, False
         self._starting: asyncio.Task[None] | None = None
         self._condition = Condition()
-        self._waiting = BlocksWaiting()
+        self._waiting = PendingBlocks()
         self._kept_bytes = 0  # since the condition was told
         self.counted: Counter[str] = Counter()
         self.use(section)
-        self._passage = OutboxPassage(
+        self._passage = MessageForwarder(
             path,
             clock,
             queue,
@@ -111,7 +111,7 @@ class ScanSpool:
             together=TOGETHER,
             resent_together=TOGETHER,
         )
-        self.again = ScanAgain(self._passage.again, lambda: self._is_open)
+        self.again = ScanResend(self._passage.again, lambda: self._is_open)
 
     @property
     def pulses(self) -> tuple[Pulse, ...]:
@@ -127,7 +127,7 @@ class ScanSpool:
         """Deliver while the block lasts; first what an earlier run has left.
 
         Raises:
-            OutboxRefusedError: the database must be left alone.
+            StoreRefusedError: the database must be left alone.
         """
         if self._section.delivery == "complete" or self._path.exists():
             self._open()
@@ -147,13 +147,13 @@ class ScanSpool:
             self._queue.left = left
             if self._starting is not None:
                 self._passage.mark()
-                with contextlib.suppress(OutboxRefusedError):
+                with contextlib.suppress(StoreRefusedError):
                     await self._starting
                     await self._passage.close()
 
     async def idle(self) -> None:
         """Wait until no block is on its way to the disk."""
-        await self._waiting.none_left()
+        await self._waiting.wait_empty()
 
     def use(self, section: ScanSection) -> None:
         """Go by other settings; a running scan is delivered as it began."""
@@ -172,10 +172,10 @@ class ScanSpool:
             self._outlet.tape.published(self._clock.monotonic_ns(), block)
         return is_taken
 
-    def keep_house(self) -> None:
+    def poll(self) -> None:
         """Go on with what has been put off; call it a few times a second."""
         if self._is_open:
-            self._passage.keep_house(self._rules())
+            self._passage.poll(self._rules())
 
     def refill(self) -> None:
         """Read on, where there is something to read and room for it."""
@@ -225,8 +225,8 @@ class ScanSpool:
 
     def _send_unkept(self, entry: Entry) -> bool:
         """Send what the disk refuses, unless earlier blocks wait there."""
-        message = held_of(entry, 0)
-        if self._passage.feed.is_behind or not self._queue.offer(
+        message = stored_message_of(entry, 0)
+        if self._passage.feed.has_backlog or not self._queue.offer(
             "spooled", outgoing(message)
         ):
             self.counted["dropped"] += 1
@@ -241,9 +241,9 @@ class ScanSpool:
         for entry, number in zip(kept, numbers, strict=True):
             self._kept_bytes += len(entry.payload)
             self.counted["kept"] += 1
-            self._passage.feed.kept(held_of(entry, number))
+            self._passage.feed.kept(stored_message_of(entry, number))
 
-    def _failed(self, trouble: Trouble) -> None:
+    def _failed(self, trouble: StorageError) -> None:
         log.debug("blocks not kept: %s", trouble.text)
         for entry, n_points in self._waiting.give_up():
             if not self._send_unkept(entry):
@@ -264,8 +264,8 @@ class ScanSpool:
         """Where it was refused, nothing is kept: a running daemon goes on."""
         error = None if starting.cancelled() else starting.exception()
         if error is not None:
-            self._changed(Condition(Trouble(str(error), "see there")))
-            self._failed(Trouble(str(error), ""))
+            self._changed(Condition(StorageError(str(error), "see there")))
+            self._failed(StorageError(str(error), ""))
 
     def _rules(self) -> Rules:
         keep_mb = max(1.0, SENT_SHARE * self._section.spool_mb)

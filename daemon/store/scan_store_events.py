@@ -3,10 +3,10 @@
 from pathlib import Path
 
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.store.records import Trouble
+from traverse.daemon.store.records import StorageError
 
 
-class ScanSpoolEvents:
+class ScanStoreEvents:
     """Tells how it is.
 
     Args:
@@ -34,7 +34,7 @@ class ScanSpoolEvents:
             else "",
         )
 
-    def trouble(self, trouble: Trouble | None) -> None:
+    def trouble(self, trouble: StorageError | None) -> None:
         """Why blocks cannot be kept; None where they can."""
         self._events.change(
             trouble is not None,

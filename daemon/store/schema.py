@@ -2,7 +2,7 @@
 
 import sqlite3
 
-from traverse.daemon.store.records import OutboxRefusedError
+from traverse.daemon.store.records import StoreRefusedError
 
 VERSION = 1
 APPLICATION = 0x54525650  # "TRVP", so that `file` and people can tell whose it is
@@ -34,7 +34,7 @@ def check_version(connection: sqlite3.Connection, name: str) -> bool:
     """Whether the tables are there; False in a database that is new.
 
     Raises:
-        OutboxRefusedError: it is a newer one, or not an outbox.
+        StoreRefusedError: it is a newer one, or not an outbox.
         sqlite3.Error: it cannot be read.
     """
     (version,) = connection.execute("PRAGMA user_version").fetchone()
@@ -43,13 +43,13 @@ def check_version(connection: sqlite3.Connection, name: str) -> bool:
     if version == 0 and application == 0 and tables == 0:
         return False
     if application != APPLICATION:
-        raise OutboxRefusedError(
+        raise StoreRefusedError(
             f"{name}: is a database of another program (application_id "
             f"{application:#x}, expected {APPLICATION:#x}); move it away, or name "
             "another state folder"
         )
     if version != VERSION:
-        raise OutboxRefusedError(
+        raise StoreRefusedError(
             f"{name}: has tables of version {version}, this program knows version "
             f"{VERSION}; install the version of traverse that wrote it, or move the "
             "file away: its points can be sent and exported by that version only"
@@ -57,7 +57,7 @@ def check_version(connection: sqlite3.Connection, name: str) -> bool:
     return True
 
 
-def make_tables(connection: sqlite3.Connection, last_number: int) -> None:
+def create_tables(connection: sqlite3.Connection, last_number: int) -> None:
     """Make all tables, whole or not at all; numbers go on after ``last_number``."""
     connection.execute("BEGIN IMMEDIATE")
     for statement in TABLES.split(";"):

@@ -6,25 +6,25 @@ import sqlite3
 from datetime import UTC, datetime
 from pathlib import Path
 
-from traverse.daemon.store.records import Trouble
+from traverse.daemon.store.records import StorageError
 
-GOES_ON = "; the daemon goes on by itself as soon as it can write"
+RETRY_REMARK = "; the daemon goes on by itself as soon as it can write"
 DAMAGED = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
 REOPENED = (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN)
-BESIDE = ("", "-wal", "-shm")
+DATABASE_SUFFIXES = ("", "-wal", "-shm")
 
 
-def is_damage(error: BaseException) -> bool:
+def is_corruption(error: BaseException) -> bool:
     """The file is no good any more."""
     return _code(error) in DAMAGED
 
 
-def needs_opening(error: BaseException) -> bool:
+def needs_reopening(error: BaseException) -> bool:
     """The same connection would never be able to write again."""
     return _code(error) in REOPENED
 
 
-def trouble_of(error: BaseException, path: Path) -> Trouble:
+def storage_error_of(error: BaseException, path: Path) -> StorageError:
     """Why points cannot be kept in a file, and what to do."""
     code = _code(error)
     number = error.errno if isinstance(error, OSError) else None
@@ -47,10 +47,10 @@ def trouble_of(error: BaseException, path: Path) -> Trouble:
         text, remedy = "an unexpected fault", "report it with the daemon's log"
     name = getattr(error, "sqlite_errorname", "")
     said = f"{error} ({name})" if name else str(error) or type(error).__name__
-    return Trouble(f"the outbox {path}: {text}: {said}", remedy + GOES_ON)
+    return StorageError(f"the outbox {path}: {text}: {said}", remedy + RETRY_REMARK)
 
 
-def set_aside(path: Path) -> Path:
+def move_aside(path: Path) -> Path:
     """Give a damaged database another name, with its log; gives that name.
 
     Raises:
@@ -60,7 +60,7 @@ def set_aside(path: Path) -> Path:
     name, n = f"{path}.corrupt-{stamp}", 1
     while os.path.lexists(name):
         name, n = f"{path}.corrupt-{stamp}-{n}", n + 1
-    for end in BESIDE:
+    for end in DATABASE_SUFFIXES:
         old = Path(f"{path}{end}")
         if old.exists():
             old.rename(f"{name}{end}")

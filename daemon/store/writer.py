@@ -1,10 +1,10 @@
 """The one thread that writes to the outbox: values go in, results come back in order.
 
-All points that wait are kept together, in one transaction: syncing takes as long for a
-hundred as for one. Points that come quicker than hands can press are let come together
-for `SPACING_S`, since a transaction costs as much CPU as several points. Where keeping
-fails, the points behind those fail, too, until the loop has heard of it: their numbers
-would follow on numbers that nobody has.
+All waiting points are written in one transaction: syncing takes as long for a hundred
+as for one. Points that arrive faster than hands can press are collected for
+`COMMIT_INTERVAL_S`, since a transaction costs as much CPU as several points. After a
+write has failed, later points fail, too, until the loop knows of it: their numbers would
+follow numbers that were never stored.
 """
 
 import asyncio
@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import TypeVar
 
 from traverse.daemon.clock import HostClock
-from traverse.daemon.store.database import DAY_NS, OutboxStore
+from traverse.daemon.store.database import DAY_NS, MessageDatabase
 from traverse.daemon.store.jobs import Ask, Condition, Job, Keep, Rules
-from traverse.daemon.store.records import Entry, OutboxRefusedError, Trouble
-from traverse.daemon.store.resilient_database import OutboxKeeper
+from traverse.daemon.store.records import Entry, StorageError, StoreRefusedError
+from traverse.daemon.store.resilient_database import ResilientDatabase
 from traverse.drivers.base.heartbeat import Pulse
 
 log = logging.getLogger("traverse.daemon.outbox")
@@ -29,15 +29,15 @@ log = logging.getLogger("traverse.daemon.outbox")
 LOOK_S = 0.5
 FIGURES_S = 0.2
 FORGET_S = 0.3
-MOST_TOGETHER = 500
-SPACING_S = 0.002  # from the beginning of one transaction to the next
-FORGOTTEN_TOGETHER = 50
+MAX_BATCH = 500
+COMMIT_INTERVAL_S = 0.002  # from the beginning of one transaction to the next
+DELETE_BATCH = 50
 TURN_S = 30.0  # that a slow disk may take
 
 T = TypeVar("T")
 
 
-class OutboxThread:
+class StoreWriter:
     """Works through jobs, and tells the loop what came of them.
 
     Args:
@@ -61,7 +61,7 @@ class OutboxThread:
         rules: Rules,
         *,
         kept: Callable[[list[int]], None],
-        failed: Callable[[int, Trouble], None],
+        failed: Callable[[int, StorageError], None],
         changed: Callable[[Condition], None],
         replaced: Callable[[str], None],
         name: str = "outbox",
@@ -71,13 +71,13 @@ class OutboxThread:
         self._kept = kept
         self._failed = failed
         self._changed = changed
-        self._keeper = OutboxKeeper(path, lambda text: self._tell(replaced, text))
+        self._keeper = ResilientDatabase(path, lambda text: self._tell(replaced, text))
         self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
         self._loop = asyncio.get_running_loop()
         self._told = Condition()
         self._told_s = -FIGURES_S
         self._failed_generation = -1
-        self._kept_s = -SPACING_S
+        self._kept_s = -COMMIT_INTERVAL_S
         self._opened: asyncio.Future[None] = self._loop.create_future()
         self.pulse = Pulse(f"thread of the {name}")
         self._thread = threading.Thread(target=self._run, name=name)
@@ -86,7 +86,7 @@ class OutboxThread:
         """Open the database; where that fails for now, it is tried again and again.
 
         Raises:
-            OutboxRefusedError: it must be left alone.
+            StoreRefusedError: it must be left alone.
         """
         self._thread.start()
         try:
@@ -104,7 +104,7 @@ class OutboxThread:
         """Have something done, after all that was put before."""
         self._jobs.put(job)
 
-    def _begun(self, error: OutboxRefusedError | None) -> None:
+    def _begun(self, error: StoreRefusedError | None) -> None:
         if self._opened.done():  # nobody waits any more
             return
         if error is None:
@@ -117,7 +117,7 @@ class OutboxThread:
     def _run(self) -> None:
         try:
             self._keeper.open()
-        except OutboxRefusedError as error:
+        except StoreRefusedError as error:
             self._tell(self._begun, error)
             return
         self._look()
@@ -144,7 +144,7 @@ class OutboxThread:
         """Wait for a job, then take all that are there."""
         try:
             waiting.append(self._jobs.get(timeout=LOOK_S))
-            early_s = self._kept_s + SPACING_S - time.monotonic()
+            early_s = self._kept_s + COMMIT_INTERVAL_S - time.monotonic()
             if early_s > 0.0 and isinstance(waiting[0], Keep):
                 time.sleep(early_s)
             while True:
@@ -160,7 +160,7 @@ class OutboxThread:
                     waiting
                     and isinstance(job := waiting[0], Keep)
                     and job.generation == generation
-                    and len(entries) < MOST_TOGETHER
+                    and len(entries) < MAX_BATCH
                 ):
                     entries.append(job.entry)
                     waiting.popleft()
@@ -184,7 +184,7 @@ class OutboxThread:
             numbers = self._keeper.add(entries)
         except Exception as error:  # noqa: BLE001 - it is told as a trouble
             self._failed_generation = generation
-            trouble = self._keeper.trouble or Trouble(repr(error), "")
+            trouble = self._keeper.trouble or StorageError(repr(error), "")
             self._tell(self._failed, generation, trouble)
         else:
             self._tell(self._kept, numbers)
@@ -197,14 +197,14 @@ class OutboxThread:
         section = self._rules.section
         now_ns = self._clock.to_utc_ns(self._clock.monotonic_ns())
 
-        def step(store: OutboxStore) -> int:
+        def step(store: MessageDatabase) -> int:
             n = store.forget(
                 before_ns=now_ns - int(section.keep_days * DAY_NS),
                 keep_bytes=int(section.keep_mb * 1e6),
                 running=self._rules.running,
-                at_most=FORGOTTEN_TOGETHER,
+                at_most=DELETE_BATCH,
             )
-            store.give_back()
+            store.trim_file()
             return n
 
         try:

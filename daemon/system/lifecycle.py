@@ -20,11 +20,15 @@ from traverse.daemon.clock import HostClock
 from traverse.daemon.config.schema import Configuration
 from traverse.daemon.health import HealthReport
 from traverse.daemon.monitoring.events import EventLog, Occurrence
-from traverse.daemon.monitoring.loop_cycles import Collections, Cycles, write_report
+from traverse.daemon.monitoring.loop_cycles import (
+    Cycles,
+    GarbageCollectionTimer,
+    write_report,
+)
 from traverse.daemon.monitoring.metrics_endpoint import metrics_endpoint
 from traverse.daemon.monitoring.prometheus import exposition
 from traverse.daemon.mqtt.connection import Publisher
-from traverse.daemon.system.memory import give_back_free_memory
+from traverse.daemon.system.memory import trim_memory_periodically
 from traverse.daemon.system.realtime import prepare
 from traverse.daemon.system.status_line import StatusLine
 from traverse.daemon.system.systemd_notify import Notifier
@@ -83,7 +87,7 @@ class Life:
         self._waiting = waiting
         self._notifier = notifier
         self._watchdog = Watchdog(notifier, devices, pulses, events)
-        self._collections = Collections(health.latencies["collection"])
+        self._collections = GarbageCollectionTimer(health.latencies["collection"])
         self._cycles = Cycles(clock, self._collections, health.latencies["handling"])
         self._line = StatusLine()
         self._doing, self._told = "starting", ""
@@ -96,7 +100,7 @@ class Life:
         await self._stack.enter_async_context(
             metrics_endpoint(self._configuration.metrics, self._metrics, self._events)
         )
-        for work in (self._watchdog.run(), give_back_free_memory()):
+        for work in (self._watchdog.run(), trim_memory_periodically()):
             self._stack.push_async_callback(_cancelled, asyncio.create_task(work))
         self.tell()
         return self
@@ -145,7 +149,7 @@ class Life:
 
     def note(self, device: Device, delivery: Delivery, begun_ns: int) -> None:
         """A delivery has been handled."""
-        queue = device.crossing.waiting_samples
+        queue = device.delivery_queue.waiting_samples
         self._cycles.note(device.section.id, delivery, begun_ns, queue)
 
     def look_at(self, what: Occurrence) -> None:

@@ -23,11 +23,11 @@ import ctypes
 
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD, M_ARENA_MAX = -1, -3, -8  # of <malloc.h>
 LARGE_BYTES = 128 << 10  # glibc's own beginning, which is kept by setting it
-GIVE_BACK_S = 30.0
+TRIM_INTERVAL_S = 30.0
 SPARE_BYTES = 512 << 10  # free at the heap's end: so much is not given back
 
 
-def bound_free_memory() -> bool:
+def limit_malloc_arenas() -> bool:
     """Have free memory reused by all threads, and large blocks given back.
 
     To be called before the first thread is started. False where there is no glibc, or
@@ -44,12 +44,12 @@ def bound_free_memory() -> bool:
     return 0 not in [mallopt(name, value) for name, value in settings]
 
 
-async def give_back_free_memory() -> None:
+async def trim_memory_periodically() -> None:
     """Give whole pages that are free back to the system now and then, until cancelled.
 
     Where they are locked in memory they stay.
     """
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     while trim is not None:
-        await asyncio.sleep(GIVE_BACK_S)
+        await asyncio.sleep(TRIM_INTERVAL_S)
         trim(SPARE_BYTES)

@@ -73,11 +73,11 @@ class Watchdog:
             if silent_s is not None:
                 yield pulse.name, f"the {pulse.name} has not moved for {silent_s:.1f} s"
         for device in self._devices:
-            name, crossing = device.section.id, device.crossing
+            name, delivery_queue = device.section.id, device.delivery_queue
             before, self._untaken[name] = self._untaken.get(name), None
-            if crossing.is_due:
-                self._untaken[name] = crossing.taken
-                if before == crossing.taken:  # so it was at the last look
+            if delivery_queue.is_due:
+                self._untaken[name] = delivery_queue.taken
+                if before == delivery_queue.taken:  # so it was at the last look
                     text = f"nobody takes what the reader of {name} delivers"
                     yield f"taker of {name}", text
 

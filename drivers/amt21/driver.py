@@ -13,22 +13,26 @@ from typing import Literal
 from pydantic import Field, field_validator
 
 from traverse.drivers.amt21.line import Amt21Line, Answer
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.options import DriverOptions
 from traverse.drivers.io.byte_port import BytePort, OpenPort
 from traverse.drivers.io.serial_port import SerialPort
-from traverse.drivers.polling.channel import Miss, PolledChannel, Reading
-from traverse.drivers.polling.polled_driver import Polled, WaitForWake, wait_for_wake
+from traverse.drivers.polling.channel import PolledChannel, ReadError, Reading
+from traverse.drivers.polling.polled_driver import (
+    PolledDriver,
+    WaitForWake,
+    wait_for_wake,
+)
 from traverse.protocol import amt21
 
 TURNS_CHECK_NS = 1_000_000_000  # in between, whole turns are counted by the host
 
-WRONG_BITS = Miss(
+WRONG_BITS = ReadError(
     "wrong_bits",
     "answers with more than 12 bits",
     "set bits = 14, and counts_per_turn = 16384 in the arm file",
 )
-TURNS_UNSTEADY = Miss(
+TURNS_UNSTEADY = ReadError(
     "turns_unsteady",
     "counts turns that do not fit its position",
     "set turns = false if it is a single-turn model; check the cable",
@@ -62,12 +66,12 @@ class Amt21Options(DriverOptions):
         return addresses
 
 
-class Amt21(Polled):
+class Amt21Driver(PolledDriver):
     """Encoders on one line; channel i is the one with address i of ``addresses``.
 
     Args:
         device: id in the configuration.
-        crossing: where deliveries go.
+        delivery_queue: where deliveries go.
         port: path of the serial port.
         addresses: of the encoders.
         baud_rate: of the line.
@@ -87,7 +91,7 @@ class Amt21(Polled):
     def __init__(
         self,
         device: str,
-        crossing: Crossing,
+        delivery_queue: DeliveryQueue,
         *,
         port: str,
         addresses: Sequence[int],
@@ -104,7 +108,7 @@ class Amt21(Polled):
     ) -> None:
         super().__init__(
             device,
-            crossing,
+            delivery_queue,
             max_rate_hz=max_rate_hz,
             monotonic_ns=monotonic_ns,
             wait_for=wait_for,
@@ -152,46 +156,46 @@ class Amt21(Polled):
             self._port.close()
             self._port = None
 
-    def _cycle_was_sound(self) -> bool:
+    def _cycle_is_valid(self) -> bool:
         line = self._open_line()
-        sound = line.was_sound()
+        sound = line.take_validity()
         self._counters["stray_bytes"] = self._strays_before + line.strays
         self._counters["exchange_us"] = round(line.exchange_ns * 1e-3)
         self._counters["longest_exchange_us"] = round(line.longest_ns * 1e-3)
         self._counters["echoed"] = int(line.echoed)
         return sound
 
-    def _read_channel(self, channel: int) -> Reading | Miss:
+    def _read_channel(self, channel: int) -> Reading | ReadError:
         if not self._turns:
             return self._position(channel)
         known = self._channels[channel]
         if known.time_ns is None or self._turns_are_due(channel, known.time_ns):
             return self._position_and_turns(channel)
         reading = self._position(channel)
-        if isinstance(reading, Miss):
+        if isinstance(reading, ReadError):
             return reading
         return Reading(self._nearest(known, reading.count), reading.time_ns)
 
-    def _position(self, channel: int) -> Reading | Miss:
+    def _position(self, channel: int) -> Reading | ReadError:
         answer = self._ask(channel, amt21.position_request(self._addresses[channel]))
-        if isinstance(answer, Miss):
+        if isinstance(answer, ReadError):
             return answer
         unused = amt21.VALUE_BITS - self._bits
         if answer.value & ((1 << unused) - 1):
             return WRONG_BITS
         return Reading(answer.value >> unused, answer.time_ns)
 
-    def _position_and_turns(self, channel: int) -> Reading | Miss:
+    def _position_and_turns(self, channel: int) -> Reading | ReadError:
         """A position between two readings of the turns, which tell whether 0 passed."""
         request = amt21.turns_request(self._addresses[channel])
         before = self._ask(channel, request)
-        if isinstance(before, Miss):
+        if isinstance(before, ReadError):
             return before
         position = self._position(channel)
-        if isinstance(position, Miss):
+        if isinstance(position, ReadError):
             return position
         after = self._ask(channel, request)
-        if isinstance(after, Miss):
+        if isinstance(after, ReadError):
             return after
         first, second = amt21.turns_of(before.value), amt21.turns_of(after.value)
         if abs(first - second) > 1:
@@ -223,7 +227,7 @@ class Amt21(Polled):
         step = (position - known.count + turn // 2) % turn - turn // 2
         return (known.count + step) % known.modulus
 
-    def _ask(self, channel: int, request: bytes) -> Answer | Miss:
+    def _ask(self, channel: int, request: bytes) -> Answer | ReadError:
         patient = not self._channels[channel].missing
         return self._open_line().ask(request, patient=patient)
 

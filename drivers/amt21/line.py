@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from traverse.drivers.base.values import DeviceError
 from traverse.drivers.io.byte_port import BytePort
-from traverse.drivers.polling.channel import Miss
+from traverse.drivers.polling.channel import ReadError
 from traverse.protocol import amt21
 
 ECHO_TRIES = 4
@@ -18,18 +18,20 @@ LEAD = 2  # so many more tries must say one thing than the other
 MOST_SETTLING = 10  # quiet times: a line that is never quiet is not waited for
 AVERAGED = 16  # exchanges
 
-SILENT = Miss("silent", "does not answer", "check its power, its wires and its address")
-SHORT = Miss(
+SILENT = ReadError(
+    "silent", "does not answer", "check its power, its wires and its address"
+)
+SHORT = ReadError(
     "short",
     "answers with too few bytes",
     "check cable and termination; the adapter's echo may have changed",
 )
-SLOW = Miss(
+SLOW = ReadError(
     "slow",
     "answers too late to know when it was read",
     "set the adapter's latency timer to 1 ms, relieve this machine of other work",
 )
-GARBLED = Miss(
+GARBLED = ReadError(
     "garbled",
     "answers with wrong check bits",
     "check cable, shielding, baud rate and that no address is used twice",
@@ -107,7 +109,7 @@ class Amt21Line:
             "check power, wires A and B, addresses and baud rate",
         )
 
-    def ask(self, request: bytes, *, patient: bool = True) -> Answer | Miss:
+    def ask(self, request: bytes, *, patient: bool = True) -> Answer | ReadError:
         """Send a request and wait for its reply.
 
         Args:
@@ -141,7 +143,7 @@ class Amt21Line:
         self._port.write(request)
         self._until_quiet(self._timeout_ns)
 
-    def was_sound(self) -> bool:
+    def take_validity(self) -> bool:
         """Whether since the last call every answer came from whom it was asked of."""
         if self._missed:
             # The reply that was given up may come yet, or have displaced others.
@@ -154,7 +156,7 @@ class Amt21Line:
         self._disturbed = self._missed = False
         return sound
 
-    def _failed(self, reply: amt21.Reply, whole: bool, timeout_ns: int) -> Miss:
+    def _failed(self, reply: amt21.Reply, whole: bool, timeout_ns: int) -> ReadError:
         self._missed = True
         quiet_ns = min(timeout_ns, self._usual_ns()) if whole else timeout_ns
         # What comes now is this encoder's, and harms nobody.

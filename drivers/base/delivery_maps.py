@@ -48,14 +48,14 @@ _ARRAYS: dict[str, tuple[str, int]] = {
 """Of samples: dtype and number of dimensions."""
 
 
-def kind_of(delivery: Delivery) -> str:
+def delivery_kind(delivery: Delivery) -> str:
     """The name of its kind."""
     return _NAMES[type(delivery)]
 
 
-def map_of(delivery: Delivery) -> dict[str, object]:
+def delivery_to_map(delivery: Delivery) -> dict[str, object]:
     """What a delivery says, its device and kind included."""
-    table: dict[str, object] = {"kind": kind_of(delivery)}
+    table: dict[str, object] = {"kind": delivery_kind(delivery)}
     for field in fields(delivery):
         value = getattr(delivery, field.name)
         if field.name == "identity":
@@ -64,7 +64,7 @@ def map_of(delivery: Delivery) -> dict[str, object]:
     return table
 
 
-def delivery_of(table: Mapping[str, Any]) -> Delivery:
+def delivery_from_map(table: Mapping[str, Any]) -> Delivery:
     """The delivery that a map tells of; keys that it does not know are passed over.
 
     Raises:

@@ -1,15 +1,15 @@
-"""The one crossing from a reader thread to the event loop: bounded, values only.
+"""The one queue from a reader thread to the event loop: bounded, values only.
 
 Timed samples are counted and dropped when the loop does not keep up; edges are
 refused instead (the device keeps them and sends again); everything else is rare
 and small, and is counted when it is dropped. Changes of state, which nothing repeats,
 have some room of their own.
 
-Waking the loop costs more than a sample does. So timed samples come together, in the
-driver or here, and wake it at most once in four fifths of `gather_ns`; an edge, or
-anything else, wakes it at once, unless it has been woken and has not come yet: then it
-takes all there is. Edges that come quicker than hands can press are taken at most once
-in `EDGES_NS`, several together.
+Waking the loop costs more than a sample does. So timed samples are collected, in the
+driver or here, and wake it at most once in four fifths of `batch_window_ns`. An edge,
+or anything else, wakes it at once, unless a wake-up is pending: then it takes all there
+is. Edges that arrive faster than hands can press are taken at most once in
+`EDGE_INTERVAL_NS`, several together.
 """
 
 import asyncio
@@ -27,13 +27,13 @@ from traverse.drivers.base.values import (
     StreamStarted,
 )
 
-GATHER_NS = 52_000_000
-EDGES_NS = 500_000
-MOST_JOINED = 500  # samples; more than come in that time, at any rate
-ROOM_FOR_STATES = 64
+BATCH_WINDOW_NS = 52_000_000
+EDGE_INTERVAL_NS = 500_000
+MAX_JOINED_SAMPLES = 500  # samples; more than come in that time, at any rate
+RESERVED_FOR_STATES = 64
 
 
-class Crossing:
+class DeliveryQueue:
     """A bounded queue with one producing thread and one consuming event loop.
 
     Args:
@@ -43,7 +43,7 @@ class Crossing:
         monotonic_ns: the host's clock.
 
     Attributes:
-        gather_ns: so long timed samples may come together; the consumer sets it.
+        batch_window_ns: so long timed samples may come together; the consumer sets it.
     """
 
     def __init__(
@@ -57,10 +57,10 @@ class Crossing:
         self.max_samples = max_samples
         self._max_others = max_others
         self._now_ns = monotonic_ns
-        self.gather_ns = GATHER_NS
+        self.batch_window_ns = BATCH_WINDOW_NS
         self._woken_ns = 0
         self._is_woken = False
-        self._edges_ns = -EDGES_NS  # when some were taken last
+        self._last_edges_ns = -EDGE_INTERVAL_NS  # when some were taken last
         self._lock = threading.Lock()
         self._waiting: deque[Delivery] = deque()
         self._waiting_samples = 0
@@ -105,10 +105,10 @@ class Crossing:
                     return False
                 self._waiting_samples += size
                 # Not quite: a driver that gathers as long wakes the loop each time.
-                wake = self._now_ns() - self._woken_ns >= self.gather_ns * 4 // 5
+                wake = self._now_ns() - self._woken_ns >= self.batch_window_ns * 4 // 5
             else:
                 state = isinstance(delivery, (DeviceUp, DeviceLost, StreamStarted))
-                room = self._max_others + ROOM_FOR_STATES * state
+                room = self._max_others + RESERVED_FOR_STATES * state
                 if self._waiting_others >= room:
                     if not isinstance(delivery, LatchedCounts):
                         self._dropped_others += 1
@@ -135,7 +135,7 @@ class Crossing:
         was needed once is never quite given back.
         """
         await self._filled.wait()
-        early_ns = self._edges_ns + EDGES_NS - self._now_ns()
+        early_ns = self._last_edges_ns + EDGE_INTERVAL_NS - self._now_ns()
         if early_ns > 0:
             await asyncio.sleep(early_ns * 1e-9)
         self._taken += 1
@@ -147,7 +147,7 @@ class Crossing:
             self._waiting_samples = 0
             self._waiting_others = 0
         if any(isinstance(delivery, LatchedCounts) for delivery in taken):
-            self._edges_ns = self._now_ns()
+            self._last_edges_ns = self._now_ns()
         return list(_joined(taken))
 
 
@@ -157,7 +157,9 @@ def _joined(taken: Iterable[Delivery]) -> Iterator[Delivery]:
     n = 0
     for delivery in taken:
         size = len(delivery.seq) if isinstance(delivery, CountSamples) else 0
-        if run and (n + size > MOST_JOINED or _stream(delivery) != run[0].stream):
+        if run and (
+            n + size > MAX_JOINED_SAMPLES or _stream(delivery) != run[0].stream
+        ):
             yield CountSamples.joined(run)
             run, n = [], 0
         if isinstance(delivery, CountSamples):

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import ClassVar, Self
 
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.heartbeat import Pulse
 from traverse.drivers.base.options import DriverOptions
 from traverse.drivers.base.values import (
@@ -46,7 +46,7 @@ class Driver(ABC):
 
     Args:
         device: id in the configuration.
-        crossing: where deliveries go.
+        delivery_queue: where deliveries go.
         monotonic_ns: the host's clock.
 
     Attributes:
@@ -60,11 +60,11 @@ class Driver(ABC):
     def __init__(
         self,
         device: str,
-        crossing: Crossing,
+        delivery_queue: DeliveryQueue,
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self.device = device
-        self._crossing = crossing
+        self._delivery_queue = delivery_queue
         self._now_ns = monotonic_ns
         self._counters: Counter[str] = Counter()
         self._counters_due_ns = 0
@@ -161,13 +161,13 @@ class Driver(ABC):
         if now_ns < self._counters_due_ns:
             return
         self._counters_due_ns = now_ns + int(COUNTERS_S * 1e9)
-        self._counters["samples_dropped"] = self._crossing.dropped_samples
-        self._counters["reports_dropped"] = self._crossing.dropped_others
-        self._crossing.put(DeviceCounters(self.device, dict(self._counters)))
+        self._counters["samples_dropped"] = self._delivery_queue.dropped_samples
+        self._counters["reports_dropped"] = self._delivery_queue.dropped_others
+        self._delivery_queue.put(DeviceCounters(self.device, dict(self._counters)))
 
     def _fault(self, code: str, text: str, remedy: str, count: int = 1) -> None:
         self._counters[code] += count
-        self._crossing.put(DeviceFault(self.device, code, text, remedy, count))
+        self._delivery_queue.put(DeviceFault(self.device, code, text, remedy, count))
 
     def _tell(self, state: DeviceUp | StreamStarted) -> None:
         """Deliver what the consumer must not miss.
@@ -175,7 +175,7 @@ class Driver(ABC):
         Raises:
             DeviceError: there was no room; connecting again tells it anew.
         """
-        if not self._crossing.put(state):
+        if not self._delivery_queue.put(state):
             raise DeviceError(
                 f"nobody takes what {self.device} delivers", "the daemon is overloaded"
             )
@@ -204,7 +204,7 @@ class Driver(ABC):
                 lost is not None
                 and lost != told
                 and not self._stopping
-                and self._crossing.put(lost)  # else it is told after the next try
+                and self._delivery_queue.put(lost)  # else it is told after the next try
             ):
                 self._counters["lost"] += 1
                 told = lost

@@ -8,14 +8,14 @@ from importlib import import_module
 from traverse.drivers.base.driver import Driver
 
 DRIVERS = {
-    "canopen": "traverse.drivers.canopen.driver:CanOpen",
+    "canopen": "traverse.drivers.canopen.driver:CanOpenDriver",
     "latch-board": "traverse.drivers.latch_board.driver:LatchBoard",
-    "amt21": "traverse.drivers.amt21.driver:Amt21",
+    "amt21": "traverse.drivers.amt21.driver:Amt21Driver",
     "modbus": "traverse.drivers.modbus.driver:Modbus",
     "rls": "traverse.drivers.rls.driver:Rls",
     "microscribe": "traverse.drivers.microscribe.driver:Microscribe",
-    "gpio": "traverse.drivers.triggers.gpio:Gpio",
-    "evdev": "traverse.drivers.triggers.evdev:Evdev",
+    "gpio": "traverse.drivers.triggers.gpio:GpioDriver",
+    "evdev": "traverse.drivers.triggers.evdev:EvdevDriver",
     "replay": "traverse.drivers.replay:Replay",
 }
 """Name in the configuration: module and class."""

@@ -49,7 +49,7 @@ class FoundNode:
     problem: str
 
 
-class BusTool:
+class Commissioning:
     """An open bus and questions to its nodes. Use as a context manager.
 
     Args:

@@ -136,7 +136,7 @@ class Started:
     forgotten: bool
 
 
-def set_up_all(sdos: Mapping[int, NodeSdo], wanted: CanOpenOptions) -> Started:
+def set_up_nodes(sdos: Mapping[int, NodeSdo], wanted: CanOpenOptions) -> Started:
     """Read and set up all nodes; they are not started yet.
 
     Raises:

@@ -13,23 +13,23 @@ mapped anew (`drivers/canopen/node.py`), warning bit 5 and the makers' own bits
 import time
 from collections.abc import Callable
 
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import ASK_S, Driver
 from traverse.drivers.base.values import DeviceUp, StreamStarted
 from traverse.drivers.canopen.discovery import (
     ASK_DEVICE_TYPE,
     Roll,
     identity_of,
-    set_up_all,
+    set_up_nodes,
 )
 from traverse.drivers.canopen.frame_dispatcher import Reading
 from traverse.drivers.canopen.loss_reports import Losses
-from traverse.drivers.canopen.node_watch import Conditions, NodeWatch
+from traverse.drivers.canopen.node_watch import Conditions, NodeMonitor
 from traverse.drivers.canopen.options import CanOpenOptions
 from traverse.drivers.canopen.sdo import NodeSdo
-from traverse.drivers.canopen.supervisor import Upkeep
+from traverse.drivers.canopen.supervisor import NodeSupervisor
 from traverse.drivers.canopen.sync_cycles import Cycles
-from traverse.drivers.canopen.sync_source import SyncTrain
+from traverse.drivers.canopen.sync_source import SyncScheduler
 from traverse.drivers.io.can_bus import CanBus
 from traverse.protocol.canopen import frames as wire
 
@@ -37,12 +37,12 @@ IDLE_S = 0.05
 COALESCE_S = 0.001  # on a fast stream a read takes what so long brings
 
 
-class CanOpen(Driver):
+class CanOpenDriver(Driver):
     """Encoders on one bus; channel i is ``nodes[i]``.
 
     Args:
         device: id in the configuration.
-        crossing: where deliveries go.
+        delivery_queue: where deliveries go.
         monotonic_ns: the host's clock.
         options: as in `CanOpenOptions`, which has the defaults.
     """
@@ -52,18 +52,18 @@ class CanOpen(Driver):
     def __init__(
         self,
         device: str,
-        crossing: Crossing,
+        delivery_queue: DeliveryQueue,
         *,
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
         **options: object,
     ) -> None:
-        super().__init__(device, crossing, monotonic_ns)
+        super().__init__(device, delivery_queue, monotonic_ns)
         self._set = CanOpenOptions.model_validate(options)
         # Written by the service, read by the thread.
         self._rate_hz = 0.0
         self._streams_wanted = 0
         # The thread's own.
-        self._conditions = Conditions(device, crossing.put)
+        self._conditions = Conditions(device, delivery_queue.put)
         self._first = True
         self._stream = 0
         self._begin_anew()
@@ -112,21 +112,21 @@ class CanOpen(Driver):
         }
         for node, sdo in sdos.items():
             sdo.expect(ASK_DEVICE_TYPE, roll.asked[node] - roll.answers[node])
-        started = set_up_all(sdos, wanted)
+        started = set_up_nodes(sdos, wanted)
         cycles = reading.cycles = Cycles(
             self.device,
             wanted.nodes,
             [fact.modulus for fact in started.facts],
             [fact.position for fact in started.facts],
-            self._crossing.put,
+            self._delivery_queue.put,
             late_ns=int(wanted.late_s * 1e9),
         )
-        reading.train = SyncTrain(bus, wanted.sync, self._fault, self._now_ns)
+        reading.train = SyncScheduler(bus, wanted.sync, self._fault, self._now_ns)
         for node in wanted.nodes:
             bus.send(wire.NMT, wire.nmt_command(wire.START, node))
         now_ns = self._now_ns()
-        watch = NodeWatch(wanted.nodes, wanted.heartbeat_ms, self._conditions, now_ns)
-        reading.upkeep = Upkeep(
+        watch = NodeMonitor(wanted.nodes, wanted.heartbeat_ms, self._conditions, now_ns)
+        reading.upkeep = NodeSupervisor(
             bus,
             list(sdos.values()),
             started.facts,

@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 
 from traverse.drivers.canopen.discovery import Roll
 from traverse.drivers.canopen.sdo import NodeSdo
-from traverse.drivers.canopen.supervisor import Upkeep
+from traverse.drivers.canopen.supervisor import NodeSupervisor
 from traverse.drivers.canopen.sync_cycles import Cycles
-from traverse.drivers.canopen.sync_source import SyncTrain
+from traverse.drivers.canopen.sync_source import SyncScheduler
 from traverse.drivers.io.can_bus import MOST_AT_ONCE, CanBus
 from traverse.drivers.io.can_socket import FRAMES_LOST
 from traverse.protocol.canopen import frames as wire
@@ -41,8 +41,8 @@ class Reading:
         self.roll: Roll | None = None
         self.sdos: Mapping[int, NodeSdo] = {}
         self.cycles: Cycles | None = None
-        self.train: SyncTrain | None = None
-        self.upkeep: Upkeep | None = None
+        self.train: SyncScheduler | None = None
+        self.upkeep: NodeSupervisor | None = None
 
     def read(self, limit_s: float) -> int:
         """Take what has come, or comes in so many seconds; how many frames it was.
@@ -76,7 +76,7 @@ class Reading:
         upkeep = self.upkeep
         if can_id == FRAMES_LOST:
             if self.cycles is not None:
-                self.cycles.lose_track()
+                self.cycles.note_lost_frames()
             return
         if can_id & ERROR_FLAG:
             self._counters["error_frames"] += 1

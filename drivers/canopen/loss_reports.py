@@ -24,7 +24,7 @@ class Losses:
         bus: open.
         nodes: their numbers, by channel.
         cycles: of this connection.
-        tell_fault: tells what was survived: code, text, remedy, how often.
+        report_fault: tells what was survived: code, text, remedy, how often.
         counters: of the driver.
     """
 
@@ -33,11 +33,11 @@ class Losses:
         bus: CanBus,
         nodes: Sequence[int],
         cycles: Cycles,
-        tell_fault: Fault,
+        report_fault: Fault,
         counters: Counter[str],
     ) -> None:
         self._bus, self._nodes, self._cycles = bus, nodes, cycles
-        self._tell_fault, self._counters = tell_fault, counters
+        self._tell_fault, self._counters = report_fault, counters
         self._dropped = 0
 
     def tell(self) -> None:
@@ -70,9 +70,9 @@ class Losses:
         )
         dropped, self._dropped = self._bus.dropped - self._dropped, self._bus.dropped
         if dropped > 0:
-            self.tell_overflow(dropped)
+            self.report_overflow(dropped)
 
-    def tell_overflow(self, n: int) -> None:
+    def report_overflow(self, n: int) -> None:
         """Frames came and could not be kept."""
         self._tell_fault(
             "frames_overflowed",

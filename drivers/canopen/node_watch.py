@@ -99,7 +99,7 @@ class _Node:
     emergencies: set[int] = field(default_factory=set)
 
 
-class NodeWatch:
+class NodeMonitor:
     """Follows all nodes of a bus, by channel.
 
     Args:

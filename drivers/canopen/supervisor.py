@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from traverse.drivers.base.values import DeviceError
 from traverse.drivers.canopen.loss_reports import Fault, Losses
 from traverse.drivers.canopen.node import NodeFacts, read_facts, set_up
-from traverse.drivers.canopen.node_watch import Conditions, NodeWatch
+from traverse.drivers.canopen.node_watch import Conditions, NodeMonitor
 from traverse.drivers.canopen.options import CanOpenOptions
 from traverse.drivers.canopen.sdo import NodeError, NodeSdo
 from traverse.drivers.canopen.sync_cycles import Cycles
@@ -26,14 +26,14 @@ BACK_ON_BUS_NS = 200_000_000
 
 
 @dataclass(slots=True)
-class Upkeep:
+class NodeSupervisor:
     """Looks after the nodes of one connection.
 
     Attributes:
         sdos: by channel.
         facts: by channel, as they were found.
         wanted: the options.
-        tell_fault: tells what was survived: code, text, remedy, how often.
+        report_fault: tells what was survived: code, text, remedy, how often.
         losses: tells what was lost.
     """
 
@@ -41,11 +41,11 @@ class Upkeep:
     sdos: Sequence[NodeSdo]
     facts: Sequence[NodeFacts]
     cycles: Cycles
-    watch: NodeWatch
+    watch: NodeMonitor
     conditions: Conditions
     wanted: CanOpenOptions
     now_ns: Callable[[], int]
-    tell_fault: Fault
+    report_fault: Fault
     losses: Losses
     _restarted: Sequence[int] = ()
     _look_due_ns: int = 0
@@ -112,8 +112,8 @@ class Upkeep:
         elif told.active or told.restarted:
             self.conditions.end(None, "bus_passive")
         if told.overflow:
-            self.cycles.lose_track()
-            self.losses.tell_overflow(1)
+            self.cycles.note_lost_frames()
+            self.losses.report_overflow(1)
 
     def _long_unclear(self, now_ns: int) -> list[int]:
         """Who has to begin anew where SYNCs are another's, which cannot be paused."""
@@ -135,7 +135,7 @@ class Upkeep:
         for channel, n in cycles.duplicates.items():
             sign = f"{n} second answers to one SYNC"
             self.watch.duplicate(channel, now_ns, sign)
-            self.tell_fault(
+            self.report_fault(
                 "duplicate_answers",
                 f"node {self.facts[channel].node}: {sign}",
                 "see the alarm duplicate_node",
@@ -171,7 +171,7 @@ class Upkeep:
         self._restarted = ()
         self.watch.complaints(channel, found.alarms, found.warnings)
         if forgotten:
-            self.tell_fault(
+            self.report_fault(
                 "node_restarted",
                 f"node {known.node} has restarted; it is set up again and measures",
                 "check its power supply; check a known point before measuring on",

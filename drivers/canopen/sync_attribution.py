@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from traverse.drivers.base.values import STATUS_LATE, STATUS_MISSING
 
 
-class Debts:
+class SyncAttribution:
     """Of all nodes, by channel; masks have bit i for channel i.
 
     Args:
@@ -51,7 +51,7 @@ class Debts:
         for channel in _channels(owing):
             self._owed[channel] += 1
 
-    def repay(self, channel: int) -> bool:
+    def resolve(self, channel: int) -> bool:
         """Take one off what a node owes, if it owes any."""
         bit = 1 << channel
         if not self.owing & bit:
@@ -65,21 +65,21 @@ class Debts:
         """What these send is no longer to be had by counting."""
         self.spoiled |= channels
 
-    def spoil_all(self) -> None:
+    def invalidate_all(self) -> None:
         """Frames were lost, of whom nobody knows."""
         self.spoiled = self.unseen = self._all
 
-    def lapse(self) -> None:
+    def expire(self) -> None:
         """Nothing late can come any more of those who have answered the last SYNC.
 
         Of the others no time is long enough: whoever stands still may come back with
         all that it owes.
         """
-        self._forgive(self._all & ~self.silent)
+        self._forget_pending(self._all & ~self.silent)
 
     def trust(self, channels: int) -> None:
         """These have been set up anew: they begin with their next answer."""
-        self._forgive(channels)
+        self._forget_pending(channels)
         self.fresh |= channels
 
     def judge(self, status: bytearray, missed: int) -> bytearray:
@@ -93,7 +93,7 @@ class Debts:
             told[channel] |= STATUS_LATE
         return told
 
-    def _forgive(self, channels: int) -> None:
+    def _forget_pending(self, channels: int) -> None:
         for channel in _channels(channels & (self.owing | self.spoiled)):
             self._owed[channel] = 0
         self.owing &= ~channels

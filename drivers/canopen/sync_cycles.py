@@ -14,10 +14,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from traverse.drivers.base.values import STATUS_ERROR, STATUS_LATE, CountSamples
-from traverse.drivers.canopen.sync_attribution import Debts
+from traverse.drivers.canopen.sync_attribution import SyncAttribution
 from traverse.protocol.canopen import frames as wire
 
-GATHER_NS = 10_000_000  # samples of so long are handed over together
+BATCH_WINDOW_NS = 10_000_000  # samples of so long are handed over together
 PAUSE_EVERY = 5  # times ``late_ns`` at least: so much of the time SYNCs go on
 
 
@@ -69,7 +69,7 @@ class Cycles:
         self._time_ns = 0
         self._answered = self._all
         self._late_ns = late_ns
-        self._debts = Debts(len(nodes))
+        self._debts = SyncAttribution(len(nodes))
         self._overflowed = False  # frames were lost since the last SYNC
         self._no_pause_before_ns = self._no_wait_before_ns = 0
         self._seqs: list[int] = []
@@ -102,7 +102,7 @@ class Cycles:
         if self._open:
             self._close()
         if time_ns - self._time_ns >= self._late_ns:
-            self._rested(time_ns, unclear)
+            self._after_pause(time_ns, unclear)
         self._overflowed = False
         self._seq += steps
         self.lost += steps - 1
@@ -122,7 +122,7 @@ class Cycles:
         self.seen |= bit
         debts = self._debts
         if self._answered & bit:
-            if not self._take_second(channel):
+            if not self._take_extra_answer(channel):
                 return True
         elif debts.owing & bit:
             self.doubtful[channel] += 1
@@ -132,9 +132,9 @@ class Cycles:
             self._close()
         return True
 
-    def lose_track(self) -> None:
+    def note_lost_frames(self) -> None:
         """Frames were lost before they could be read: nobody knows whose."""
-        self._debts.spoil_all()
+        self._debts.invalidate_all()
         self._overflowed = True
 
     def trust(self, channels: int) -> None:
@@ -172,7 +172,7 @@ class Cycles:
     def flush(self, now_ns: int, at_once: bool = False) -> None:
         """Hand over what is gathered, when it is time."""
         n = len(self._seqs)
-        if not n or (not at_once and now_ns - self._flushed_ns < GATHER_NS):
+        if not n or (not at_once and now_ns - self._flushed_ns < BATCH_WINDOW_NS):
             return
         self._flushed_ns = now_ns
         shape = (n, len(self.status))
@@ -218,7 +218,7 @@ class Cycles:
             if missed >> channel & 1:
                 self.missing[channel] += 1
 
-    def _rested(self, time_ns: int, unclear: int) -> None:
+    def _after_pause(self, time_ns: int, unclear: int) -> None:
         """No SYNC has been sent for ``late_ns``, up to this one."""
         next_ns = time_ns + PAUSE_EVERY * self._late_ns
         if self._debts.silent:
@@ -227,11 +227,11 @@ class Cycles:
             self.pauses += 1
             self._no_pause_before_ns = next_ns
         if not self._overflowed:  # else it may be that some were not seen
-            self._debts.lapse()
+            self._debts.expire()
 
-    def _take_second(self, channel: int) -> bool:
+    def _take_extra_answer(self, channel: int) -> bool:
         """An answer for which there is no SYNC; whether it stands for the last one."""
-        if self._debts.repay(channel):  # what came before answered an earlier SYNC
+        if self._debts.resolve(channel):  # what came before answered an earlier SYNC
             self.late += 1
             return self._seq >= 0
         if self._seq < 0:

@@ -20,7 +20,7 @@ CLOSEST = 0.8  # of a period, between SYNCs that make up for a delay
 MOST_BEHIND = 50  # SYNCs that are made up for
 
 
-class HostSync:
+class HostSchedule:
     """Sends a SYNC at k / rate.
 
     A busy computer sends late: then the next ones follow closer until the schedule is
@@ -52,7 +52,7 @@ class HostSync:
         return steps
 
 
-class SeenSync:
+class ObservedSchedule:
     """Numbers the SYNCs that are seen, by the time between them if the period is known.
 
     The kernel's broadcast manager sends one a period after it sent the last, and never
@@ -77,7 +77,7 @@ class SeenSync:
         return max(1, round((time_ns - last_ns) / self._period_ns))
 
 
-class SyncTrain:
+class SyncScheduler:
     """The SYNCs of one connection, from whatever source.
 
     Args:
@@ -102,8 +102,8 @@ class SyncTrain:
         self._bus, self._wanted = bus, wanted
         self._fault, self._now_ns = fault, now_ns
         self._task: PeriodicTask | None = None
-        self.sent: HostSync | None = None
-        self.seen: SeenSync | None = None
+        self.sent: HostSchedule | None = None
+        self.seen: ObservedSchedule | None = None
         self.is_fast = False
         self._rate_hz = 0.0
         self._rests = False
@@ -114,10 +114,10 @@ class SyncTrain:
         self.is_fast = rate_hz > FAST_HZ
         self._rate_hz = rate_hz
         if self._wanted == "external":
-            self.seen = SeenSync(None)
+            self.seen = ObservedSchedule(None)
             return
         if self._wanted != "host" and self._kernel_starts(rate_hz):
-            self.seen = SeenSync(rate_hz)
+            self.seen = ObservedSchedule(rate_hz)
             return
         if self._wanted == "kernel" or (
             self._wanted == "auto" and self._bus.has_kernel_sync
@@ -127,7 +127,7 @@ class SyncTrain:
                 f"the kernel cannot send SYNCs on {self._bus.name}; this program does",
                 "load the kernel's module can-bcm, on an interface of SocketCAN",
             )
-        self.sent = HostSync(rate_hz, self._now_ns())
+        self.sent = HostSchedule(rate_hz, self._now_ns())
 
     def stop(self) -> None:
         """Send no more."""

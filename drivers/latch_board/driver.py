@@ -4,7 +4,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import Driver
 from traverse.drivers.base.values import (
     DeviceError,
@@ -14,16 +14,16 @@ from traverse.drivers.base.values import (
     StreamStarted,
 )
 from traverse.drivers.io.serial_port import SerialPort
-from traverse.drivers.latch_board.edge_sequence import EdgeOrder
+from traverse.drivers.latch_board.edge_sequence import EdgeSequencer
 from traverse.drivers.latch_board.identification import (
-    alarm_of,
-    check_hello,
+    check_identification,
+    device_alarm,
     identity_of,
 )
-from traverse.drivers.latch_board.line import Answer, BoardLine, EarlierReads
+from traverse.drivers.latch_board.line import Answer, LatchBoardLine, PartialReads
 from traverse.drivers.latch_board.options import LatchBoardOptions
 from traverse.drivers.latch_board.report_sink import BoardReports
-from traverse.drivers.latch_board.session import BoardSession
+from traverse.drivers.latch_board.session import LatchBoardSession
 from traverse.protocol import latch_board as wire
 
 ALL_INPUTS = 0xFF
@@ -35,7 +35,7 @@ MAX_LATCHES = 16
 # not while its point is on its way, and several are at once.
 QUIET_S = 0.003
 OVERDUE_NS = 20_000_000
-GATHER_OWING_NS = 5_000_000
+BATCH_WINDOW_WITH_EDGES_NS = 5_000_000
 
 
 class LatchBoard(Driver):
@@ -43,7 +43,7 @@ class LatchBoard(Driver):
 
     Args:
         device: id in the configuration.
-        crossing: where deliveries go.
+        delivery_queue: where deliveries go.
         port: path of the serial port.
         baud_rate: of the line.
         debounce_us: how long an input must hold its new level.
@@ -55,14 +55,14 @@ class LatchBoard(Driver):
     def __init__(
         self,
         device: str,
-        crossing: Crossing,
+        delivery_queue: DeliveryQueue,
         *,
         port: str,
         baud_rate: int = 1_000_000,
         debounce_us: int = 5000,
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        super().__init__(device, crossing, monotonic_ns)
+        super().__init__(device, delivery_queue, monotonic_ns)
         self._path = port
         self._baud_rate = baud_rate
         self._debounce_us = debounce_us
@@ -71,12 +71,12 @@ class LatchBoard(Driver):
         self._streams_wanted = 0
         self._latches: deque[int] = deque()
         self._latch_token = 0
-        self._edges = EdgeOrder()
+        self._edges = EdgeSequencer()
         # The thread's own.
         self._port: SerialPort | None = None
-        self._line: BoardLine | None = None
+        self._line: LatchBoardLine | None = None
         self._boot_id: int | None = None
-        self._session: BoardSession | None = None  # until the board is known
+        self._session: LatchBoardSession | None = None  # until the board is known
         self._acknowledged_ns = 0
         self._taken_ns = 0  # until when what has come has been taken up
         self._frames_before = 0
@@ -112,7 +112,7 @@ class LatchBoard(Driver):
 
     def _connect(self) -> None:
         self._port = SerialPort(self._path, self._baud_rate, self._wake_read)
-        line = self._line = BoardLine(
+        line = self._line = LatchBoardLine(
             self._port, self._now_ns, self._dispatch, lambda: self._stopping
         )
         line.begin()
@@ -121,7 +121,7 @@ class LatchBoard(Driver):
         hello = line.ask("HELLO", lambda number: wire.hello_request(number, flags))
         if not isinstance(hello, wire.Hello):
             raise DeviceError(f"HELLO was answered by {hello}", "update the firmware")
-        check_hello(hello, self._path)
+        check_identification(hello, self._path)
         restarted = not first and hello.boot_id != self._boot_id
         self._latches.clear()  # whoever waited for them has given up
         heartbeat_ms = HEARTBEAT_MS if hello.channels else EDGES_HEARTBEAT_MS
@@ -134,16 +134,16 @@ class LatchBoard(Driver):
         self._tell(DeviceUp(self.device, identity_of(hello), restarted))
         # Not earlier: if CONFIGURE fails, the next try has to tell of the restart.
         if restarted:
-            self._edges = EdgeOrder(0)
+            self._edges = EdgeSequencer(0)
         self._boot_id = hello.boot_id
         reports = BoardReports(
             self.device,
             len(hello.channels),
-            self._crossing.put,
+            self._delivery_queue.put,
             self._fault,
             self._counters,
         )
-        self._session = BoardSession(  # from now on edges are taken
+        self._session = LatchBoardSession(  # from now on edges are taken
             self._path, hello.tick_rate_hz, self._edges, reports
         )
         self._streams_begun = 0  # what was wanted is to be asked for again
@@ -155,7 +155,7 @@ class LatchBoard(Driver):
             if not line.wait(QUIET_S if self._edges.owes else 0.1):
                 self._acknowledge(line)
             else:
-                until_ns = max(self._taken_ns + self._gather_ns(), self._now_ns())
+                until_ns = max(self._taken_ns + self._batch_window_ns(), self._now_ns())
                 line.read(until_ns)
                 self._taken_ns = min(until_ns, self._now_ns())
                 self._report_broken(line.broken - broken)
@@ -164,14 +164,18 @@ class LatchBoard(Driver):
             self._report_counters()
             line.check_alive()
 
-    def _gather_ns(self) -> int:
+    def _batch_window_ns(self) -> int:
         """How long to let samples come together before they are decoded.
 
         A block of one costs as much as a block of many. Bytes are read as they come, so
         none wait in the port.
         """
-        gather_ns = self._crossing.gather_ns
-        return min(gather_ns, GATHER_OWING_NS) if self._edges.owes else gather_ns
+        batch_window_ns = self._delivery_queue.batch_window_ns
+        return (
+            min(batch_window_ns, BATCH_WINDOW_WITH_EDGES_NS)
+            if self._edges.owes
+            else batch_window_ns
+        )
 
     def _disconnect(self) -> None:
         self._session = None
@@ -183,7 +187,9 @@ class LatchBoard(Driver):
             self._port.close()
             self._port = None
 
-    def _carry_out_requests(self, line: BoardLine, session: BoardSession) -> None:
+    def _carry_out_requests(
+        self, line: LatchBoardLine, session: LatchBoardSession
+    ) -> None:
         if self._now_ns() - self._acknowledged_ns > OVERDUE_NS:
             self._acknowledge(line)
         while self._latches:
@@ -204,14 +210,14 @@ class LatchBoard(Driver):
             else:
                 self._ask_or_fault(line, "STOP", wire.stop_request)
 
-    def _acknowledge(self, line: BoardLine) -> None:
+    def _acknowledge(self, line: LatchBoardLine) -> None:
         """Tell the board of the edges that have been dealt with, if there are any."""
         self._acknowledged_ns = self._now_ns()
-        if (done := self._edges.to_tell()) is not None:
+        if (done := self._edges.take_acknowledgement()) is not None:
             line.send(wire.edge_ack(done))
 
     def _ask_or_fault(
-        self, line: BoardLine, name: str, frame: Callable[[int], bytes]
+        self, line: LatchBoardLine, name: str, frame: Callable[[int], bytes]
     ) -> Answer | None:
         """The answer; None where the board refused, which connecting cannot mend."""
         try:
@@ -221,7 +227,7 @@ class LatchBoard(Driver):
             return None
 
     def _dispatch(
-        self, message: wire.Message, received_ns: int, earlier: EarlierReads
+        self, message: wire.Message, received_ns: int, earlier: PartialReads
     ) -> None:
         session = self._session  # until HELLO it may be of another board
         match message:
@@ -232,9 +238,11 @@ class LatchBoard(Driver):
                 rate_hz = message.value / 1000
                 self._tell(StreamStarted(self.device, self._stream, rate_hz))
             case wire.Temperatures():
-                self._crossing.put(DeviceTemperatures(self.device, message.values_c))
+                self._delivery_queue.put(
+                    DeviceTemperatures(self.device, message.values_c)
+                )
             case wire.Alarm():
-                self._crossing.put(alarm_of(self.device, message))
+                self._delivery_queue.put(device_alarm(self.device, message))
             case _ if session is not None:
                 session.take(message, received_ns, earlier)
             case wire.SampleBlock():

@@ -14,7 +14,7 @@ PATIENCE_NS = 1_000_000_000  # the board repeats every 50 ms
 Verdict = Literal["next", "early", "waiting", "acknowledged"]
 
 
-class EdgeOrder:
+class EdgeSequencer:
     """The sequence of edges as the host has seen it.
 
     Args:
@@ -30,16 +30,16 @@ class EdgeOrder:
         self._oldest_early = 0
 
     @property
-    def are_open(self) -> bool:
+    def has_open_edges(self) -> bool:
         """Whether the consumer has edges that it has not yet dealt with."""
         return self._delivered is not None and self._delivered != self._acknowledged
 
     @property
     def owes(self) -> bool:
         """Whether the board waits for an acknowledgement, or soon will."""
-        return self.are_open or self._acknowledged != self._told
+        return self.has_open_edges or self._acknowledged != self._told
 
-    def to_tell(self) -> int | None:
+    def take_acknowledgement(self) -> int | None:
         """What to acknowledge to the board now; None where it knows all there is."""
         if self._acknowledged == self._told:
             return None
@@ -57,7 +57,8 @@ class EdgeOrder:
         Returns:
             "next": deliver it, then call `delivered`. "early": an earlier one is,
             or may be, missing: wait for it. "waiting": delivered, not yet acknowledged.
-            "acknowledged": the board did not hear, `to_tell` will say it again.
+            "acknowledged": the board did not hear, `take_acknowledgement` will
+            say it again.
         """
         if self._next is None:
             return "early", 0  # an earlier one may be waiting: the heartbeat will tell

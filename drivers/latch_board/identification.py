@@ -7,7 +7,7 @@ JITTER_NS = 50_000  # of the mapped time; see benchmarks/drivers/clock.py
 MIN_TICK_RATE_HZ, MAX_TICK_RATE_HZ = 100_000, 100_000_000
 
 
-def check_hello(hello: wire.Hello, path: str) -> None:
+def check_identification(hello: wire.Hello, path: str) -> None:
     """Refuse a board that cannot be what it says.
 
     Args:
@@ -54,7 +54,7 @@ def identity_of(hello: wire.Hello) -> Identity:
     )
 
 
-def alarm_of(device: str, alarm: wire.Alarm) -> DeviceAlarm:
+def device_alarm(device: str, alarm: wire.Alarm) -> DeviceAlarm:
     """An alarm of the board as one of the device."""
     channel = None if alarm.channel == wire.WHOLE_BOARD else alarm.channel
     text = wire.ALARMS.get(alarm.code, f"maker's alarm {alarm.code}")

@@ -1,10 +1,10 @@
 """What a latch board latches one at a time: edges of its inputs, and on request."""
 
 from traverse.drivers.base.values import LatchedCounts
-from traverse.drivers.latch_board.edge_sequence import EdgeOrder
+from traverse.drivers.latch_board.edge_sequence import EdgeSequencer
 from traverse.drivers.latch_board.report_sink import BoardReports
 from traverse.drivers.latch_board.samples import STATUS
-from traverse.drivers.timing.device_clock import TickClock
+from traverse.drivers.timing.device_clock import DeviceClock
 from traverse.protocol import latch_board as wire
 
 _STATUS = STATUS.tobytes()
@@ -20,7 +20,7 @@ class BoardLatches:
     """
 
     def __init__(
-        self, clock: TickClock, edges: EdgeOrder, reports: BoardReports
+        self, clock: DeviceClock, edges: EdgeSequencer, reports: BoardReports
     ) -> None:
         self._clock, self._edges, self._reports = clock, edges, reports
 

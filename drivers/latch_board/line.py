@@ -16,13 +16,13 @@ MOST_BYTES = 16_384
 # A whole frame of anything but a timed sample.
 _OTHER = re.compile(rb"(?:\A|\0)(?!%b)[^\0]+\0" % re.escape(wire.TIMED))
 
-EarlierReads = Sequence[tuple[int, int]]
+PartialReads = Sequence[tuple[int, int]]
 """Of reads that ended in the midst of a block: its last row there, and the time."""
 
 Answer = wire.Hello | wire.Reply | wire.Latched
 
 
-class BoardLine:
+class LatchBoardLine:
     """One connection to a board, from opening the port to losing it.
 
     Args:
@@ -40,7 +40,7 @@ class BoardLine:
         self,
         port: SerialPort,
         monotonic_ns: Callable[[], int],
-        dispatch: Callable[[wire.Message, int, EarlierReads], None],
+        dispatch: Callable[[wire.Message, int, PartialReads], None],
         stopping: Callable[[], bool],
     ) -> None:
         self._port = port
@@ -179,7 +179,7 @@ class BoardLine:
         return answer
 
 
-def _earlier(reads: Sequence[tuple[bytes, int]], accepted: int) -> EarlierReads:
+def _earlier(reads: Sequence[tuple[bytes, int]], accepted: int) -> PartialReads:
     """What all reads but the last have brought; nothing where a frame was broken."""
     if len(reads) == 1:
         return ()

@@ -3,9 +3,9 @@
 import numpy as np
 
 from traverse.drivers.base.values import STATUS_WARNING, CountSamples
-from traverse.drivers.latch_board.line import EarlierReads
+from traverse.drivers.latch_board.line import PartialReads
 from traverse.drivers.latch_board.report_sink import BoardReports
-from traverse.drivers.timing.device_clock import TickClock
+from traverse.drivers.timing.device_clock import DeviceClock
 from traverse.drivers.timing.stream_sequence import StreamSequence
 from traverse.protocol import latch_board as wire
 
@@ -26,7 +26,7 @@ class BoardSamples:
         reports: where blocks and faults go.
     """
 
-    def __init__(self, clock: TickClock, reports: BoardReports) -> None:
+    def __init__(self, clock: DeviceClock, reports: BoardReports) -> None:
         self._clock, self._reports = clock, reports
         self._stream = self._request = 0
         self._sequence = StreamSequence()
@@ -49,7 +49,7 @@ class BoardSamples:
         self,
         block: wire.SampleBlock,
         received_ns: int,
-        earlier: EarlierReads = (),
+        earlier: PartialReads = (),
     ) -> None:
         """Hand over what is new in a block.
 

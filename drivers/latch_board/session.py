@@ -1,16 +1,16 @@
 """A latch board that has said who it is: what it says from then on is taken here."""
 
 from traverse.drivers.base.values import DeviceError
-from traverse.drivers.latch_board.edge_sequence import EdgeOrder
+from traverse.drivers.latch_board.edge_sequence import EdgeSequencer
 from traverse.drivers.latch_board.latches import BoardLatches
-from traverse.drivers.latch_board.line import EarlierReads
+from traverse.drivers.latch_board.line import PartialReads
 from traverse.drivers.latch_board.report_sink import BoardReports
 from traverse.drivers.latch_board.samples import BoardSamples
-from traverse.drivers.timing.device_clock import TickClock
+from traverse.drivers.timing.device_clock import DeviceClock
 from traverse.protocol import latch_board as wire
 
 
-class BoardSession:
+class LatchBoardSession:
     """One connection to a board.
 
     Args:
@@ -26,17 +26,17 @@ class BoardSession:
     """
 
     def __init__(
-        self, path: str, tick_rate_hz: int, edges: EdgeOrder, reports: BoardReports
+        self, path: str, tick_rate_hz: int, edges: EdgeSequencer, reports: BoardReports
     ) -> None:
         self._path, self._edges = path, edges
         self._counters = reports.counters
-        self._clock = TickClock(tick_rate_hz)
+        self._clock = DeviceClock(tick_rate_hz)
         self.n_channels = reports.n_channels
         self.samples = BoardSamples(self._clock, reports)
         self.latches = BoardLatches(self._clock, edges, reports)
 
     def take(
-        self, message: wire.Message, received_ns: int, earlier: EarlierReads = ()
+        self, message: wire.Message, received_ns: int, earlier: PartialReads = ()
     ) -> None:
         """Take what is about samples, edges and time; all else is not for here.
 

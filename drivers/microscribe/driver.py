@@ -12,21 +12,21 @@ import contextlib
 import time
 from collections.abc import Callable
 
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import Driver
 from traverse.drivers.base.values import DeviceError, DeviceUp, StreamStarted
 from traverse.drivers.io.serial_port import SerialPort
-from traverse.drivers.microscribe.identification import MicroscribeArm
+from traverse.drivers.microscribe.identification import MicroscribeIdentification
 from traverse.drivers.microscribe.line import Heard
-from traverse.drivers.microscribe.loss_reports import LossLog
+from traverse.drivers.microscribe.loss_reports import MicroscribeLosses
 from traverse.drivers.microscribe.motion_report import MotionReport
 from traverse.drivers.microscribe.options import MicroscribeOptions
 from traverse.drivers.microscribe.packets import SampleBlock
-from traverse.drivers.microscribe.pedals import PedalQueue, Pedals
+from traverse.drivers.microscribe.pedals import Pedals, PendingPedalEdges
 from traverse.drivers.microscribe.session import MicroscribeSession, open_arm
 from traverse.drivers.polling.channel import IMPLAUSIBLE
-from traverse.drivers.polling.read_error_log import MissLog
-from traverse.drivers.polling.schedule import PollSchedule
+from traverse.drivers.polling.read_error_log import ReadErrorLog
+from traverse.drivers.polling.schedule import SampleSchedule
 
 PEDAL_HZ = 100.0  # a press is seen in two packets; so often at least they are asked for
 SILENCE_NS = 500_000_000
@@ -34,14 +34,14 @@ TELL_NS = 200_000_000
 
 
 class Microscribe(Driver):
-    """A MicroScribe; arguments behind the crossing are those of its options."""
+    """A MicroScribe; arguments behind the delivery_queue are those of its options."""
 
     options = MicroscribeOptions
 
     def __init__(
         self,
         device: str,
-        crossing: Crossing,
+        delivery_queue: DeliveryQueue,
         *,
         port: str,
         baud_rate: int = 115200,
@@ -51,7 +51,7 @@ class Microscribe(Driver):
         max_speed_rad_s: float = 20.0,
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        super().__init__(device, crossing, monotonic_ns)
+        super().__init__(device, delivery_queue, monotonic_ns)
         self._path = port
         self._baud_rate = baud_rate
         self._by_motion = report == "motion"
@@ -61,13 +61,13 @@ class Microscribe(Driver):
         self._rate_hz = 0.0
         self._streams_wanted = 0
         # The thread's own.
-        self._arm: MicroscribeArm | None = None
+        self._arm: MicroscribeIdentification | None = None
         self._port: SerialPort | None = None
         self._session: MicroscribeSession | None = None
         self._pedals = Pedals(debounce_ms * 1_000_000)
-        self._edges = PedalQueue(device, crossing.put)
-        self._misses = MissLog(device, crossing.put, self._counters)
-        self._losses = LossLog(self._fault, self._counters)
+        self._edges = PendingPedalEdges(device, delivery_queue.put)
+        self._read_errors = ReadErrorLog(device, delivery_queue.put, self._counters)
+        self._losses = MicroscribeLosses(self._fault, self._counters)
         self._block = SampleBlock(device)
         self._last_counts: tuple[int, ...] = ()
         self._streams_begun = 0
@@ -161,8 +161,8 @@ class Microscribe(Driver):
         if now_ns - self._told_ns >= TELL_NS:
             self._told_ns = now_ns
             self._losses.tell(session, self._path)
-            self._misses.check(session.channels)
-            self._misses.tell(session.channels, now_ns)
+            self._read_errors.check(session.channels)
+            self._read_errors.tell(session.channels, now_ns)
         self._report_counters()
         if now_ns - self._answered_ns > SILENCE_NS:
             raise DeviceError(
@@ -176,7 +176,7 @@ class Microscribe(Driver):
         """Ask for packets, of which every so many is a sample of the stream."""
         often_hz = min(PEDAL_HZ, session.reached_hz)
         every = max(1, int(often_hz / rate_hz)) if rate_hz else 0
-        schedule = PollSchedule(rate_hz * every or often_hz, self._now_ns())
+        schedule = SampleSchedule(rate_hz * every or often_hz, self._now_ns())
         while self._goes_on(session):
             left_ns = schedule.next_ns - self._now_ns()
             if left_ns > 0:
@@ -233,7 +233,7 @@ class Microscribe(Driver):
         self._counters["packets_received"] += 1
         sample, implausible = session.sample_of(heard)
         for number in implausible:
-            self._misses.note(number, session.channels[number], IMPLAUSIBLE)
+            self._read_errors.note(number, session.channels[number], IMPLAUSIBLE)
         if sample.complete:
             certain = reported and sample.counts == self._last_counts
             self._last_counts = sample.counts
@@ -247,4 +247,4 @@ class Microscribe(Driver):
 
     def _deliver_block(self) -> None:
         if samples := self._block.take(self._stream):
-            self._crossing.put(samples)
+            self._delivery_queue.put(samples)

@@ -8,7 +8,7 @@ from traverse.protocol.microscribe.session import Maxes
 
 
 @dataclass(frozen=True, slots=True)
-class MicroscribeArm:
+class MicroscribeIdentification:
     """What an arm says of itself.
 
     Attributes:
@@ -57,14 +57,16 @@ class MicroscribeArm:
         return PacketDecoder(self.framing, timer=True)
 
 
-def ask_arm(line: MicroscribeLine, box: str, baud_rate: int) -> MicroscribeArm:
+def read_identification(
+    line: MicroscribeLine, box: str, baud_rate: int
+) -> MicroscribeIdentification:
     """Ask an arm who it is.
 
     Raises:
         DeviceError: it does not say, or is no MicroScribe.
     """
     maxes = line.maxes()
-    return MicroscribeArm(
+    return MicroscribeIdentification(
         box=box,
         product=line.text("product"),
         model=line.text("model"),

@@ -13,7 +13,7 @@ class Fault(Protocol):
         """Tell it."""
 
 
-class LossLog:
+class MicroscribeLosses:
     """Losses since they were last told.
 
     Args:

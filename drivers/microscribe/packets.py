@@ -14,7 +14,7 @@ import numpy as np
 
 from traverse.drivers.base.values import CountSamples
 from traverse.drivers.microscribe.line import Heard
-from traverse.drivers.timing.device_clock import TickClock
+from traverse.drivers.timing.device_clock import DeviceClock
 
 BLOCK_NS = 10_000_000
 EARLY_NS = 5_000_000  # latched so long before its request: an answer to an earlier one
@@ -55,7 +55,7 @@ class PacketClock:
     def __init__(self, rate_hz: float, wrap: int, delay_ns: int) -> None:
         self._delay_ns = delay_ns
         self._last_ns = 0
-        self._clock = TickClock(rate_hz, wrap) if rate_hz else None
+        self._clock = DeviceClock(rate_hz, wrap) if rate_hz else None
         self._tick_ns = round(1e9 / rate_hz) if rate_hz else 0
 
     @property
@@ -88,7 +88,7 @@ class PacketClock:
         self._last_ns = time_ns = min(max(time_ns, earliest_ns), heard.begun_ns)
         return ticks, time_ns
 
-    def _ticks(self, clock: TickClock, heard: Heard) -> int:
+    def _ticks(self, clock: DeviceClock, heard: Heard) -> int:
         return clock.unwrap_one(heard.packet.timer or 0)
 
 

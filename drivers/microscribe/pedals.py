@@ -67,7 +67,7 @@ class Pedals:
         return edges
 
 
-class PedalQueue:
+class PendingPedalEdges:
     """Edges that wait until there is room for them; the arm keeps none.
 
     Args:

@@ -6,7 +6,10 @@ from statistics import median
 
 from traverse.drivers.base.values import STATUS_MISSING, DeviceError, Identity
 from traverse.drivers.io.serial_port import SerialPort
-from traverse.drivers.microscribe.identification import MicroscribeArm, ask_arm
+from traverse.drivers.microscribe.identification import (
+    MicroscribeIdentification,
+    read_identification,
+)
 from traverse.drivers.microscribe.line import PACKET_S, Heard, MicroscribeLine
 from traverse.drivers.microscribe.packets import PacketClock, Sample, timer_runs
 from traverse.drivers.polling.channel import IMPLAUSIBLE, PolledChannel, Reading
@@ -32,14 +35,14 @@ class Opened:
     """
 
     line: MicroscribeLine
-    arm: MicroscribeArm
+    arm: MicroscribeIdentification
     resumed: bool
 
 
 def open_arm(
     open_port: OpenPort,
     baud_rate: int,
-    known: MicroscribeArm | None,
+    known: MicroscribeIdentification | None,
     monotonic_ns: Callable[[], int],
     stopping: Callable[[], bool],
 ) -> Opened:
@@ -62,7 +65,7 @@ def open_arm(
             raise
     line, box, rate = signed_on(open_port, [baud_rate], monotonic_ns, stopping)
     try:
-        return Opened(line, ask_arm(line, box, rate), resumed=False)
+        return Opened(line, read_identification(line, box, rate), resumed=False)
     except BaseException:
         line.port.close()
         raise

@@ -13,11 +13,11 @@ from typing import Any, Literal
 
 from pymodbus.exceptions import ModbusException
 
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import STATUS_ERROR, STATUS_WARNING
 from traverse.drivers.io.byte_port import BytePort, OpenPort
 from traverse.drivers.io.serial_port import SerialPort
-from traverse.drivers.modbus.line import PortClient
+from traverse.drivers.modbus.line import ModbusClient
 from traverse.drivers.modbus.options import (
     BITS_OF_BYTE,
     CONDITIONS,
@@ -26,34 +26,38 @@ from traverse.drivers.modbus.options import (
     ModbusEncoder,
     ModbusOptions,
 )
-from traverse.drivers.polling.channel import Miss, PolledChannel, Reading
-from traverse.drivers.polling.condition_alarms import StatusLog
-from traverse.drivers.polling.polled_driver import Polled, WaitForWake, wait_for_wake
+from traverse.drivers.polling.channel import PolledChannel, ReadError, Reading
+from traverse.drivers.polling.condition_alarms import ConditionAlarms
+from traverse.drivers.polling.polled_driver import (
+    PolledDriver,
+    WaitForWake,
+    wait_for_wake,
+)
 from traverse.protocol.modbus import PositionRegisters
 
 DOUBTED_TIMEOUTS = 8  # a reply that comes later than that was not asked by us
 LATE_S = 0.002  # more than the usual exchange that a late reply is waited for
-SILENT = Miss(
+SILENT = ReadError(
     "silent",
     "does not answer",
     "check power, wires A and B, its address, baud rate and parity",
 )
-REFUSED = Miss(
+REFUSED = ReadError(
     "refused",
     "refuses to tell its registers",
     "check function, position_register and words with the encoder's manual",
 )
-SHIFTED = Miss(
+SHIFTED = ReadError(
     "shifted", "answers more than it is asked", "check cable and termination"
 )
 
 
-class Modbus(Polled):
+class Modbus(PolledDriver):
     """Encoders on one line; channel i is encoder i of ``encoders``.
 
     Args:
         device: id in the configuration.
-        crossing: where deliveries go.
+        delivery_queue: where deliveries go.
         port: path of the serial port.
         encoders: tables as `ModbusEncoder` describes them.
         baud_rate: of the line.
@@ -74,7 +78,7 @@ class Modbus(Polled):
     def __init__(
         self,
         device: str,
-        crossing: Crossing,
+        delivery_queue: DeliveryQueue,
         *,
         port: str,
         encoders: Sequence[ModbusEncoder | dict[str, Any]],
@@ -92,7 +96,7 @@ class Modbus(Polled):
     ) -> None:
         super().__init__(
             device,
-            crossing,
+            delivery_queue,
             max_rate_hz=max_rate_hz,
             monotonic_ns=monotonic_ns,
             wait_for=wait_for,
@@ -112,7 +116,7 @@ class Modbus(Polled):
         )
         self._let_pass = wait_for
         self._port: BytePort | None = None
-        self._client: PortClient | None = None
+        self._client: ModbusClient | None = None
         self._doubted_until_ns = [0] * len(encoders)
         self._longest_ns = 0
         self._strays_before = 0
@@ -124,14 +128,14 @@ class Modbus(Polled):
         self._status_due_ns = 0
         self._status_turn = 0
         self._flags = [0] * len(encoders)
-        self._status = StatusLog(device, crossing.put, CONDITIONS)
+        self._status = ConditionAlarms(device, delivery_queue.put, CONDITIONS)
         self._names = {
             n: f"encoder {encoder.address}" for n, encoder in enumerate(self._encoders)
         }
 
     def _open(self) -> tuple[str, Sequence[PolledChannel]]:
         self._port = self._open_port(self._path, self._baud_rate, self._wake_read)
-        self._client = PortClient(
+        self._client = ModbusClient(
             self._port,
             self._now_ns,
             self._pass,
@@ -155,15 +159,15 @@ class Modbus(Polled):
             self._port.close()
             self._port = None
 
-    def _read_channel(self, channel: int) -> Reading | Miss:
+    def _read_channel(self, channel: int) -> Reading | ReadError:
         encoder, registers = self._encoders[channel], self._registers[channel]
         said = self._ask(channel, encoder.function, registers.first, registers.words)
-        if isinstance(said, Miss):
+        if isinstance(said, ReadError):
             return said
         words, time_ns = said
         return Reading(registers.count(words), time_ns, self._flags[channel])
 
-    def _cycle_was_sound(self) -> bool:
+    def _cycle_is_valid(self) -> bool:
         client = self._open_client()
         now_ns = self._now_ns()
         if self._asks_status and self._status_ns and now_ns >= self._status_due_ns:
@@ -181,7 +185,7 @@ class Modbus(Polled):
         if encoder.status_register is None or self._channels[channel].missing:
             return
         said = self._ask(channel, encoder.status_function, encoder.status_register, 1)
-        if isinstance(said, Miss):
+        if isinstance(said, ReadError):
             self._counters["status_missed"] += 1
             return
         error = bool(said[0][0] & encoder.error_mask)
@@ -192,7 +196,7 @@ class Modbus(Polled):
 
     def _ask(
         self, channel: int, function: int, first: int, n_words: int
-    ) -> tuple[list[int], int] | Miss:
+    ) -> tuple[list[int], int] | ReadError:
         """Registers of an encoder, and the middle of the exchange."""
         client = self._open_client()
         read = client.read_input_registers
@@ -201,7 +205,7 @@ class Modbus(Polled):
         doubtful = self._now_ns() < self._doubted_until_ns[channel]
         missing = bool(self._channels) and self._channels[channel].missing
         client.timeout_s = self._usual_s() if missing else self._timeout_s
-        miss: Miss | None = None
+        miss: ReadError | None = None
         words: list[int] = []
         try:
             reply = read(
@@ -216,7 +220,7 @@ class Modbus(Polled):
         sent_ns, received_ns = client.sent_ns, client.received_ns
         if miss is SILENT or doubtful:
             # A late reply must not pass for that to the next question.
-            late = client.hear_late(self._usual_s())
+            late = client.discard_late_bytes(self._usual_s())
             miss = miss or (SHIFTED if late else None)
         if miss is not None:
             doubt_ns = round(DOUBTED_TIMEOUTS * self._timeout_s * 1e9)
@@ -236,7 +240,7 @@ class Modbus(Polled):
         while (left_ns := until_ns - self._now_ns()) > 0:
             self._let_pass(self._wake_read, left_ns * 1e-9)
 
-    def _open_client(self) -> PortClient:
+    def _open_client(self) -> ModbusClient:
         if self._client is None:
             raise RuntimeError(f"the line of {self.device} is not open")
         return self._client

@@ -14,7 +14,7 @@ from pymodbus.transport import CommParams, CommType
 from traverse.drivers.io.byte_port import BytePort
 
 
-class PortClient(ModbusBaseSyncClient):
+class ModbusClient(ModbusBaseSyncClient):
     """One line with Modbus RTU devices.
 
     Args:
@@ -87,7 +87,7 @@ class PortClient(ModbusBaseSyncClient):
                 return data
         return b""
 
-    def hear_late(self, seconds: float) -> int:
+    def discard_late_bytes(self, seconds: float) -> int:
         """Read away what comes for a time; how many bytes it was."""
         heard = 0
         until_ns = self._now_ns() + round(seconds * 1e9)

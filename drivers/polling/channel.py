@@ -8,7 +8,7 @@ after an encoder has been missing, is believed once the next confirms it.
 import math
 from dataclasses import dataclass
 
-MISSES_FOR_ALARM = 3
+READ_ERRORS_FOR_ALARM = 3
 ASK_AGAIN_NS = 500_000_000  # asking in vain costs the other encoders time
 SLACK_NS = 1_000_000  # instants of readings are known to about an exchange
 SLACK_COUNTS = 4
@@ -28,7 +28,7 @@ class Reading:
 
 
 @dataclass(frozen=True, slots=True)
-class Miss:
+class ReadError:
     """Why there is no reading; ``code`` is also the name of its counter."""
 
     code: str
@@ -36,12 +36,12 @@ class Miss:
     remedy: str
 
 
-IMPLAUSIBLE = Miss(
+IMPLAUSIBLE = ReadError(
     "implausible",
     "has jumped further than a joint can turn in that time",
     "check cable and shielding, and whether max_speed_rad_s is too small",
 )
-UNCONFIRMED = Miss("unconfirmed", "answers again", "")
+UNCONFIRMED = ReadError("unconfirmed", "answers again", "")
 
 
 class PolledChannel:
@@ -75,15 +75,15 @@ class PolledChannel:
     @property
     def missing(self) -> bool:
         """It has failed so often that it is asked only now and then."""
-        return self.misses >= MISSES_FOR_ALARM
+        return self.misses >= READ_ERRORS_FOR_ALARM
 
     def due(self, now_ns: int) -> bool:
         """Whether to ask it."""
         return not self.missing or now_ns >= self._ask_again_ns
 
-    def judge(self, answer: Reading | Miss, now_ns: int) -> Miss | None:
+    def judge(self, answer: Reading | ReadError, now_ns: int) -> ReadError | None:
         """Take what asking brought; None where it is a reading to be believed."""
-        if isinstance(answer, Miss):
+        if isinstance(answer, ReadError):
             return self._failed(answer, now_ns)
         if self.time_ns is not None:
             before: Reading | None = Reading(self.count, self.time_ns)
@@ -103,7 +103,7 @@ class PolledChannel:
         """The next reading is as good as a first one."""
         self.time_ns = self._unconfirmed = None
 
-    def _failed(self, miss: Miss, now_ns: int) -> Miss:
+    def _failed(self, miss: ReadError, now_ns: int) -> ReadError:
         self.misses += 1
         if self.missing:
             self.forget()

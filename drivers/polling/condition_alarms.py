@@ -16,7 +16,7 @@ class Condition:
     remedy: str
 
 
-class StatusLog:
+class ConditionAlarms:
     """The conditions of one device's encoders; lives as long as its driver.
 
     Args:

@@ -15,20 +15,20 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from statistics import median
 
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import ASK_S, Driver
 from traverse.drivers.base.values import DeviceUp, Identity, StreamStarted
-from traverse.drivers.polling.channel import Miss, PolledChannel, Reading
-from traverse.drivers.polling.read_error_log import MissLog
-from traverse.drivers.polling.sample_block import PollBlock
-from traverse.drivers.polling.schedule import PollSchedule
+from traverse.drivers.polling.channel import PolledChannel, ReadError, Reading
+from traverse.drivers.polling.read_error_log import ReadErrorLog
+from traverse.drivers.polling.sample_block import SampleBlockBuilder
+from traverse.drivers.polling.schedule import SampleSchedule
 
 FIRST_CYCLES = 8  # to get acquainted, and to learn how long a cycle takes
 LENGTHS = 256  # of asking, that are remembered
 SHARE_OF_LINE = 0.8  # of the time may be spent asking
 IDLE_S = 0.5  # without a stream, so often is looked whether all are there
 
-DISTURBED = Miss(
+DISTURBED = ReadError(
     "disturbed",
     "was asked while the line carried what nobody had asked for",
     "check termination, cable and shielding, and that there is no other master",
@@ -44,14 +44,14 @@ def wait_for_wake(wake_fd: int, seconds: float) -> None:
             os.read(wake_fd, 4096)
 
 
-class Polled(Driver):
+class PolledDriver(Driver):
     """A device whose channels are read one after the other.
 
     A child overrides `_open`, `_read_channel` and `_disconnect`.
 
     Args:
         device: id in the configuration.
-        crossing: where deliveries go.
+        delivery_queue: where deliveries go.
         max_rate_hz: no faster stream is offered, however fast the line.
         monotonic_ns: the host's clock.
         wait_for: waits for the next instant; another clock needs another one.
@@ -60,13 +60,13 @@ class Polled(Driver):
     def __init__(
         self,
         device: str,
-        crossing: Crossing,
+        delivery_queue: DeliveryQueue,
         *,
         max_rate_hz: float,
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
         wait_for: WaitForWake = wait_for_wake,
     ) -> None:
-        super().__init__(device, crossing, monotonic_ns)
+        super().__init__(device, delivery_queue, monotonic_ns)
         self._max_rate_hz = max_rate_hz
         self._wait_for = wait_for
         # Written by the service, read by the thread: what is wanted.
@@ -77,10 +77,10 @@ class Polled(Driver):
         self._reached_hz = 0.0
         self._streams_begun = 0
         self._stream = 0
-        self._schedule: PollSchedule | None = None
+        self._schedule: SampleSchedule | None = None
         self._lengths_ns: deque[int] = deque(maxlen=LENGTHS)
-        self._block = PollBlock(device)
-        self._misses = MissLog(device, crossing.put, self._counters)
+        self._block = SampleBlockBuilder(device)
+        self._read_errors = ReadErrorLog(device, delivery_queue.put, self._counters)
 
     def request_stream(self, rate_hz: float) -> None:
         """Stream timed samples at ``rate_hz`` from now on; 0 stops the stream."""
@@ -99,14 +99,14 @@ class Polled(Driver):
         """
 
     @abstractmethod
-    def _read_channel(self, channel: int) -> Reading | Miss:
+    def _read_channel(self, channel: int) -> Reading | ReadError:
         """Ask one encoder.
 
         Raises:
             DeviceError: the port is gone.
         """
 
-    def _cycle_was_sound(self) -> bool:
+    def _cycle_is_valid(self) -> bool:
         """Asked after each cycle; False makes all of its readings missing."""
         return True
 
@@ -120,7 +120,7 @@ class Polled(Driver):
             begun_ns = self._now_ns()
             self._cycle()
             lengths_ns.append(self._now_ns() - begun_ns)
-        self._misses.check(self._channels)
+        self._read_errors.check(self._channels)
         usual_ns = max(1.0, median(lengths_ns))
         fastest_hz = SHARE_OF_LINE * 1e9 / usual_ns
         self._reached_hz = min(self._max_rate_hz, fastest_hz)
@@ -136,7 +136,7 @@ class Polled(Driver):
         )
         self._tell(DeviceUp(self.device, identity, restarted=False))
         self._streams_begun = 0  # what was wanted is to be begun again
-        self._misses.tell(self._channels, self._now_ns())
+        self._read_errors.tell(self._channels, self._now_ns())
 
     def _serve(self) -> None:
         try:
@@ -154,8 +154,8 @@ class Polled(Driver):
                 self._cycle()
             else:
                 self._serve_stream(self._schedule)
-            self._misses.check(self._channels)
-            self._misses.tell(self._channels, self._now_ns())
+            self._read_errors.check(self._channels)
+            self._read_errors.tell(self._channels, self._now_ns())
             self._report_counters()
 
     def _begin_stream(self, rate_hz: float) -> None:
@@ -173,9 +173,9 @@ class Polled(Driver):
             rate_hz = self._reached_hz
         self._stream += 1
         self._tell(StreamStarted(self.device, self._stream, rate_hz))
-        self._schedule = PollSchedule(rate_hz, self._now_ns())
+        self._schedule = SampleSchedule(rate_hz, self._now_ns())
 
-    def _serve_stream(self, schedule: PollSchedule) -> None:
+    def _serve_stream(self, schedule: SampleSchedule) -> None:
         left_ns = schedule.next_ns - self._now_ns()
         if left_ns > 0:
             self._wait_for(self._wake_read, left_ns * 1e-9)
@@ -198,17 +198,17 @@ class Polled(Driver):
 
     def _cycle(self) -> list[Reading | None]:
         """Ask every encoder that is to be asked; None for what cannot be believed."""
-        answers: list[Reading | Miss | None] = [
+        answers: list[Reading | ReadError | None] = [
             self._asked(number) if channel.due(self._now_ns()) else None
             for number, channel in enumerate(self._channels)
         ]
-        sound = self._cycle_was_sound()
+        sound = self._cycle_is_valid()
         return [
             self._judged(number, answer if sound or answer is None else DISTURBED)
             for number, answer in enumerate(answers)
         ]
 
-    def _asked(self, number: int) -> Reading | Miss:
+    def _asked(self, number: int) -> Reading | ReadError:
         self.pulse.beat(ASK_S)
         begun_ns = self._now_ns()
         answer = self._read_channel(number)
@@ -220,15 +220,17 @@ class Polled(Driver):
         """How far the instant of a reading may be off: by half of what asking takes."""
         return round(median(self._lengths_ns) / 2.0)
 
-    def _judged(self, number: int, answer: Reading | Miss | None) -> Reading | None:
+    def _judged(
+        self, number: int, answer: Reading | ReadError | None
+    ) -> Reading | None:
         if answer is None:
             return None
         channel = self._channels[number]
         miss = channel.judge(answer, self._now_ns())
         if miss is not None:
-            self._misses.note(number, channel, miss)
+            self._read_errors.note(number, channel, miss)
         return answer if miss is None and isinstance(answer, Reading) else None
 
     def _deliver_block(self) -> None:
         if samples := self._block.take(self._stream):
-            self._crossing.put(samples)
+            self._delivery_queue.put(samples)

@@ -4,12 +4,12 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 
 from traverse.drivers.base.values import DeviceAlarm, DeviceError, DeviceFault
-from traverse.drivers.polling.channel import UNCONFIRMED, Miss, PolledChannel
+from traverse.drivers.polling.channel import UNCONFIRMED, PolledChannel, ReadError
 
 TELL_NS = 200_000_000  # single misses are told so often, together
 
 
-class MissLog:
+class ReadErrorLog:
     """What is told of the encoders of one device; lives as long as its driver.
 
     Args:
@@ -27,12 +27,12 @@ class MissLog:
         self._device = device
         self._put = put
         self._counters = counters
-        self._last: dict[int, Miss] = {}
-        self._untold: Counter[tuple[str, Miss]] = Counter()
+        self._last: dict[int, ReadError] = {}
+        self._untold: Counter[tuple[str, ReadError]] = Counter()
         self._told_ns = 0
-        self._alarms: dict[int, Miss] = {}  # raised and not yet cleared
+        self._alarms: dict[int, ReadError] = {}  # raised and not yet cleared
 
-    def note(self, number: int, channel: PolledChannel, miss: Miss) -> None:
+    def note(self, number: int, channel: PolledChannel, miss: ReadError) -> None:
         """A reading of channel ``number`` has failed."""
         self._counters[miss.code] += 1
         if miss is UNCONFIRMED:
@@ -76,7 +76,7 @@ class MissLog:
         self._put(DeviceFault(self._device, code, text, remedy, count))
 
     def _alarm(
-        self, number: int, raised: bool, text: str, miss: Miss, misses: int
+        self, number: int, raised: bool, text: str, miss: ReadError, misses: int
     ) -> DeviceAlarm:
         remedy = miss.remedy if raised else ""
         return DeviceAlarm(

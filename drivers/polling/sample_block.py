@@ -11,7 +11,7 @@ BLOCK_NS = 10_000_000
 MAX_SKEW_NS = 2**31 - 1
 
 
-class PollBlock:
+class SampleBlockBuilder:
     """Rows of samples that wait to be delivered together.
 
     Args:

@@ -1,7 +1,7 @@
 """The instants at which samples of a polled stream are due."""
 
 
-class PollSchedule:
+class SampleSchedule:
     """Instant k is ``begin + k / rate``, so that nothing drifts.
 
     Args:

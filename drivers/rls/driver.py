@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Literal
 
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import (
     STATUS_ERROR,
     STATUS_WARNING,
@@ -23,23 +23,27 @@ from traverse.drivers.base.values import (
 from traverse.drivers.io.byte_port import BytePort, OpenPort
 from traverse.drivers.io.serial_port import SerialPort
 from traverse.drivers.io.wait_for_any import WaitForAny, wait_for_any
-from traverse.drivers.polling.channel import Miss, PolledChannel, Reading
-from traverse.drivers.polling.condition_alarms import StatusLog
-from traverse.drivers.polling.polled_driver import Polled, WaitForWake, wait_for_wake
+from traverse.drivers.polling.channel import PolledChannel, ReadError, Reading
+from traverse.drivers.polling.condition_alarms import ConditionAlarms
+from traverse.drivers.polling.polled_driver import (
+    PolledDriver,
+    WaitForWake,
+    wait_for_wake,
+)
 from traverse.drivers.rls.line import SILENT, Answer
-from traverse.drivers.rls.line_group import RlsBank
+from traverse.drivers.rls.line_group import RlsLineGroup
 from traverse.drivers.rls.options import CONDITIONS, RlsOptions
 from traverse.protocol import rls
 
 LISTEN_S = 0.02  # so long it must be quiet before the first request
 
 
-class Rls(Polled):
+class Rls(PolledDriver):
     """Encoders on ports of their own; channel i is the one on port i.
 
     Args:
         device: id in the configuration.
-        crossing: where deliveries go.
+        delivery_queue: where deliveries go.
         ports: paths of the serial ports.
         baud_rate: of all of them.
         bits: resolution of the encoders.
@@ -62,7 +66,7 @@ class Rls(Polled):
     def __init__(
         self,
         device: str,
-        crossing: Crossing,
+        delivery_queue: DeliveryQueue,
         *,
         ports: Sequence[str],
         baud_rate: int = 115_200,
@@ -82,7 +86,7 @@ class Rls(Polled):
     ) -> None:
         super().__init__(
             device,
-            crossing,
+            delivery_queue,
             max_rate_hz=max_rate_hz,
             monotonic_ns=monotonic_ns,
             wait_for=wait_for,
@@ -99,12 +103,12 @@ class Rls(Polled):
         self._wait_any = wait_any
         self._let_pass = wait_for
         if self._continuous:
-            self._wait_for = self._overhear
+            self._wait_for = self._listen_until
         self._timeout_s = answer_timeout_s
-        self._bank: RlsBank | None = None
+        self._bank: RlsLineGroup | None = None
         self._in_hand: set[int] = set()
         self._strays_before = 0
-        self._status = StatusLog(device, crossing.put, CONDITIONS)
+        self._status = ConditionAlarms(device, delivery_queue.put, CONDITIONS)
         self._names = {n: f"encoder on {path}" for n, path in enumerate(ports)}
         self._temperatures_c: list[float | None] = [None] * len(ports)
         self._temperature_due_ns = 0
@@ -113,7 +117,7 @@ class Rls(Polled):
     # -- opening and closing --------------------------------------------------
 
     def _open(self) -> tuple[str, Sequence[PolledChannel]]:
-        bank = self._bank = RlsBank(
+        bank = self._bank = RlsLineGroup(
             self._opened(),
             self._layout,
             self._baud_rate,
@@ -124,11 +128,13 @@ class Rls(Polled):
             wake_fd=self._wake_read,
         )
         self._in_hand.clear()
-        for number in bank.read_away(LISTEN_S):
+        for number in bank.discard_input(LISTEN_S):
             bank.set_up(number, rls.STOP)  # left in the continuous mode by another
         bank.exchange(dict.fromkeys(self._names, rls.SERIAL_NUMBER))
         replies = [line.reply() for line in bank.lines]
-        found = [None if isinstance(r, Miss) else rls.serial_number(r) for r in replies]
+        found = [
+            None if isinstance(r, ReadError) else rls.serial_number(r) for r in replies
+        ]
         serials = ", ".join(number or "unknown" for number in found)
         if self._continuous:
             for number in self._names:
@@ -169,18 +175,20 @@ class Rls(Polled):
 
     # -- reading --------------------------------------------------------------
 
-    def _read_channel(self, channel: int) -> Reading | Miss:
+    def _read_channel(self, channel: int) -> Reading | ReadError:
         bank = self._open_bank()
         if self._continuous:
-            answer = self._overheard(bank, channel)
+            answer = self._latest_reply(bank, channel)
         else:
             if channel not in self._in_hand:
                 self._ask_all(bank)
             self._in_hand.discard(channel)
             answer = bank.lines[channel].answer()
-        return answer if isinstance(answer, Miss) else self._reading(channel, answer)
+        return (
+            answer if isinstance(answer, ReadError) else self._reading(channel, answer)
+        )
 
-    def _cycle_was_sound(self) -> bool:
+    def _cycle_is_valid(self) -> bool:
         bank = self._open_bank()
         self._in_hand.clear()
         self._counters["stray_bytes"] = self._strays_before + bank.strays
@@ -193,7 +201,7 @@ class Rls(Polled):
         bank = self._open_bank()
         return bank.reply_ns // 2 if self._continuous else bank.usual_ns // 2
 
-    def _ask_all(self, bank: RlsBank) -> None:
+    def _ask_all(self, bank: RlsLineGroup) -> None:
         """Ask every encoder that is due in this cycle, one for its temperature."""
         now_ns = self._now_ns()
         due = [n for n, c in enumerate(self._channels) if c.due(now_ns)]
@@ -207,12 +215,12 @@ class Rls(Polled):
         bank.exchange(requests, missing)
         self._in_hand = set(due)
 
-    def _overhear(self, wake_fd: int, seconds: float) -> None:
+    def _listen_until(self, wake_fd: int, seconds: float) -> None:
         """Wait for the next instant, in the continuous mode."""
         del wake_fd  # the bank knows it
-        self._open_bank().overhear(seconds)
+        self._open_bank().listen(seconds)
 
-    def _overheard(self, bank: RlsBank, channel: int) -> Answer | Miss:
+    def _latest_reply(self, bank: RlsLineGroup, channel: int) -> Answer | ReadError:
         """The last reply that came by itself; a new one if that has been taken."""
         line = bank.lines[channel]
         if self._channels[channel].missing:
@@ -220,7 +228,7 @@ class Rls(Polled):
             bank.start_continuous(channel, self._request, self._period_us)
         if line.latest is None:
             patience_ns = 2_000 * self._period_us + round(self._timeout_s * 1e9)
-            bank.overhear_one(channel, patience_ns)
+            bank.listen_for_reply(channel, patience_ns)
         answer, line.latest = line.latest, None
         return SILENT if answer is None else answer
 
@@ -239,10 +247,10 @@ class Rls(Polled):
         if said.temperature_c is not None:
             self._temperatures_c[channel] = said.temperature_c
             temperatures_c = tuple(self._temperatures_c)
-            self._crossing.put(DeviceTemperatures(self.device, temperatures_c))
+            self._delivery_queue.put(DeviceTemperatures(self.device, temperatures_c))
         return Reading(count, answer.time_ns, status)
 
-    def _open_bank(self) -> RlsBank:
+    def _open_bank(self) -> RlsLineGroup:
         if self._bank is None:
             raise RuntimeError(f"the lines of {self.device} are not open")
         return self._bank

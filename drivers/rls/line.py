@@ -4,17 +4,19 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from traverse.drivers.io.byte_port import BytePort
-from traverse.drivers.polling.channel import Miss
+from traverse.drivers.polling.channel import ReadError
 from traverse.protocol import rls
 
-SILENT = Miss("silent", "does not answer", "check its power, its wires and baud rate")
-SHORT = Miss("short", "answers with too few bytes", "check cable and baud rate")
-GARBLED = Miss(
+SILENT = ReadError(
+    "silent", "does not answer", "check its power, its wires and baud rate"
+)
+SHORT = ReadError("short", "answers with too few bytes", "check cable and baud rate")
+GARBLED = ReadError(
     "garbled",
     "answers with what is no reply",
     "check cable and baud rate, and that bits and turns are those of the encoder",
 )
-SHIFTED = Miss(
+SHIFTED = ReadError(
     "shifted",
     "answers more than it is asked",
     "check the cable; is it in the continuous mode?",
@@ -45,7 +47,7 @@ class RlsLine:
         strays: bytes that nobody had asked for.
         latest: last reply of the continuous mode, until it is taken.
         last_ns: how long the last good exchange took.
-        follow_ns: time on the wire of what it says by itself.
+        reply_duration_ns: time on the wire of what it says by itself.
         exchange_ns: how long the longest good exchange took.
     """
 
@@ -72,7 +74,7 @@ class RlsLine:
         self._sent_ns = self._received_ns = 0
         self._surplus = False
         self._doubted_until_ns = 0
-        self.follow_ns = 0
+        self.reply_duration_ns = 0
         self._replies: rls.Replies | None = None
 
     @property
@@ -110,14 +112,14 @@ class RlsLine:
             self.strays += len(data) - missing
             self._surplus = True
 
-    def hear_late(self) -> None:
+    def discard_late_bytes(self) -> None:
         """Take what comes when nothing is due any more: a late reply, or a next one."""
         self.strays += len(self.port.read())
         self._surplus |= not self.waits
 
-    def reply(self) -> bytes | Miss:
+    def reply(self) -> bytes | ReadError:
         """The whole reply, or why there is none."""
-        miss: Miss | None = None
+        miss: ReadError | None = None
         if self._surplus:
             miss = SHIFTED
         elif self.waits:
@@ -129,10 +131,10 @@ class RlsLine:
         self.exchange_ns = max(self.exchange_ns, self.last_ns)
         return self._heard
 
-    def answer(self) -> Answer | Miss:
+    def answer(self) -> Answer | ReadError:
         """The reply to a request for a position."""
         reply = self.reply()
-        if isinstance(reply, Miss):
+        if isinstance(reply, ReadError):
             return reply
         found = rls.position(reply, self.request, self._layout)
         if found is None:
@@ -142,10 +144,10 @@ class RlsLine:
     def follow(self, request: bytes) -> None:
         """From now on the encoder answers a request by itself."""
         self._replies = rls.Replies(request, self._layout)
-        self.follow_ns = self._layout.reply_bytes(request) * self._byte_ns
+        self.reply_duration_ns = self._layout.reply_bytes(request) * self._byte_ns
         self.latest = None
 
-    def overhear(self) -> None:
+    def listen(self) -> None:
         """Take what the encoder says by itself."""
         data = self.port.read()
         now_ns = self._now_ns()
@@ -156,8 +158,8 @@ class RlsLine:
         found = self._replies.feed(data)
         self.strays += self._replies.skipped - skipped
         if found:
-            self.latest = Answer(found[-1], now_ns - self.follow_ns)
+            self.latest = Answer(found[-1], now_ns - self.reply_duration_ns)
 
-    def _failed(self, miss: Miss) -> Miss:
+    def _failed(self, miss: ReadError) -> ReadError:
         self._doubted_until_ns = self._sent_ns + self._doubt_ns
         return miss

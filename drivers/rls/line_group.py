@@ -14,7 +14,7 @@ BITS_OF_BYTE = 10
 DOUBTED_TIMEOUTS = 8  # a reply that comes later than that was not asked by us
 
 
-class RlsBank:
+class RlsLineGroup:
     """All lines of a device, from opening the ports to losing one.
 
     Args:
@@ -74,7 +74,7 @@ class RlsBank:
     @property
     def reply_ns(self) -> int:
         """Time on the wire of what an encoder says by itself."""
-        return self.lines[0].follow_ns
+        return self.lines[0].reply_duration_ns
 
     def close(self) -> None:
         """Close the ports."""
@@ -108,9 +108,9 @@ class RlsBank:
         if doubtful:
             # A late reply must not pass for the next one.
             for number in self._heard_within(sorted(doubtful), self._usual_ns()):
-                self.lines[number].hear_late()
+                self.lines[number].discard_late_bytes()
 
-    def read_away(self, seconds: float) -> set[int]:
+    def discard_input(self, seconds: float) -> set[int]:
         """Throw away what comes for a time; the channels on which something came."""
         talkers = set()
         for number in self._heard_within(self._all, round(seconds * 1e9)):
@@ -136,23 +136,23 @@ class RlsBank:
         self.lines[number].follow(request)
         self.set_up(number, rls.START)
 
-    def overhear(self, seconds: float) -> None:
+    def listen(self, seconds: float) -> None:
         """Take what encoders say by themselves, until woken; at most for a time."""
         until_ns = self._now_ns() + round(seconds * 1e9)
         while (left_ns := until_ns - self._now_ns()) > 0:
             ready = self._ready(self._all, left_ns)
             for number in ready:
-                self.lines[number].overhear()
+                self.lines[number].listen()
             if not ready:
                 return  # woken, or over
 
-    def overhear_one(self, number: int, patience_ns: int) -> None:
+    def listen_for_reply(self, number: int, patience_ns: int) -> None:
         """Wait for a reply of one encoder; the others are heard meanwhile."""
         line = self.lines[number]
         until_ns = self._now_ns() + patience_ns
         while line.latest is None and (left_ns := until_ns - self._now_ns()) > 0:
             for other in self._ready(self._all, left_ns):
-                self.lines[other].overhear()
+                self.lines[other].listen()
 
     def _heard_within(self, numbers: Sequence[int], wait_ns: int) -> Iterator[int]:
         """Numbers of the lines that have bytes, as they have them, for a time."""

@@ -24,7 +24,7 @@ MAX_RATE_ERROR = 1e-3  # a crystal is within 1e-4; beyond this it is not a clock
 MAX_EARLY_NS = 20_000_000  # more than jitter: received so long before its latch
 
 
-class TickClock:
+class DeviceClock:
     """Regression of device ticks on host time.
 
     Args:

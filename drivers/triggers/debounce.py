@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class HeldEdge:
+class DebouncedEdge:
     """An input went to a new level at ``time_ns`` and stayed there."""
 
     active: bool
@@ -29,7 +29,7 @@ class Debounce:
         self._first_ns = self._last_ns = 0
         self._bouncing = False
 
-    def change(self, active: bool, time_ns: int) -> HeldEdge | None:
+    def change(self, active: bool, time_ns: int) -> DebouncedEdge | None:
         """Take a change; the edge of before, if that has held until now."""
         held = self.settle(time_ns)
         if active == self._level:
@@ -39,7 +39,7 @@ class Debounce:
         self._level, self._last_ns = active, time_ns
         return held
 
-    def settle(self, now_ns: int) -> HeldEdge | None:
+    def settle(self, now_ns: int) -> DebouncedEdge | None:
         """An edge whose level has held until now."""
         if not self._bouncing or now_ns - self._last_ns < self._hold_ns:
             return None
@@ -47,7 +47,7 @@ class Debounce:
         if self._level == self._known:
             return None  # it was a glitch
         self._known = self._level
-        return HeldEdge(self._level, self._first_ns)
+        return DebouncedEdge(self._level, self._first_ns)
 
     @property
     def due_ns(self) -> int | None:

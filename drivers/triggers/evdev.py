@@ -14,11 +14,11 @@ from collections.abc import Callable, Iterator, Sequence
 
 from pydantic import Field, field_validator
 
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.options import DriverOptions
 from traverse.drivers.base.values import DeviceError, DeviceNotFoundError
 from traverse.drivers.triggers.evdev_keys import KEY_CODES, MAX_CODE
-from traverse.drivers.triggers.trigger_driver import Change, TriggerInputs
+from traverse.drivers.triggers.trigger_driver import Change, TriggerDriver
 from traverse.protocol.input_events import (
     KEY,
     RELEASED,
@@ -78,12 +78,12 @@ def key_code(key: str | int) -> int:
     return code
 
 
-class Evdev(TriggerInputs):
+class EvdevDriver(TriggerDriver):
     """An input device; input i is key i of ``keys``.
 
     Args:
         device: id in the configuration.
-        crossing: where deliveries go.
+        delivery_queue: where deliveries go.
         port: path of the device, best one below /dev/input/by-id.
         keys: names or numbers of keys.
         exclusive: keep its events from all other programs, if the kernel lets us.
@@ -97,7 +97,7 @@ class Evdev(TriggerInputs):
     def __init__(
         self,
         device: str,
-        crossing: Crossing,
+        delivery_queue: DeliveryQueue,
         *,
         port: str,
         keys: Sequence[str | int],
@@ -108,7 +108,7 @@ class Evdev(TriggerInputs):
     ) -> None:
         super().__init__(
             device,
-            crossing,
+            delivery_queue,
             n_inputs=len(keys),
             debounce_us=debounce_us,
             monotonic_ns=monotonic_ns,

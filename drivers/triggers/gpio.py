@@ -13,14 +13,14 @@ import gpiod
 from gpiod.line import Bias, Clock, Direction, Edge, Value
 from pydantic import Field, field_validator
 
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.options import DriverOptions
 from traverse.drivers.base.values import (
     DeviceError,
     DeviceNotFoundError,
     DeviceRefusedError,
 )
-from traverse.drivers.triggers.trigger_driver import Change, TriggerInputs
+from traverse.drivers.triggers.trigger_driver import Change, TriggerDriver
 
 BUFFER_EVENTS = 256  # that the kernel keeps, for all lines together
 CONSUMER = "traverse"
@@ -93,12 +93,12 @@ def request_lines(
     )
 
 
-class Gpio(TriggerInputs):
+class GpioDriver(TriggerDriver):
     """Lines of one GPIO chip; input i is line i of ``lines``.
 
     Args:
         device: id in the configuration.
-        crossing: where deliveries go.
+        delivery_queue: where deliveries go.
         port: path of the chip.
         lines: offsets on the chip, or names.
         active_low: the input is active where the voltage is low, as with a button that
@@ -114,7 +114,7 @@ class Gpio(TriggerInputs):
     def __init__(
         self,
         device: str,
-        crossing: Crossing,
+        delivery_queue: DeliveryQueue,
         *,
         port: str,
         lines: Sequence[int | str],
@@ -126,7 +126,7 @@ class Gpio(TriggerInputs):
     ) -> None:
         super().__init__(
             device,
-            crossing,
+            delivery_queue,
             n_inputs=len(lines),
             debounce_us=debounce_us,
             monotonic_ns=monotonic_ns,

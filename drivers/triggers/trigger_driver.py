@@ -2,7 +2,7 @@
 
 An edge is delivered as `LatchedCounts` without counts, at the time of its event; the
 daemon interpolates the arm at that instant. The kernel does not keep edges once they
-are read, so what finds no room in the crossing waits here, bounded.
+are read, so what finds no room in the delivery_queue waits here, bounded.
 """
 
 import select
@@ -14,10 +14,10 @@ from contextlib import suppress
 from dataclasses import dataclass
 from os import read
 
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import Driver
 from traverse.drivers.base.values import DeviceUp, Identity, LatchedCounts
-from traverse.drivers.triggers.debounce import Debounce, HeldEdge
+from traverse.drivers.triggers.debounce import Debounce, DebouncedEdge
 
 LOOK_S = 0.5  # at least so often
 RETRY_S = 0.02  # while edges wait for room
@@ -33,14 +33,14 @@ class Change:
     time_ns: int
 
 
-class TriggerInputs(Driver):
+class TriggerDriver(Driver):
     """A device with inputs alone.
 
     A child overrides `_open`, `_levels`, `_changes` and `_disconnect`.
 
     Args:
         device: id in the configuration.
-        crossing: where deliveries go.
+        delivery_queue: where deliveries go.
         n_inputs: how many inputs are watched.
         debounce_us: how long a level must hold.
         monotonic_ns: the host's clock.
@@ -49,13 +49,13 @@ class TriggerInputs(Driver):
     def __init__(
         self,
         device: str,
-        crossing: Crossing,
+        delivery_queue: DeliveryQueue,
         *,
         n_inputs: int,
         debounce_us: int,
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        super().__init__(device, crossing, monotonic_ns)
+        super().__init__(device, delivery_queue, monotonic_ns)
         self._n_inputs = n_inputs
         self._hold_ns = debounce_us * 1000
         self._inputs: list[Debounce] = []
@@ -123,7 +123,7 @@ class TriggerInputs(Driver):
             return LOOK_S
         return min(LOOK_S, max(0.0, (min(due_ns) - self._now_ns()) * 1e-9))
 
-    def _note(self, number: int, edge: HeldEdge | None) -> None:
+    def _note(self, number: int, edge: DebouncedEdge | None) -> None:
         if edge is None:
             return
         self._token += 1
@@ -146,7 +146,7 @@ class TriggerInputs(Driver):
     def _deliver(self) -> None:
         # In order of time; inputs settle one after the other, and not by their times.
         for latch in sorted(self._waiting, key=lambda waiting: waiting.sample_time_ns):
-            if not self._crossing.put(latch):
+            if not self._delivery_queue.put(latch):
                 return
             self._waiting.remove(latch)
             self._counters["edges_received"] += 1

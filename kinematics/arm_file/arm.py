@@ -33,7 +33,7 @@ from traverse.strict_toml.problems import (
     unknown_name_message,
 )
 from traverse.strict_toml.validation import model_problems, tuples_for_lists
-from traverse.strict_toml.writing import arm_text, canonical_text, write_whole
+from traverse.strict_toml.writing import arm_text, canonical_text, write_atomically
 
 __all__ = [
     "EFFECT_KINDS",
@@ -281,7 +281,7 @@ def write_arm(path: str | Path, arm: Arm) -> None:
         raise FileError(
             str(path), [Problem("", "would not hold all values of this arm")]
         )
-    write_whole(Path(path), text)
+    write_atomically(Path(path), text)
 
 
 def _text_before(path: Path) -> str | None:

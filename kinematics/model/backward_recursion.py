@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 
-class HalfTurns:
+class JointRotations:
     """Sines and cosines of the turns of some samples.
 
     Args:
@@ -44,7 +44,7 @@ class HalfTurns:
         self.cosines = doubled
 
 
-class Folded:
+class BackwardRecursion:
     """One vector a sample, on its way from the tip to the base.
 
     Args:
@@ -55,7 +55,7 @@ class Folded:
         vectors: (3, n_samples).
     """
 
-    def __init__(self, vector: Floats, turns: HalfTurns) -> None:
+    def __init__(self, vector: Floats, turns: JointRotations) -> None:
         n_samples = turns.sines.shape[1]
         self._turns = turns
         # x and y once more behind z, so that neighbours in the circle are views.

@@ -23,7 +23,7 @@ _SIGNS = np.array(
 )[:, :, np.newaxis, np.newaxis]
 
 
-def chained(turns: Floats) -> Floats:
+def chain_rotations(turns: Floats) -> Floats:
     """Multiply from the base outwards.
 
     Args:

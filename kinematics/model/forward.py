@@ -15,7 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.kinematics.kernel.choice import aligned_floats, compiled_chain
-from traverse.kinematics.model.backward_recursion import Folded, HalfTurns
+from traverse.kinematics.model.backward_recursion import (
+    BackwardRecursion,
+    JointRotations,
+)
 from traverse.kinematics.model.geometry import Geometry
 from traverse.kinematics.model.quaternion import multiply, rotate, turn
 
@@ -82,9 +85,9 @@ def numpy_pose(geometry: Geometry, angles_rad: Floats) -> tuple[Floats, Floats]:
     centres_mm = np.empty((len(angles_rad), 3))
     directions = np.empty((len(angles_rad), 3))
     for chunk in _chunks(len(angles_rad)):
-        turns = HalfTurns(angles_rad[chunk], geometry.zeros_rad)
+        turns = JointRotations(angles_rad[chunk], geometry.zeros_rad)
         centres_mm[chunk] = _centre_mm(geometry, turns)
-        shank = Folded(geometry.probe_direction, turns)
+        shank = BackwardRecursion(geometry.probe_direction, turns)
         for joint in reversed(range(geometry.n_joints)):
             shank.turn(geometry.axes[joint], joint)
         directions[chunk] = shank.vectors.T
@@ -95,7 +98,7 @@ def numpy_centre(geometry: Geometry, angles_rad: Floats) -> Floats:
     """Compute what `probe_centre` does, by NumPy."""
     centres_mm = np.empty((len(angles_rad), 3))
     for chunk in _chunks(len(angles_rad)):
-        turns = HalfTurns(angles_rad[chunk], geometry.zeros_rad)
+        turns = JointRotations(angles_rad[chunk], geometry.zeros_rad)
         centres_mm[chunk] = _centre_mm(geometry, turns)
     return centres_mm
 
@@ -116,8 +119,8 @@ def _chunks(n_samples: int) -> list[slice]:
     ]
 
 
-def _centre_mm(geometry: Geometry, turns: HalfTurns) -> Floats:
-    ball = Folded(geometry.probe_vector_mm, turns)
+def _centre_mm(geometry: Geometry, turns: JointRotations) -> Floats:
+    ball = BackwardRecursion(geometry.probe_vector_mm, turns)
     for joint in reversed(range(geometry.n_joints)):
         ball.vectors += geometry.links_mm[joint, :, np.newaxis]
         ball.turn(geometry.axes[joint], joint)

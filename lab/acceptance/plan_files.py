@@ -8,7 +8,7 @@ from traverse.kinematics.arm_file.arm import FileError, Problem
 from traverse.lab.acceptance.plan import Plan
 from traverse.lab.campaign.campaign_file import read_campaign_file
 from traverse.lab.collection.plan import PLAN, read_plan
-from traverse.strict_toml.writing import write_whole
+from traverse.strict_toml.writing import write_atomically
 
 CAMPAIGN = "campaign.toml"
 _HEAD = """\
@@ -29,10 +29,10 @@ def write_plan(plan: Plan, standard: str, folder: Path) -> dict[str, Any]:
         if (folder / name).exists():
             told = "is there already; give another folder, or move it away"
             raise FileError(str(folder / name), [Problem("", told)])
-    write_whole(
+    write_atomically(
         folder / CAMPAIGN, _HEAD.format(standard=standard) + campaign_text(plan)
     )
-    write_whole(folder / PLAN, plan_text(plan))
+    write_atomically(folder / PLAN, plan_text(plan))
     read_campaign_file(folder / CAMPAIGN)
     read_plan(folder / PLAN)
     return {

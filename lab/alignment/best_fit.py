@@ -26,23 +26,23 @@ from traverse.lab.alignment.flags import (
     scatter_flags,
     turn_problem,
 )
-from traverse.lab.alignment.result import AlignmentResult, Flag, PointResult
+from traverse.lab.alignment.result import AlignmentResult, AlignmentWarning, PointResult
 from traverse.lab.alignment.statistics import (
     FOUND,
     POINT_LEVEL,
     global_test,
     point_p_value,
 )
-from traverse.lab.alignment.volume import VolumeOf
+from traverse.lab.alignment.volume import VolumeFunction
 
 Floats = NDArray[np.float64]
 
 _MIRRORED = 0.1
 
 
-def fitted_alignment(
+def best_fit_alignment(
     common: CommonPoints,
-    volume_of: VolumeOf,
+    volume_of: VolumeFunction,
     volume_source: str,
     *,
     method: str = "best-fit",
@@ -223,7 +223,9 @@ def _hidden_ratio(found: Reliability, row: int, mean: Floats) -> float:
     return float(np.sqrt(max(float(moves @ mean @ moves), 0.0)))
 
 
-def _suspects(points: Sequence[PointResult], *, is_stated: bool) -> list[Flag]:
+def _suspects(
+    points: Sequence[PointResult], *, is_stated: bool
+) -> list[AlignmentWarning]:
     """Name the point whose residuals stand out, if any does."""
     tested = [p for p in points if p.p_value is not None]
     if not is_stated or not tested:
@@ -232,7 +234,7 @@ def _suspects(points: Sequence[PointResult], *, is_stated: bool) -> list[Flag]:
     if not (worst.p_value or 0.0) < POINT_LEVEL:
         return []
     return [
-        Flag(
+        AlignmentWarning(
             "suspect_point",
             f"{worst.name} does not fit the others (p = {worst.p_value:.2g}): measure "
             "it again, or leave it out; with few points another one can be the cause",

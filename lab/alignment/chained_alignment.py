@@ -13,7 +13,7 @@ from traverse.lab.alignment.files import transformation_of
 Floats = NDArray[np.float64]
 
 
-def joined_values(
+def chained_values(
     values: Mapping[str, Any], first: Mapping[str, Any], source: str
 ) -> dict[str, Any]:
     """Put an alignment before another one: arm to station 1, station 1 to the part.

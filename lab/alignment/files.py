@@ -12,7 +12,7 @@ from traverse.kinematics.helmert.transformation import Helmert
 from traverse.lab.alignment.page import alignment_page
 from traverse.lab.alignment.values import SCHEMA
 from traverse.protocol.messages import AlignArgs
-from traverse.strict_toml.writing import write_whole
+from traverse.strict_toml.writing import write_atomically
 
 FILE = "alignment.json"
 
@@ -24,9 +24,9 @@ def write_alignment(values: Mapping[str, Any], folder: Path) -> None:
         OSError: The folder cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    write_whole(folder / "alignment.html", alignment_page(values))
+    write_atomically(folder / "alignment.html", alignment_page(values))
     text = json.dumps(values, indent=1, allow_nan=False, ensure_ascii=False)
-    write_whole(folder / FILE, f"{text}\n")
+    write_atomically(folder / FILE, f"{text}\n")
 
 
 def read_alignment(path: Path) -> dict[str, Any]:

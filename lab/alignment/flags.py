@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from traverse.kinematics.helmert.shape import Shape, direction_text
 from traverse.kinematics.helmert.volume import VolumeError
 from traverse.lab.alignment.common_points import CommonPoints
-from traverse.lab.alignment.result import Flag, PointResult
+from traverse.lab.alignment.result import AlignmentWarning, PointResult
 from traverse.lab.alignment.statistics import GlobalTest
 
 Floats = NDArray[np.float64]
@@ -41,12 +41,12 @@ def turn_problem(covariance: Floats, shape: Shape) -> str | None:
     )
 
 
-def disposition_flags(shape: Shape, index: VolumeError) -> Iterator[Flag]:
+def disposition_flags(shape: Shape, index: VolumeError) -> Iterator[AlignmentWarning]:
     """Flag points nearly on a line, in a plane, or far from the volume."""
     nearly_straight = shape.straightness < STRAIGHT
     if nearly_straight:
         along = shape.axes[0]
-        yield Flag(
+        yield AlignmentWarning(
             "nearly_collinear",
             f"the {shape.n} common points are nearly collinear (they lie within "
             f"{shape.straightness:.1%} of their length): the rotation about the "
@@ -62,9 +62,11 @@ def disposition_flags(shape: Shape, index: VolumeError) -> Iterator[Flag]:
             else f"the {shape.n} common points are coplanar: they cannot tell a part "
             "from its mirror image, and tilts follow from heights alone"
         )
-        yield Flag("coplanar", f"{what} (normal {direction_text(across)})", across)
+        yield AlignmentWarning(
+            "coplanar", f"{what} (normal {direction_text(across)})", across
+        )
     if index.rms_mm > POOR_INDEX:
-        yield Flag(
+        yield AlignmentWarning(
             "small_for_the_volume",
             f"places in the volume are {index.rms_mm:.1f} times as uncertain as a "
             f"common point, {index.max_mm:.1f} times at its worst place: the points "
@@ -72,7 +74,7 @@ def disposition_flags(shape: Shape, index: VolumeError) -> Iterator[Flag]:
         )
 
 
-def scatter_flags(common: CommonPoints) -> Iterator[Flag]:
+def scatter_flags(common: CommonPoints) -> Iterator[AlignmentWarning]:
     """Flag names whose touches are farther apart than their errors explain."""
     wide = []
     for name, places in zip(
@@ -87,7 +89,7 @@ def scatter_flags(common: CommonPoints) -> Iterator[Flag]:
                 wide.append(f"{name} ({place.spread_mm:.3g} mm)")
                 break  # once is enough
     if wide:
-        yield Flag(
+        yield AlignmentWarning(
             "scattered_touches",
             f"touches of one name lie far apart: {', '.join(wide)}: a name was given "
             "twice, or they are touches of a surface; give each point its own name, or "
@@ -95,10 +97,10 @@ def scatter_flags(common: CommonPoints) -> Iterator[Flag]:
         )
 
 
-def scale_flags(scale: float) -> Iterator[Flag]:
+def scale_flags(scale: float) -> Iterator[AlignmentWarning]:
     """Flag a scale that no temperature explains."""
     if abs(scale - 1.0) > _MOST_STRETCH:
-        yield Flag(
+        yield AlignmentWarning(
             "unlikely_scale",
             f"the scale is {scale:.6g}, further from 1 than temperature explains: look "
             "at the units of both sides, and at names",
@@ -107,22 +109,22 @@ def scale_flags(scale: float) -> Iterator[Flag]:
 
 def revealed_flags(
     test: GlobalTest | None, points: Sequence[PointResult], *, is_stated: bool
-) -> Iterator[Flag]:
+) -> Iterator[AlignmentWarning]:
     """Flag what the tests say, and what they cannot say."""
     if test is None:
-        yield Flag(
+        yield AlignmentWarning(
             "no_redundancy",
             "there is no redundancy: no error of any point can be revealed",
         )
     elif not is_stated:
-        yield Flag(
+        yield AlignmentWarning(
             "errors_not_stated",
             "no errors of the points are stated: sigma0 is their estimate from "
             f"{test.redundancy} redundant coordinates, and tests nothing; state them "
             "with --std",
         )
     elif not test.passed:
-        yield Flag(
+        yield AlignmentWarning(
             "global_test_failed",
             f"residuals are {test.sigma0:.2f} times as large as the stated errors let "
             f"expect (p = {test.p_value:.2g}): a point is wrong, a name is exchanged, "
@@ -131,7 +133,7 @@ def revealed_flags(
     blind = [point.name for point in points if point.detectable_mm[1] is None]
     if blind and test is not None:
         whose = "every point" if len(blind) == len(points) else ", ".join(blind)
-        yield Flag(
+        yield AlignmentWarning(
             "blind_directions",
             f"of {whose} there is a direction in which an error, however large, "
             "cannot be revealed; the directions stand with the points",

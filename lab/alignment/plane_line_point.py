@@ -16,8 +16,8 @@ from traverse.lab.alignment.flags import (
 )
 from traverse.lab.alignment.nominal import Nominal
 from traverse.lab.alignment.plane_line_point_frames import (
-    Frame,
-    Touched321,
+    PartFrame,
+    PlaneLinePointTouches,
     local_heights,
     measured_frame,
     nominal_frame,
@@ -34,7 +34,7 @@ from traverse.lab.alignment.touch_results import (
     touch_results,
 )
 from traverse.lab.alignment.touches import Touch
-from traverse.lab.alignment.volume import VolumeOf
+from traverse.lab.alignment.volume import VolumeFunction
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -42,10 +42,10 @@ Integers = NDArray[np.int64]
 _SIDE = 0.3  # mean cosine of shanks and normal, from which on they tell its side
 
 
-def aligned_321(
+def align_plane_line_point(
     touches: Sequence[Touch],
     nominal: Nominal,
-    volume_of: VolumeOf,
+    volume_of: VolumeFunction,
     volume_source: str,
     *,
     std_mm: float | None,
@@ -66,7 +66,7 @@ def aligned_321(
     goal = nominal_frame(nominal)
     groups = _groups(touches, nominal)
     everything = [touch for group in groups for touch in group]
-    touched = Touched321(*(_places_mm(group) for group in groups))
+    touched = PlaneLinePointTouches(*(_places_mm(group) for group in groups))
     frame = measured_frame(touched, _upwards(groups, touched, nominal, goal))
     transformation = transformation_between(frame, goal)
     on_plane_mm = transformation.places_mm(touched.plane_mm)
@@ -175,9 +175,9 @@ def _places_mm(group: Sequence[Touch]) -> Floats:
 
 def _upwards(
     groups: Sequence[Sequence[Touch]],
-    touched: Touched321,
+    touched: PlaneLinePointTouches,
     nominal: Nominal,
-    goal: Frame,
+    goal: PartFrame,
 ) -> Floats:
     """Tell the two sides of the plane: the shank comes from outside the part.
 
@@ -212,14 +212,14 @@ def _upwards(
     )
 
 
-def _index(volume: Volume, goal: Frame, moves: Floats) -> VolumeError:
+def _index(volume: Volume, goal: PartFrame, moves: Floats) -> VolumeError:
     """Judge the touches: errors in the volume per error of a touch."""
     found = error_in(volume, goal.origin_mm, moves @ moves.T)
     unit = np.sqrt(3.0)
     return VolumeError(found.rms_mm / unit, found.max_mm / unit, found.max_at_mm)
 
 
-def _in_volume(volume: Volume, goal: Frame, moves: Floats) -> Floats:
+def _in_volume(volume: Volume, goal: PartFrame, moves: Floats) -> Floats:
     """Say what the errors of touches do to the volume, per mm, (n,)."""
     mean = mean_motions(volume, goal.origin_mm, 6)
     sizes_mm: Floats = np.sqrt(np.einsum("pn,pq,qn->n", moves, mean, moves))

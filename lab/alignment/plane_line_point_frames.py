@@ -21,7 +21,7 @@ _STRAIGHT = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Frame:
+class PartFrame:
     """A frame.
 
     Attributes:
@@ -39,7 +39,7 @@ class Frame:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Touched321:
+class PlaneLinePointTouches:
     """The touches of the three features, in the order in which they were made.
 
     Attributes:
@@ -58,7 +58,7 @@ class Touched321:
         return np.concatenate([self.plane_mm, self.line_mm, self.point_mm])
 
 
-def measured_frame(touched: Touched321, upwards: Floats) -> Frame:
+def measured_frame(touched: PlaneLinePointTouches, upwards: Floats) -> PartFrame:
     """Fit the frame of the touches.
 
     Args:
@@ -93,7 +93,7 @@ def measured_frame(touched: Touched321, upwards: Floats) -> Frame:
     )
 
 
-def nominal_frame(nominal: Nominal) -> Frame:
+def nominal_frame(nominal: Nominal) -> PartFrame:
     """Make the frame of the nominal features.
 
     Raises:
@@ -123,23 +123,23 @@ def _frame(
     on_line_mm: Floats,
     direction: Floats,
     stop_mm: Floats,
-) -> Frame:
+) -> PartFrame:
     axes = np.column_stack([direction, np.cross(normal, direction), normal])
     # Each coordinate comes from the feature that fixes it.
     origin = np.array(
         [stop_mm @ axes[:, 0], on_line_mm @ axes[:, 1], on_plane_mm @ axes[:, 2]]
     )
-    return Frame(axes @ origin, axes)
+    return PartFrame(axes @ origin, axes)
 
 
-def transformation_between(measured: Frame, nominal: Frame) -> Helmert:
+def transformation_between(measured: PartFrame, nominal: PartFrame) -> Helmert:
     """Put the measured frame onto the nominal one."""
     rotation = nominal.axes @ measured.axes.T
     return Helmert(rotation, nominal.origin_mm - rotation @ measured.origin_mm)
 
 
 def local_heights(
-    touched: Touched321, frame: Frame
+    touched: PlaneLinePointTouches, frame: PartFrame
 ) -> tuple[Floats, NDArray[np.int64], Floats]:
     """Say what of every touch is fitted.
 

@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Flag:
+class AlignmentWarning:
     """Something that has to be known before the alignment is used.
 
     Attributes:
@@ -92,7 +92,7 @@ class AlignmentResult:
     volume: Volume
     volume_source: str
     index: VolumeError
-    flags: tuple[Flag, ...]
+    flags: tuple[AlignmentWarning, ...]
     remarks: tuple[str, ...]
     features: tuple[dict[str, Any], ...] = field(default=())
 

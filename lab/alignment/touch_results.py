@@ -10,8 +10,8 @@ from traverse.kinematics.helmert.shape import direction_text, shape_of
 from traverse.kinematics.helmert.volume import VolumeError
 from traverse.lab.alignment.flags import POOR_INDEX, STRAIGHT
 from traverse.lab.alignment.nominal import Nominal
-from traverse.lab.alignment.plane_line_point_frames import Touched321
-from traverse.lab.alignment.result import Flag, PointResult
+from traverse.lab.alignment.plane_line_point_frames import PlaneLinePointTouches
+from traverse.lab.alignment.result import AlignmentWarning, PointResult
 from traverse.lab.alignment.statistics import FOUND, point_p_value
 from traverse.lab.alignment.touches import Touch
 
@@ -24,7 +24,7 @@ _AXES = ("along the line", "across the line", "off the plane")
 def touch_results(
     *,
     names: Sequence[str],
-    touched: Touched321,
+    touched: PlaneLinePointTouches,
     axes: Floats,
     axis: Integers,
     residuals_mm: Floats,
@@ -69,7 +69,7 @@ def touch_results(
         )
 
 
-def plane_flags(index: VolumeError, on_plane_mm: Floats) -> Iterator[Flag]:
+def plane_flags(index: VolumeError, on_plane_mm: Floats) -> Iterator[AlignmentWarning]:
     """Flag what the disposition of the touches leaves weak.
 
     Args:
@@ -78,7 +78,7 @@ def plane_flags(index: VolumeError, on_plane_mm: Floats) -> Iterator[Flag]:
     """
     shape = shape_of(on_plane_mm)
     if shape.straightness < STRAIGHT:
-        yield Flag(
+        yield AlignmentWarning(
             "nearly_collinear",
             f"the touches of the plane are nearly collinear (within "
             f"{shape.straightness:.1%} of their length): the rotation about the "
@@ -87,7 +87,7 @@ def plane_flags(index: VolumeError, on_plane_mm: Floats) -> Iterator[Flag]:
             shape.axes[0],
         )
     if index.rms_mm > POOR_INDEX:
-        yield Flag(
+        yield AlignmentWarning(
             "small_for_the_volume",
             f"places in the volume are {index.rms_mm:.1f} times as uncertain as a "
             f"touch, {index.max_mm:.1f} times at its worst place: plane and line are "
@@ -95,11 +95,11 @@ def plane_flags(index: VolumeError, on_plane_mm: Floats) -> Iterator[Flag]:
         )
 
 
-def centre_flags(touches: Sequence[Touch]) -> Iterator[Flag]:
+def centre_flags(touches: Sequence[Touch]) -> Iterator[AlignmentWarning]:
     """Flag places that are not on the surfaces that the nominal file tells of."""
     off_mm = max((touch.off_mm or 0.0 for touch in touches), default=0.0)
     if off_mm > 0.0:
-        yield Flag(
+        yield AlignmentWarning(
             "ball_centres",
             f"touches are centres of a ball of {off_mm:g} mm radius: nominal plane, "
             "line and point have to lie so far off the surfaces; else take points with "

@@ -15,12 +15,12 @@ from traverse.kinematics.helmert.volume import Ball, Box, Volume
 from traverse.lab.measured_points.measurement import reach_of
 
 Floats = NDArray[np.float64]
-VolumeOf = Callable[[Helmert], Volume]
+VolumeFunction = Callable[[Helmert], Volume]
 
 REACH = "reach"
 
 
-def volume_from_text(text: str, arm: Arm | None) -> VolumeOf:
+def volume_from_text(text: str, arm: Arm | None) -> VolumeFunction:
     """Read what was given for a volume.
 
     Args:
@@ -63,6 +63,6 @@ def box_around(places_mm: Floats) -> Box:
     return Box(places_mm.min(axis=0), places_mm.max(axis=0))
 
 
-def fixed_volume(volume: Volume) -> VolumeOf:
+def fixed_volume(volume: Volume) -> VolumeFunction:
     """Take a volume that is known in the part's system."""
     return lambda _: volume

@@ -21,13 +21,13 @@ from traverse.lab.campaign.campaign_file import CampaignFile
 from traverse.lab.collection.plan import PlanFile
 from traverse.lab.collection.targets import Target
 from traverse.protocol.messages import Point
-from traverse.strict_toml.writing import write_whole
+from traverse.strict_toml.writing import write_atomically
 
 JOURNAL = "collected.jsonl"
 
 
 @dataclass(frozen=True, slots=True)
-class Touch:
+class CollectedTouch:
     """One collected point; lists have an entry a joint.
 
     Attributes:
@@ -72,7 +72,7 @@ class Collection:
     joint_names: Sequence[str]
     targets: tuple[Target, ...]
     plan: PlanFile | None = None
-    touches: dict[str, Touch] = field(default_factory=dict)
+    touches: dict[str, CollectedTouch] = field(default_factory=dict)
     _retracted: set[str] = field(default_factory=set)
 
     def resume(self) -> None:
@@ -107,14 +107,14 @@ class Collection:
             raise FileError(str(journal), problems)
         self._write_table()
 
-    def take(self, touch: Touch) -> bool:
+    def take(self, touch: CollectedTouch) -> bool:
         """Keep a point, on the disk too; False where it is known already."""
         if touch.id in self.touches or touch.id in self._retracted:
             return False
         self._keep(asdict(touch))
         return True
 
-    def take_all(self, touches: Iterable[Touch]) -> None:
+    def take_all(self, touches: Iterable[CollectedTouch]) -> None:
         """Keep many points that were captured before."""
         entries = [asdict(touch) for touch in touches if touch.id not in self.touches]
         self._keep(*entries)
@@ -130,7 +130,7 @@ class Collection:
         """How often a target has been touched."""
         return len(self.of(target.artefact, target.feature))
 
-    def of(self, artefact: str, feature: str | None = None) -> list[Touch]:
+    def of(self, artefact: str, feature: str | None = None) -> list[CollectedTouch]:
         """The touches of an artefact, or of one of its features."""
         return [
             touch
@@ -164,7 +164,7 @@ class Collection:
             self.touches.pop(entry["retracts"])
             self._retracted.add(entry["retracts"])
             return
-        touch = Touch(**entry)
+        touch = CollectedTouch(**entry)
         if len(touch.angles_rad) != len(self.joint_names):
             raise ValueError(
                 f"{len(touch.angles_rad)} angles, but the arm has "
@@ -208,7 +208,7 @@ class Collection:
                     *(touch.direction or (None, None, None)),
                 ]
             )
-        write_whole(self.folder / self.file.poses, text.getvalue())
+        write_atomically(self.folder / self.file.poses, text.getvalue())
 
 
 def touch_of(
@@ -216,7 +216,7 @@ def touch_of(
     target: Target,
     approach: np.ndarray | None,
     speed_rad_s: np.ndarray | None,
-) -> Touch:
+) -> CollectedTouch:
     """A captured point as one touch of a target."""
     direction = None
     # Along the shank is assumed, the other methods have seen the direction.
@@ -225,7 +225,7 @@ def touch_of(
         length_mm = float(np.linalg.norm(way_mm))
         if length_mm > 0.0:
             direction = (way_mm / length_mm).tolist()
-    return Touch(
+    return CollectedTouch(
         id=point.id,
         session=point.session,
         seq=point.seq,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from traverse.kinematics.fits import fit_sphere, spread_about_mean
 from traverse.lab.artefacts.ball_bar import BallBar
-from traverse.lab.collection.collection import Collection, Touch
+from traverse.lab.collection.collection import CollectedTouch, Collection
 
 Floats = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ _HEIGHTS = " ▁▂▃▄▅▆▇█"
 def agreement(collection: Collection, artefact: str, kind: str) -> str:
     """How well the touches of an artefact agree so far; empty if that is not known."""
     touches = collection.of(artefact)
-    by_feature: dict[str, list[Touch]] = {}
+    by_feature: dict[str, list[CollectedTouch]] = {}
     for touch in touches:
         by_feature.setdefault(touch.feature, []).append(touch)
     try:
@@ -58,7 +58,7 @@ def agreement(collection: Collection, artefact: str, kind: str) -> str:
         return ""  # too few touches for a figure
 
 
-def coverage(touches: Sequence[Touch], n_joints: int) -> NDArray[np.int64]:
+def coverage(touches: Sequence[CollectedTouch], n_joints: int) -> NDArray[np.int64]:
     """Touches in each of 36 sectors of a turn from reading 0 on, (n_joints, 36)."""
     counts = np.zeros((n_joints, SECTORS), dtype=np.int64)
     for touch in touches:
@@ -81,7 +81,7 @@ def _known_mm(collection: Collection, artefact: str) -> float:
     return bar.distance_mm if isinstance(bar, BallBar) else np.nan
 
 
-def _places(touches: Sequence[Touch]) -> Floats:
+def _places(touches: Sequence[CollectedTouch]) -> Floats:
     return np.array([touch.xyz_mm for touch in touches], dtype=np.float64)
 
 

@@ -11,11 +11,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from traverse.lab.daily_check.control_chart import Checked
+from traverse.lab.daily_check.control_chart import ChartPoint
 from traverse.lab.daily_check.false_alarm_rates import EWMA_LIMIT
-from traverse.lab.daily_check.report import FigureChart, InterimReport
+from traverse.lab.daily_check.report import DailyCheckReport, FigureChart
 from traverse.lab.report.figures import BLUE, GREY, ORANGE, VERMILION
-from traverse.strict_toml.writing import write_whole
+from traverse.strict_toml.writing import write_atomically
 
 DPI = 110
 ROWS = 9
@@ -23,7 +23,7 @@ SHOWN = 60
 _UM = 1000.0
 
 
-def chart_png(report: InterimReport) -> bytes:
+def chart_png(report: DailyCheckReport) -> bytes:
     """All charts as a picture: values with limits, moving ranges, weighted means."""
     figure = Figure(figsize=(11.0, 2.6 * len(report.charts)), layout="constrained")
     FigureCanvasAgg(figure)
@@ -52,12 +52,12 @@ def chart_png(report: InterimReport) -> bytes:
     return file.getvalue()
 
 
-def write_charts(report: InterimReport, folder: Path) -> list[str]:
+def write_charts(report: DailyCheckReport, folder: Path) -> list[str]:
     """Write chart.png and chart.html; gives their names."""
     folder.mkdir(parents=True, exist_ok=True)
     picture = chart_png(report)
     (folder / "chart.png").write_bytes(picture)
-    write_whole(folder / "chart.html", _page(report, picture))
+    write_atomically(folder / "chart.html", _page(report, picture))
     return ["chart.png", "chart.html"]
 
 
@@ -129,7 +129,7 @@ def _mark(
     cell: Axes,
     numbers: NDArray[np.int64],
     values: list[float],
-    points: tuple[Checked, ...],
+    points: tuple[ChartPoint, ...],
 ) -> None:
     colours = [VERMILION if p.alarms else BLUE for p in points]
     cell.scatter(numbers, values, c=colours, s=9, zorder=3)
@@ -139,7 +139,7 @@ def _or_nan(value: float | None) -> float:
     return float("nan") if value is None else value
 
 
-def _page(report: InterimReport, picture: bytes) -> str:
+def _page(report: DailyCheckReport, picture: bytes) -> str:
     check = report.checks[-1]
     state = "in control" if report.is_in_control else "OUT OF CONTROL"
     rows = "".join(

@@ -45,7 +45,7 @@ class Rule:
 
 
 @dataclass(frozen=True, slots=True)
-class Checked:
+class ChartPoint:
     """One value on its chart; in units of its own standard deviation where it says so.
 
     Attributes:
@@ -81,7 +81,7 @@ def rules(side: Side) -> tuple[Rule, Rule, Rule]:
     )
 
 
-def charted(values: Sequence[float], *, positive: bool) -> list[Checked]:
+def charted(values: Sequence[float], *, positive: bool) -> list[ChartPoint]:
     """Judge values in the order in which they were measured.
 
     Args:
@@ -97,7 +97,7 @@ def charted(values: Sequence[float], *, positive: bool) -> list[Checked]:
     side: Side = "above" if positive else "both"
     scale = np.sqrt(given) if positive else given
     base: list[float] = []
-    found: list[Checked] = []
+    found: list[ChartPoint] = []
     ewma, before = 0.0, None
     for value, x in zip(given.tolist(), scale.tolist(), strict=True):
         q: float | None = None
@@ -108,7 +108,7 @@ def charted(values: Sequence[float], *, positive: bool) -> list[Checked]:
         step = None if q is None or before is None else q - before
         alarms = _alarms(side, q, step, ewma)
         found.append(
-            Checked(
+            ChartPoint(
                 value, q, None if step is None else abs(step), ewma, *limits, alarms
             )
         )

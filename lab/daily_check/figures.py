@@ -10,7 +10,7 @@ from traverse.lab.measured_points.certified_values import (
     certified_sphere,
 )
 from traverse.lab.measured_points.fitted_sphere import fitted_sphere
-from traverse.lab.measured_points.measurement import Measured
+from traverse.lab.measured_points.measurement import Measurement
 
 FEWEST_CONE, FEWEST_SPHERE = 5, 9
 
@@ -63,7 +63,7 @@ KINDS = (
 
 
 @dataclass(frozen=True, slots=True)
-class InterimFigures:
+class DailyCheckFigures:
     """What a check gave.
 
     Attributes:
@@ -85,7 +85,7 @@ class InterimFigures:
     temperature_c: float | None
 
 
-def interim_figures(measured: Measured) -> InterimFigures:
+def daily_check_figures(measured: Measurement) -> DailyCheckFigures:
     """Compute the figures of a campaign with one cone and one calibrated sphere.
 
     Raises:
@@ -113,7 +113,7 @@ def interim_figures(measured: Measured) -> InterimFigures:
     scatter, found = articulation_of(seat), fitted_sphere(sphere, touched, ball)
     warm_c = np.concatenate([seat.temperature_c, touched.temperature_c])
     known_c = warm_c[np.isfinite(warm_c)]
-    return InterimFigures(
+    return DailyCheckFigures(
         spat_2s_mm=scatter.two_s_mm,
         spat_max_mm=scatter.largest_mm,
         sphere_form_mm=found.form_mm,

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
-from traverse.lab.daily_check.figures import InterimFigures
+from traverse.lab.daily_check.figures import DailyCheckFigures
 
 VERSION = 1
 APPLICATION = 0x54525649  # "TRVI"
@@ -32,7 +32,7 @@ CREATE TABLE checks (
     UNIQUE (arm, data_digest)
 )
 """
-_FIGURES = [field.name for field in fields(InterimFigures)]
+_FIGURES = [field.name for field in fields(DailyCheckFigures)]
 _COLUMNS = ["time_utc", "arm", "arm_digest", "data_digest", "begins", *_FIGURES]
 
 
@@ -58,7 +58,7 @@ class Check:
     arm_digest: str
     data_digest: str
     begins: str
-    figures: InterimFigures
+    figures: DailyCheckFigures
 
 
 @contextlib.contextmanager
@@ -132,7 +132,9 @@ def checks_of(path: Path, arm: str) -> list[Check]:
     n = len(_COLUMNS) - len(_FIGURES)
     own = [field.name for field in fields(Check)][:n]
     return [
-        Check(**dict(zip(own, row[:n], strict=True)), figures=InterimFigures(*row[n:]))
+        Check(
+            **dict(zip(own, row[:n], strict=True)), figures=DailyCheckFigures(*row[n:])
+        )
         for row in rows
     ]
 

@@ -9,7 +9,7 @@ from typing import Any
 from traverse.kinematics.arm_file.arm import FileError, Problem
 from traverse.lab.acceptance.certificate.values import SCHEMA as CERTIFICATE
 from traverse.lab.acceptance.conformity.limits import NO_LIMITS, Limits
-from traverse.lab.daily_check.control_chart import Checked, charted, rules
+from traverse.lab.daily_check.control_chart import ChartPoint, charted, rules
 from traverse.lab.daily_check.figures import KINDS, FigureKind
 from traverse.lab.daily_check.history import Check, since_base
 
@@ -28,12 +28,12 @@ class FigureChart:
     """
 
     kind: FigureKind
-    points: tuple[Checked, ...]
+    points: tuple[ChartPoint, ...]
     limit_mm: float | None
     accepted_mm: float | None
 
     @property
-    def last(self) -> Checked:
+    def last(self) -> ChartPoint:
         """The check in question."""
         return self.points[-1]
 
@@ -44,7 +44,7 @@ class FigureChart:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class InterimReport:
+class DailyCheckReport:
     """All charts, judged at the last check.
 
     Attributes:
@@ -78,7 +78,7 @@ def report_of(
     checks: Sequence[Check],
     limits: Limits = NO_LIMITS,
     certificate: Mapping[str, Any] | None = None,
-) -> InterimReport:
+) -> DailyCheckReport:
     """Judge the last of some checks of an arm.
 
     Args:
@@ -105,7 +105,7 @@ def report_of(
     told = None
     if certificate is not None:
         told = f"{certificate['standard']} of {certificate['date_utc']}"
-    return InterimReport(
+    return DailyCheckReport(
         tuple(own), tuple(charts), told, tuple(_remarks(own, certificate))
     )
 
@@ -128,7 +128,7 @@ def read_certificate(path: Path, arm: str) -> dict[str, Any]:
     return dict(values)
 
 
-def report_values(report: InterimReport) -> dict[str, Any]:
+def report_values(report: DailyCheckReport) -> dict[str, Any]:
     """Put a report into plain values."""
     check = report.checks[-1]
     return {

@@ -15,11 +15,11 @@ from traverse.lab.identification.equations.noise import a_priori_noise
 from traverse.lab.identification.equations.parameters import ArmValues, Parameters
 from traverse.lab.identification.equations.station_equations import start_state
 from traverse.lab.identification.results.postprocessing import (
+    arm_of_adjustment,
     artefact_results,
     cartesian_covariance,
     condition_number,
     global_test,
-    identified_arm,
     parameter_estimates,
     rms_mm,
     variance_factor,
@@ -31,7 +31,7 @@ from traverse.lab.identification.results.undetermined import (
 )
 from traverse.lab.identification.solve.adjustment import Progress
 from traverse.lab.identification.solve.coarse_start import coarse_start
-from traverse.lab.identification.solve.iterative_adjustment import Rounds
+from traverse.lab.identification.solve.iterative_adjustment import IterativeAdjustment
 from traverse.lab.identification.solve.options import Options
 from traverse.lab.identification.solve.serial_noise import serial_noise
 
@@ -77,13 +77,13 @@ def identify(
     if options.coarse_start:
         coarse = coarse_start(campaign, parameters, design, radius_mm)
         design, zero_offsets_rad = coarse.arm, coarse.zero_offsets_rad
-    run = Rounds(design, options, radius_mm, progress)
-    alone, found, included, critical = run.to_the_end(network)
+    run = IterativeAdjustment(design, options, radius_mm, progress)
+    alone, found, included, critical = run.run(network)
     adjustment, serial = alone, None
     sigma0, redundancy, shared = alone.sigma0, alone.redundancy, 1.0
     if campaign.is_stream:
         serial = serial_noise(alone)
-        adjustment = run.less_weight(alone, serial)
+        adjustment = run.with_stream_weights(alone, serial)
         redundancy, shared = serial.redundancy, serial.samples_per_square
         sigma0 = float(np.sqrt(alone.system.sum_of_squares / max(redundancy, 1)))
     test = global_test(
@@ -96,7 +96,7 @@ def identify(
     covariance = factor * inverse @ inverse.T
     poses = np.flatnonzero(included)
     return Identification(
-        arm=identified_arm(arm, adjustment),
+        arm=arm_of_adjustment(arm, adjustment),
         design=arm,
         campaign=campaign,
         adjustment=adjustment,

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.lab.measured_points.measurement import Touched
+from traverse.lab.measured_points.measurement import ArtefactTouches
 
 Floats = NDArray[np.float64]
 
@@ -34,7 +34,7 @@ class Articulation:
         return 2.0 * float(np.sqrt(squares_mm2 / (len(self.delta_mm) - 1)))
 
 
-def articulation_of(touched: Touched) -> Articulation:
+def articulation_of(touched: ArtefactTouches) -> Articulation:
     """Take touches of one seat, two or more."""
     mean_mm = touched.places_mm.mean(axis=0)
     delta_mm = np.linalg.norm(touched.places_mm - mean_mm, axis=1)

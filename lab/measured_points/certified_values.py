@@ -8,7 +8,7 @@ from traverse.lab.artefacts.ball_bar import BallBar
 from traverse.lab.artefacts.parallel_planes import ParallelPlanes
 from traverse.lab.artefacts.points import Points
 from traverse.lab.artefacts.sphere import Sphere
-from traverse.lab.measured_points.measurement import Touched
+from traverse.lab.measured_points.measurement import ArtefactTouches
 
 Floats = NDArray[np.float64]
 
@@ -17,7 +17,7 @@ class IncompleteError(ValueError):
     """A figure cannot be computed; says what is missing or too much."""
 
 
-def warmer_c(artefact: Artefact, touched: Touched) -> float:
+def warmer_c(artefact: Artefact, touched: ArtefactTouches) -> float:
     """Say by how much it was warmer than at its certificate.
 
     Raises:
@@ -35,7 +35,7 @@ def warmer_c(artefact: Artefact, touched: Touched) -> float:
     return float(known.mean()) - reference_c
 
 
-def growth(artefact: Artefact, touched: Touched) -> float:
+def growth(artefact: Artefact, touched: ArtefactTouches) -> float:
     """Say by which factor its lengths had grown."""
     return 1.0 + artefact.expansion[0] * warmer_c(artefact, touched)
 

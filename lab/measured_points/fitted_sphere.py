@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from traverse.kinematics.fits import Sphere, fit_sphere, fit_sphere_of_radius
 from traverse.lab.artefacts.sphere import Sphere as TestSphere
 from traverse.lab.measured_points.certified_values import IncompleteError, growth
-from traverse.lab.measured_points.measurement import Touched
+from traverse.lab.measured_points.measurement import ArtefactTouches
 
 Floats = NDArray[np.float64]
 
@@ -30,7 +30,9 @@ class FittedSphere:
     form_mm: float
 
 
-def fitted(touched: Touched, what: str, radius_mm: float | None = None) -> Sphere:
+def fitted(
+    touched: ArtefactTouches, what: str, radius_mm: float | None = None
+) -> Sphere:
     """Fit a sphere to the places of the ball's centre.
 
     Raises:
@@ -44,7 +46,9 @@ def fitted(touched: Touched, what: str, radius_mm: float | None = None) -> Spher
         raise IncompleteError(f"{what}: {error}") from error
 
 
-def fitted_sphere(sphere: TestSphere, touched: Touched, what: str) -> FittedSphere:
+def fitted_sphere(
+    sphere: TestSphere, touched: ArtefactTouches, what: str
+) -> FittedSphere:
     """Fit the touches of a calibrated sphere.
 
     Raises:

@@ -13,7 +13,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Touched:
+class ArtefactTouches:
     """The touches of one artefact, in the order in which they were made.
 
     Attributes:
@@ -31,21 +31,21 @@ class Touched:
     def __len__(self) -> int:
         return len(self.features)
 
-    def part(self, rows: list[int]) -> "Touched":
+    def part(self, rows: list[int]) -> "ArtefactTouches":
         """Take some of the touches."""
-        return Touched(
+        return ArtefactTouches(
             self.places_mm[rows],
             tuple(self.features[row] for row in rows),
             self.temperature_c[rows],
             self.tip_mm[rows],
         )
 
-    def of(self, feature: str) -> "Touched":
+    def of(self, feature: str) -> "ArtefactTouches":
         """Take the touches of a feature."""
         rows = [row for row, name in enumerate(self.features) if name == feature]
         return self.part(rows)
 
-    def runs(self) -> list["Touched"]:
+    def runs(self) -> list["ArtefactTouches"]:
         """Cut where the feature changes."""
         starts = [
             row
@@ -60,7 +60,7 @@ class Touched:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Measured:
+class Measurement:
     """Everything that was touched, with the artefacts' certificates.
 
     Attributes:
@@ -73,15 +73,15 @@ class Measured:
     """
 
     artefacts: Mapping[str, Artefact]
-    touched: Mapping[str, Touched]
+    touched: Mapping[str, ArtefactTouches]
     arm_name: str
     shoulder_mm: Floats
     reach_mm: float
     notes: tuple[str, ...] = ()
 
-    def of(self, name: str) -> Touched:
+    def of(self, name: str) -> ArtefactTouches:
         """The touches of an artefact; none where there are none."""
-        empty = Touched(np.empty((0, 3)), (), np.empty(0), np.empty(0))
+        empty = ArtefactTouches(np.empty((0, 3)), (), np.empty(0), np.empty(0))
         return self.touched.get(name, empty)
 
     def distance_share(self, places_mm: Floats) -> Floats:
@@ -103,13 +103,13 @@ def reach_of(arm: Arm) -> tuple[Floats, float]:
     return shoulder_mm, float(np.sum(np.linalg.norm(links_mm[first:], axis=1)))
 
 
-def sorted_touches(
+def measurement_of_touches(
     arm: Arm,
     artefacts: Mapping[str, Artefact],
     names: tuple[Sequence[str], Sequence[str]],
     numbers: Floats,
     notes: Iterable[str],
-) -> Measured:
+) -> Measurement:
     """Sort touches by artefact.
 
     Args:
@@ -124,7 +124,7 @@ def sorted_touches(
         by_name.setdefault(name, []).append(row)
     shoulder_mm, reach_mm = reach_of(arm)
     touched = {
-        name: Touched(
+        name: ArtefactTouches(
             numbers[rows, :3],
             tuple(names[1][row] for row in rows),
             numbers[rows, 3],
@@ -132,7 +132,7 @@ def sorted_touches(
         )
         for name, rows in by_name.items()
     }
-    return Measured(
+    return Measurement(
         artefacts=artefacts,
         touched=touched,
         arm_name=arm.name,

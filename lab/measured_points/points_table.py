@@ -7,7 +7,7 @@ import numpy as np
 
 from traverse.kinematics.arm_file.arm import Arm, FileError, Problem
 from traverse.lab.campaign.campaign_file import CampaignFile
-from traverse.lab.measured_points.measurement import Measured, sorted_touches
+from traverse.lab.measured_points.measurement import Measurement, measurement_of_touches
 from traverse.strict_toml.problems import shown, unknown_name_message
 
 _PLACE = ("x_mm", "y_mm", "z_mm")
@@ -27,7 +27,7 @@ def _header(path: Path) -> list[str]:
         return []  # whose reader says what is wrong
 
 
-def read_points_table(path: Path, file: CampaignFile, arm: Arm) -> Measured:
+def read_points_table(path: Path, file: CampaignFile, arm: Arm) -> Measurement:
     """Read a table of points: artefact, feature, x_mm, y_mm, z_mm, in any order.
 
     Of further columns temperature_c and probe_radius_mm are looked at, no others.
@@ -69,4 +69,4 @@ def read_points_table(path: Path, file: CampaignFile, arm: Arm) -> Measured:
         problems.append(Problem("", "holds no points; measure some"))
     if problems:
         raise FileError(str(path), problems)
-    return sorted_touches(arm, artefacts, names, np.array(numbers), ())
+    return measurement_of_touches(arm, artefacts, names, np.array(numbers), ())

@@ -26,14 +26,14 @@ from traverse.lab.identification.equations.plausible_sizes import (
     campaign_span,
     campaign_start,
 )
-from traverse.lab.measured_points.measurement import Measured, sorted_touches
+from traverse.lab.measured_points.measurement import Measurement, measurement_of_touches
 from traverse.lab.measured_points.points_table import is_point_table, read_points_table
 from traverse.recording.reader import read_recording
 
 Floats = NDArray[np.float64]
 
 
-def read_measured(data: Path, arm: Arm) -> Measured:
+def read_measured(data: Path, arm: Arm) -> Measurement:
     """Read a campaign's folder, whose poses may be a table of exported points.
 
     Args:
@@ -80,7 +80,7 @@ def files_read(data: Path) -> tuple[Path, ...]:
 
 def measured_campaign(
     campaign: Campaign, arm: Arm, artefacts: Sequence[Artefact], source: str = ""
-) -> Measured:
+) -> Measurement:
     """Compute the ball's centres of a campaign with the arm file.
 
     Args:
@@ -129,7 +129,7 @@ def measured_campaign(
             "artefact_length of the arm file is not applied: what a standard is long "
             "says its certificate"
         )
-    return sorted_touches(
+    return measurement_of_touches(
         arm,
         {artefact.id: artefact for artefact in artefacts},
         (touched, features),
@@ -173,7 +173,7 @@ def _runs(
     return groups
 
 
-def _from_recording(path: Path, arm: Arm) -> Measured:
+def _from_recording(path: Path, arm: Arm) -> Measurement:
     """Read a recording with its own campaign file; its arm file gives the readings."""
     recording = read_recording(path)
     if recording.campaign_text is None:

@@ -6,7 +6,7 @@ import contextlib
 import aiomqtt
 import pytest
 
-from traverse.broker.diagnosing_client import SilentEndError, Visitor
+from traverse.broker.diagnosing_client import ConnectionClosedError, DiagnosingClient
 
 HOST = "127.0.0.1"
 
@@ -25,8 +25,8 @@ async def test_an_end_without_an_answer_is_told_at_once():
         writer.close()
 
     async with door(close) as port:
-        with pytest.raises(SilentEndError):
-            await Visitor(HOST, port).__aenter__()
+        with pytest.raises(ConnectionClosedError):
+            await DiagnosingClient(HOST, port).__aenter__()
 
 
 async def test_who_does_not_wait_for_the_answer_leaves():
@@ -40,7 +40,7 @@ async def test_who_does_not_wait_for_the_answer_leaves():
         writer.close()
 
     async with door(be_silent) as port:
-        visit = asyncio.create_task(Visitor(HOST, port).__aenter__())
+        visit = asyncio.create_task(DiagnosingClient(HOST, port).__aenter__())
         await came.wait()
         visit.cancel()
         with pytest.raises(asyncio.CancelledError):
@@ -51,7 +51,7 @@ async def test_who_does_not_wait_for_the_answer_leaves():
 
 async def test_a_cancellation_as_the_work_ends_is_not_forgotten():
     work = asyncio.get_running_loop().create_future()
-    waiting = asyncio.create_task(Visitor("nowhere")._wait_for(work, None))
+    waiting = asyncio.create_task(DiagnosingClient("nowhere")._wait_for(work, None))
     await asyncio.sleep(0)
     work.set_result("done")
     waiting.cancel()
@@ -62,5 +62,5 @@ async def test_a_cancellation_as_the_work_ends_is_not_forgotten():
 async def test_work_that_takes_too_long_is_given_up():
     work = asyncio.get_running_loop().create_future()
     with pytest.raises(aiomqtt.MqttError, match="timed out"):
-        await Visitor("nowhere")._wait_for(work, 0.01)
+        await DiagnosingClient("nowhere")._wait_for(work, 0.01)
     assert work.cancelled()

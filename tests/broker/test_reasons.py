@@ -10,7 +10,7 @@ import pytest
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.reasoncodes import ReasonCode
 
-from traverse.broker.diagnosing_client import SilentEndError
+from traverse.broker.diagnosing_client import ConnectionClosedError
 from traverse.broker.reasons import Wording, is_refusal, reason_of
 from traverse.broker.tls import tls_context
 
@@ -131,8 +131,10 @@ def test_what_the_network_says_is_found_behind_aiomqtts_sentence(error, words):
 
 
 def test_a_silent_end_may_mean_that_tls_is_wanted():
-    assert "does it want TLS? Then speak TLS" in told(SilentEndError(), tls=False)
-    assert told(SilentEndError()) == "it closes the connection without a word"
+    assert "does it want TLS? Then speak TLS" in told(
+        ConnectionClosedError(), tls=False
+    )
+    assert told(ConnectionClosedError()) == "it closes the connection without a word"
 
 
 def test_what_nobody_foresaw_is_told_as_it_is():

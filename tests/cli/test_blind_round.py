@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.proofs.campaigns import demo_arm
 from traverse.cli.blind_round import Scenario, hide
-from traverse.cli.blind_sizes import exact_campaign, ruler
+from traverse.cli.blind_sizes import noise_free_campaign, ruler
 from traverse.lab.diagnosis.holdout.holdout import split
 from traverse.lab.diagnosis.model.fit import fitted
 from traverse.simulator.campaigns.blind.effects import EFFECT_KINDS
@@ -20,7 +20,7 @@ POSE_SEED = 1
 @cache
 def measure(n_lengths=1):
     poses = pose_set(demo_arm(), POSE_SEED, n_lengths)
-    choosing, _ = split(exact_campaign(poses), POSE_SEED)
+    choosing, _ = split(noise_free_campaign(poses), POSE_SEED)
     return ruler(poses, poses.arm, choosing)
 
 
@@ -51,7 +51,7 @@ def test_a_size_is_what_a_fit_without_the_effect_leaves_over(kind):
     of = measure()
     (effect,) = effects_of(kind, of, 1)
     assert np.linalg.norm(of.signal((effect,))) == pytest.approx(10.0, rel=1e-4)
-    campaign = exact_campaign(played(of.poses, (effect,)))
+    campaign = noise_free_campaign(played(of.poses, (effect,)))
     choosing, _ = split(campaign, POSE_SEED)
     left = fitted(campaign, of.poses.arm, choosing).adjustment.system.sum_of_squares
     assert np.sqrt(left) == pytest.approx(10.0, rel=0.02)

@@ -13,7 +13,7 @@ import traverse.cli
 from tests.client.display.values import point
 from tests.protocol.message_examples import SCAN
 from traverse.cli.__main__ import app
-from traverse.daemon.store.database import OutboxStore
+from traverse.daemon.store.database import MessageDatabase
 from traverse.daemon.store.records import Entry
 from traverse.lab.campaign.campaign import read_campaign
 from traverse.protocol.encoding import encode
@@ -59,7 +59,7 @@ def lines(tmp_path: Path) -> Path:
 @pytest.fixture
 def outbox(tmp_path: Path) -> Path:
     """The same in an outbox."""
-    store = OutboxStore(tmp_path / "outbox.db")
+    store = MessageDatabase(tmp_path / "outbox.db")
     store.add(
         [
             Entry(

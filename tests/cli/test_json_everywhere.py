@@ -17,7 +17,7 @@ from tests.end_to_end.programs import Program
 from tests.mosquitto import Mosquitto
 from tests.protocol.message_examples import POINT
 from traverse.cli.__main__ import app
-from traverse.daemon.store.database import OutboxStore
+from traverse.daemon.store.database import MessageDatabase
 from traverse.daemon.store.records import Entry
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.protocol.encoding import encode
@@ -90,7 +90,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "touched.csv").write_text(NOMINAL)
     (folder / "table.csv").write_text(DH)
     (folder / "robot.urdf").write_text(ROBOT)
-    store = OutboxStore(folder / "outbox.db")
+    store = MessageDatabase(folder / "outbox.db")
     about = (POINT.session, 10**18, "", POINT.seq, POINT.id, POINT.time_ns)
     store.add([Entry(*about, "traverse/bench-7/point", "json", point)])
     store.close()

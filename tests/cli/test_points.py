@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from tests.protocol.message_examples import POINT, RETRACTION
 from traverse.cli.__main__ import app
-from traverse.daemon.store.database import OutboxStore
+from traverse.daemon.store.database import MessageDatabase
 from traverse.daemon.store.records import Entry
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Point
@@ -39,7 +39,7 @@ def path(tmp_path):
     """Three messages of monday, two of them sent; two of tuesday, one in JSON."""
     folder = tmp_path / "state"
     folder.mkdir()
-    store = OutboxStore(folder / "outbox.db")
+    store = MessageDatabase(folder / "outbox.db")
     monday = [entry(POINT, "monday", seq) for seq in range(2)]
     store.add([*monday, entry(RETRACTION, "monday", 2)])
     store.mark_sent([(1, 2)])
@@ -129,7 +129,7 @@ def test_messages_in_json_are_those_that_were_published(path, tmp_path):
 
 
 def test_what_cannot_be_read_is_named_and_the_rest_is_written(path):
-    store = OutboxStore(path)
+    store = MessageDatabase(path)
     good = entry(POINT, "tuesday", 2)
     store.add([Entry(*(*_fields(good)[:-1], b"rubbish"))])
     store.close()

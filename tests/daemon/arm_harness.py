@@ -5,8 +5,8 @@ import asyncio
 from tests.daemon.two_devices import BEGIN_NS, base, model_on_two, wrist
 from tests.daemon.values import SetClock, kept_at_once
 from traverse.daemon.acquisition.device import Device
-from traverse.daemon.acquisition.joint_devices import ArmDevices
-from traverse.daemon.commands.points import PointRequests
+from traverse.daemon.acquisition.joint_devices import JointDevices
+from traverse.daemon.commands.points import PointCommands
 from traverse.daemon.config.devices import section_of
 from traverse.daemon.config.schema import (
     AssemblySection,
@@ -16,12 +16,12 @@ from traverse.daemon.config.schema import (
 from traverse.daemon.delivery_dispatcher import Measuring
 from traverse.daemon.health import HealthReport
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.points.capture import Capture, Triggers
-from traverse.daemon.pose.live import LiveView
+from traverse.daemon.points.capture import Capture, TriggerMap
+from traverse.daemon.pose.live import LivePoseSampler
 from traverse.daemon.pose.pipeline import Pipeline
 from traverse.daemon.pose.uncertainty import Uncertainty
 from traverse.daemon.scans.scanner import Scanner
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import Driver
 from traverse.drivers.base.values import (
     DeviceUp,
@@ -41,8 +41,8 @@ RATES_HZ = {"base": 100.0, "wrist": 80.0}
 class DeafDriver(Driver):
     """A driver whose device a test plays; remembers what it was told."""
 
-    def __init__(self, device, crossing):
-        super().__init__(device, crossing)
+    def __init__(self, device, delivery_queue):
+        super().__init__(device, delivery_queue)
         self.rates_hz: list[float] = []
         self.acknowledged: list[int] = []
 
@@ -71,7 +71,7 @@ class ArmBench:
         self.model = model or model_on_two(folder)
         self.points, self.events, self.live, self.scans = [], [], [], []
         self.devices = {name: self.device(name) for name in IDENTITIES}
-        self.arm_devices = ArmDevices(self.model, list(self.devices.values()))
+        self.arm_devices = JointDevices(self.model, list(self.devices.values()))
         events = EventLog(self.clock, self.events.append)
         self.scanner = Scanner(
             self.clock, lambda scan: not self.scans.append(scan), 0.05
@@ -86,9 +86,9 @@ class ArmBench:
             uncertainty=Uncertainty(uncertainty or UncertaintySection()),
             pipeline=self.pipeline,
             capture=self.capture,
-            triggers=Triggers({("handle", 0): "button", ("base", 0): "switch"}),
+            triggers=TriggerMap({("handle", 0): "button", ("base", 0): "switch"}),
             scanner=self.scanner,
-            live=LiveView(self.clock, 20.0),
+            live=LivePoseSampler(self.clock, 20.0),
             events=events,
             health=HealthReport(self.clock),
             offer_live=self.live.append,
@@ -96,7 +96,7 @@ class ArmBench:
             taking=CaptureSection(**(capture or {})),
         )
         self.sessions = []
-        self.point_requests = PointRequests(
+        self.point_requests = PointCommands(
             settings=CaptureSection(**(capture or {})),
             devices=self.arm_devices,
             capture=self.capture,
@@ -113,8 +113,8 @@ class ArmBench:
         section = section_of(
             {"id": name, "driver": "latch-board", "port": f"/dev/{name}"}
         )
-        crossing = Crossing(asyncio.get_running_loop())
-        return Device(section, crossing, DeafDriver(name, crossing))
+        delivery_queue = DeliveryQueue(asyncio.get_running_loop())
+        return Device(section, delivery_queue, DeafDriver(name, delivery_queue))
 
     def close(self):
         for device in self.devices.values():
@@ -140,7 +140,7 @@ class ArmBench:
 
     def later(self, seconds):
         self.clock.now_ns += int(seconds * 1e9)
-        self.measuring.keep_time()
+        self.measuring.process_timeouts()
 
     def codes(self):
         return [event.code for event in self.events]

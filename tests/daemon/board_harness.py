@@ -4,15 +4,15 @@ import asyncio
 
 from tests.daemon.values import MODULI, SetClock, kept_at_once
 from traverse.daemon.acquisition.device import open_device
-from traverse.daemon.acquisition.joint_devices import ArmDevices
+from traverse.daemon.acquisition.joint_devices import JointDevices
 from traverse.daemon.config.devices import section_of
 from traverse.daemon.config.schema import AssemblySection, UncertaintySection
 from traverse.daemon.delivery_dispatcher import Measuring
 from traverse.daemon.health import HealthReport
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.points.capture import Capture, Triggers
-from traverse.daemon.pose.alignment import PartSystem
-from traverse.daemon.pose.live import LiveView
+from traverse.daemon.points.capture import Capture, TriggerMap
+from traverse.daemon.pose.alignment import ActiveAlignment
+from traverse.daemon.pose.live import LivePoseSampler
 from traverse.daemon.pose.pipeline import Pipeline
 from traverse.daemon.pose.uncertainty import Uncertainty
 from traverse.daemon.scans.scanner import Scanner
@@ -31,7 +31,7 @@ class Bench:
         self.points, self.events, self.live, self.scans = [], [], [], []
         self.changes = 0
         self.health = HealthReport(self.clock)
-        self.part = PartSystem()
+        self.part = ActiveAlignment()
         self.scanner = Scanner(
             self.clock,
             lambda scan: not self.scans.append(scan),
@@ -41,14 +41,14 @@ class Bench:
         self.device = self.open("base")
         self.measuring = Measuring(
             clock=self.clock,
-            devices=ArmDevices(model, [self.device]),
+            devices=JointDevices(model, [self.device]),
             settings=AssemblySection(),
             uncertainty=Uncertainty(UncertaintySection()),
             pipeline=Pipeline(model, self.clock),
             capture=Capture(self.clock, kept_at_once(self.offer), self.part),
-            triggers=Triggers({("base", 0): "button", ("base", 1): "switch"}),
+            triggers=TriggerMap({("base", 0): "button", ("base", 1): "switch"}),
             scanner=self.scanner,
-            live=LiveView(self.clock, 20.0, self.part),
+            live=LivePoseSampler(self.clock, 20.0, self.part),
             events=EventLog(self.clock, self.events.append),
             health=self.health,
             offer_live=self.live.append,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tests.daemon.values import ARM, arm_file
-from traverse.daemon.acquisition.resampler import Assembly
+from traverse.daemon.acquisition.resampler import Resampler
 from traverse.daemon.config.schema import AssemblySection
 from traverse.daemon.pose.arm_model import read_model
 from traverse.drivers.base.values import CountSamples
@@ -23,7 +23,7 @@ def model_on_two(folder):
 
 def assembly_on_two(folder, rates_hz=(100.0, 80.0), **settings):
     """An assembly whose devices, base and wrist, are up and stream."""
-    assembly = Assembly(model_on_two(folder), AssemblySection(**settings))
+    assembly = Resampler(model_on_two(folder), AssemblySection(**settings))
     for device, rate_hz in zip(("base", "wrist"), rates_hz, strict=True):
         assembly.up(device, 0, restarted=False)
         assembly.stream(device, rate_hz)

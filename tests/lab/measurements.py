@@ -4,7 +4,7 @@ import numpy as np
 
 from traverse.lab.acceptance.conformity.limits import Limits, Mpe, Standards
 from traverse.lab.artefacts import artefact_from_table
-from traverse.lab.measured_points.measurement import Measured, Touched
+from traverse.lab.measured_points.measurement import ArtefactTouches, Measurement
 
 TIP_MM = 3.0
 REACH_MM = 1000.0
@@ -19,7 +19,7 @@ def artefact(name, kind, **keys):
 def touches(places_mm, features, temperature_c=np.nan):
     """Touches in order, all at one temperature."""
     n = len(features)
-    return Touched(
+    return ArtefactTouches(
         np.array(places_mm, dtype=float),
         tuple(features),
         np.full(n, temperature_c),
@@ -29,7 +29,7 @@ def touches(places_mm, features, temperature_c=np.nan):
 
 def measured(*entries):
     """Of pairs: an artefact and its touches."""
-    return Measured(
+    return Measurement(
         artefacts={entry.id: entry for entry, _ in entries},
         touched={entry.id: touched for entry, touched in entries if len(touched)},
         arm_name="by hand",

@@ -13,7 +13,7 @@ Span = tuple[datetime, datetime]
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class EffectContext:
     """The arm around its effects.
 
     Attributes:
@@ -80,9 +80,9 @@ def utc_ns(moment: datetime) -> int:
     return ((gone.days * 86_400 + gone.seconds) * 10**6 + gone.microseconds) * 1000
 
 
-def setting_from_arm(arm: "Arm", campaign_utc: Span | None = None) -> Setting:
+def context_from_arm(arm: "Arm", campaign_utc: Span | None = None) -> EffectContext:
     """Take an arm file's values for building effects."""
-    return Setting(
+    return EffectContext(
         joint_names=tuple(joint.name for joint in arm.joints),
         reference_temperature_c=arm.reference.temperature_c,
         campaign_utc=campaign_utc,

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.effects.base.context import Setting
+from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.covariate import Need
 from traverse.kinematics.kernel.terms import Term
 from traverse.kinematics.model.geometry import Geometry
@@ -65,7 +65,7 @@ class Correction(ABC):
 
     @classmethod
     @abstractmethod
-    def from_file(cls, effect: "Effect", setting: Setting) -> Self:
+    def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
         """Build it from an entry of `[[effects]]`."""
 
     @property

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.effects.base.context import Setting
+from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.correction import Booleans, Floats
 from traverse.kinematics.kernel.terms import Quantity, Source
 
@@ -30,7 +30,7 @@ class DriftTime:
     end_ns: int
 
     @classmethod
-    def from_file(cls, effect: "Effect", setting: Setting) -> Self:
+    def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
         """Take it from an entry of `[[effects]]` and the campaign's span."""
         start_ns, end_ns = setting.span_ns(effect)
         return cls(setting.epoch_ns(effect), start_ns, end_ns)
@@ -66,11 +66,11 @@ class StepTime:
     at_s: float
 
     @classmethod
-    def from_file(cls, effect: "Effect", setting: Setting) -> Self:
+    def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
         """Take it from an entry of `[[effects]]`."""
         return cls(setting.epoch_ns(effect), effect.values["at_s"])
 
-    def has_come(self, block: Block) -> Floats:
+    def has_occurred(self, block: Block) -> Floats:
         """1 from the moment on, 0 before, (n_samples,)."""
         since_s = (_utc_ns(block) - self.epoch_ns) * 1e-9
         return np.where(since_s >= self.at_s, 1.0, 0.0)

@@ -12,7 +12,11 @@ from numpy.typing import NDArray
 
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.bodies import Bodies, gravity_moments_nm
-from traverse.kinematics.model.batched_quaternions import chained, conjugate, rotated
+from traverse.kinematics.model.batched_quaternions import (
+    chain_rotations,
+    conjugate,
+    rotated,
+)
 from traverse.kinematics.model.geometry import Geometry
 from traverse.kinematics.model.quaternion import turn
 
@@ -41,7 +45,7 @@ class Posture:
     def rotations(self) -> Floats:
         """P_1 ... P_n, (4, n_joints, n_samples)."""
         axes = self.geometry.axes.T[:, :, np.newaxis]
-        return chained(turn(axes, self.turns_rad))
+        return chain_rotations(turn(axes, self.turns_rad))
 
     @cached_property
     def axes(self) -> Floats:

@@ -8,7 +8,7 @@ Off-line only: the arm's points do not depend on it, so it corrects no pose.
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
-from traverse.kinematics.effects.base.context import Setting
+from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.correction import Correction
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ class ArtefactLength(Correction):
     kind: ClassVar[str] = "artefact_length"
 
     @classmethod
-    def from_file(cls, effect: "Effect", setting: Setting) -> Self:
+    def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
         """Build it from an entry of `[[effects]]`."""
         del setting
         values = effect.values

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar, Self
 import numpy as np
 
 from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.effects.base.context import Setting
+from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.correction import (
     Booleans,
     ContactCorrection,
@@ -25,7 +25,7 @@ class Touching(ContactCorrection):
     names: ClassVar[tuple[str, ...]]
 
     @classmethod
-    def from_file(cls, effect: "Effect", setting: Setting) -> Self:
+    def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
         """Build it from an entry of `[[effects]]`."""
         del setting
         values = effect.values

@@ -8,7 +8,7 @@ The joint's origin shifts by d, and everything beyond with it.
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
-from traverse.kinematics.effects.base.context import Setting
+from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.correction import Target
 from traverse.kinematics.effects.mechanics.axis_motion import AxisMotion
 from traverse.kinematics.kernel.terms import Form
@@ -27,7 +27,7 @@ class AxisRunout(AxisMotion):
     form: ClassVar[Form] = Form.SHIFT_WAVE
 
     @classmethod
-    def from_file(cls, effect: "Effect", setting: Setting) -> Self:
+    def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
         """Build it from an entry of `[[effects]]`."""
         values = effect.values
         return cls(

@@ -8,7 +8,7 @@ The body carried by the joint turns additionally by w about the joint's origin.
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
-from traverse.kinematics.effects.base.context import Setting
+from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.correction import Target
 from traverse.kinematics.effects.mechanics.axis_motion import AxisMotion
 from traverse.kinematics.kernel.terms import Form
@@ -27,7 +27,7 @@ class AxisWobble(AxisMotion):
     form: ClassVar[Form] = Form.TILT_WAVE
 
     @classmethod
-    def from_file(cls, effect: "Effect", setting: Setting) -> Self:
+    def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
         """Build it from an entry of `[[effects]]`."""
         values = effect.values
         return cls(

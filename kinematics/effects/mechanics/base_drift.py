@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
 from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.effects.base.context import Setting
+from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.correction import Booleans, FlagName, Floats
 from traverse.kinematics.effects.base.epochs import DriftTime
 from traverse.kinematics.effects.mechanics.base_motion import BaseMotion
@@ -28,7 +28,7 @@ class BaseDrift(BaseMotion):
     key: ClassVar[str] = "rate_mm_s"
 
     @classmethod
-    def from_file(cls, effect: "Effect", setting: Setting) -> Self:
+    def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
         """Build it from an entry of `[[effects]]`."""
         return cls(
             joints=slice(0, 0),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
 from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.effects.base.context import Setting
+from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.correction import Floats
 from traverse.kinematics.effects.base.epochs import StepTime
 from traverse.kinematics.effects.mechanics.base_motion import BaseMotion
@@ -26,7 +26,7 @@ class BaseStep(BaseMotion):
     key: ClassVar[str] = "step_mm"
 
     @classmethod
-    def from_file(cls, effect: "Effect", setting: Setting) -> Self:
+    def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
         """Build it from an entry of `[[effects]]`."""
         return cls(
             joints=slice(0, 0),
@@ -41,4 +41,4 @@ class BaseStep(BaseMotion):
 
     def course(self, block: Block) -> Floats:
         """0 or 1, (n_samples,)."""
-        return self.time.has_come(block)
+        return self.time.has_occurred(block)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
-from traverse.kinematics.effects.base.context import Setting
+from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.correction import BodyCorrection
 from traverse.kinematics.kernel.terms import Form, Term
 
@@ -19,7 +19,7 @@ class Compliance(BodyCorrection):
     form: ClassVar[Form]
 
     @classmethod
-    def from_file(cls, effect: "Effect", setting: Setting) -> Self:
+    def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
         """Build it from an entry of `[[effects]]`."""
         values = (effect.values["compliance_rad_nm"],)
         return cls(joints=setting.joints(effect), values=values)

@@ -9,7 +9,7 @@ gravity: it has no part along it, and all of it counts as across.
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
-from traverse.kinematics.effects.base.context import Setting
+from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.correction import Floats, Target
 from traverse.kinematics.effects.base.posture import Posture
 from traverse.kinematics.effects.mechanics.compliance import Compliance
@@ -28,7 +28,7 @@ class MountCompliance(Compliance):
     form: ClassVar[Form] = Form.MOUNT_MOMENT
 
     @classmethod
-    def from_file(cls, effect: "Effect", setting: Setting) -> Self:
+    def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
         """Build it from an entry of `[[effects]]`."""
         del setting
         return cls(joints=slice(0, 0), values=(effect.values["compliance_rad_nm"],))

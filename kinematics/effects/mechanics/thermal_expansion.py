@@ -9,7 +9,7 @@ is no element: it does not grow.
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
-from traverse.kinematics.effects.base.context import Setting
+from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.correction import BodyCorrection, Floats, Target
 from traverse.kinematics.effects.base.covariate import Covariate, Need, needs_of
 from traverse.kinematics.effects.base.posture import Posture
@@ -29,7 +29,7 @@ class ThermalExpansion(BodyCorrection):
     target: ClassVar[Target] = Target.GROWTH
 
     @classmethod
-    def from_file(cls, effect: "Effect", setting: Setting) -> Self:
+    def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
         """Build it from an entry of `[[effects]]`."""
         return cls(
             joints=setting.joints(effect),

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
 from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.effects.base.context import Setting
+from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.correction import Floats
 from traverse.kinematics.effects.base.covariate import Covariate, Need
 from traverse.kinematics.effects.base.epochs import StepTime
@@ -31,7 +31,7 @@ class CountSlip(SingleRate):
     key: ClassVar[str] = "step_rad"
 
     @classmethod
-    def from_file(cls, effect: "Effect", setting: Setting) -> Self:
+    def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
         """Build it from an entry of `[[effects]]`."""
         return cls(
             joints=setting.joints(effect),
@@ -52,7 +52,7 @@ class CountSlip(SingleRate):
     def regressor(self, geometry: Geometry, block: Block) -> Floats:
         """0 or 1, (1, n_samples)."""
         del geometry
-        return self.time.has_come(block)[None]
+        return self.time.has_occurred(block)[None]
 
     def quantity(self, joint: int) -> Quantity:
         """0 or 1."""

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, ClassVar, Self
 import numpy as np
 
 from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.effects.base.context import Setting
+from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.correction import (
     Booleans,
     FlagName,
@@ -75,7 +75,7 @@ class Empirical(ReadingCorrection):
     kind: ClassVar[str] = "empirical"
 
     @classmethod
-    def from_file(cls, effect: "Effect", setting: Setting) -> Self:
+    def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
         """Build it from an entry of `[[effects]]`."""
         values = effect.values
         covariate = values["covariate"]
@@ -148,7 +148,7 @@ def _one(rows: Floats) -> Floats:
     return row
 
 
-def _source(covariate: str, setting: Setting) -> tuple[Need | None, int | None]:
+def _source(covariate: str, setting: EffectContext) -> tuple[Need | None, int | None]:
     """Find what a covariate is: a need, or the joint of a reading."""
     for joint, name in enumerate(setting.joint_names):
         of = covariate.removeprefix(name)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
 from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.effects.base.context import Setting
+from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.correction import Booleans, FlagName, Floats
 from traverse.kinematics.effects.base.covariate import Covariate, Need
 from traverse.kinematics.effects.base.epochs import DriftTime
@@ -33,7 +33,7 @@ class EncoderDrift(SingleRate):
     key: ClassVar[str] = "rate_rad_s"
 
     @classmethod
-    def from_file(cls, effect: "Effect", setting: Setting) -> Self:
+    def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
         """Build it from an entry of `[[effects]]`."""
         return cls(
             joints=setting.joints(effect),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, Self
 import numpy as np
 
 from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.effects.base.context import Setting
+from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.correction import Floats, ReadingCorrection
 from traverse.kinematics.kernel.terms import Form, Term
 from traverse.kinematics.model.geometry import Geometry
@@ -27,7 +27,7 @@ class EncoderHarmonic(ReadingCorrection):
     kind: ClassVar[str] = "encoder_harmonic"
 
     @classmethod
-    def from_file(cls, effect: "Effect", setting: Setting) -> Self:
+    def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
         """Build it from an entry of `[[effects]]`."""
         values = effect.values
         return cls(

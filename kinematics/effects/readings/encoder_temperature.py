@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
 from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.effects.base.context import Setting
+from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.correction import Floats
 from traverse.kinematics.effects.base.covariate import Covariate, Need
 from traverse.kinematics.effects.readings.single_rate import SingleRate
@@ -30,7 +30,7 @@ class EncoderTemperature(SingleRate):
     key: ClassVar[str] = "rate_rad_c"
 
     @classmethod
-    def from_file(cls, effect: "Effect", setting: Setting) -> Self:
+    def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
         """Build it from an entry of `[[effects]]`."""
         return cls(
             joints=setting.joints(effect),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar, Self
 import numpy as np
 
 from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.effects.base.context import Setting
+from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.correction import Floats, ReadingCorrection
 from traverse.kinematics.kernel.terms import Form, Quantity, Term
 from traverse.kinematics.model.geometry import Geometry
@@ -24,7 +24,7 @@ class SingleRate(ReadingCorrection):
     per_value: ClassVar[float] = 1.0  # regressor over quantity
 
     @classmethod
-    def from_file(cls, effect: "Effect", setting: Setting) -> Self:
+    def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
         """Build it from an entry of `[[effects]]`."""
         return cls(joints=setting.joints(effect), values=(effect.values[cls.key],))
 

@@ -6,7 +6,7 @@ from html import escape
 from typing import Any
 
 from traverse.lab.acceptance.certificate.pictures import paintings
-from traverse.lab.acceptance.certificate.values import Sealed
+from traverse.lab.acceptance.certificate.values import SealedCertificate
 from traverse.lab.acceptance.certificate.words import (
     UNCERTAINTY,
     VERDICTS,
@@ -34,7 +34,7 @@ code { font-size: .75rem; }
 """
 
 
-def certificate_page(certificate: Sealed) -> str:
+def certificate_page(certificate: SealedCertificate) -> str:
     """Make the page; the text is complete in itself."""
     values = certificate.values
     title = f"{values['title']}: {values['arm']['name']}"
@@ -114,7 +114,7 @@ def _pictures(values: Mapping[str, Any]) -> Iterator[str]:
         yield section(name, title, image(png, title))
 
 
-def _data(certificate: Sealed, values: Mapping[str, Any]) -> str:
+def _data(certificate: SealedCertificate, values: Mapping[str, Any]) -> str:
     digest = values["digest"]
     rows = "".join(
         f'<tr><td><a download="{escape(name)}" href="data:application/octet-stream;'

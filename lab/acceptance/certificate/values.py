@@ -16,7 +16,7 @@ ALGORITHM = "SHA-256"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sealed:
+class SealedCertificate:
     """A verification with everything that it was made of.
 
     Attributes:
@@ -50,7 +50,7 @@ def sealed(
     limits: Limits,
     files: Mapping[str, bytes],
     when: datetime | None = None,
-) -> Sealed:
+) -> SealedCertificate:
     """Put together what the certificate is made of.
 
     Args:
@@ -61,10 +61,10 @@ def sealed(
         when: Of the computation; default now.
     """
     moment = (when or datetime.now(UTC)).replace(microsecond=0)
-    return Sealed(verification, arm, limits, dict(files), moment)
+    return SealedCertificate(verification, arm, limits, dict(files), moment)
 
 
-def result_values(certificate: Sealed) -> dict[str, Any]:
+def result_values(certificate: SealedCertificate) -> dict[str, Any]:
     """Put everything but the digest into plain values."""
     found, limits = certificate.verification, certificate.limits
     return {

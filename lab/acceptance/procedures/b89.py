@@ -19,7 +19,7 @@ from traverse.lab.acceptance.procedures.point_distribution import direction_rema
 from traverse.lab.acceptance.procedures.probing import decided, exactly
 from traverse.lab.measured_points.articulation import articulation_of
 from traverse.lab.measured_points.certified_values import IncompleteError
-from traverse.lab.measured_points.measurement import Measured
+from traverse.lab.measured_points.measurement import Measurement
 
 Floats = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ _VOLUME = (
 )
 
 
-def articulation(measured: Measured, limits: Limits) -> Iterator[Part]:
+def articulation(measured: Measurement, limits: Limits) -> Iterator[Part]:
     """Single-point articulation: cones `spat-near`, `spat-middle`, `spat-far`."""
     problems: list[str] = []
     largest: dict[str, float] = {}
@@ -98,7 +98,7 @@ def bar_names() -> list[str]:
     return [f"volumetric-{number:02d}" for number in range(1, N_BARS + 1)]
 
 
-def volumetric(measured: Measured, limits: Limits) -> Iterator[Part]:
+def volumetric(measured: Measurement, limits: Limits) -> Iterator[Part]:
     """Volumetric test: bars `volumetric-01` to `volumetric-20`, measured once each."""
     sets, problems = length_sets(
         measured, bar_names(), "volumetric_max", limits, {1: "once"}
@@ -137,7 +137,7 @@ def volumetric(measured: Measured, limits: Limits) -> Iterator[Part]:
     )
 
 
-def _bar_remarks(measured: Measured, found: Sequence[LengthError]) -> Iterator[str]:
+def _bar_remarks(measured: Measurement, found: Sequence[LengthError]) -> Iterator[str]:
     lengths = np.array([error.length_mm for error in found]) / measured.reach_mm
     for text, (low, high) in (("short", SHORT), ("long", LONG)):
         if not np.any((low <= lengths) & (lengths <= high)):

@@ -10,7 +10,7 @@ from traverse.lab.acceptance.conformity.limits import Limits
 from traverse.lab.acceptance.procedures.length_sets import largest_of, length_sets
 from traverse.lab.acceptance.procedures.lengths import SET
 from traverse.lab.acceptance.procedures.point_distribution import direction_remarks
-from traverse.lab.measured_points.measurement import Measured
+from traverse.lab.measured_points.measurement import Measurement
 
 POSITIONS = 7
 KEY = "interim_length"
@@ -25,7 +25,7 @@ def check_names() -> list[str]:
     return [f"check-{position}" for position in range(1, POSITIONS + 1)]
 
 
-def interim_check(measured: Measured, limits: Limits) -> Iterator[Part]:
+def interim_test(measured: Measurement, limits: Limits) -> Iterator[Part]:
     """Interim check: bars `check-1` to `check-7`."""
     sets, problems = length_sets(measured, check_names(), KEY, limits, {SET: str(SET)})
     if problems:

@@ -7,11 +7,11 @@ from traverse.lab.acceptance.conformity.limits import Limits
 from traverse.lab.acceptance.conformity.uncertainty_budget import Budget
 from traverse.lab.acceptance.procedures.lengths import budget_of, errors_of
 from traverse.lab.measured_points.certified_values import IncompleteError
-from traverse.lab.measured_points.measurement import Measured
+from traverse.lab.measured_points.measurement import Measurement
 
 
 def length_sets(
-    measured: Measured,
+    measured: Measurement,
     names: Sequence[str],
     key: str,
     limits: Limits,
@@ -47,7 +47,7 @@ def length_sets(
 
 
 def largest_of(
-    errors: Sequence[LengthError], measured: Measured, limits: Limits
+    errors: Sequence[LengthError], measured: Measurement, limits: Limits
 ) -> tuple[LengthError, Budget]:
     """Take the error of the largest size, whatever its sign, and its uncertainty."""
     largest = max(errors, key=lambda error: abs(error.error_mm))

@@ -22,7 +22,7 @@ from traverse.lab.acceptance.conformity.limits import Limits
 from traverse.lab.acceptance.procedures.length_sets import largest_of, length_sets
 from traverse.lab.acceptance.procedures.lengths import SET
 from traverse.lab.acceptance.procedures.point_distribution import direction_remarks
-from traverse.lab.measured_points.measurement import Measured
+from traverse.lab.measured_points.measurement import Measurement
 
 POSITIONS, LENGTHS = 7, 5
 AGAIN = 10
@@ -50,7 +50,7 @@ def length_names(prefix: str) -> list[str]:
 
 
 def length_test(
-    measured: Measured, key: str, prefix: str, limits: Limits
+    measured: Measurement, key: str, prefix: str, limits: Limits
 ) -> Iterator[Part]:
     """E_UNI or E_BI of ISO 10360-12."""
     times = {SET: str(SET), SET + AGAIN: f"{SET + AGAIN} with ten again"}
@@ -64,7 +64,7 @@ def length_test(
 
 
 def _figure(
-    measured: Measured, key: str, sets: Sequence[list[LengthError]], limits: Limits
+    measured: Measurement, key: str, sets: Sequence[list[LengthError]], limits: Limits
 ) -> Figure:
     counted = [error for found in sets for error in found[:SET]]
     largest, budget = largest_of(counted, measured, limits)
@@ -150,7 +150,7 @@ def _verdict(error: LengthError, limits: Limits) -> Verdict | None:
 
 
 def _range_remarks(
-    measured: Measured, counted: Sequence[LengthError], limits: Limits
+    measured: Measurement, counted: Sequence[LengthError], limits: Limits
 ) -> Iterator[str]:
     range_mm = limits.measuring_range_mm or 2.0 * measured.reach_mm
     longest_mm = max(error.length_mm for error in counted)

@@ -29,7 +29,7 @@ from traverse.lab.measured_points.certified_values import (
     warmer_c,
 )
 from traverse.lab.measured_points.fitted_sphere import fitted
-from traverse.lab.measured_points.measurement import Measured, Touched
+from traverse.lab.measured_points.measurement import ArtefactTouches, Measurement
 
 Floats = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ SET = 3
 
 
 def errors_of(
-    measured: Measured, name: str, key: str, limits: Limits
+    measured: Measurement, name: str, key: str, limits: Limits
 ) -> list[LengthError]:
     """Measure all repeats of a length.
 
@@ -79,7 +79,7 @@ def errors_of(
     return found
 
 
-def budget_of(artefact: Artefact, touched: Touched, limits: Limits) -> Budget:
+def budget_of(artefact: Artefact, touched: ArtefactTouches, limits: Limits) -> Budget:
     """Draw up the budget of an error of length."""
     length_mm, std_mm = certified_length(artefact)
     return length_budget(
@@ -91,7 +91,9 @@ def budget_of(artefact: Artefact, touched: Touched, limits: Limits) -> Budget:
     )
 
 
-def _pairs(artefact: Artefact, touched: Touched) -> list[tuple[Touched, Touched]]:
+def _pairs(
+    artefact: Artefact, touched: ArtefactTouches
+) -> list[tuple[ArtefactTouches, ArtefactTouches]]:
     """Take repeats: the touches of both ends."""
     names = tuple(artefact.features)
     if isinstance(artefact, Points):
@@ -118,7 +120,7 @@ def _pairs(artefact: Artefact, touched: Touched) -> list[tuple[Touched, Touched]
 
 
 def _measured_mm(
-    artefact: Artefact, first: Touched, second: Touched, where: str
+    artefact: Artefact, first: ArtefactTouches, second: ArtefactTouches, where: str
 ) -> float:
     if isinstance(artefact, BallBar):
         centres_mm = []
@@ -134,7 +136,10 @@ def _measured_mm(
 
 
 def _between_planes_mm(
-    artefact: ParallelPlanes, first: Touched, second: Touched, where: str
+    artefact: ParallelPlanes,
+    first: ArtefactTouches,
+    second: ArtefactTouches,
+    where: str,
 ) -> float:
     """Fit a common normal: the direction in which both scatter least."""
     for part in (first, second):
@@ -159,8 +164,8 @@ def _between_planes_mm(
     )
 
 
-def _joined(first: Touched, second: Touched) -> Touched:
-    return Touched(
+def _joined(first: ArtefactTouches, second: ArtefactTouches) -> ArtefactTouches:
+    return ArtefactTouches(
         np.concatenate([first.places_mm, second.places_mm]),
         (*first.features, *second.features),
         np.concatenate([first.temperature_c, second.temperature_c]),

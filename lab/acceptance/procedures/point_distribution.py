@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.lab.measured_points.measurement import Measured, Touched
+from traverse.lab.measured_points.measurement import ArtefactTouches, Measurement
 
 Floats = NDArray[np.float64]
 
@@ -16,7 +16,7 @@ _N_SPOTS = 200
 
 
 def half_sphere_remarks(
-    touched: Touched, centre_mm: Floats, name: str
+    touched: ArtefactTouches, centre_mm: Floats, name: str
 ) -> Iterator[str]:
     """Say where 25 points do not cover the half sphere about their pole.
 
@@ -56,7 +56,7 @@ def half_sphere_remarks(
         )
 
 
-def direction_remarks(measured: Measured, names: Sequence[str]) -> Iterator[str]:
+def direction_remarks(measured: Measurement, names: Sequence[str]) -> Iterator[str]:
     """Say where lengths lie all alike, in one plane or along one line."""
     ways = []
     for name in names:

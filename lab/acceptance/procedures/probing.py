@@ -24,7 +24,7 @@ from traverse.lab.measured_points.certified_values import (
     warmer_c,
 )
 from traverse.lab.measured_points.fitted_sphere import fitted, fitted_sphere
-from traverse.lab.measured_points.measurement import Measured, Touched
+from traverse.lab.measured_points.measurement import ArtefactTouches, Measurement
 
 SIZE = (
     "25 points on a calibrated sphere, least-squares sphere (c, r) of them: "
@@ -47,7 +47,7 @@ DIAMETER = (
 )
 
 
-def exactly(touched: Touched, wanted: int, what: str) -> None:
+def exactly(touched: ArtefactTouches, wanted: int, what: str) -> None:
     """Refuse another number of touches.
 
     Raises:
@@ -74,7 +74,7 @@ def decided(
 
 
 def size_and_form(
-    measured: Measured, names: Sequence[str], limits: Limits
+    measured: Measurement, names: Sequence[str], limits: Limits
 ) -> Iterator[Part]:
     """P_SIZE and P_FORM of ISO 10360-12 at some locations."""
     sizes_mm: dict[str, float] = {}
@@ -130,7 +130,7 @@ def size_and_form(
     )
 
 
-def _location_remarks(measured: Measured, names: Sequence[str]) -> Iterator[str]:
+def _location_remarks(measured: Measurement, names: Sequence[str]) -> Iterator[str]:
     """Say where the two locations are one and the same."""
     centres = [measured.of(name).places_mm.mean(axis=0) for name in names]
     if np.linalg.norm(centres[0] - centres[1]) < 0.1 * measured.reach_mm:
@@ -140,7 +140,7 @@ def _location_remarks(measured: Measured, names: Sequence[str]) -> Iterator[str]
         )
 
 
-def _told_apart(touched: Touched, name: str, n: int, what: str) -> list[str]:
+def _told_apart(touched: ArtefactTouches, name: str, n: int, what: str) -> list[str]:
     """List the features by which the parts of a test are told apart.
 
     Raises:
@@ -155,7 +155,7 @@ def _told_apart(touched: Touched, name: str, n: int, what: str) -> list[str]:
     return found
 
 
-def location(measured: Measured, name: str, limits: Limits) -> Iterator[Part]:
+def location(measured: Measurement, name: str, limits: Limits) -> Iterator[Part]:
     """L_DIA of ISO 10360-12; features name the five groups."""
     touched = measured.of(name)
     try:
@@ -195,7 +195,9 @@ def location(measured: Measured, name: str, limits: Limits) -> Iterator[Part]:
     )
 
 
-def effective_diameter(measured: Measured, name: str, limits: Limits) -> Iterator[Part]:
+def effective_diameter(
+    measured: Measurement, name: str, limits: Limits
+) -> Iterator[Part]:
     """Effective diameter of ASME B89.4.22; features name the three repeats."""
     touched = measured.of(name)
     try:

@@ -11,9 +11,9 @@ from traverse.lab.diagnosis.advice.known_pairs import KnownPair, known_pair
 from traverse.lab.diagnosis.advice.optimal_poses import Experiment, experiment
 from traverse.lab.diagnosis.candidates.aliases import is_alias
 from traverse.lab.diagnosis.model.candidate import Candidate
-from traverse.lab.diagnosis.model.observation_equations import Rows
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 from traverse.lab.diagnosis.model.result import Alternative
-from traverse.lab.diagnosis.search.naming import Naming
+from traverse.lab.diagnosis.search.naming import NamedTerm
 
 Floats = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ _NOT_OF_POSES = (
 )
 
 
-def separate_by(naming: Naming, rows: Rows, arm: Arm) -> str:
+def separate_by(naming: NamedTerm, rows: ObservationEquations, arm: Arm) -> str:
     """Say which experiment separates a finding from its alternatives.
 
     Args:
@@ -68,7 +68,7 @@ def separate_by(naming: Naming, rows: Rows, arm: Arm) -> str:
     if not apart:
         return " ".join(told[:1])
     for others in _goals(apart):
-        found = experiment_against(naming, others, rows, arm)
+        found = optimal_experiment(naming, others, rows, arm)
         if found is not None:
             told.insert(0, _poses_in_words(own, others, found, rows))
             break
@@ -77,8 +77,11 @@ def separate_by(naming: Naming, rows: Rows, arm: Arm) -> str:
     return " ".join(told[:2])
 
 
-def experiment_against(
-    naming: Naming, others: Sequence[Alternative], rows: Rows, arm: Arm
+def optimal_experiment(
+    naming: NamedTerm,
+    others: Sequence[Alternative],
+    rows: ObservationEquations,
+    arm: Arm,
 ) -> Experiment | None:
     """Choose the poses that tell a finding from other names.
 
@@ -138,7 +141,7 @@ def gain_needed(ahead: float) -> float:
     return float((_SURE + np.sqrt(_SURE**2 + 2.0 * lacking)) ** 2)
 
 
-def where_in_words(poses_rad: Floats, campaign: Campaign, joints: Sequence[str]) -> str:
+def postures_text(poses_rad: Floats, campaign: Campaign, joints: Sequence[str]) -> str:
     """Say where chosen poses lie, compared with those that were measured.
 
     Args:
@@ -210,7 +213,9 @@ def _alias_in_words(own: Candidate, other: Candidate, known: KnownPair | None) -
     )
 
 
-def _experiment_in_words(own: Candidate, other: Alternative, rows: Rows) -> str:
+def _experiment_in_words(
+    own: Candidate, other: Alternative, rows: ObservationEquations
+) -> str:
     beginning = f"To tell {own.name} from {other.candidate.name}: "
     known = known_pair(own, other.candidate, rows)
     if known is not None:
@@ -227,13 +232,16 @@ def _experiment_in_words(own: Candidate, other: Alternative, rows: Rows) -> str:
 
 
 def _poses_in_words(
-    own: Candidate, others: Sequence[Alternative], found: Experiment, rows: Rows
+    own: Candidate,
+    others: Sequence[Alternative],
+    found: Experiment,
+    rows: ObservationEquations,
 ) -> str:
     """Say how many poses, where, and what they bring; and the known experiment."""
     n, campaign = len(found.poses), rows.adjustment.network.campaign
     effects = (own, *(other.candidate for other in others))
     joints = dict.fromkeys(one.joint for one in effects if one.joint is not None)
-    where = where_in_words(found.poses.angles_rad, campaign, tuple(joints))
+    where = postures_text(found.poses.angles_rad, campaign, tuple(joints))
     touched = np.bincount(found.poses.artefacts, minlength=len(campaign.artefacts))
     best = int(np.argmax(touched))
     mostly = "" if touched[best] == n else "mostly "

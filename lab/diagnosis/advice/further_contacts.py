@@ -8,7 +8,10 @@ from numpy.typing import NDArray
 
 from traverse.kinematics.model.forward import probe_centre
 from traverse.lab.campaign.campaign import Poses
-from traverse.lab.diagnosis.model.observation_equations import Rows, rows_of
+from traverse.lab.diagnosis.model.observation_equations import (
+    ObservationEquations,
+    equations_of,
+)
 from traverse.lab.identification.design.artefact_postures import reached
 from traverse.lab.identification.equations.network import State, stations
 from traverse.lab.identification.solve.adjustment import Adjustment, adjust
@@ -56,7 +59,7 @@ def joined_poses(parts: list[Poses], like: Poses) -> Poses:
     return Poses(**columns)
 
 
-def extended_rows(adjustment: Adjustment, further: Poses) -> Rows:
+def extended_rows(adjustment: Adjustment, further: Poses) -> ObservationEquations:
     """Set up the rows of a fit, where it is, as if further poses had taken part.
 
     The campaign's own poses come first.
@@ -76,7 +79,7 @@ def extended_rows(adjustment: Adjustment, further: Poses) -> Rows:
     n_corrected = network.parameters.n_joints + 3
     nothing = tuple(np.zeros((len(s.poses), n_corrected)) for s in everyone)
     state = State(adjustment.state.arm, adjustment.state.unknowns, nothing)
-    return rows_of(adjust(wider, state, state.arm, None, 0))
+    return equations_of(adjust(wider, state, state.arm, None, 0))
 
 
 def _contacts(

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.lab.diagnosis.candidates.scoring import LEAST_SINGULAR_VALUE
 from traverse.lab.diagnosis.model.candidate import Candidate
-from traverse.lab.diagnosis.model.observation_equations import Rows
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 
 Floats = NDArray[np.float64]
 
@@ -17,7 +17,7 @@ _ON_AXIS_MM = 0.5
 _STANDARD_GRAVITY = (0.0, 0.0, -9.80665)
 
 
-def reason(rows: Rows, candidate: Candidate, moved: float) -> str:
+def reason(rows: ObservationEquations, candidate: Candidate, moved: float) -> str:
     """Say why nothing is seen of an effect.
 
     Args:
@@ -57,7 +57,7 @@ def _acts_on_angle(kind: str) -> bool:
     )
 
 
-def is_vertical(rows: Rows, joint: str) -> bool:
+def is_vertical(rows: ObservationEquations, joint: str) -> bool:
     """Say whether a joint's axis stays along gravity."""
     campaign = rows.adjustment.network.campaign
     # The arm's own gravity is not part of a fit; without an override it is usual.
@@ -68,7 +68,7 @@ def is_vertical(rows: Rows, joint: str) -> bool:
     return at == 0 and bool(across < _VERTICAL)
 
 
-def probe_is_on_axis(rows: Rows, joint: str) -> bool:
+def probe_is_on_axis(rows: ObservationEquations, joint: str) -> bool:
     """Say whether a turn of a joint moves the probe in no pose."""
     campaign = rows.adjustment.network.campaign
     geometry = rows.adjustment.state.arm.geometry

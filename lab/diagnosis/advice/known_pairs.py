@@ -10,7 +10,7 @@ import numpy as np
 
 from traverse.lab.diagnosis.advice.invisibility import is_vertical, probe_is_on_axis
 from traverse.lab.diagnosis.model.candidate import Candidate
-from traverse.lab.diagnosis.model.observation_equations import Rows
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 
 _OWN_ANGLE = ("encoder_eccentricity", "encoder_harmonic", "encoder_scale")
 _AXIS_MOTION = ("axis_wobble", "axis_runout")
@@ -36,7 +36,9 @@ class KnownPair:
     is_structural: bool = False
 
 
-def known_pair(first: Candidate, second: Candidate, rows: Rows) -> KnownPair | None:
+def known_pair(
+    first: Candidate, second: Candidate, rows: ObservationEquations
+) -> KnownPair | None:
     """Look two effects up in the table of pairs that are hard to tell apart.
 
     Args:
@@ -53,7 +55,7 @@ def known_pair(first: Candidate, second: Candidate, rows: Rows) -> KnownPair | N
 
 
 def _mount_and_first_bearing(
-    one: Candidate, other: Candidate, rows: Rows
+    one: Candidate, other: Candidate, rows: ObservationEquations
 ) -> KnownPair | None:
     first_joint = rows.adjustment.network.campaign.joint_names[0]
     if (one.kind, other.kind) != ("mount_compliance", "bearing_compliance") or (
@@ -68,7 +70,9 @@ def _mount_and_first_bearing(
     )
 
 
-def _angle_and_motion(one: Candidate, other: Candidate, rows: Rows) -> KnownPair | None:
+def _angle_and_motion(
+    one: Candidate, other: Candidate, rows: ObservationEquations
+) -> KnownPair | None:
     if one.kind not in _OWN_ANGLE or other.kind not in _AXIS_MOTION:
         return None
     if one.joint != other.joint:
@@ -86,7 +90,9 @@ def _angle_and_motion(one: Candidate, other: Candidate, rows: Rows) -> KnownPair
     )
 
 
-def _of_one_angle(one: Candidate, other: Candidate, rows: Rows) -> KnownPair | None:
+def _of_one_angle(
+    one: Candidate, other: Candidate, rows: ObservationEquations
+) -> KnownPair | None:
     if one.joint != other.joint or one.joint is None:
         return None
     both_angles = one.kind in _OWN_ANGLE and other.kind in _OWN_ANGLE
@@ -103,7 +109,7 @@ def _of_one_angle(one: Candidate, other: Candidate, rows: Rows) -> KnownPair | N
 
 
 def _wobble_and_runout(
-    one: Candidate, other: Candidate, _rows: Rows
+    one: Candidate, other: Candidate, _rows: ObservationEquations
 ) -> KnownPair | None:
     if (one.kind, other.kind) != _AXIS_MOTION or one.joint != other.joint:
         return None
@@ -113,7 +119,9 @@ def _wobble_and_runout(
     )
 
 
-def _gravity(one: Candidate, other: Candidate, _rows: Rows) -> KnownPair | None:
+def _gravity(
+    one: Candidate, other: Candidate, _rows: ObservationEquations
+) -> KnownPair | None:
     if one.kind not in _GRAVITY:
         return None
     if other.kind in _GRAVITY:
@@ -130,7 +138,9 @@ def _gravity(one: Candidate, other: Candidate, _rows: Rows) -> KnownPair | None:
     return None
 
 
-def _contact(one: Candidate, other: Candidate, _rows: Rows) -> KnownPair | None:
+def _contact(
+    one: Candidate, other: Candidate, _rows: ObservationEquations
+) -> KnownPair | None:
     if one.kind not in _CONTACT or other.kind not in _CONTACT:
         return None
     if {one.kind, other.kind} == {"probe_radius", "stylus_bending"}:
@@ -146,7 +156,9 @@ def _contact(one: Candidate, other: Candidate, _rows: Rows) -> KnownPair | None:
     )
 
 
-def _length(one: Candidate, other: Candidate, rows: Rows) -> KnownPair | None:
+def _length(
+    one: Candidate, other: Candidate, rows: ObservationEquations
+) -> KnownPair | None:
     if one.kind != "artefact_length":
         return None
     lengths = {of for _, of, _ in rows.certificates}
@@ -159,7 +171,9 @@ def _length(one: Candidate, other: Candidate, rows: Rows) -> KnownPair | None:
     )
 
 
-def _slow(one: Candidate, other: Candidate, _rows: Rows) -> KnownPair | None:
+def _slow(
+    one: Candidate, other: Candidate, _rows: ObservationEquations
+) -> KnownPair | None:
     if one.kind in _WARM and other.kind in _SLOW:
         return KnownPair(
             "the temperature went up while time went by",
@@ -191,7 +205,9 @@ def _slow(one: Candidate, other: Candidate, _rows: Rows) -> KnownPair | None:
     return None
 
 
-def _moving(one: Candidate, other: Candidate, _rows: Rows) -> KnownPair | None:
+def _moving(
+    one: Candidate, other: Candidate, _rows: ObservationEquations
+) -> KnownPair | None:
     if one.kind not in _MOVING:
         return None
     if other.kind in _MOVING:
@@ -206,21 +222,23 @@ def _moving(one: Candidate, other: Candidate, _rows: Rows) -> KnownPair | None:
     )
 
 
-def _last_moving(rows: Rows) -> str:
+def _last_moving(rows: ObservationEquations) -> str:
     """Find the last joint that moves the probe."""
     names = rows.adjustment.network.campaign.joint_names
     moving = [name for name in names if not probe_is_on_axis(rows, name)]
     return moving[-1] if moving else names[-1]
 
 
-def _travelled_rad(rows: Rows, joint: str) -> float:
+def _travelled_rad(rows: ObservationEquations, joint: str) -> float:
     campaign = rows.adjustment.network.campaign
     used = np.unique(rows.poses[rows.poses >= 0])
     readings_rad = campaign.poses.angles_rad[used, campaign.joint_names.index(joint)]
     return float(np.ptp(readings_rad))
 
 
-_RULES: tuple[Callable[[Candidate, Candidate, Rows], KnownPair | None], ...] = (
+_RULES: tuple[
+    Callable[[Candidate, Candidate, ObservationEquations], KnownPair | None], ...
+] = (
     _mount_and_first_bearing,
     _angle_and_motion,
     _of_one_angle,

@@ -19,9 +19,9 @@ from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
 from traverse.kinematics.model.forward import probe_centre
 from traverse.lab.diagnosis.advice.invisibility import reason
-from traverse.lab.diagnosis.candidates.scoring import Projected, project
+from traverse.lab.diagnosis.candidates.scoring import ProjectedCandidate, project
 from traverse.lab.diagnosis.model.candidate import Bank, Candidate
-from traverse.lab.diagnosis.model.observation_equations import Rows
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 from traverse.lab.diagnosis.model.result import Detectable
 from traverse.lab.identification.equations.plausible_sizes import key_unit
 
@@ -34,7 +34,7 @@ _LEAST_EFFECT = 0.02
 
 
 def detectable(
-    rows: Rows,
+    rows: ObservationEquations,
     bank: Bank,
     absent: Sequence[tuple[Candidate, str]] = (),
     log_p: float | None = None,
@@ -77,7 +77,7 @@ def detectable(
     )
 
 
-def left_at_probe_mm(rows: Rows, changes: Floats) -> Floats:
+def left_at_probe_mm(rows: ObservationEquations, changes: Floats) -> Floats:
     """Say how far the probe is off where effects are there and not known of.
 
     The arm is estimated as if they were not; what remains at the campaign's poses,
@@ -132,7 +132,11 @@ def _root_of_needed(degrees: int, redundancy: int, log_p: float) -> float:
 
 
 def _entry(
-    rows: Rows, one: Projected, sizes: Floats, probe_mm: float, moved: float
+    rows: ObservationEquations,
+    one: ProjectedCandidate,
+    sizes: Floats,
+    probe_mm: float,
+    moved: float,
 ) -> Detectable:
     candidate = one.candidate
     if not len(one.singular_values):

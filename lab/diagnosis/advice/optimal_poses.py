@@ -27,7 +27,7 @@ from traverse.lab.diagnosis.candidates.harmonics import harmonic_bank
 from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.candidates.steps import step_columns
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
-from traverse.lab.diagnosis.model.observation_equations import Rows
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 from traverse.lab.diagnosis.model.terms import rows_without
 
 Floats = NDArray[np.float64]
@@ -66,7 +66,7 @@ class Experiment:
 def experiment(
     effects: tuple[Candidate, ...],
     amplitudes: Floats,
-    rows: Rows,
+    rows: ObservationEquations,
     arm: Arm,
     *,
     gains: Sequence[float],
@@ -124,7 +124,7 @@ def experiment(
 
 
 def _blocks(
-    rows: Rows, arm: Arm, effects: tuple[Candidate, ...]
+    rows: ObservationEquations, arm: Arm, effects: tuple[Candidate, ...]
 ) -> list[Floats] | None:
     """Compute the columns of effects in units of their scales."""
     banks: dict[BankName, Bank] = {}

@@ -13,7 +13,10 @@ from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.advice.minimal_detectable import detectable
 from traverse.lab.diagnosis.candidates.library import absent_candidates, library_bank
-from traverse.lab.diagnosis.model.observation_equations import Rows, rows_of
+from traverse.lab.diagnosis.model.observation_equations import (
+    ObservationEquations,
+    equations_of,
+)
 from traverse.lab.diagnosis.model.result import Detectable
 from traverse.lab.identification.equations.effect_model import effect_model
 from traverse.lab.identification.equations.network import Network, stations
@@ -35,11 +38,11 @@ def planned(campaign: Campaign, arm: Arm) -> tuple[Detectable, ...]:
     Raises:
         IdentificationError: The campaign does not tell what the arm's effects need.
     """
-    rows = planned_rows(campaign, arm)
+    rows = planned_equations(campaign, arm)
     return detectable(rows, library_bank(rows, arm), absent_candidates(rows, arm))
 
 
-def planned_rows(campaign: Campaign, arm: Arm) -> Rows:
+def planned_equations(campaign: Campaign, arm: Arm) -> ObservationEquations:
     """Set up the rows of a campaign at an arm as it is given, nothing contradicting."""
     free: tuple[str, ...] = ()
     if arm.effects:
@@ -55,5 +58,5 @@ def planned_rows(campaign: Campaign, arm: Arm) -> Rows:
         np.ones(len(campaign.poses)),
     )
     here = adjust(network, start_state(network, design), design, None, 0)
-    rows = rows_of(here)
+    rows = equations_of(here)
     return replace(rows, values=np.zeros(len(rows.values)))

@@ -6,7 +6,7 @@ Correlations are those of the blocks as the data see them, the unknowns projecte
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.lab.diagnosis.candidates.scoring import Projected
+from traverse.lab.diagnosis.candidates.scoring import ProjectedCandidate
 
 Floats = NDArray[np.float64]
 
@@ -19,7 +19,9 @@ def is_alias(rho: float) -> bool:
     return rho >= ALIAS
 
 
-def canonical_correlations(first: Projected, second: Projected) -> Floats:
+def canonical_correlations(
+    first: ProjectedCandidate, second: ProjectedCandidate
+) -> Floats:
     """Compute those of two blocks, the largest first, (n_common,)."""
     values = np.linalg.svd(first.directions.T @ second.directions, compute_uv=False)
     found: Floats = np.clip(values, 0.0, 1.0)

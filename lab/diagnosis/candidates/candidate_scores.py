@@ -12,14 +12,14 @@ from traverse.lab.diagnosis.candidates.curves import generic_bank
 from traverse.lab.diagnosis.candidates.harmonics import harmonic_bank
 from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.candidates.scoring import (
-    Findings,
-    Projected,
+    BankScores,
+    ProjectedCandidate,
     judge,
     project,
 )
 from traverse.lab.diagnosis.candidates.steps import StepScan, scan_steps, step_bank
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
-from traverse.lab.diagnosis.model.observation_equations import Rows
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 
 Floats = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ _LIBRARY_ORDERS = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Stage:
+class CandidateScores:
     """A fit with everything judged on it.
 
     Attributes:
@@ -38,9 +38,9 @@ class Stage:
         scans: Of steps, at every moment.
     """
 
-    rows: Rows
+    rows: ObservationEquations
     banks: Mapping[BankName, Bank]
-    findings: Mapping[BankName, Findings]
+    findings: Mapping[BankName, BankScores]
     scans: tuple[StepScan, ...]
 
     def lowest_log_p(self, name: BankName) -> float:
@@ -48,42 +48,50 @@ class Stage:
         return float(np.min(self.findings[name].log_p, initial=0.0))
 
 
-def stage_of(rows: Rows, arm: Arm) -> Stage:
+def score_candidates(rows: ObservationEquations, arm: Arm) -> CandidateScores:
     """Build all banks at a fit and judge them."""
     return judged(
         rows,
         {
             BankName.LIBRARY: library_bank(rows, arm),
             BankName.GENERIC: generic_bank(rows),
-            BankName.HARMONIC: without_low_orders(harmonic_bank(rows)),
+            BankName.HARMONIC: without_library_orders(harmonic_bank(rows)),
         },
     )
 
 
-def judged(rows: Rows, banks: Mapping[BankName, Bank]) -> Stage:
+def judged(
+    rows: ObservationEquations, banks: Mapping[BankName, Bank]
+) -> CandidateScores:
     """Judge banks on the residuals of rows."""
     findings = {name: judge(rows, project(rows, bank)) for name, bank in banks.items()}
     scans: tuple[StepScan, ...] = ()
     if BankName.LIBRARY in banks:
         scans = scan_steps(rows)
         findings[BankName.STEPS] = _judged_steps(rows, scans)
-    return Stage(rows, MappingProxyType(dict(banks)), MappingProxyType(findings), scans)
+    return CandidateScores(
+        rows, MappingProxyType(dict(banks)), MappingProxyType(findings), scans
+    )
 
 
-def _judged_steps(rows: Rows, scans: tuple[StepScan, ...]) -> Findings:
+def _judged_steps(
+    rows: ObservationEquations, scans: tuple[StepScan, ...]
+) -> BankScores:
     """Judge steps at their best moments; evidence is the mean over all moments."""
     found = judge(rows, project(rows, step_bank(rows, scans)))
     return replace(found, evidences=np.array([scan.evidence for scan in scans]))
 
 
-def beside(rows: Rows, found: Projected) -> Rows:
+def beside(
+    rows: ObservationEquations, found: ProjectedCandidate
+) -> ObservationEquations:
     """Let one more candidate absorb what it can of the rows."""
     return replace(rows, basis=np.hstack([rows.basis, found.directions]))
 
 
-def without_low_orders(bank: Bank) -> Bank:
+def without_library_orders(bank: Bank) -> Bank:
     """Leave out harmonics that the library has too."""
-    kept = [at for at, one in enumerate(bank.candidates) if is_high_order(one)]
+    kept = [at for at, one in enumerate(bank.candidates) if is_beyond_library(one)]
     slices = bank.slices
     columns = [bank.columns[:, slices[at]] for at in kept]
     return Bank(
@@ -92,6 +100,6 @@ def without_low_orders(bank: Bank) -> Bank:
     )
 
 
-def is_high_order(candidate: Candidate) -> bool:
+def is_beyond_library(candidate: Candidate) -> bool:
     """Say whether a harmonic is only in the bank of harmonics."""
     return (candidate.order or 0) > _LIBRARY_ORDERS

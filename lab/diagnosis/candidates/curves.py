@@ -13,8 +13,12 @@ from traverse.kinematics.effects.readings.spline import spline_amounts
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.lab.diagnosis.candidates.priors import CURVE_MM, CURVE_RAD
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
-from traverse.lab.diagnosis.model.covariates import Course, courses, used_poses
-from traverse.lab.diagnosis.model.observation_equations import Rows
+from traverse.lab.diagnosis.model.covariates import (
+    CovariateColumn,
+    covariate_columns,
+    used_poses,
+)
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 
 Floats = NDArray[np.float64]
 
@@ -28,7 +32,7 @@ _LEAST_STEP = 1e-3
 _OF_ALL = ("time_s", "temperature_c")
 
 
-def generic_bank(rows: Rows) -> Bank:
+def generic_bank(rows: ObservationEquations) -> Bank:
     """Compute curves of every joint over every covariate that varies.
 
     A joint's angle is curved over all readings, time, temperature and force, and over
@@ -49,7 +53,7 @@ def generic_bank(rows: Rows) -> Bank:
     parts: list[Floats] = []
     used = used_poses(rows)
     n_fine = min(N_FINE_KNOTS, len(used) // _POSES_A_KNOT)
-    for found in courses(rows):
+    for found in covariate_columns(rows):
         knots = spline_knots(found.values[used])
         curves = _curves(rows, found, knots)
         parts_of = "x", "y", "z"
@@ -101,7 +105,9 @@ def spline_knots(values: Floats, most: int = N_KNOTS) -> tuple[float, ...]:
     return tuple(knots)
 
 
-def _curves(rows: Rows, found: Course, knots: tuple[float, ...]) -> Floats:
+def _curves(
+    rows: ObservationEquations, found: CovariateColumn, knots: tuple[float, ...]
+) -> Floats:
     """Unit curves at every row, their mean taken out, (n_rows, n_knots)."""
     curves = spline_amounts(knots, found.values).T
     curves = curves - curves[used_poses(rows)].mean(axis=0)
@@ -115,7 +121,7 @@ def _products(directions: Floats, curves: Floats) -> Floats:
     return products.reshape(len(products), -1)
 
 
-def _by_carriers(rows: Rows) -> tuple[Floats, Floats]:
+def _by_carriers(rows: ObservationEquations) -> tuple[Floats, Floats]:
     """How rows change where a joint's carrier tilts by 1 rad or shifts by 1 mm.
 
     Returns:
@@ -147,7 +153,7 @@ def _by_carriers(rows: Rows) -> tuple[Floats, Floats]:
 
 
 def _candidate(
-    found: Course,
+    found: CovariateColumn,
     knots: tuple[float, ...],
     joint: str | None,
     component: str,

@@ -9,7 +9,7 @@ from traverse.kinematics.arm_file.arm import Effect, effect_from_table
 from traverse.kinematics.effect_table import EFFECT_KINDS, Vector
 from traverse.kinematics.effects.mechanics.axis_motion import across
 from traverse.lab.diagnosis.model.candidate import Candidate
-from traverse.lab.diagnosis.model.observation_equations import Rows
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 from traverse.lab.identification.equations.plausible_sizes import campaign_start
 
 Floats = NDArray[np.float64]
@@ -43,7 +43,9 @@ def parameter_names(kind: str, component: str | None = None) -> tuple[str, ...]:
     return tuple(names)
 
 
-def effect_from_candidate(candidate: Candidate, values: Floats, rows: Rows) -> Effect:
+def effect_of_candidate(
+    candidate: Candidate, values: Floats, rows: ObservationEquations
+) -> Effect:
     """Write a candidate down as an entry of the arm file.
 
     Args:

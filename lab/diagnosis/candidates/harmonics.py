@@ -15,14 +15,14 @@ from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.candidates.effect_factory import parameter_names
 from traverse.lab.diagnosis.candidates.priors import column_scales, log_prior
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
-from traverse.lab.diagnosis.model.observation_equations import Rows
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 
 Floats = NDArray[np.float64]
 
 HIGHEST_ORDER = 60
 
 
-def harmonic_bank(rows: Rows) -> Bank:
+def harmonic_bank(rows: ObservationEquations) -> Bank:
     """Compute cos and sin of order times the reading, for every joint and order.
 
     Args:

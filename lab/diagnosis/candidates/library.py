@@ -15,18 +15,18 @@ from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.effects import EFFECTS
 from traverse.kinematics.effects.arm_effects import ArmEffects, effects_of
 from traverse.kinematics.effects.base.bodies import bodies_from_arm
-from traverse.kinematics.effects.base.context import setting_from_arm
+from traverse.kinematics.effects.base.context import context_from_arm
 from traverse.kinematics.effects.base.correction import ContactCorrection, Correction
 from traverse.kinematics.effects.base.covariate import Need
 from traverse.kinematics.effects.columns import columns
 from traverse.lab.diagnosis.candidates.effect_factory import (
-    effect_from_candidate,
+    effect_of_candidate,
     parameter_names,
 )
 from traverse.lab.diagnosis.candidates.priors import column_scales, log_prior
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
 from traverse.lab.diagnosis.model.covariates import course, used_poses, varies
-from traverse.lab.diagnosis.model.observation_equations import Rows
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 from traverse.lab.identification.equations.plausible_sizes import campaign_span
 
 Floats = NDArray[np.float64]
@@ -70,7 +70,7 @@ class _Entry:
     reason: str | None
 
 
-def library_bank(rows: Rows, arm: Arm) -> Bank:
+def library_bank(rows: ObservationEquations, arm: Arm) -> Bank:
     """Compute the columns of all effects that the campaign can speak about.
 
     Args:
@@ -90,7 +90,7 @@ def library_bank(rows: Rows, arm: Arm) -> Bank:
     for entry in entries:
         candidate, n_values = entry.candidate, len(entry.correction.values)
         if candidate.artefact is not None:
-            part = rows.lengthened(candidate.artefact)
+            part = rows.by_artefact_length(candidate.artefact)
         else:
             part = by_values[:, at : at + n_values]
             at += n_values
@@ -100,7 +100,9 @@ def library_bank(rows: Rows, arm: Arm) -> Bank:
     return Bank(tuple(e.candidate for e in entries), np.concatenate(parts, axis=1))
 
 
-def absent_candidates(rows: Rows, arm: Arm) -> tuple[tuple[Candidate, str], ...]:
+def absent_candidates(
+    rows: ObservationEquations, arm: Arm
+) -> tuple[tuple[Candidate, str], ...]:
     """List the effects that the campaign or the arm file says nothing about.
 
     Args:
@@ -117,7 +119,7 @@ def absent_candidates(rows: Rows, arm: Arm) -> tuple[tuple[Candidate, str], ...]
     )
 
 
-def applied_effects(rows: Rows, arm: Arm) -> ArmEffects:
+def applied_effects(rows: ObservationEquations, arm: Arm) -> ArmEffects:
     """Take the effects of a fit, with the values that it ended with."""
     network, state = rows.adjustment.network, rows.adjustment.state
     model = network.parameters.effects
@@ -126,16 +128,16 @@ def applied_effects(rows: Rows, arm: Arm) -> ArmEffects:
     return model.at(state.arm.amplitudes)
 
 
-def _entries(rows: Rows, arm: Arm) -> list[_Entry]:
+def _entries(rows: ObservationEquations, arm: Arm) -> list[_Entry]:
     campaign = rows.adjustment.network.campaign
-    setting = setting_from_arm(arm, campaign_span(campaign))
+    setting = context_from_arm(arm, campaign_span(campaign))
     are_known = bodies_from_arm(arm).are_known_beyond
     found = []
     for plain in _candidates(rows):
         # Lobes of unit size: their columns are the derivatives there.
         template = np.zeros(plain.size)
         template[0] = plain.kind == "probe_lobing"
-        effect = effect_from_candidate(plain, template, rows)
+        effect = effect_of_candidate(plain, template, rows)
         correction = EFFECTS[plain.kind].from_file(effect, setting)
         scales = column_scales(correction, plain.size, campaign)
         candidate = replace(plain, scales=scales)
@@ -148,7 +150,7 @@ def _entries(rows: Rows, arm: Arm) -> list[_Entry]:
     return found
 
 
-def _candidates(rows: Rows) -> Iterator[Candidate]:
+def _candidates(rows: ObservationEquations) -> Iterator[Candidate]:
     """Go through the whole library, without scales."""
     joints = rows.adjustment.network.campaign.joint_names
     orders = range(2, _HIGHEST_ORDER + 1)
@@ -192,7 +194,7 @@ def _candidate(
     )
 
 
-def _silence(rows: Rows, correction: Correction) -> str | None:
+def _silence(rows: ObservationEquations, correction: Correction) -> str | None:
     """Say why the campaign says nothing about an effect, or None where it does."""
     block = rows.block
     lacks = [lack for need in correction.needs if (lack := block.lack(need))]
@@ -208,5 +210,5 @@ def _silence(rows: Rows, correction: Correction) -> str | None:
     return None
 
 
-def _varies(rows: Rows, need: Need) -> bool:
+def _varies(rows: ObservationEquations, need: Need) -> bool:
     return varies(rows, course(rows, need))

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
 from traverse.lab.diagnosis.model.candidate import Bank, Candidate
-from traverse.lab.diagnosis.model.observation_equations import Rows
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -33,7 +33,7 @@ _ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Projected:
+class ProjectedCandidate:
     """What a candidate looks like once the unknowns have absorbed their part.
 
     Attributes:
@@ -64,7 +64,7 @@ class Projected:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Findings:
+class BankScores:
     """All candidates of a bank, judged.
 
     Attributes:
@@ -75,7 +75,7 @@ class Findings:
         evidences: Log Bayes factors, (n_candidates,).
     """
 
-    projected: tuple[Projected, ...]
+    projected: tuple[ProjectedCandidate, ...]
     statistics: Floats
     degrees: Integers
     log_p: Floats
@@ -94,14 +94,14 @@ class Findings:
         return scores
 
 
-def project(rows: Rows, bank: Bank) -> tuple[Projected, ...]:
+def project(rows: ObservationEquations, bank: Bank) -> tuple[ProjectedCandidate, ...]:
     """Project the columns of a bank and find what is visible of them."""
     if not bank.candidates:
         return ()
     columns = rows.project(bank.columns)
     slices = bank.slices
     sizes = np.array([candidate.size for candidate in bank.candidates])
-    found: dict[int, Projected] = {}
+    found: dict[int, ProjectedCandidate] = {}
     for size in np.unique(sizes):
         members = np.flatnonzero(sizes == size)
         blocks = np.stack([columns[:, slices[at]].T for at in members])
@@ -113,7 +113,7 @@ def project(rows: Rows, bank: Bank) -> tuple[Projected, ...]:
             visible = squares > least
             singular_values = np.sqrt(squares[visible])
             combinations = turns[:, visible]
-            found[int(at)] = Projected(
+            found[int(at)] = ProjectedCandidate(
                 bank.candidates[at],
                 block.T @ (combinations / singular_values),
                 singular_values,
@@ -122,7 +122,9 @@ def project(rows: Rows, bank: Bank) -> tuple[Projected, ...]:
     return tuple(found[at] for at in range(len(bank.candidates)))
 
 
-def judge(rows: Rows, projected: tuple[Projected, ...]) -> Findings:
+def judge(
+    rows: ObservationEquations, projected: tuple[ProjectedCandidate, ...]
+) -> BankScores:
     """Test every candidate on the residuals of a fit."""
     total, redundancy = rows.sum_of_squares, rows.redundancy
     n = len(projected)
@@ -134,7 +136,7 @@ def judge(rows: Rows, projected: tuple[Projected, ...]) -> Findings:
         along[at, : degrees[at]] = one.directions.T @ rows.residuals
         squares[at, : degrees[at]] = one.singular_values**2
     statistics = np.sum(along**2, axis=1)
-    return Findings(
+    return BankScores(
         projected,
         statistics,
         degrees,

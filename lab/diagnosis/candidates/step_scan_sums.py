@@ -15,14 +15,14 @@ from scipy.linalg import (  # type: ignore[import-untyped] # scipy ships no type
 )
 
 from traverse.lab.diagnosis.model.covariates import used_poses
-from traverse.lab.diagnosis.model.observation_equations import Rows
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Gaps:
+class StepSums:
     """The rows of a fit in the order of time, and the gaps between their poses.
 
     Attributes:
@@ -92,7 +92,7 @@ class Gaps:
         return np.asarray(np.cumsum(of_poses[::-1], axis=0)[::-1][self.first_after])
 
 
-def gaps_of(rows: Rows) -> Gaps:
+def step_sums_of(rows: ObservationEquations) -> StepSums:
     """Sort the rows of a fit by time.
 
     Args:
@@ -112,7 +112,7 @@ def gaps_of(rows: Rows) -> Gaps:
     order = of_poses[by_time]
     ordered_s = times_s[poses]
     first_after = 1 + np.flatnonzero(np.diff(ordered_s) > 0.0)
-    return Gaps(
+    return StepSums(
         order=order,
         starts=np.searchsorted(of_rows[by_time], np.arange(len(poses))),
         first_after=first_after,

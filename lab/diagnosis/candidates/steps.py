@@ -15,9 +15,9 @@ from traverse.lab.diagnosis.candidates.scoring import (
     LEAST_SINGULAR_VALUE,
     log_evidences,
 )
-from traverse.lab.diagnosis.candidates.step_scan_sums import Gaps, gaps_of
+from traverse.lab.diagnosis.candidates.step_scan_sums import StepSums, step_sums_of
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
-from traverse.lab.diagnosis.model.observation_equations import Rows
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 
 Floats = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ class StepScan:
     """
 
     joint: str | None
-    gaps: Gaps
+    gaps: StepSums
     pieces: Floats
     singular_values: Floats
     combinations: Floats
@@ -98,7 +98,7 @@ class StepScan:
         return np.asarray(statistics.max(axis=0)), self.pieces.shape[1]
 
 
-def scan_steps(rows: Rows) -> tuple[StepScan, ...]:
+def scan_steps(rows: ObservationEquations) -> tuple[StepScan, ...]:
     """Test a slip of every encoder, and a step of the base, at every gap.
 
     Args:
@@ -109,7 +109,7 @@ def scan_steps(rows: Rows) -> tuple[StepScan, ...]:
         where no two poses differ in time.
     """
     names = rows.adjustment.network.campaign.joint_names
-    gaps = gaps_of(rows)
+    gaps = step_sums_of(rows)
     if len(gaps.at_s) == 0:
         return ()
     slips = np.split(STEP_RAD * rows.by_readings, len(names), axis=1)
@@ -122,17 +122,17 @@ def scan_steps(rows: Rows) -> tuple[StepScan, ...]:
     )
 
 
-def scan_slips(rows: Rows) -> tuple[StepScan, ...]:
+def scan_slips(rows: ObservationEquations) -> tuple[StepScan, ...]:
     """Test a slip of every joint's encoder at every gap; see `scan_steps`."""
     return tuple(scan for scan in scan_steps(rows) if scan.joint is not None)
 
 
-def scan_base_steps(rows: Rows) -> tuple[StepScan, ...]:
+def scan_base_steps(rows: ObservationEquations) -> tuple[StepScan, ...]:
     """Test a step of the base at every gap; see `scan_steps`."""
     return tuple(scan for scan in scan_steps(rows) if scan.joint is None)
 
 
-def step_bank(rows: Rows, scans: tuple[StepScan, ...]) -> Bank:
+def step_bank(rows: ObservationEquations, scans: tuple[StepScan, ...]) -> Bank:
     """Take the step at the best gap of each scan.
 
     Args:
@@ -173,7 +173,7 @@ def step_candidate(joint: str | None, at_s: float) -> Candidate:
     )
 
 
-def step_columns(rows: Rows, joint: str | None, at_s: float) -> Floats:
+def step_columns(rows: ObservationEquations, joint: str | None, at_s: float) -> Floats:
     """Compute the columns of a step in units of the plausible one.
 
     Args:
@@ -189,11 +189,13 @@ def step_columns(rows: Rows, joint: str | None, at_s: float) -> Floats:
         names = rows.adjustment.network.campaign.joint_names
         pieces = STEP_RAD * rows.by_readings[:, [names.index(joint)]]
     times_s = rows.block.row("campaign_s")[rows.poses]
-    has_come = (rows.poses >= 0) & (times_s >= at_s)
-    return rows.decorrelated(has_come[:, np.newaxis] * pieces)
+    has_occurred = (rows.poses >= 0) & (times_s >= at_s)
+    return rows.decorrelated(has_occurred[:, np.newaxis] * pieces)
 
 
-def _scan(rows: Rows, gaps: Gaps, joint: str | None, pieces: Floats) -> StepScan:
+def _scan(
+    rows: ObservationEquations, gaps: StepSums, joint: str | None, pieces: Floats
+) -> StepScan:
     squares = gaps.squares(pieces)
     absorbed = gaps.products(pieces, rows.basis)
     values, vectors = np.linalg.eigh(squares - absorbed @ absorbed.swapaxes(1, 2))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
 from traverse.lab.diagnosis.holdout.prediction import predicted, with_noise
-from traverse.lab.diagnosis.model.result import HeldOut
+from traverse.lab.diagnosis.model.result import HoldoutResult
 from traverse.lab.identification.equations.noise import Noise
 from traverse.lab.identification.solve.adjustment import Adjustment
 from traverse.lab.identification.solve.options import Options
@@ -33,7 +33,7 @@ _VETO_LEVEL = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Gap:
+class HoldoutComparison:
     """Two models on the poses that neither has seen.
 
     Attributes:
@@ -45,17 +45,17 @@ class Gap:
         n_contradicting: Held-out poses that do not: blunders.
     """
 
-    before: HeldOut
-    after: HeldOut
+    before: HoldoutResult
+    after: HoldoutResult
     closed: float | None
     is_worse: bool
     compared: Booleans
     n_contradicting: int
 
 
-def gap_between(
+def compare_on_holdout(
     before: Adjustment, after: Adjustment, held_out: Booleans, radius_mm: float
-) -> Gap:
+) -> HoldoutComparison:
     """Compare two models on held-out poses.
 
     Args:
@@ -65,12 +65,12 @@ def gap_between(
         held_out: (n_poses,).
         radius_mm: Of the probe's ball.
     """
-    compared = believable(after, held_out, radius_mm)
+    compared = uncontradicted(after, held_out, radius_mm)
     noise = after.network.noise
     first = predicted(with_noise(before, noise), compared, radius_mm)
     second = predicted(after, compared, radius_mm)
     was, now = _summary(before, first, compared), _summary(after, second, compared)
-    return Gap(
+    return HoldoutComparison(
         was,
         now,
         closed(was.chi2, now.chi2, now.n),
@@ -80,7 +80,7 @@ def gap_between(
     )
 
 
-def believable(model: Adjustment, held_out: Booleans, radius_mm: float) -> Booleans:
+def uncontradicted(model: Adjustment, held_out: Booleans, radius_mm: float) -> Booleans:
     """Choose the held-out poses that a model does not contradict.
 
     Poses are contradicted beyond the limit at which those of a fit are excluded, the
@@ -103,17 +103,17 @@ def believable(model: Adjustment, held_out: Booleans, radius_mm: float) -> Boole
     return held_out & (np.nan_to_num(found.w, nan=np.inf) <= limit)
 
 
-def held_out_fit(
+def holdout_result(
     adjustment: Adjustment,
     held_out: Booleans,
     radius_mm: float,
     noise: Noise | None = None,
-) -> HeldOut:
+) -> HoldoutResult:
     """Say how well a fit predicts poses that took no part in it.
 
     Args:
         adjustment: The fit.
-        held_out: Poses to predict, without blunders (`believable`), (n_poses,).
+        held_out: Poses to predict, without blunders (`uncontradicted`), (n_poses,).
         radius_mm: Of the probe's ball.
         noise: To weigh with; default the fit's own.
 
@@ -166,16 +166,16 @@ def is_worse(
 
 def _summary(
     adjustment: Adjustment, found: PoseStatistics, compared: Booleans
-) -> HeldOut:
+) -> HoldoutResult:
     n = int(np.count_nonzero(np.isfinite(found.misclosures_mm[compared])))
     if n == 0:
-        return HeldOut(float("nan"), float("nan"), 0, None)
+        return HoldoutResult(float("nan"), float("nan"), 0, None)
     misclosures_mm = found.misclosures_mm[compared]
     campaign = adjustment.network.campaign
     kinds = np.array([artefact.kind for artefact in campaign.artefacts])
     at_points = kinds[campaign.poses.artefacts[compared]] == "points"
     distances_mm = np.linalg.norm(misclosures_mm[at_points], axis=1)
-    return HeldOut(
+    return HoldoutResult(
         rms_mm=float(np.sqrt(np.nanmean(misclosures_mm**2))),
         chi2=float(
             np.sum(found.statistics[compared]) / np.sum(found.degrees[compared])

@@ -15,7 +15,7 @@ from traverse.lab.identification.equations.station_equations import (
 from traverse.lab.identification.solve.adjustment import Adjustment
 from traverse.lab.identification.solve.pose_statistics import (
     PoseStatistics,
-    outsiders_statistics,
+    statistics_of_excluded,
 )
 from traverse.lab.identification.solve.rank import split
 from traverse.lab.identification.solve.system import certified, linearise
@@ -58,7 +58,7 @@ def predicted(
         With NaN for all other poses.
     """
     chosen = stations(adjustment.network.campaign, radius_mm, poses)
-    found = outsiders_statistics(adjustment, chosen)
+    found = statistics_of_excluded(adjustment, chosen)
     known = {station.index for station in adjustment.network.stations}
     for station in chosen:
         if station.index not in known:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.kinematics.effects.base.covariate import Covariate, Need
-from traverse.lab.diagnosis.model.observation_equations import Rows
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -17,7 +17,7 @@ _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Course:
+class CovariateColumn:
     """A covariate that varies.
 
     Attributes:
@@ -33,12 +33,12 @@ class Course:
     values: Floats
 
 
-def used_poses(rows: Rows) -> Integers:
+def used_poses(rows: ObservationEquations) -> Integers:
     """List the campaign's poses that take part in a fit, in rising order, (n_used,)."""
     return np.unique(rows.poses[rows.poses >= 0])
 
 
-def varies(rows: Rows, values: Floats) -> bool:
+def varies(rows: ObservationEquations, values: Floats) -> bool:
     """Say whether a covariate differs between the poses that take part.
 
     Args:
@@ -50,7 +50,7 @@ def varies(rows: Rows, values: Floats) -> bool:
     return spread > _ROUNDING * max(float(np.abs(used).max(initial=0.0)), 1e-3)
 
 
-def course(rows: Rows, need: Need) -> Floats:
+def course(rows: ObservationEquations, need: Need) -> Floats:
     """Take what an effect needs from a campaign that has it, (n_poses,)."""
     block, joint = rows.block, slice(need.joint, (need.joint or 0) + 1)
     match need.covariate:
@@ -69,7 +69,7 @@ def course(rows: Rows, need: Need) -> Floats:
             return block.row("campaign_s")
 
 
-def courses(rows: Rows) -> Iterator[Course]:
+def covariate_columns(rows: ObservationEquations) -> Iterator[CovariateColumn]:
     """Go through the covariates that curves may depend on and that vary.
 
     Readings of all joints, time, temperature, force, and of each joint the speed and
@@ -80,7 +80,7 @@ def courses(rows: Rows) -> Iterator[Course]:
     for joint, name in enumerate(names):
         angles_rad = block.angles_rad[:, joint]
         if varies(rows, angles_rad):
-            yield Course(f"{name}_rad", joint, True, angles_rad)
+            yield CovariateColumn(f"{name}_rad", joint, True, angles_rad)
     whole = {
         "time_s": Covariate.CAMPAIGN_TIME,
         "temperature_c": Covariate.TEMPERATURE,
@@ -100,4 +100,4 @@ def courses(rows: Rows) -> Iterator[Course]:
         if block.lack(need) is None:
             values = course(rows, need)
             if varies(rows, values):
-                yield Course(name, of_joint, False, values)
+                yield CovariateColumn(name, of_joint, False, values)

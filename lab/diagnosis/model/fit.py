@@ -12,9 +12,9 @@ from traverse.lab.identification.equations.effect_model import effect_model
 from traverse.lab.identification.equations.network import Network, stations
 from traverse.lab.identification.equations.noise import a_priori_noise
 from traverse.lab.identification.identify import prepared
-from traverse.lab.identification.results.postprocessing import identified_arm
+from traverse.lab.identification.results.postprocessing import arm_of_adjustment
 from traverse.lab.identification.solve.adjustment import Adjustment
-from traverse.lab.identification.solve.iterative_adjustment import Rounds
+from traverse.lab.identification.solve.iterative_adjustment import IterativeAdjustment
 from traverse.lab.identification.solve.options import Options
 from traverse.lab.identification.solve.pose_statistics import PoseStatistics
 
@@ -77,10 +77,10 @@ def fitted(
         a_priori_noise(campaign) if before is None else before.adjustment.network.noise,
         np.ones(len(campaign.poses)),
     )
-    rounds = Rounds(design, options, radius_mm, None)
+    rounds = IterativeAdjustment(design, options, radius_mm, None)
     first = None if before is None else before.included
-    adjustment, statistics, included, _ = rounds.to_the_end(network, first)
-    return Fit(identified_arm(arm, adjustment), adjustment, statistics, included)
+    adjustment, statistics, included, _ = rounds.run(network, first)
+    return Fit(arm_of_adjustment(arm, adjustment), adjustment, statistics, included)
 
 
 def with_effects(arm: Arm, effects: tuple[Effect, ...]) -> Arm:

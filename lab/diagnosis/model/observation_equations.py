@@ -38,7 +38,7 @@ LEAST_EFFECT = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class ObservationEquations:
     """All equations of a fit.
 
     Attributes:
@@ -125,7 +125,7 @@ class Rows:
             np.einsum("ri,rik->rk", self.by_centre, moves[self.poses])
         )
 
-    def lengthened(self, artefact: str) -> Floats:
+    def by_artefact_length(self, artefact: str) -> Floats:
         """Compute the change where a standard is 1 ppm longer, (n_rows, 1)."""
         column = np.zeros((len(self.values), 1))
         for row, of, change in self.certificates:
@@ -146,7 +146,7 @@ class Rows:
         return found
 
 
-def rows_of(adjustment: Adjustment) -> Rows:
+def equations_of(adjustment: Adjustment) -> ObservationEquations:
     """Set up the rows of a fit, where it ended."""
     network, state = adjustment.network, adjustment.state
     parameters = network.parameters
@@ -198,14 +198,14 @@ def rows_of(adjustment: Adjustment) -> Rows:
         # the arm, though: left in, the column would pass for them and absorb them.
         stretch = scale_direction(parameters, state.arm.geometry)
         columns[:, :n_free] -= columns[:, :n_free] @ stretch.T @ stretch
-    return Rows(
+    return ObservationEquations(
         adjustment=adjustment,
         poses=np.concatenate([part[2] for part in parts]),
         values=np.concatenate([part[0] for part in parts]),
         by_centre=np.concatenate([part[3] for part in parts]),
         sources=np.concatenate([part[4] for part in parts]),
         columns=columns,
-        basis=spanned(columns),
+        basis=orthonormal_basis(columns),
         certificates=tuple(certificates),
     )
 
@@ -225,13 +225,15 @@ def _sources(by_readings: Floats, by_contact: Floats) -> Floats:
     return found
 
 
-def spanned(columns: Floats) -> Floats:
+def orthonormal_basis(columns: Floats) -> Floats:
     """Find an orthonormal basis of what columns do to the data, (n_rows, rank)."""
     left, values, _ = np.linalg.svd(columns, full_matrices=False)
     return left[:, values > LEAST_EFFECT]
 
 
-def decorrelated_rows(rows: Rows, root: Floats) -> Rows:
+def decorrelated_equations(
+    rows: ObservationEquations, root: Floats
+) -> ObservationEquations:
     """Take serial correlation into account.
 
     Args:
@@ -241,4 +243,6 @@ def decorrelated_rows(rows: Rows, root: Floats) -> Rows:
     whitened = replace(rows, root=root)
     columns = whitened.decorrelated(rows.columns)
     values = whitened.decorrelated(rows.values[:, np.newaxis])[:, 0]
-    return replace(whitened, values=values, basis=spanned(columns), columns=columns)
+    return replace(
+        whitened, values=values, basis=orthonormal_basis(columns), columns=columns
+    )

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
-from traverse.lab.diagnosis.model.covariates import courses
-from traverse.lab.diagnosis.model.observation_equations import Rows
+from traverse.lab.diagnosis.model.covariates import covariate_columns
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -55,8 +55,12 @@ class Cluster:
     log_p: float
 
 
-def cluster_of(
-    rows: Rows, eligible: Booleans, included: Booleans, n_draws: int, seed: int
+def find_outlier_cluster(
+    rows: ObservationEquations,
+    eligible: Booleans,
+    included: Booleans,
+    n_draws: int,
+    seed: int,
 ) -> Cluster | None:
     """Find where poses that were left out lie together.
 
@@ -78,7 +82,8 @@ def cluster_of(
     campaign = rows.adjustment.network.campaign
     artefacts = campaign.poses.artefacts[poses]
     lines = [
-        (course.name, course.joint, course.values[poses]) for course in courses(rows)
+        (course.name, course.joint, course.values[poses])
+        for course in covariate_columns(rows)
     ]
     places = [
         place

@@ -107,7 +107,7 @@ class Detectable:
 
 
 @dataclass(frozen=True, slots=True)
-class HeldOut:
+class HoldoutResult:
     """How a model predicts poses that it has not seen.
 
     Attributes:
@@ -134,12 +134,12 @@ class Step:
     """
 
     effect: str | None
-    held_out: HeldOut
+    held_out: HoldoutResult
     sigma0: float
 
 
 @dataclass(frozen=True, slots=True)
-class NoiseFound:
+class NoiseEstimate:
     """The noise as it was found.
 
     Attributes:
@@ -156,7 +156,7 @@ class NoiseFound:
 
 
 @dataclass(frozen=True, slots=True)
-class Leftover:
+class BankRemainder:
     """The largest finding of a bank when nothing more was added.
 
     Attributes:
@@ -210,8 +210,8 @@ class Diagnosis:
     ledger: tuple[Step, ...]
     closed: float | None
     vetoed: bool
-    noise: NoiseFound
-    leftovers: tuple[Leftover, ...]
+    noise: NoiseEstimate
+    leftovers: tuple[BankRemainder, ...]
     detectable: tuple[Detectable, ...]
     seed: int
     seconds: Mapping[str, float]

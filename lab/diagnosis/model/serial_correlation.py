@@ -15,7 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.lab.diagnosis.model.observation_equations import Rows, decorrelated_rows
+from traverse.lab.diagnosis.model.observation_equations import (
+    ObservationEquations,
+    decorrelated_equations,
+)
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -27,7 +30,7 @@ _LARGEST_SHARE = 0.9
 
 
 @dataclass(frozen=True, slots=True)
-class SerialNoise:
+class SerialCorrelation:
     """What of the noise is correlated.
 
     Attributes:
@@ -39,7 +42,9 @@ class SerialNoise:
     phi: float
 
 
-def is_serial(rows: Rows, draws: Floats, level: float) -> bool:
+def is_serially_correlated(
+    rows: ObservationEquations, draws: Floats, level: float
+) -> bool:
     """Test residuals for serial correlation.
 
     Args:
@@ -54,12 +59,12 @@ def is_serial(rows: Rows, draws: Floats, level: float) -> bool:
     return bool(found[0] > np.quantile(found[1:], 1.0 - level))
 
 
-def serial_noise(rows: Rows) -> SerialNoise:
+def serial_correlation(rows: ObservationEquations) -> SerialCorrelation:
     """Estimate share and correlation from the products of residuals at every lag."""
     one = rows.residuals[:, np.newaxis]
     products, weights = _lagged(rows, one)
     variance = rows.sum_of_squares / rows.redundancy
-    best, least = SerialNoise(0.0, 0.0), np.inf
+    best, least = SerialCorrelation(0.0, 0.0), np.inf
     lags = np.arange(1, _MOST_LAG + 1)
     for phi in _PHIS:
         model = weights * phi**lags
@@ -68,11 +73,13 @@ def serial_noise(rows: Rows) -> SerialNoise:
         found = products[:, 0] / variance / np.maximum(weights, 1e-12)
         misfit = float(np.sum(weights * (found - share * phi**lags) ** 2))
         if misfit < least:
-            best, least = SerialNoise(share, phi), misfit
+            best, least = SerialCorrelation(share, phi), misfit
     return best
 
 
-def without_serial_noise(rows: Rows, noise: SerialNoise) -> Rows:
+def without_serial_noise(
+    rows: ObservationEquations, noise: SerialCorrelation
+) -> ObservationEquations:
     """Whiten rows whose noise is correlated from pose to pose."""
     order = _order(rows)
     apart = np.abs(order[:, np.newaxis] - order[np.newaxis, :])
@@ -83,10 +90,10 @@ def without_serial_noise(rows: Rows, noise: SerialNoise) -> Rows:
     correlation[certified, :] = 0.0
     correlation[:, certified] = 0.0
     correlation[at[certified], at[certified]] = 1.0
-    return decorrelated_rows(rows, np.linalg.cholesky(correlation))
+    return decorrelated_equations(rows, np.linalg.cholesky(correlation))
 
 
-def _order(rows: Rows) -> Integers:
+def _order(rows: ObservationEquations) -> Integers:
     """Number the poses of all rows in the order of time, (n_rows,)."""
     times_s = rows.adjustment.network.campaign.poses.time_s
     taking_part = np.unique(rows.poses[rows.poses >= 0])
@@ -96,7 +103,7 @@ def _order(rows: Rows) -> Integers:
     return numbers[rows.poses]
 
 
-def _lagged(rows: Rows, residuals: Floats) -> tuple[Floats, Floats]:
+def _lagged(rows: ObservationEquations, residuals: Floats) -> tuple[Floats, Floats]:
     """Sum products of residuals of poses some steps apart.
 
     Args:

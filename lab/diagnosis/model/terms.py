@@ -9,8 +9,8 @@ from traverse.kinematics.effects.base.correction import Correction
 from traverse.lab.diagnosis.model.candidate import BankName, Candidate
 from traverse.lab.diagnosis.model.observation_equations import (
     LEAST_EFFECT,
-    Rows,
-    spanned,
+    ObservationEquations,
+    orthonormal_basis,
 )
 from traverse.lab.diagnosis.model.result import Estimate
 from traverse.lab.identification.equations.plausible_sizes import key_unit
@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Added:
+class AddedTerm:
     """A term in the model.
 
     Attributes:
@@ -33,7 +33,7 @@ class Added:
     index: int
 
 
-def rows_without(rows: Rows, index: int) -> Rows:
+def rows_without(rows: ObservationEquations, index: int) -> ObservationEquations:
     """Take an effect out of a fit, everything else linearised.
 
     Args:
@@ -55,10 +55,12 @@ def rows_without(rows: Rows, index: int) -> Rows:
     own = _columns(rows, coordinates)
     values = rows.values + rows.columns[:, own] @ moved
     columns = np.delete(rows.columns, np.arange(own.start, own.stop), axis=1)
-    return replace(rows, values=values, columns=columns, basis=spanned(columns))
+    return replace(
+        rows, values=values, columns=columns, basis=orthonormal_basis(columns)
+    )
 
 
-def estimates_of(rows: Rows, index: int) -> dict[str, Estimate]:
+def estimates_of(rows: ObservationEquations, index: int) -> dict[str, Estimate]:
     """Say the values of an effect with their standard deviations.
 
     From the rows, so that serially correlated noise is accounted for; the noise level
@@ -84,7 +86,7 @@ def _by_key(correction: Correction, stds: Floats) -> dict[str, Estimate]:
     }
 
 
-def _value_covariance(rows: Rows, index: int) -> Floats:
+def _value_covariance(rows: ObservationEquations, index: int) -> Floats:
     parameters = rows.adjustment.network.parameters
     model = parameters.effects
     if model is None:
@@ -92,7 +94,7 @@ def _value_covariance(rows: Rows, index: int) -> Floats:
     coordinates = _coordinates(rows, index)
     own = _columns(rows, coordinates)
     others = np.delete(rows.columns, np.arange(own.start, own.stop), axis=1)
-    basis = spanned(others)
+    basis = orthonormal_basis(others)
     mine = rows.columns[:, own]
     left = mine - basis @ (basis.T @ mine)
     variance = rows.sum_of_squares / max(rows.redundancy, 1)
@@ -108,7 +110,7 @@ def _value_covariance(rows: Rows, index: int) -> Floats:
     return found
 
 
-def _coordinates(rows: Rows, index: int) -> slice:
+def _coordinates(rows: ObservationEquations, index: int) -> slice:
     """Find the coordinates of an effect among those of all effects."""
     model = rows.adjustment.network.parameters.effects
     if model is None:
@@ -118,7 +120,7 @@ def _coordinates(rows: Rows, index: int) -> slice:
     return slice(sum(sizes[:index]), sum(sizes[: index + 1]))
 
 
-def _columns(rows: Rows, coordinates: slice) -> slice:
+def _columns(rows: ObservationEquations, coordinates: slice) -> slice:
     """Find the columns of coordinates: all effects are free and come last."""
     parameters = rows.adjustment.network.parameters
     model = parameters.effects

@@ -12,7 +12,7 @@ from traverse.lab.identification.equations.plausible_sizes import (
     campaign_span,
     campaign_start,
 )
-from traverse.strict_toml.writing import arm_text, write_whole
+from traverse.strict_toml.writing import arm_text, write_atomically
 
 
 def terms_without_epoch(diagnosis: Diagnosis) -> tuple[Term, ...]:
@@ -91,7 +91,7 @@ def write_adapted(path: Path, arm: Arm, source: Path) -> None:
     if parse_arm(text, str(path)) != arm:
         problem = Problem("", "would not hold all values of this arm")
         raise FileError(str(path), [problem])
-    write_whole(path, text)
+    write_atomically(path, text)
 
 
 def _is_bound_to_time(kind: str) -> bool:

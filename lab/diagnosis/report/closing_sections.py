@@ -7,7 +7,7 @@ from traverse.lab.diagnosis.report.detectable_table import (
     reasons,
     whole_arm_rows,
 )
-from traverse.lab.diagnosis.report.names import name_in_words, quantity
+from traverse.lab.diagnosis.report.names import candidate_label, quantity
 from traverse.lab.diagnosis.report.plots import Plots
 from traverse.lab.diagnosis.report.words import excluded_sentence, noise_sentences
 from traverse.lab.report.html import note, paragraph, section, table
@@ -26,7 +26,7 @@ def leftover_section(diagnosis: Diagnosis) -> str:
     rows = [
         [
             _BANKS[left.bank],
-            name_in_words(left.candidate),
+            candidate_label(left.candidate),
             f"{left.log10_p:.1f}",
             f"{left.threshold_log10_p:.1f}",
         ]

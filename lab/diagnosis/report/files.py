@@ -27,7 +27,7 @@ from traverse.lab.diagnosis.report.adapted_arm import (
     write_adapted,
 )
 from traverse.lab.diagnosis.report.discrepancies import write_discrepancies
-from traverse.strict_toml.writing import write_whole
+from traverse.strict_toml.writing import write_atomically
 
 SCHEMA = "traverse/diagnosis/1"
 
@@ -58,7 +58,7 @@ def write_diagnosis(
     arm = arm_with_provenance(diagnosis, when)
     write_adapted(target / "arm.toml", arm, Path(source))
     text = json.dumps(diagnosis_json(diagnosis), indent=1, allow_nan=False)
-    write_whole(target / "diagnosis.json", text + "\n")
+    write_atomically(target / "diagnosis.json", text + "\n")
     plots = plots_of(diagnosis)
     parts = pose_parts(diagnosis)
     write_discrepancies(target / "discrepancies.csv", plots.before, plots.after, parts)
@@ -68,7 +68,7 @@ def write_diagnosis(
     for path in target.glob("term-*.png"):
         if _TERM_PICTURE.fullmatch(path.name) and path.name not in plots.files:
             path.unlink()
-    write_whole(target / "report.html", report_page(diagnosis, plots))
+    write_atomically(target / "report.html", report_page(diagnosis, plots))
     return arm
 
 

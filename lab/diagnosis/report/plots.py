@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.lab.diagnosis.holdout.comparison import believable
+from traverse.lab.diagnosis.holdout.comparison import uncontradicted
 from traverse.lab.diagnosis.model.result import Diagnosis
 from traverse.lab.diagnosis.report.discrepancies import Discrepancies, discrepancies
 from traverse.lab.diagnosis.report.maps import artefact_map, condition_map, joint_map
@@ -56,7 +56,7 @@ def contradicting_held_out(diagnosis: Diagnosis) -> NDArray[np.bool_]:
     """Find held-out poses that contradict the final model: blunders, (n_poses,)."""
     radius_mm = diagnosis.arm.probe.radius_mm
     held_out = diagnosis.held_out
-    return held_out & ~believable(diagnosis.after, held_out, radius_mm)
+    return held_out & ~uncontradicted(diagnosis.after, held_out, radius_mm)
 
 
 def plots_of(diagnosis: Diagnosis) -> Plots:

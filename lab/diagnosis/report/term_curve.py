@@ -18,7 +18,7 @@ from traverse.kinematics.effects.pose import angle_corrections, corrected_pose
 from traverse.kinematics.model.geometry import Geometry, geometry_from_arm
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.result import Diagnosis, Term
-from traverse.lab.diagnosis.report.covariates import Covariate, covariate_of
+from traverse.lab.diagnosis.report.covariates import DrawnCovariate, covariate_of
 from traverse.lab.diagnosis.report.discrepancies import Discrepancies
 from traverse.lab.diagnosis.report.term_covariance import value_covariance
 from traverse.lab.identification.equations.effect_model import block_of
@@ -61,7 +61,7 @@ class TermCurve:
         band: Its standard deviation, (n_poses,).
     """
 
-    covariate: Covariate
+    covariate: DrawnCovariate
     unit: str
     what: str
     before: Floats
@@ -176,7 +176,7 @@ def _block(campaign: Campaign) -> Block:
     )
 
 
-def _directions(moves_mm: Floats, covariate: Covariate) -> Floats:
+def _directions(moves_mm: Floats, covariate: DrawnCovariate) -> Floats:
     """Choose the way along which to look at each pose, unit vectors or zero."""
     if covariate.one_direction:
         total = moves_mm.sum(axis=0)

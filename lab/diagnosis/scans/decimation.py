@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.fit import fitted
-from traverse.lab.diagnosis.scans.directions import with_directions
+from traverse.lab.diagnosis.scans.directions import with_surface_directions
 from traverse.lab.identification.equations.network import Network, State, stations
 from traverse.lab.identification.equations.station_equations import misclosures_mm
 from traverse.lab.identification.solve.adjustment import Adjustment
@@ -38,7 +38,7 @@ _LEAST_WINDOW = 20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Thinning:
+class Decimation:
     """Which samples of a stream serve as poses.
 
     Attributes:
@@ -64,7 +64,7 @@ class Thinning:
 
 def thinned(
     campaign: Campaign, arm: Arm, most_poses: int = MOST_POSES
-) -> tuple[Campaign, Thinning]:
+) -> tuple[Campaign, Decimation]:
     """Find out which samples to keep, and where surfaces were touched.
 
     Args:
@@ -79,7 +79,7 @@ def thinned(
     first = campaign.part(_spread(campaign))
     everyone = np.ones(len(first.poses), dtype=np.bool_)
     fit = fitted(first, arm, everyone)
-    network, state = whole_network(fit.adjustment, campaign, arm.probe.radius_mm)
+    network, state = undecimated_network(fit.adjustment, campaign, arm.probe.radius_mm)
     stretches = _stretches(campaign)
     usual_s = _usual_s(campaign)
     lasting = np.ones(len(campaign.artefacts), dtype=np.int64)
@@ -92,7 +92,7 @@ def thinned(
     while len(poses) > most_poses:
         apart = np.ceil(apart * 1.02 * len(poses) / most_poses).astype(np.int64)
         poses = _every(campaign, stretches, apart)
-    return with_directions(campaign, network, state), Thinning(
+    return with_surface_directions(campaign, network, state), Decimation(
         poses=poses,
         n_samples=len(campaign.poses),
         rate_hz=1.0 / usual_s,
@@ -101,7 +101,7 @@ def thinned(
     )
 
 
-def whole_network(
+def undecimated_network(
     adjustment: Adjustment, campaign: Campaign, radius_mm: float
 ) -> tuple[Network, State]:
     """Set up all samples as a fit of some of them sees them.

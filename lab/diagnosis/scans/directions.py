@@ -11,7 +11,9 @@ from traverse.lab.identification.equations.network import Network, State
 from traverse.lab.identification.equations.station_equations import station_centres
 
 
-def with_directions(campaign: Campaign, network: Network, state: State) -> Campaign:
+def with_surface_directions(
+    campaign: Campaign, network: Network, state: State
+) -> Campaign:
     """Say where spheres were touched: from the ball towards the material.
 
     Args:

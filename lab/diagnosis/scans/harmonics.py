@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.diagnosis.candidates.candidate_scores import is_high_order
+from traverse.lab.diagnosis.candidates.candidate_scores import is_beyond_library
 from traverse.lab.diagnosis.candidates.harmonics import HIGHEST_ORDER, harmonic_bank
 from traverse.lab.diagnosis.model.candidate import Candidate
-from traverse.lab.diagnosis.model.observation_equations import Rows
-from traverse.lab.diagnosis.scans.decimation import whole_network
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
+from traverse.lab.diagnosis.scans.decimation import undecimated_network
 from traverse.lab.identification.equations.network import Network, State, Station
 from traverse.lab.identification.equations.station_equations import (
     WhiteRows,
@@ -65,7 +65,7 @@ class HarmonicFinding:
 
 
 def stream_harmonics(
-    rows: Rows, campaign: Campaign, radius_mm: float
+    rows: ObservationEquations, campaign: Campaign, radius_mm: float
 ) -> tuple[HarmonicFinding, ...]:
     """Test all harmonics on all samples.
 
@@ -77,7 +77,7 @@ def stream_harmonics(
     Returns:
         All that can be seen, the most significant first.
     """
-    network, state = whole_network(rows.adjustment, campaign, radius_mm)
+    network, state = undecimated_network(rows.adjustment, campaign, radius_mm)
     sums = _gathered(rows, network, state)
     squares, turns = np.linalg.eigh(sums.gram)
     seen = squares > _LEAST_LEFT * squares[-1]
@@ -125,7 +125,7 @@ def first_significant(
         findings: As from `stream_harmonics`.
         level: Probability of a false alarm of the whole bank.
     """
-    high = [one for one in findings if is_high_order(one.candidate)]
+    high = [one for one in findings if is_beyond_library(one.candidate)]
     if not high:
         return None
     first = max(high, key=lambda finding: finding.statistic)
@@ -151,7 +151,7 @@ class _Sums:
     by_values: Floats
 
 
-def _gathered(rows: Rows, network: Network, state: State) -> _Sums:
+def _gathered(rows: ObservationEquations, network: Network, state: State) -> _Sums:
     _, values, right = np.linalg.svd(rows.columns, full_matrices=False)
     kept = values > _LEAST_EFFECT
     directions = right[kept].T / values[kept]
@@ -180,7 +180,7 @@ def _gathered(rows: Rows, network: Network, state: State) -> _Sums:
     return sums
 
 
-def _unknown_columns(rows: Rows) -> dict[int, slice]:
+def _unknown_columns(rows: ObservationEquations) -> dict[int, slice]:
     """Find the columns of each artefact's unknowns."""
     network = rows.adjustment.network
     first, found = network.parameters.n_free, {}

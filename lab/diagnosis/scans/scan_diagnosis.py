@@ -14,11 +14,14 @@ import numpy as np
 
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.diagnosis.candidates.effect_factory import effect_from_candidate
+from traverse.lab.diagnosis.candidates.effect_factory import effect_of_candidate
 from traverse.lab.diagnosis.diagnose import diagnose
-from traverse.lab.diagnosis.holdout.comparison import gap_between
+from traverse.lab.diagnosis.holdout.comparison import compare_on_holdout
 from traverse.lab.diagnosis.model.candidate import BankName
-from traverse.lab.diagnosis.model.observation_equations import Rows, rows_of
+from traverse.lab.diagnosis.model.observation_equations import (
+    ObservationEquations,
+    equations_of,
+)
 from traverse.lab.diagnosis.model.options import DiagnosisOptions
 from traverse.lab.diagnosis.model.result import (
     Alternative,
@@ -28,7 +31,7 @@ from traverse.lab.diagnosis.model.result import (
     Verdict,
 )
 from traverse.lab.diagnosis.model.terms import estimates_of
-from traverse.lab.diagnosis.scans.decimation import Thinning, thinned
+from traverse.lab.diagnosis.scans.decimation import Decimation, thinned
 from traverse.lab.diagnosis.scans.harmonics import (
     HarmonicFinding,
     first_significant,
@@ -57,7 +60,7 @@ class StreamDiagnosis:
     """
 
     diagnosis: Diagnosis
-    thinning: Thinning
+    thinning: Decimation
     harmonics: tuple[HarmonicFinding, ...]
     n_from_stream: int
 
@@ -96,12 +99,12 @@ def diagnose_stream(
     while True:
         if progress is not None:
             progress("harmonics of all samples", 0.9)
-        rows = rows_of(found.after)
+        rows = equations_of(found.after)
         harmonics = stream_harmonics(rows, campaign, arm.probe.radius_mm)
         best = first_significant(harmonics, level)
         if best is None or len(found.terms) + len(added) >= options.most_terms:
             break
-        effect = effect_from_candidate(
+        effect = effect_of_candidate(
             best.candidate, np.array(best.amplitudes_rad), rows
         )
         more = (*_given(found, arm, len(added)), effect)
@@ -110,7 +113,7 @@ def diagnose_stream(
             poses, arm.model_copy(update={"effects": more}), options, progress
         )
     if added:
-        rows = rows_of(found.after)
+        rows = equations_of(found.after)
         together = _together(first, found, rows, added)
         # Held-out poses got worse: nothing of it is accepted.
         found = first if together.vetoed else together
@@ -126,13 +129,13 @@ def _given(found: Diagnosis, arm: Arm, n_added: int) -> tuple[Any, ...]:
 def _together(
     first: Diagnosis,
     found: Diagnosis,
-    rows: Rows,
+    rows: ObservationEquations,
     added: Sequence[tuple[HarmonicFinding, ...]],
 ) -> Diagnosis:
     """Tell of harmonics of the stream as terms, in front of those found with them."""
     n_given = len(first.arm.effects)
     radius_mm = first.arm.probe.radius_mm
-    gap = gap_between(first.before, found.after, found.held_out, radius_mm)
+    gap = compare_on_holdout(first.before, found.after, found.held_out, radius_mm)
     terms = tuple(
         _term(names, rows, n_given + at, found, accepted=not gap.is_worse)
         for at, names in enumerate(added)
@@ -159,7 +162,7 @@ def _together(
 
 def _term(
     names: tuple[HarmonicFinding, ...],
-    rows: Rows,
+    rows: ObservationEquations,
     index: int,
     found: Diagnosis,
     *,

@@ -10,21 +10,21 @@ from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.fit import Fit, fitted
 from traverse.lab.diagnosis.model.options import DiagnosisOptions
 from traverse.lab.diagnosis.model.serial_correlation import (
-    SerialNoise,
-    is_serial,
-    serial_noise,
+    SerialCorrelation,
+    is_serially_correlated,
+    serial_correlation,
 )
-from traverse.lab.diagnosis.model.terms import Added
+from traverse.lab.diagnosis.model.terms import AddedTerm
 from traverse.lab.diagnosis.search.forward_search import (
     Progress,
-    Search,
+    SearchState,
     effect_of,
+    forward_search,
     refitted,
-    searched,
-    stage_at,
+    scores_at,
 )
-from traverse.lab.diagnosis.search.naming import Naming, named_terms
-from traverse.lab.diagnosis.search.selection import Choice
+from traverse.lab.diagnosis.search.naming import NamedTerm, name_terms
+from traverse.lab.diagnosis.search.selection import ScoredCandidate
 from traverse.lab.diagnosis.search.thresholds import noise_draws
 
 Booleans = NDArray[np.bool_]
@@ -45,8 +45,8 @@ class Decision:
         start: The fit without terms.
     """
 
-    search: Search
-    names: tuple[Naming, ...]
+    search: SearchState
+    names: tuple[NamedTerm, ...]
     start: Fit
 
 
@@ -69,38 +69,42 @@ def decided(
     if progress is not None:
         progress("fitting the geometry", 0.05)
     start = fitted(campaign, arm, eligible)
-    serial: SerialNoise | None = None
+    serial: SerialCorrelation | None = None
     if progress is not None:
         progress("judging every candidate", 0.15)
     search, names = _revised(
-        searched(start, eligible, options, None, progress), eligible
+        forward_search(start, eligible, options, None, progress), eligible
     )
     rows = search.stage.rows
-    if is_serial(rows, noise_draws(rows, options.n_draws, options.seed), _SERIAL_LEVEL):
+    if is_serially_correlated(
+        rows, noise_draws(rows, options.n_draws, options.seed), _SERIAL_LEVEL
+    ):
         # Before terms took their part of it: drifts would pass for terms else.
-        serial = serial_noise(search.first.rows)
+        serial = serial_correlation(search.first.rows)
         search, names = _revised(
-            searched(start, eligible, options, serial, progress), eligible
+            forward_search(start, eligible, options, serial, progress), eligible
         )
     return Decision(search, names, start)
 
 
-def _revised(search: Search, eligible: Booleans) -> tuple[Search, tuple[Naming, ...]]:
+def _revised(
+    search: SearchState, eligible: Booleans
+) -> tuple[SearchState, tuple[NamedTerm, ...]]:
     """Look back: names that became better take over, terms without need leave."""
-    names = named_terms(search)
+    names = name_terms(search)
     for _ in range(_MOST_REVISIONS):
         revision = _revision(search, names)
         if revision is None:
             break
         naming, better = revision
         search = _changed(search, naming.added, better, eligible)
-        names = named_terms(search)
+        names = name_terms(search)
     return search, names
 
 
 def _revision(
-    search: Search, names: tuple[Naming, ...]
-) -> tuple[Naming, Choice | None] | None:
+    search: SearchState, names: tuple[NamedTerm, ...]
+) -> tuple[NamedTerm, ScoredCandidate | None] | None:
     """Find the term that should go or change its name, with the better name."""
     for naming in names:
         if naming.own.log_p > search.thresholds[naming.added.bank]:
@@ -116,8 +120,11 @@ def _revision(
 
 
 def _changed(
-    search: Search, added: Added, better: Choice | None, eligible: Booleans
-) -> Search:
+    search: SearchState,
+    added: AddedTerm,
+    better: ScoredCandidate | None,
+    eligible: Booleans,
+) -> SearchState:
     """Take a term out of a search, or put another into its place."""
     effects = list(search.fit.arm.effects)
     terms = list(search.terms)
@@ -130,8 +137,8 @@ def _changed(
         ]
     else:
         effects[added.index] = effect_of(better, search.stage.rows)
-        terms[at] = Added(better.candidate, better.bank, added.index)
+        terms[at] = AddedTerm(better.candidate, better.bank, added.index)
     fit = refitted(search.fit, tuple(effects), eligible)
     return replace(
-        search, fit=fit, terms=tuple(terms), stage=stage_at(fit, search.serial)
+        search, fit=fit, terms=tuple(terms), stage=scores_at(fit, search.serial)
     )

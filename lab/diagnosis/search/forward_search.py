@@ -7,19 +7,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.kinematics.arm_file.arm import Effect
-from traverse.lab.diagnosis.candidates.candidate_scores import Stage, stage_of
-from traverse.lab.diagnosis.candidates.effect_factory import effect_from_candidate
+from traverse.lab.diagnosis.candidates.candidate_scores import (
+    CandidateScores,
+    score_candidates,
+)
+from traverse.lab.diagnosis.candidates.effect_factory import effect_of_candidate
 from traverse.lab.diagnosis.model.candidate import BankName
 from traverse.lab.diagnosis.model.fit import Fit, fitted, with_effects
-from traverse.lab.diagnosis.model.observation_equations import Rows, rows_of
+from traverse.lab.diagnosis.model.observation_equations import (
+    ObservationEquations,
+    equations_of,
+)
 from traverse.lab.diagnosis.model.options import DiagnosisOptions
 from traverse.lab.diagnosis.model.serial_correlation import (
-    SerialNoise,
+    SerialCorrelation,
     without_serial_noise,
 )
-from traverse.lab.diagnosis.model.terms import Added
-from traverse.lab.diagnosis.search.outlier_recovery import readmitted
-from traverse.lab.diagnosis.search.selection import Choice, is_significant, next_choice
+from traverse.lab.diagnosis.model.terms import AddedTerm
+from traverse.lab.diagnosis.search.outlier_recovery import recover_outliers
+from traverse.lab.diagnosis.search.selection import (
+    ScoredCandidate,
+    is_significant,
+    select_next,
+)
 from traverse.lab.diagnosis.search.thresholds import log_p_threshold, noise_draws
 
 Floats = NDArray[np.float64]
@@ -36,7 +46,7 @@ _SHARES = {
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Search:
+class SearchState:
     """Where a search ended.
 
     Attributes:
@@ -51,32 +61,34 @@ class Search:
     """
 
     fit: Fit
-    stage: Stage
-    terms: tuple[Added, ...]
+    stage: CandidateScores
+    terms: tuple[AddedTerm, ...]
     thresholds: dict[BankName, float]
-    first: Stage
+    first: CandidateScores
     n_given: int
-    serial: SerialNoise | None
-    stuck: Choice | None = None
+    serial: SerialCorrelation | None
+    stuck: ScoredCandidate | None = None
 
     @property
-    def settled(self) -> frozenset[str]:
+    def joints_with_own_curve(self) -> frozenset[str]:
         """Joints whose own angle has an empirical curve."""
-        return settled_joints(self.terms)
+        return joints_with_curve(self.terms)
 
     @property
     def is_finished(self) -> bool:
         """Whether no bank sees anything more."""
-        return not is_significant(self.stage, self.thresholds, self.settled)
+        return not is_significant(
+            self.stage, self.thresholds, self.joints_with_own_curve
+        )
 
 
-def searched(
+def forward_search(
     start: Fit,
     eligible: Booleans,
     options: DiagnosisOptions,
-    serial: SerialNoise | None = None,
+    serial: SerialCorrelation | None = None,
     progress: Progress | None = None,
-) -> Search:
+) -> SearchState:
     """Add terms to a fit until nothing is left to explain.
 
     Args:
@@ -86,21 +98,23 @@ def searched(
         serial: Correlation of the noise from pose to pose.
         progress: Told what is done, and which part of the work that is.
     """
-    stage = stage_at(start, serial)
+    stage = scores_at(start, serial)
     first = stage
     thresholds = family_thresholds(stage, options)
-    fit, terms = start, list[Added]()
+    fit, terms = start, list[AddedTerm]()
     n_given = len(start.arm.effects)
-    stuck: Choice | None = None
+    stuck: ScoredCandidate | None = None
     while len(terms) < options.most_terms:
-        settled = settled_joints(terms)
-        choice = _choice(stage, thresholds, settled)
+        joints_with_own_curve = joints_with_curve(terms)
+        choice = _choice(stage, thresholds, joints_with_own_curve)
         if choice is None or choice.bank is BankName.GENERIC:
             # Poses that look like blunders may be what a curve is about.
             believed = thresholds[BankName.GENERIC]
-            again = _with_readmitted(fit, eligible, believed, settled, serial)
+            again = _with_readmitted(
+                fit, eligible, believed, joints_with_own_curve, serial
+            )
             if again is not None:
-                better = _choice(again[1], thresholds, settled)
+                better = _choice(again[1], thresholds, joints_with_own_curve)
                 if better is not None and better.log_p < believed:
                     (fit, stage), choice = again, better
         if choice is None:
@@ -112,42 +126,46 @@ def searched(
         if progress is not None:
             progress(f"adding {choice.candidate.name}", 0.3 + 0.1 * len(terms))
         fit = refitted(fit, (*fit.arm.effects, effect), eligible)
-        terms.append(Added(choice.candidate, choice.bank, n_given + len(terms)))
-        stage = stage_at(fit, serial)
-    return Search(fit, stage, tuple(terms), thresholds, first, n_given, serial, stuck)
+        terms.append(AddedTerm(choice.candidate, choice.bank, n_given + len(terms)))
+        stage = scores_at(fit, serial)
+    return SearchState(
+        fit, stage, tuple(terms), thresholds, first, n_given, serial, stuck
+    )
 
 
 def _choice(
-    stage: Stage, thresholds: dict[BankName, float], settled: frozenset[str]
-) -> Choice | None:
+    stage: CandidateScores,
+    thresholds: dict[BankName, float],
+    joints_with_own_curve: frozenset[str],
+) -> ScoredCandidate | None:
     """Choose what to add; None: no bank sees anything."""
-    if not is_significant(stage, thresholds, settled):
+    if not is_significant(stage, thresholds, joints_with_own_curve):
         return None
-    return next_choice(stage, settled)
+    return select_next(stage, joints_with_own_curve)
 
 
 def _with_readmitted(
     fit: Fit,
     eligible: Booleans,
     log_p: float,
-    settled: frozenset[str],
-    serial: SerialNoise | None,
-) -> tuple[Fit, Stage] | None:
+    joints_with_own_curve: frozenset[str],
+    serial: SerialCorrelation | None,
+) -> tuple[Fit, CandidateScores] | None:
     """Fit again with poses that a curve explains, and judge everything there."""
-    included = readmitted(fit, eligible, log_p, settled)
+    included = recover_outliers(fit, eligible, log_p, joints_with_own_curve)
     if included is None:
         return None
     begun = replace(fit, included=included)
     again = refitted(begun, fit.arm.effects, included, snooping=False)
-    return again, stage_at(again, serial)
+    return again, scores_at(again, serial)
 
 
-def stage_at(fit: Fit, serial: SerialNoise | None) -> Stage:
+def scores_at(fit: Fit, serial: SerialCorrelation | None) -> CandidateScores:
     """Judge all candidates on a fit."""
-    rows = rows_of(fit.adjustment)
+    rows = equations_of(fit.adjustment)
     if serial is not None:
         rows = without_serial_noise(rows, serial)
-    return stage_of(rows, fit.arm)
+    return score_candidates(rows, fit.arm)
 
 
 def refitted(
@@ -159,7 +177,9 @@ def refitted(
     return fitted(campaign, arm, eligible, fit, snooping=snooping)
 
 
-def family_thresholds(stage: Stage, options: DiagnosisOptions) -> dict[BankName, float]:
+def family_thresholds(
+    stage: CandidateScores, options: DiagnosisOptions
+) -> dict[BankName, float]:
     """Find below which log p each bank sees something."""
     draws = noise_draws(stage.rows, options.n_draws, options.seed)
     found: dict[BankName, float] = {
@@ -175,19 +195,19 @@ def family_thresholds(stage: Stage, options: DiagnosisOptions) -> dict[BankName,
     return found
 
 
-def effect_of(choice: Choice, rows: Rows) -> Effect:
+def effect_of(choice: ScoredCandidate, rows: ObservationEquations) -> Effect:
     """Write a choice as an effect of the size that the rows say."""
     amplitudes, _ = choice.found.amplitudes(choice.residuals)
-    return effect_from_candidate(choice.candidate, amplitudes, rows)
+    return effect_of_candidate(choice.candidate, amplitudes, rows)
 
 
-def is_adaptable(choice: Choice) -> bool:
+def is_adaptable(choice: ScoredCandidate) -> bool:
     """Say whether the arm file has a form for it."""
     candidate = choice.candidate
     return candidate.kind != "empirical" or candidate.component == "angle"
 
 
-def settled_joints(terms: tuple[Added, ...] | list[Added]) -> frozenset[str]:
+def joints_with_curve(terms: tuple[AddedTerm, ...] | list[AddedTerm]) -> frozenset[str]:
     """List the joints that have an empirical curve over their own angle."""
     return frozenset(
         str(term.candidate.joint)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.lab.diagnosis.model.observation_equations import Rows
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -27,7 +27,7 @@ _UNCONTROLLED = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Groups:
+class PoseGroup:
     """Poses with equally many rows.
 
     Attributes:
@@ -42,7 +42,7 @@ class Groups:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shifts:
+class MeanShifts:
     """Poses that are left out.
 
     Attributes:
@@ -73,7 +73,7 @@ class Shifts:
         """Of each pose's shift beside all others, (n_shifted,)."""
         return self._statistics(self.weights, self.sizes)
 
-    def statistics_beside(self, directions: Floats, along: Floats) -> Floats:
+    def statistics_with(self, directions: Floats, along: Floats) -> Floats:
         """Compute the statistics of the shifts if something else is absorbed too.
 
         Args:
@@ -101,7 +101,9 @@ class Shifts:
         return found
 
 
-def groups_of(rows: Rows, limits: dict[int, float]) -> tuple[Groups, ...]:
+def pose_groups(
+    rows: ObservationEquations, limits: dict[int, float]
+) -> tuple[PoseGroup, ...]:
     """Sort poses by how many rows they have.
 
     Args:
@@ -116,13 +118,13 @@ def groups_of(rows: Rows, limits: dict[int, float]) -> tuple[Groups, ...]:
     for size, limit in limits.items():
         mine = (poses >= 0) & (sizes == size)
         places = order[first[mine][:, np.newaxis] + np.arange(size)]
-        found.append(Groups(poses[mine], places, limit))
+        found.append(PoseGroup(poses[mine], places, limit))
     return tuple(found)
 
 
 def shifted(
-    groups: tuple[Groups, ...], basis: Floats, residuals: Floats, poses: Booleans
-) -> Shifts:
+    groups: tuple[PoseGroup, ...], basis: Floats, residuals: Floats, poses: Booleans
+) -> MeanShifts:
     """Estimate the shifts of some poses.
 
     Args:
@@ -145,7 +147,7 @@ def shifted(
         np.eye(len(rows)) - own @ own.T, rcond=_UNCONTROLLED, hermitian=True
     )
     sizes = weights @ residuals[rows]
-    return Shifts(
+    return MeanShifts(
         np.array(numbers, dtype=np.int64),
         tuple(places),
         np.array(limits),
@@ -156,9 +158,9 @@ def shifted(
     )
 
 
-def best_shifts(
-    groups: tuple[Groups, ...], basis: Floats, residuals: Floats, start: Booleans
-) -> Shifts:
+def best_mean_shifts(
+    groups: tuple[PoseGroup, ...], basis: Floats, residuals: Floats, start: Booleans
+) -> MeanShifts:
     """Choose who is left out so that the cost is low.
 
     Args:
@@ -185,7 +187,7 @@ def best_shifts(
 
 
 def _leaving(
-    groups: tuple[Groups, ...], basis: Floats, residuals: Floats, found: Shifts
+    groups: tuple[PoseGroup, ...], basis: Floats, residuals: Floats, found: MeanShifts
 ) -> Integers:
     """Find the poses that contradict what is left, the worst and those near it."""
     own = basis[found.rows]

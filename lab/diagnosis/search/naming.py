@@ -7,19 +7,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.lab.diagnosis.candidates.aliases import ALIAS
-from traverse.lab.diagnosis.candidates.candidate_scores import Stage, judged
-from traverse.lab.diagnosis.candidates.scoring import Projected, judge, project
+from traverse.lab.diagnosis.candidates.candidate_scores import CandidateScores, judged
+from traverse.lab.diagnosis.candidates.scoring import ProjectedCandidate, judge, project
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
 from traverse.lab.diagnosis.model.result import Alternative, Status
-from traverse.lab.diagnosis.model.terms import Added, rows_without
-from traverse.lab.diagnosis.search.forward_search import Search, settled_joints
+from traverse.lab.diagnosis.model.terms import AddedTerm, rows_without
+from traverse.lab.diagnosis.search.forward_search import SearchState, joints_with_curve
 from traverse.lab.diagnosis.search.selection import (
     DECIDED,
     NAMED_BANKS,
     OWN_ANGLE_KINDS,
     TURNING_KINDS,
-    Choice,
-    imitates,
+    ScoredCandidate,
+    fit_any_curve_together,
     ranked,
 )
 
@@ -44,7 +44,7 @@ _OVERTONE_LOG_P = float(np.log(0.02))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Naming:
+class NamedTerm:
     """A term with its name.
 
     Attributes:
@@ -56,35 +56,35 @@ class Naming:
         best: The best name of all, which may be another.
     """
 
-    added: Added
-    own: Choice
+    added: AddedTerm
+    own: ScoredCandidate
     status: Status
     harmonic: int | None
     alternatives: tuple[Alternative, ...]
-    best: Choice
+    best: ScoredCandidate
 
 
-def named_terms(search: Search) -> tuple[Naming, ...]:
+def name_terms(search: SearchState) -> tuple[NamedTerm, ...]:
     """Judge every term of a search with all others in the model."""
     return tuple(_naming(search, added) for added in search.terms)
 
 
-def stage_without(search: Search, added: Added) -> Stage:
+def scores_without(search: SearchState, added: AddedTerm) -> CandidateScores:
     """Judge everything on a search's fit with one term taken out."""
     return judged(rows_without(search.stage.rows, added.index), search.stage.banks)
 
 
-def _naming(search: Search, added: Added) -> Naming:
-    stage = stage_without(search, added)
+def _naming(search: SearchState, added: AddedTerm) -> NamedTerm:
+    stage = scores_without(search, added)
     others = [term for term in search.terms if term is not added]
-    settled = settled_joints(others)
-    names = ranked(stage, NAMED_BANKS, settled)
-    curves = ranked(stage, (BankName.GENERIC,), settled)
+    joints_with_own_curve = joints_with_curve(others)
+    names = ranked(stage, NAMED_BANKS, joints_with_own_curve)
+    curves = ranked(stage, (BankName.GENERIC,), joints_with_own_curve)
     # A term may be a function of a reading that got a curve after it.
     own = own_choice(added, ranked(stage, tuple(BankName), ()))
     if added.candidate.kind == "empirical":
         rivals = _rivals(own, names + curves[:1], own.score)
-        return Naming(added, own, "unknown", None, rivals, own)
+        return NamedTerm(added, own, "unknown", None, rivals, own)
     best = names[0] if names else own
     harmonic = _with_overtones(search, own.candidate)
     status: Status = "named"
@@ -94,10 +94,10 @@ def _naming(search: Search, added: Added) -> Naming:
         status = "tentative"
     shown = names + [one for one in curves[:1] if one.score > own.score - _SET]
     rivals = _rivals(own, shown, max(best.score, own.score))
-    return Naming(added, own, status, harmonic, rivals, best)
+    return NamedTerm(added, own, status, harmonic, rivals, best)
 
 
-def own_choice(added: Added, choices: Sequence[Choice]) -> Choice:
+def own_choice(added: AddedTerm, choices: Sequence[ScoredCandidate]) -> ScoredCandidate:
     """Find a term among the candidates."""
     wanted = added.candidate
     same = [
@@ -112,7 +112,9 @@ def own_choice(added: Added, choices: Sequence[Choice]) -> Choice:
     return same[0]
 
 
-def correlation(finding: Projected, residuals: Floats, other: Projected) -> float:
+def correlation(
+    finding: ProjectedCandidate, residuals: Floats, other: ProjectedCandidate
+) -> float:
     """Say how much of a finding another block explains, 0 to 1."""
     explained = finding.directions @ (finding.directions.T @ residuals)
     size = float(np.linalg.norm(explained))
@@ -122,7 +124,7 @@ def correlation(finding: Projected, residuals: Floats, other: Projected) -> floa
 
 
 def _rivals(
-    own: Choice, choices: Sequence[Choice], top: float
+    own: ScoredCandidate, choices: Sequence[ScoredCandidate], top: float
 ) -> tuple[Alternative, ...]:
     """List what is as good as the best, but for the name itself."""
     found = []
@@ -140,7 +142,10 @@ def _rivals(
 
 
 def _is_doubtful(
-    search: Search, own: Choice, names: Sequence[Choice], curves: Sequence[Choice]
+    search: SearchState,
+    own: ScoredCandidate,
+    names: Sequence[ScoredCandidate],
+    curves: Sequence[ScoredCandidate],
 ) -> bool:
     """Say whether a name is not sure enough to stand for itself.
 
@@ -158,7 +163,9 @@ def _is_doubtful(
         is_curve = other.covariate == f"{own.candidate.joint}_rad"
         if is_curve and own.candidate.kind in TURNING_KINDS:
             return True
-        if other.identity != own.candidate.identity and imitates(own.candidate, other):
+        if other.identity != own.candidate.identity and fit_any_curve_together(
+            own.candidate, other
+        ):
             return True
     near = [one for one in (*names, *curves[:1]) if one.score > own.score - DECIDED]
     return any(
@@ -168,7 +175,7 @@ def _is_doubtful(
     )
 
 
-def leaves_a_curve(stage: Stage, name: Candidate) -> bool:
+def leaves_a_curve(stage: CandidateScores, name: Candidate) -> bool:
     """Say whether a curve over what a name depends on explains more than it does."""
     if name.joint is None:
         return False
@@ -184,7 +191,7 @@ def leaves_a_curve(stage: Stage, name: Candidate) -> bool:
     )
 
 
-def _with_overtones(search: Search, candidate: Candidate) -> int | None:
+def _with_overtones(search: SearchState, candidate: Candidate) -> int | None:
     """Say the order of a harmonic that has overtones too: it is no pure one."""
     if candidate.kind not in OWN_ANGLE_KINDS[:2]:
         return None

@@ -18,11 +18,22 @@ from numpy.typing import NDArray
 from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
 from traverse.lab.diagnosis.candidates.curves import generic_bank
-from traverse.lab.diagnosis.candidates.scoring import Projected, log_p_values, project
+from traverse.lab.diagnosis.candidates.scoring import (
+    ProjectedCandidate,
+    log_p_values,
+    project,
+)
 from traverse.lab.diagnosis.model.fit import Fit
-from traverse.lab.diagnosis.model.observation_equations import Rows, rows_of
-from traverse.lab.diagnosis.search.mean_shifts import Shifts, best_shifts, groups_of
-from traverse.lab.diagnosis.search.selection import is_settled
+from traverse.lab.diagnosis.model.observation_equations import (
+    ObservationEquations,
+    equations_of,
+)
+from traverse.lab.diagnosis.search.mean_shifts import (
+    MeanShifts,
+    best_mean_shifts,
+    pose_groups,
+)
+from traverse.lab.diagnosis.search.selection import has_own_curve
 from traverse.lab.identification.equations.network import stations
 from traverse.lab.identification.solve.options import Options
 from traverse.lab.identification.solve.snooping import robust_scale
@@ -31,8 +42,11 @@ Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]
 
 
-def readmitted(
-    fit: Fit, eligible: Booleans, log_p: float, settled: Collection[str] = ()
+def recover_outliers(
+    fit: Fit,
+    eligible: Booleans,
+    log_p: float,
+    joints_with_own_curve: Collection[str] = (),
 ) -> Booleans | None:
     """Find who takes part if the best curve is right.
 
@@ -40,7 +54,7 @@ def readmitted(
         fit: That left out some poses.
         eligible: Poses that may take part, (n_poses,).
         log_p: Below which a curve is believed.
-        settled: Joints whose own angle has an empirical curve already.
+        joints_with_own_curve: Joints whose own angle has an empirical curve already.
 
     Returns:
         Who takes part, (n_poses,); None: no curve explains why poses were left out.
@@ -48,28 +62,28 @@ def readmitted(
     outside = eligible & ~fit.included
     if not np.any(outside):
         return None
-    rows = rows_of_all(fit, eligible)
-    groups = groups_of(rows, _limits(fit, rows))
-    plain = best_shifts(groups, rows.basis, rows.residuals, outside)
+    rows = equations_of_all_poses(fit, eligible)
+    groups = pose_groups(rows, _limits(fit, rows))
+    plain = best_mean_shifts(groups, rows.basis, rows.residuals, outside)
     start = _mask(eligible, plain)
     chosen, least = None, log_p
     for curve in project(rows, generic_bank(rows)):
-        if is_settled(curve.candidate, settled):
+        if has_own_curve(curve.candidate, joints_with_own_curve):
             continue
         along = curve.directions.T @ rows.residuals
         # Most curves explain none of them: no need to look further.
-        if np.all(plain.statistics_beside(curve.directions, along) > plain.limits):
+        if np.all(plain.statistics_with(curve.directions, along) > plain.limits):
             continue
         basis = np.hstack([rows.basis, curve.directions])
         residuals = rows.residuals - curve.directions @ along
-        found = best_shifts(groups, basis, residuals, start)
+        found = best_mean_shifts(groups, basis, residuals, start)
         reached = _log_p(rows, plain, found, curve)
         if reached < least and np.any(start & ~_mask(eligible, found)):
             chosen, least = found, reached
     return None if chosen is None else eligible & ~_mask(eligible, chosen)
 
 
-def rows_of_all(fit: Fit, eligible: Booleans) -> Rows:
+def equations_of_all_poses(fit: Fit, eligible: Booleans) -> ObservationEquations:
     """Linearise the equations of all poses where a fit to some of them ended.
 
     An artefact that took no part at all stays away.
@@ -92,14 +106,14 @@ def rows_of_all(fit: Fit, eligible: Booleans) -> Rows:
         unknowns=tuple(unknowns[station.index] for station in known),
         corrections=tuple(corrections[station.poses] for station in known),
     )
-    return rows_of(
+    return equations_of(
         replace(
             fit.adjustment, network=replace(network, stations=known), state=everyone
         )
     )
 
 
-def _limits(fit: Fit, rows: Rows) -> dict[int, float]:
+def _limits(fit: Fit, rows: ObservationEquations) -> dict[int, float]:
     """Say at which statistic a pose is left out, by the number of its rows."""
     poses, sizes = np.unique(rows.poses[rows.poses >= 0], return_counts=True)
     level = Options().family_level / len(poses)
@@ -110,7 +124,12 @@ def _limits(fit: Fit, rows: Rows) -> dict[int, float]:
     }
 
 
-def _log_p(rows: Rows, plain: Shifts, found: Shifts, curve: Projected) -> float:
+def _log_p(
+    rows: ObservationEquations,
+    plain: MeanShifts,
+    found: MeanShifts,
+    curve: ProjectedCandidate,
+) -> float:
     """Test a curve by what it lowers the cost by; as ever if nobody comes back."""
     gain = max(plain.cost - found.cost, 0.0)
     redundancy = rows.redundancy - len(found.rows)
@@ -119,7 +138,7 @@ def _log_p(rows: Rows, plain: Shifts, found: Shifts, curve: Projected) -> float:
     return float(log_p_values(part, degrees, redundancy)[0])
 
 
-def _mask(eligible: Booleans, shifts: Shifts) -> Booleans:
+def _mask(eligible: Booleans, shifts: MeanShifts) -> Booleans:
     found = np.zeros_like(eligible)
     found[shifts.poses] = True
     return found

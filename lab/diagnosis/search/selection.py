@@ -6,8 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.lab.diagnosis.candidates.candidate_scores import Stage, beside, judged
-from traverse.lab.diagnosis.candidates.scoring import Projected
+from traverse.lab.diagnosis.candidates.candidate_scores import (
+    CandidateScores,
+    beside,
+    judged,
+)
+from traverse.lab.diagnosis.candidates.scoring import ProjectedCandidate
 from traverse.lab.diagnosis.model.candidate import BankName, Candidate
 
 Floats = NDArray[np.float64]
@@ -23,7 +27,7 @@ _N_PAIRED = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Choice:
+class ScoredCandidate:
     """A candidate with what speaks for it.
 
     Attributes:
@@ -35,7 +39,7 @@ class Choice:
         residuals: That it was judged on, (n_rows,).
     """
 
-    found: Projected
+    found: ProjectedCandidate
     evidence: float
     score: float
     log_p: float
@@ -49,45 +53,51 @@ class Choice:
 
 
 def ranked(
-    stage: Stage, names: Collection[BankName], settled: Collection[str]
-) -> list[Choice]:
+    stage: CandidateScores,
+    names: Collection[BankName],
+    joints_with_own_curve: Collection[str],
+) -> list[ScoredCandidate]:
     """Sort the candidates of some banks, the best first.
 
     Args:
         stage: Judged.
         names: Of the banks.
-        settled: Joints whose own angle has an empirical curve already: functions of
-            their reading are left out.
+        joints_with_own_curve: Joints whose own angle has an empirical curve already:
+            functions of their reading are left out.
     """
     found = [
         choice
         for name in names
         for choice in _choices(stage, name)
-        if not is_settled(choice.candidate, settled)
+        if not has_own_curve(choice.candidate, joints_with_own_curve)
     ]
     return sorted(found, key=lambda choice: -choice.score)
 
 
 def is_significant(
-    stage: Stage, thresholds: dict[BankName, float], settled: Collection[str]
+    stage: CandidateScores,
+    thresholds: dict[BankName, float],
+    joints_with_own_curve: Collection[str],
 ) -> bool:
     """Say whether any bank sees anything."""
     return any(
         choice.log_p < threshold
         for name, threshold in thresholds.items()
         for choice in _choices(stage, name)
-        if not is_settled(choice.candidate, settled)
+        if not has_own_curve(choice.candidate, joints_with_own_curve)
     )
 
 
-def next_choice(stage: Stage, settled: Collection[str]) -> Choice | None:
+def select_next(
+    stage: CandidateScores, joints_with_own_curve: Collection[str]
+) -> ScoredCandidate | None:
     """Choose what to add: a name if it explains as much as any curve does.
 
     A curve that wins may be two named effects at once: then the name that with a
     second one explains as much goes first.
     """
-    named = ranked(stage, NAMED_BANKS, settled)
-    curves = ranked(stage, (BankName.GENERIC,), settled)
+    named = ranked(stage, NAMED_BANKS, joints_with_own_curve)
+    curves = ranked(stage, (BankName.GENERIC,), joints_with_own_curve)
     if not curves:
         return named[0] if named else None
     needed = curves[0].score - DECIDED
@@ -98,10 +108,10 @@ def next_choice(stage: Stage, settled: Collection[str]) -> Choice | None:
             beside(stage.rows, first.found),
             {BankName.LIBRARY: stage.banks[BankName.LIBRARY]},
         )
-        second = ranked(rest, (BankName.LIBRARY,), settled)[0]
-        if first.score + max(second.score, 0.0) >= needed and not imitates(
-            first.candidate, second.candidate
-        ):
+        second = ranked(rest, (BankName.LIBRARY,), joints_with_own_curve)[0]
+        if first.score + max(
+            second.score, 0.0
+        ) >= needed and not fit_any_curve_together(first.candidate, second.candidate):
             return first
     adaptable = [one for one in curves if one.candidate.component == "angle"]
     if adaptable and adaptable[0].score >= curves[0].score - DECIDED:
@@ -109,7 +119,7 @@ def next_choice(stage: Stage, settled: Collection[str]) -> Choice | None:
     return curves[0]
 
 
-def imitates(first: Candidate, second: Candidate) -> bool:
+def fit_any_curve_together(first: Candidate, second: Candidate) -> bool:
     """Say whether two effects go round with one joint: together they fit any curve."""
     return (
         first.joint == second.joint
@@ -118,18 +128,20 @@ def imitates(first: Candidate, second: Candidate) -> bool:
     )
 
 
-def is_settled(candidate: Candidate, settled: Collection[str]) -> bool:
+def has_own_curve(candidate: Candidate, joints_with_own_curve: Collection[str]) -> bool:
     """Say whether a candidate is a function of a reading that has a curve already."""
-    if candidate.joint not in settled:
+    if candidate.joint not in joints_with_own_curve:
         return False
     own_curve = candidate.covariate == f"{candidate.joint}_rad"
     return own_curve or candidate.kind in OWN_ANGLE_KINDS
 
 
-def _choices(stage: Stage, name: BankName) -> list[Choice]:
+def _choices(stage: CandidateScores, name: BankName) -> list[ScoredCandidate]:
     findings, residuals = stage.findings[name], stage.rows.residuals
     return [
-        Choice(found, float(evidence), float(score), float(log_p), name, residuals)
+        ScoredCandidate(
+            found, float(evidence), float(score), float(log_p), name, residuals
+        )
         for found, evidence, score, log_p in zip(
             findings.projected,
             findings.evidences,

@@ -11,8 +11,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.lab.diagnosis.candidates.scoring import Projected, log_p_values
-from traverse.lab.diagnosis.model.observation_equations import Rows
+from traverse.lab.diagnosis.candidates.scoring import ProjectedCandidate, log_p_values
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 
 Floats = NDArray[np.float64]
 
@@ -22,15 +22,15 @@ Scan = Callable[[Floats], tuple[Floats, int]]
 _TAIL = 0.1
 
 
-def noise_draws(rows: Rows, n_draws: int, seed: int) -> Floats:
+def noise_draws(rows: ObservationEquations, n_draws: int, seed: int) -> Floats:
     """Draw residuals of pure noise of unit weight, (n_rows, n_draws)."""
     rng = np.random.default_rng(seed)
     return rows.project(rng.standard_normal((len(rows.values), n_draws)))
 
 
 def log_p_threshold(
-    rows: Rows,
-    projected: tuple[Projected, ...],
+    rows: ObservationEquations,
+    projected: tuple[ProjectedCandidate, ...],
     draws: Floats,
     level: float,
     scans: tuple[Scan, ...] = (),
@@ -59,6 +59,6 @@ def log_p_threshold(
     return float(np.quantile(lowest, _TAIL) + np.log(level / _TAIL))
 
 
-def _log_p(rows: Rows, parts: Floats, size: int) -> Floats:
+def _log_p(rows: ObservationEquations, parts: Floats, size: int) -> Floats:
     degrees = np.full(len(parts), size, dtype=np.int64)
     return log_p_values(parts, degrees, rows.redundancy)

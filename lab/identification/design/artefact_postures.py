@@ -23,7 +23,7 @@ _REACHED_MM = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Reached:
+class TouchingPostures:
     """Where the joints came.
 
     Attributes:
@@ -43,7 +43,7 @@ def reached(
     touches: Touches,
     geometry: Geometry,
     tries_rad: Floats,
-) -> Reached:
+) -> TouchingPostures:
     """Turn the joints until the ball touches the artefact, as far as possible.
 
     Args:
@@ -66,4 +66,4 @@ def reached(
     centres_mm = probe_centre(geometry, angles_rad)
     equations = artefact.equations(unknowns, centres_mm, touches)
     misses_mm = np.max(np.abs(equations.misclosures_mm), axis=1)
-    return Reached(angles_rad, equations, misses_mm < _REACHED_MM)
+    return TouchingPostures(angles_rad, equations, misses_mm < _REACHED_MM)

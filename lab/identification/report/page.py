@@ -30,7 +30,7 @@ from traverse.lab.identification.report.words import (
 )
 from traverse.lab.identification.results.result import Identification
 from traverse.lab.identification.volume.distance_deviations import (
-    known_arm,
+    arm_uncertainty,
     noise_deviations_mm,
 )
 from traverse.lab.identification.volume.uncertainty_map import (
@@ -39,7 +39,7 @@ from traverse.lab.identification.volume.uncertainty_map import (
 )
 from traverse.lab.report.html import note, paragraph, section
 from traverse.lab.report.page_frame import framed, navigation
-from traverse.strict_toml.writing import write_whole
+from traverse.strict_toml.writing import write_atomically
 
 _CONTENTS = {
     "artefacts": "artefacts",
@@ -59,7 +59,7 @@ _N_PAIRS = 200
 def result_map(result: Identification) -> UncertaintyMap:
     """Draw up the uncertainty map of a result."""
     adjustment = result.adjustment
-    arm = known_arm(
+    arm = arm_uncertainty(
         adjustment.state.arm, adjustment.network.parameters, result.covariance
     )
     return uncertainty_map(arm, result.campaign.poses.angles_rad[result.included])
@@ -67,7 +67,7 @@ def result_map(result: Identification) -> UncertaintyMap:
 
 def write_report(result: Identification, found: UncertaintyMap, path: Path) -> None:
     """Write the page in place of an old one, whole or not at all."""
-    write_whole(path, report_page(result, found))
+    write_atomically(path, report_page(result, found))
 
 
 def report_page(result: Identification, found: UncertaintyMap) -> str:

@@ -16,7 +16,7 @@ from traverse.lab.identification.results.result import (
     CartesianCovariance,
     Identification,
 )
-from traverse.strict_toml.writing import write_whole
+from traverse.strict_toml.writing import write_atomically
 
 SCHEMA = "traverse/identification/1"
 COVARIANCE_FILE = "arm.cov.npz"
@@ -55,7 +55,7 @@ def write_result(
     )
     write_arm(target / "arm.toml", arm)
     text = json.dumps(identification_json(result), indent=1, allow_nan=False)
-    write_whole(target / "identification.json", text + "\n")
+    write_atomically(target / "identification.json", text + "\n")
     _write_residuals(result, target / "residuals.csv")
     return arm
 

@@ -22,11 +22,11 @@ from traverse.lab.identification.solve.pose_statistics import PoseStatistics
 from traverse.lab.statistics.distributions import chi_square_p_value
 
 __all__ = [
+    "arm_of_adjustment",
     "artefact_results",
     "cartesian_covariance",
     "condition_number",
     "global_test",
-    "identified_arm",
     "parameter_estimates",
     "rms_mm",
     "variance_factor",
@@ -39,7 +39,7 @@ _LEVEL = 0.05
 _INDEPENDENT = 1e-9
 
 
-def identified_arm(arm: Arm, adjustment: Adjustment) -> Arm:
+def arm_of_adjustment(arm: Arm, adjustment: Adjustment) -> Arm:
     """Put the estimated geometry into an arm; provenance comes when it is written."""
     geometry = adjustment.state.arm.geometry
     joints = tuple(

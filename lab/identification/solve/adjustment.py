@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from traverse.lab.identification.equations.datum import scale_direction
 from traverse.lab.identification.equations.network import Network, State, has_length
 from traverse.lab.identification.equations.parameters import ArmValues
-from traverse.lab.identification.solve.rank import Split, split
+from traverse.lab.identification.solve.rank import RankDecision, split
 from traverse.lab.identification.solve.system import (
     System,
     certified,
@@ -85,7 +85,7 @@ class Adjustment:
     network: Network
     state: State
     system: System
-    split: Split
+    split: RankDecision
     iterations: tuple[Iteration, ...]
     converged: bool
     redundancy: int
@@ -163,7 +163,7 @@ def adjust(
 
 def _split(
     network: Network, state: State, system: System, n_determined: int | None
-) -> Split:
+) -> RankDecision:
     parameters = network.parameters
     scale = np.empty((0, parameters.n_free))
     if not has_length(network):
@@ -218,7 +218,9 @@ def _moved(
     )
 
 
-def _redundancy(network: Network, state: State, system: System, parts: Split) -> int:
+def _redundancy(
+    network: Network, state: State, system: System, parts: RankDecision
+) -> int:
     n_certified = sum(
         len(certified(network, station, state.arm, unknowns))
         for station, unknowns in zip(network.stations, state.unknowns, strict=True)

@@ -18,12 +18,16 @@ from traverse.lab.identification.solve.adjustment import (
 from traverse.lab.identification.solve.options import Options
 from traverse.lab.identification.solve.pose_statistics import (
     PoseStatistics,
-    outsiders_statistics,
     pose_statistics,
+    statistics_of_excluded,
 )
 from traverse.lab.identification.solve.robust_start import robust_state
 from traverse.lab.identification.solve.serial_noise import SerialNoise
-from traverse.lab.identification.solve.snooping import Snooping, robust_scale, snoop
+from traverse.lab.identification.solve.snooping import (
+    SnoopingResult,
+    robust_scale,
+    snoop,
+)
 from traverse.lab.identification.solve.variance_components import (
     VarianceModel,
     better_noise,
@@ -37,7 +41,7 @@ _NOISE_SETTLED = 0.01
 _BLUNDERS = 1.2
 
 
-class Rounds:
+class IterativeAdjustment:
     """Adjusts until neither the poses that take part nor the noise change."""
 
     def __init__(
@@ -57,7 +61,7 @@ class Rounds:
         """Say which noise is estimated."""
         return self._options.variances or variance_model(campaign)
 
-    def to_the_end(
+    def run(
         self, network: Network, first: Booleans | None = None
     ) -> tuple[Adjustment, PoseStatistics, Booleans, float]:
         """Adjust until nothing changes.
@@ -106,7 +110,7 @@ class Rounds:
             )
         return adjustment, self._of_all(adjustment, found, included), included, critical
 
-    def less_weight(self, alone: Adjustment, serial: SerialNoise) -> Adjustment:
+    def with_stream_weights(self, alone: Adjustment, serial: SerialNoise) -> Adjustment:
         """Adjust once more, samples of a stream weighed by what they say together.
 
         Certificates keep their weight: a standard is as uncertain as it was.
@@ -146,7 +150,7 @@ class Rounds:
         found: PoseStatistics,
         masks: tuple[Booleans, Booleans],
         variances: VarianceModel,
-    ) -> Snooping | None:
+    ) -> SnoopingResult | None:
         if not self._options.snooping:
             return None
         return snoop(
@@ -166,7 +170,7 @@ class Rounds:
             return found
         campaign = adjustment.network.campaign
         others = stations(campaign, self._radius_mm, ~included)
-        theirs = outsiders_statistics(adjustment, others)
+        theirs = statistics_of_excluded(adjustment, others)
         outside = ~included
         for name in (
             "misclosures_mm",

@@ -87,7 +87,7 @@ def pose_statistics(adjustment: Adjustment) -> PoseStatistics:
     return _statistics(adjustment, adjustment.network.stations, -1.0)
 
 
-def outsiders_statistics(
+def statistics_of_excluded(
     adjustment: Adjustment, outsiders: Sequence[Station]
 ) -> PoseStatistics:
     """Compute those of poses that took no part, at the same artefacts."""

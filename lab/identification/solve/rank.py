@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Split:
+class RankDecision:
     """Directions that the data determine, and those that they do not.
 
     Attributes:
@@ -70,7 +70,7 @@ def split(
     tolerances: Floats,
     known_null: Floats,
     n_determined: int | None = None,
-) -> Split:
+) -> RankDecision:
     """Split the directions of a triangle.
 
     Args:
@@ -89,7 +89,7 @@ def split(
         int(np.count_nonzero(values > 1.0)) if n_determined is None else n_determined
     )
     n_null = len(known_null)
-    return Split(
+    return RankDecision(
         tolerances,
         np.concatenate([values, np.zeros(n_null)]),
         np.vstack([within @ others, known_null]),

@@ -49,7 +49,7 @@ class Elimination:
         return step
 
 
-def triangle(blocks: Iterable[Floats], n_columns: int) -> Floats:
+def sequential_qr(blocks: Iterable[Floats], n_columns: int) -> Floats:
     """Reduce rows to a triangle, (at most n_columns, n_columns)."""
     reduced = np.empty((0, n_columns))
     gathered: list[Floats] = []
@@ -63,7 +63,7 @@ def triangle(blocks: Iterable[Floats], n_columns: int) -> Floats:
     return _factor(np.vstack([reduced, *gathered]))
 
 
-def eliminate(upper: Floats, scales: Floats) -> Elimination:
+def eliminate_unknowns(upper: Floats, scales: Floats) -> Elimination:
     """Take a station's unknowns out of its triangle.
 
     Args:

@@ -14,7 +14,7 @@ from traverse.lab.identification.equations.network import stations
 from traverse.lab.identification.solve.adjustment import Adjustment
 from traverse.lab.identification.solve.pose_statistics import (
     PoseStatistics,
-    outsiders_statistics,
+    statistics_of_excluded,
 )
 from traverse.lab.statistics.distributions import (
     median_of_chi_square,
@@ -32,7 +32,7 @@ _LEAST_PART = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Snooping:
+class SnoopingResult:
     """One round of tests.
 
     Attributes:
@@ -57,7 +57,7 @@ def snoop(
     family_level: float,
     noise_known: bool,
     radius_mm: float,
-) -> Snooping:
+) -> SnoopingResult:
     """Decide who takes part in the next adjustment.
 
     Args:
@@ -86,10 +86,10 @@ def snoop(
     back = np.zeros_like(included)
     if np.any(outside):
         others = stations(network.campaign, radius_mm, outside)
-        theirs = outsiders_statistics(adjustment, others).w / scale
+        theirs = statistics_of_excluded(adjustment, others).w / scale
         back = outside & (np.nan_to_num(theirs, nan=np.inf) < critical)
     changed = int(np.count_nonzero(leaving) + np.count_nonzero(back))
-    return Snooping((included & ~leaving) | back, critical, scale, changed)
+    return SnoopingResult((included & ~leaving) | back, critical, scale, changed)
 
 
 def robust_scale(found: PoseStatistics) -> float:

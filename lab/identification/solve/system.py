@@ -13,8 +13,8 @@ from traverse.lab.identification.equations.station_equations import (
 )
 from traverse.lab.identification.solve.sequential_qr import (
     Elimination,
-    eliminate,
-    triangle,
+    eliminate_unknowns,
+    sequential_qr,
 )
 
 Floats = NDArray[np.float64]
@@ -74,13 +74,13 @@ def linearise(network: Network, state: State) -> System:
             )
             blocks.append(joined.reshape(-1, n_columns))
             if len(blocks) >= 4:
-                upper = triangle([upper, *blocks], n_columns)
+                upper = sequential_qr([upper, *blocks], n_columns)
                 blocks = []
-        upper = triangle([upper, *blocks], n_columns)
-        eliminations.append(eliminate(upper, station.scales))
+        upper = sequential_qr([upper, *blocks], n_columns)
+        eliminations.append(eliminate_unknowns(upper, station.scales))
         for whole, parts in zip(kept, seen, strict=True):
             whole.append(np.concatenate(parts))
-    reduced = triangle([found.reduced for found in eliminations], n_free + 1)
+    reduced = sequential_qr([found.reduced for found in eliminations], n_free + 1)
     whiteners, offsets_mm, following = (tuple(whole) for whole in kept)
     rms_mm = float(np.sqrt(squares_mm2 / max(network.n_rows, 1)))
     return System(

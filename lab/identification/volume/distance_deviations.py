@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class KnownArm:
+class ArmUncertainty:
     """An arm with the covariance of its free parameters.
 
     Attributes:
@@ -37,15 +37,17 @@ class KnownArm:
     covariance: Floats
 
 
-def known_arm(arm: ArmValues, parameters: Parameters, covariance: Floats) -> KnownArm:
+def arm_uncertainty(
+    arm: ArmValues, parameters: Parameters, covariance: Floats
+) -> ArmUncertainty:
     """Leave effects out: their shifts need more than a posture."""
     geometric = parameters.of_geometry()
     n_free = geometric.n_free
-    return KnownArm(arm.geometry, geometric, covariance[:n_free, :n_free])
+    return ArmUncertainty(arm.geometry, geometric, covariance[:n_free, :n_free])
 
 
 def distance_deviations_mm(
-    arm: KnownArm, first_rad: Floats, second_rad: Floats
+    arm: ArmUncertainty, first_rad: Floats, second_rad: Floats
 ) -> Floats:
     """Compute standard deviations of distances between the balls of two poses.
 
@@ -99,7 +101,7 @@ def noise_deviations_mm(
     return deviations_mm
 
 
-def _columns(arm: KnownArm, angles_rad: Floats) -> tuple[Floats, Floats]:
+def _columns(arm: ArmUncertainty, angles_rad: Floats) -> tuple[Floats, Floats]:
     """Compute centres (n, 3) and derivatives by free parameters (n, 3, n_free)."""
     derivatives = probe_derivatives(arm.geometry, angles_rad)
     n_poses = len(angles_rad)

@@ -20,7 +20,7 @@ _MARGIN_RAD = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PostureCloud:
+class PostureSample:
     """Random postures within ranges; the first joint stands in the middle of its own.
 
     Attributes:
@@ -70,19 +70,21 @@ class PostureCloud:
         )
 
 
-def posture_cloud(geometry: Geometry, angles_rad: Floats) -> PostureCloud:
+def sample_postures(geometry: Geometry, angles_rad: Floats) -> PostureSample:
     """Draw postures within the ranges of some readings, (n_poses, n_joints)."""
     least_rad, largest_rad = angles_rad.min(axis=0), angles_rad.max(axis=0)
     rng = np.random.default_rng(_SEED)
     drawn_rad = rng.uniform(least_rad, largest_rad, (_N_SAMPLES, len(least_rad)))
     drawn_rad[:, 0] = 0.5 * (least_rad[0] + largest_rad[0])
     radii, azimuths, heights = _cylindrical(geometry, probe_centre(geometry, drawn_rad))
-    return PostureCloud(
+    return PostureSample(
         geometry, least_rad, largest_rad, drawn_rad, radii, heights, azimuths
     )
 
 
-def reach(cloud: PostureCloud, places_mm: Floats, rank: int) -> tuple[Floats, Booleans]:
+def reach(
+    cloud: PostureSample, places_mm: Floats, rank: int
+) -> tuple[Floats, Booleans]:
     """Find a posture within the ranges for each place.
 
     The sample that comes near by turning the first joint is taken, then Newton steps.

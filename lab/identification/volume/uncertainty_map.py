@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.lab.identification.volume.distance_deviations import (
-    KnownArm,
+    ArmUncertainty,
     distance_deviations_mm,
 )
 from traverse.lab.identification.volume.inverse_kinematics import (
-    PostureCloud,
-    posture_cloud,
+    PostureSample,
     reach,
+    sample_postures,
 )
 
 Floats = NDArray[np.float64]
@@ -96,7 +96,7 @@ class MapFigures:
 
 
 def uncertainty_map(
-    arm: KnownArm, angles_rad: Floats, length_mm: float | None = None
+    arm: ArmUncertainty, angles_rad: Floats, length_mm: float | None = None
 ) -> UncertaintyMap:
     """Draw up the map over the volume that was travelled.
 
@@ -106,7 +106,7 @@ def uncertainty_map(
             (n_poses, n_joints).
         length_mm: Of the distances; default 500 mm, or less for a small arm.
     """
-    cloud = posture_cloud(arm.geometry, angles_rad)
+    cloud = sample_postures(arm.geometry, angles_rad)
     largest_mm = float(cloud.radii_mm.max())
     radii_mm = _middles(0.0, largest_mm, _N_RADII)
     lowest_mm, highest_mm = float(cloud.heights_mm.min()), float(cloud.heights_mm.max())
@@ -146,7 +146,7 @@ def _middles(least_mm: float, largest_mm: float, n_cells: int) -> Floats:
 
 
 def _pooled_mm(
-    arm: KnownArm, cloud: PostureCloud, first_mm: Floats, second_mm: Floats
+    arm: ArmUncertainty, cloud: PostureSample, first_mm: Floats, second_mm: Floats
 ) -> Floats:
     """Average variances between places (n, 3) over pairs of postures, (n,)."""
     sums, counts = np.zeros(len(first_mm)), np.zeros(len(first_mm))
@@ -164,7 +164,7 @@ def _pooled_mm(
     return pooled
 
 
-def _middle(cloud: PostureCloud) -> int:
+def _middle(cloud: PostureSample) -> int:
     """Choose a sample in the middle of the volume."""
     places = np.column_stack([cloud.radii_mm, cloud.heights_mm])
     away = np.linalg.norm(places - np.median(places, axis=0), axis=1)

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from benchmarks.blind.baselines import (
-    RIVALS,
+    BASELINES,
     forward_bic,
     overall_test,
     raw_correlation,
     sparse_regression,
 )
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
-from traverse.lab.diagnosis.model.observation_equations import Rows
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 
 N_ROWS = 300
 
@@ -45,7 +45,7 @@ def problem():
 
 
 def rows(basis, values):
-    return Rows(
+    return ObservationEquations(
         adjustment=None,
         poses=np.arange(N_ROWS),
         values=values,
@@ -57,7 +57,7 @@ def rows(basis, values):
     )
 
 
-@pytest.mark.parametrize("rival", RIVALS.values(), ids=list(RIVALS))
+@pytest.mark.parametrize("rival", BASELINES.values(), ids=list(BASELINES))
 def test_a_large_effect_is_detected(rival, problem):
     basis, bank, rng = problem
     values = rng.standard_normal(N_ROWS) + 2.0 * bank.columns[:, 1]

@@ -21,7 +21,7 @@ GOOD = {
     "deviations": [0.5, -1.0, 2.5],
 }
 RIVAL = {"detected": True, "exact": False, "all_exact": False}
-RIVALS = ("overall test", "raw correlation", "forward BIC", "sparse regression")
+BASELINES = ("overall test", "raw correlation", "forward BIC", "sparse regression")
 
 
 def line(scenario, seed, gap=None, **changes):
@@ -33,7 +33,7 @@ def line(scenario, seed, gap=None, **changes):
         "score": {**GOOD, **changes},
         "gap": gap,
         "seconds": 1.0,
-        "rivals": dict.fromkeys(RIVALS, RIVAL),
+        "rivals": dict.fromkeys(BASELINES, RIVAL),
     }
 
 
@@ -60,9 +60,9 @@ def test_false_alarms_are_bounded_from_above():
 
 def test_rivals_stand_beside_where_they_have_an_answer():
     found = table([line("one at 6", 0)])
-    assert found["detection at 6"].rivals == (1.0,) * 4
-    assert found["exact name at 6"].rivals == (None, 0.0, 0.0, 0.0)
-    assert found["right joint at 6"].rivals == (None,) * 4
+    assert found["detection at 6"].baselines == (1.0,) * 4
+    assert found["exact name at 6"].baselines == (None, 0.0, 0.0, 0.0)
+    assert found["right joint at 6"].baselines == (None,) * 4
 
 
 def test_a_run_that_broke_counts_as_not_found():

@@ -19,7 +19,7 @@ from tests.mosquitto import HOST, Mosquitto, free_port
 from traverse.cli.__main__ import app
 from traverse.client import Arm, BrokerAddress, BrokerUnreachableError
 from traverse.client.display.follower import Follower, following
-from traverse.client.mqtt.discovery import arms_on
+from traverse.client.mqtt.discovery import find_arms
 from traverse.protocol.messages import Point
 
 pytestmark = pytest.mark.needs("mosquitto", "openssl")
@@ -103,7 +103,7 @@ def house(tmp_path_factory: pytest.TempPathFactory) -> Iterator[House]:
 async def reason(address: BrokerAddress) -> str:
     """Why an arm cannot be followed, without waiting; as looking for arms says."""
     with pytest.raises(BrokerUnreachableError) as of_finding:
-        await arms_on(address, 0.1)
+        await find_arms(address, 0.1)
     with pytest.raises(BrokerUnreachableError) as of_arm:
         async with Arm("bench-7", address, patience_s=PATIENCE_S):
             pass
@@ -119,7 +119,7 @@ async def test_points_and_commands_go_with_certificate_and_password(
         house.daemon().running() as daemon,
         Arm(daemon.arm, house.address) as arm,
     ):
-        assert daemon.arm in await arms_on(house.address, 1.0)
+        assert daemon.arm in await find_arms(house.address, 1.0)
         taken = await daemon.take(3)
         assert await read(arm, 3) == taken
         assert isinstance(await arm.capture(), Point)
@@ -161,7 +161,7 @@ async def test_tls_on_one_side_only_is_told(house: House) -> None:
     for address, hint in ((plain, "want TLS?"), (other, "speak TLS on this port?")):
         # It may as well be a broker that is just being ended: worth another try.
         with pytest.raises(BrokerUnreachableError, match=re.escape(hint)):
-            await arms_on(address, 0.1)
+            await find_arms(address, 0.1)
 
 
 async def test_files_that_cannot_be_used_are_named(house: House) -> None:

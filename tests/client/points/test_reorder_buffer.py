@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.protocol.message_examples import POINT
-from traverse.client.points.reorder_buffer import UNKNOWN, Ask, PointOrder
+from traverse.client.points.reorder_buffer import UNKNOWN, Ask, ReorderBuffer
 from traverse.client.points.session_order import FORGOTTEN
 from traverse.client.points.session_points import Lost
 from traverse.client.results import HeldSession, Resent
@@ -59,10 +59,10 @@ class Outbox:
         return HeldSession(session, int(session[1:]), first, last)
 
 
-def settle(order: PointOrder, outbox: Outbox, lose: Callable[[], bool]) -> None:
+def settle(order: ReorderBuffer, outbox: Outbox, lose: Callable[[], bool]) -> None:
     """Carry out what is asked for, until nothing is; some points get lost."""
     for _ in range(10_000):
-        ask = order.next_ask(ROOM)
+        ask = order.next_request(ROOM)
         if ask is None:
             return
         if ask.session is None:
@@ -80,7 +80,7 @@ def never() -> bool:
     return False
 
 
-def numbers(order: PointOrder) -> list[tuple[str, int]]:
+def numbers(order: ReorderBuffer) -> list[tuple[str, int]]:
     """What was handed on, losses spelled out."""
     found = []
     for item in order.ready:
@@ -92,11 +92,11 @@ def numbers(order: PointOrder) -> list[tuple[str, int]]:
     return found
 
 
-def started(since: dict[str, int] | None = None) -> tuple[PointOrder, Outbox, str]:
+def started(since: dict[str, int] | None = None) -> tuple[ReorderBuffer, Outbox, str]:
     """An order that follows a first session."""
     outbox = Outbox()
     session = outbox.begin()
-    order = PointOrder(since)
+    order = ReorderBuffer(since)
     settle(order, outbox, never)
     return order, outbox, session
 
@@ -125,8 +125,8 @@ def test_every_number_is_handed_on_once_and_in_order_whatever_a_broker_loses(
             below = min(held.start + chance.randrange(5), held.stop - 1)
             outbox.forget(old, max(below, held.start))
         elif what < 0.25:
-            order.may_ask_again()
-            sessions = outbox.listed() if order.next_ask(ROOM) else []
+            order.connection_restored()
+            sessions = outbox.listed() if order.next_request(ROOM) else []
             session = outbox.begin() if lose() else session
             for _ in range(chance.randrange(3)):  # while the answer is on its way
                 order.take(outbox.add(session))
@@ -142,7 +142,7 @@ def test_every_number_is_handed_on_once_and_in_order_whatever_a_broker_loses(
                 order.take(late.pop(chance.randrange(len(late))))
     for one in late:
         order.take(one)
-    order.may_ask_again()
+    order.connection_restored()
     settle(order, outbox, never)
     expected = [(s, i) for s, held in outbox.sessions.items() for i in range(held.stop)]
     assert numbers(order) == expected
@@ -161,19 +161,19 @@ def test_a_gap_is_asked_for_and_what_came_early_waits() -> None:
     order.take(point(session, 0))
     order.take(point(session, 3))
     assert numbers(order) == [(session, 0)]
-    assert order.next_ask(ROOM) == Ask(session, 1, 2)
+    assert order.next_request(ROOM) == Ask(session, 1, 2)
     order.take(point(session, 1))
     order.take(point(session, 2))
     assert numbers(order) == [(session, i) for i in range(4)]
-    assert order.next_ask(ROOM) is None
+    assert order.next_request(ROOM) is None
 
 
 def test_large_gaps_are_asked_for_in_pieces_and_only_as_there_is_room() -> None:
     order, _, session = started()
     order.take(point(session, 2000))
-    assert order.next_ask(ROOM) == Ask(session, 0, 499)
-    assert order.next_ask(10) == Ask(session, 0, 9)
-    assert order.next_ask(0) is None
+    assert order.next_request(ROOM) == Ask(session, 0, 499)
+    assert order.next_request(10) == Ask(session, 0, 9)
+    assert order.next_request(0) is None
 
 
 def test_now_begins_after_what_the_outbox_holds() -> None:
@@ -181,7 +181,7 @@ def test_now_begins_after_what_the_outbox_holds() -> None:
     old, new = outbox.begin(), outbox.begin()
     for session in (old, old, new, new, new):
         outbox.add(session)
-    order = PointOrder(None)
+    order = ReorderBuffer(None)
     order.notice(new)
     settle(order, outbox, never)
     order.take(point(old, 1))  # somebody else has asked for it
@@ -196,7 +196,7 @@ def test_sessions_after_the_one_at_the_beginning_come_whole() -> None:
     outbox = Outbox()
     old = outbox.begin()
     outbox.add(old)
-    order = PointOrder(None)
+    order = ReorderBuffer(None)
     order.notice(old)  # the daemon was away; meanwhile it has come and gone
     middle, new = outbox.begin(), outbox.begin()
     for session in (middle, middle, new):
@@ -211,7 +211,7 @@ def test_a_place_goes_on_where_it_stopped() -> None:
     for session in sessions:
         for _ in range(3):
             outbox.add(session)
-    order = PointOrder({sessions[1]: 1})
+    order = ReorderBuffer({sessions[1]: 1})
     settle(order, outbox, never)
     _, second, third = sessions
     expected = [(second, 1), (second, 2), (third, 0), (third, 1), (third, 2)]
@@ -223,7 +223,7 @@ def test_what_retention_has_taken_is_told_as_lost() -> None:
     for _ in range(10):
         outbox.add(session)
     outbox.forget(session, 4)
-    order.may_ask_again()
+    order.connection_restored()
     settle(order, outbox, never)
     assert order.ready[0] == Lost(session, 0, 3, FORGOTTEN)
     assert numbers(order) == [(session, i) for i in range(10)]
@@ -236,7 +236,7 @@ def test_a_session_that_the_outbox_does_not_know_any_more_is_told() -> None:
     another.begin()
     fresh = another.begin()
     another.sessions.pop("s0")
-    order.may_ask_again()
+    order.connection_restored()
     settle(order, another, never)
     order.take(another.add(fresh))
     assert list(order.ready) == [
@@ -252,23 +252,23 @@ def test_a_session_of_which_nothing_is_left_is_told() -> None:
     outbox.add(session)
     outbox.forget(session, 2)
     outbox.begin()
-    order.may_ask_again()
+    order.connection_restored()
     settle(order, outbox, never)
     assert list(order.ready)[1:] == [Lost(session, 1, None, FORGOTTEN)]
 
 
 def test_an_empty_session_that_is_in_no_list_says_nothing() -> None:
     order, _, session = started()
-    order.may_ask_again()
-    assert order.next_ask(ROOM) == Ask(None)
+    order.connection_restored()
+    assert order.next_request(ROOM) == Ask(None)
     order.listed([])
-    assert order.next_ask(ROOM) is None
+    assert order.next_request(ROOM) is None
     order.take(point(session, 0))
-    assert order.next_ask(ROOM) == Ask(None)
+    assert order.next_request(ROOM) == Ask(None)
 
 
 def test_an_arm_that_cannot_send_again_has_its_gaps_told() -> None:
-    order = PointOrder(None)
+    order = ReorderBuffer(None)
     order.take(point("a", 5))
     order.refuse("no")
     for session, seq in (("a", 6), ("a", 9), ("b", 1), ("b", 1)):
@@ -281,9 +281,9 @@ def test_an_arm_that_cannot_send_again_has_its_gaps_told() -> None:
         Lost("b", 0, 0, "no"),
         point("b", 1),
     ]
-    assert order.next_ask(ROOM) is None
-    order.may_ask_again()
-    assert order.next_ask(ROOM) == Ask(None)
+    assert order.next_request(ROOM) is None
+    order.connection_restored()
+    assert order.next_request(ROOM) == Ask(None)
 
 
 def test_points_without_room_are_asked_for_later() -> None:

@@ -16,7 +16,7 @@ def joined(made):
         [one.samples.counts.astype(float) + one.samples.fractions for one in made]
     )
     status = np.concatenate([one.samples.status for one in made])
-    doubts = np.concatenate([one.doubts_counts[:, :, 0] for one in made])
+    doubts = np.concatenate([one.error_bounds_counts[:, :, 0] for one in made])
     return seq, times_ns, counts, status, doubts
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from tests.daemon.board_harness import BOARD, Bench
 from tests.daemon.values import arm_model
-from traverse.daemon.acquisition.joint_devices import ArmDevices
+from traverse.daemon.acquisition.joint_devices import JointDevices
 from traverse.daemon.config.schema import CaptureSection
 from traverse.drivers.base.values import DeviceUp
 
@@ -19,7 +19,7 @@ async def bench(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("settings", "may_wait", "gather_ns"),
+    ("settings", "may_wait", "batch_window_ns"),
     [
         (CaptureSection(), False, 52_000_000),
         (CaptureSection(), True, 20_000_000),
@@ -29,14 +29,14 @@ async def bench(tmp_path):
     ],
 )
 async def test_samples_come_together_as_long_as_nobody_waits_for_them(
-    bench, settings, may_wait, gather_ns
+    bench, settings, may_wait, batch_window_ns
 ):
-    devices = ArmDevices(bench.measuring.model, [bench.device])
-    devices.let_gather(settings, may_wait=may_wait)
-    assert bench.device.crossing.gather_ns == gather_ns
+    devices = JointDevices(bench.measuring.model, [bench.device])
+    devices.set_batch_window(settings, may_wait=may_wait)
+    assert bench.device.delivery_queue.batch_window_ns == batch_window_ns
 
 
 async def test_an_arm_that_cannot_latch_is_taken_up_sooner(bench):
-    assert bench.device.crossing.gather_ns == 52_000_000
+    assert bench.device.delivery_queue.batch_window_ns == 52_000_000
     bench.take(DeviceUp("base", replace(BOARD, latches=False), False))
-    assert bench.device.crossing.gather_ns == 20_000_000
+    assert bench.device.delivery_queue.batch_window_ns == 20_000_000

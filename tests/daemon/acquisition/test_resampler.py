@@ -113,7 +113,7 @@ def test_stamps_that_may_be_off_count_by_the_speed(tmp_path):
     assembly.add(base().samples(range(100)), AT_ONCE)
     made = assembly.assembled()
     _, times_ns, _, _, _ = joined(made)
-    found = np.concatenate([one.doubts_counts[:, :, 1] for one in made])
+    found = np.concatenate([one.error_bounds_counts[:, :, 1] for one in made])
     before, after = true_counts(times_ns - 100_000), true_counts(times_ns + 100_000)
     expected = np.abs(after - before)[:, 2]
     inside = found[:, 2] > 0.0  # not where a reading fell on the very instant

@@ -10,10 +10,10 @@ from tests.drivers.latch_board import frame_bodies as bodies
 from tests.drivers.latch_board.fake_board import HELLO, START, FakeBoard
 from tests.drivers.taken import until
 from traverse.daemon.acquisition.device import open_device
-from traverse.daemon.acquisition.joint_devices import ArmDevices
+from traverse.daemon.acquisition.joint_devices import JointDevices
 from traverse.daemon.clock import HostClock
 from traverse.daemon.commands.dispatcher import CommandError
-from traverse.daemon.commands.points import PointRequests
+from traverse.daemon.commands.points import PointCommands
 from traverse.daemon.commands.scans import Requests
 from traverse.daemon.config.devices import section_of
 from traverse.daemon.config.scan import ScanSection
@@ -26,8 +26,8 @@ from traverse.daemon.delivery_dispatcher import Measuring
 from traverse.daemon.health import HealthReport
 from traverse.daemon.inputs import REFUSED, UNREACHABLE, check_devices
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.points.capture import Capture, Triggers
-from traverse.daemon.pose.live import LiveView
+from traverse.daemon.points.capture import Capture, TriggerMap
+from traverse.daemon.pose.live import LivePoseSampler
 from traverse.daemon.pose.pipeline import Pipeline
 from traverse.daemon.pose.uncertainty import Uncertainty
 from traverse.daemon.scans.scanner import Scanner
@@ -50,7 +50,7 @@ class Bench:
         self.device = open_device(section, asyncio.get_running_loop())
         capture = Capture(clock, kept_at_once(self.offer))
         self.scanner = Scanner(clock, lambda scan: not self.scans.append(scan), 0.05)
-        devices = ArmDevices(model, [self.device])
+        devices = JointDevices(model, [self.device])
         self.measuring = Measuring(
             clock=clock,
             devices=devices,
@@ -58,9 +58,9 @@ class Bench:
             uncertainty=Uncertainty(UncertaintySection()),
             pipeline=Pipeline(model, clock),
             capture=capture,
-            triggers=Triggers({("base", 0): "button"}),
+            triggers=TriggerMap({("base", 0): "button"}),
             scanner=self.scanner,
-            live=LiveView(clock, 20.0),
+            live=LivePoseSampler(clock, 20.0),
             events=EventLog(clock, self.events.append),
             health=HealthReport(clock),
             offer_live=self.live.append,
@@ -72,7 +72,7 @@ class Bench:
             scanner=self.scanner,
             measuring=self.measuring,
         )
-        self.point_requests = PointRequests(
+        self.point_requests = PointCommands(
             settings=CaptureSection(),
             devices=devices,
             capture=capture,
@@ -99,7 +99,7 @@ class Bench:
 
     async def consume(self):
         while True:
-            for delivery in await self.device.crossing.take():
+            for delivery in await self.device.delivery_queue.take():
                 self.measuring.take(self.device, delivery)
 
     def rates_hz(self):

@@ -6,10 +6,14 @@ import pytest
 
 from tests.drivers.taken import until
 from traverse.daemon.clock import HostClock
-from traverse.daemon.commands.dispatcher import MAX_RUNNING, CommandDesk, CommandError
+from traverse.daemon.commands.dispatcher import (
+    MAX_RUNNING,
+    CommandDispatcher,
+    CommandError,
+)
 from traverse.daemon.commands.reply_cache import MAX_REMEMBERED, MAX_REMEMBERED_BYTES
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.mqtt.subscriber import Incoming
+from traverse.daemon.mqtt.subscriber import IncomingCommand
 from traverse.protocol.encoding import decode
 from traverse.protocol.messages import PointArgs, Reply
 
@@ -39,7 +43,7 @@ class Bench:
         self.result = {}
         self.clock = SteppedClock()
         self.events = []
-        self.desk = CommandDesk(
+        self.desk = CommandDispatcher(
             arm="bench-7",
             events=EventLog(self.clock, self.events.append),
             clock=self.clock,
@@ -68,7 +72,7 @@ class Bench:
             **options,
         }
         return self.desk.receive(
-            Incoming(f"traverse/bench-7/cmd/{name}", payload, **options)
+            IncomingCommand(f"traverse/bench-7/cmd/{name}", payload, **options)
         )
 
     async def replies(self, n: int) -> list[Reply]:

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from tests.daemon.commands.test_dispatcher import SteppedClock
 from tests.hostile_messages import deep, fixed, names, payloads
-from traverse.daemon.commands.dispatcher import MAX_COMMAND_BYTES, CommandDesk
+from traverse.daemon.commands.dispatcher import MAX_COMMAND_BYTES, CommandDispatcher
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.mqtt.subscriber import Incoming
+from traverse.daemon.mqtt.subscriber import IncomingCommand
 from traverse.protocol.encoding import MAX_BYTES, MessageError, decode
 from traverse.protocol.messages import COMMANDS, Command, Reply
 
@@ -22,7 +22,7 @@ class Bench:
     def __init__(self) -> None:
         self.answers = []
         self.clock = SteppedClock()
-        self.desk = CommandDesk(
+        self.desk = CommandDispatcher(
             arm="bench-7",
             encoding="msgpack",
             offer=lambda answer: not self.answers.append(answer),
@@ -60,7 +60,7 @@ def send_all(messages) -> list[Reply]:
 @given(
     st.lists(
         st.builds(
-            Incoming,
+            IncomingCommand,
             names.map(lambda name: f"traverse/bench-7/cmd/{name}") | st.text(),
             payloads,
             st.booleans(),
@@ -78,7 +78,7 @@ def test_whatever_comes_is_answered_or_dropped_without_a_fault(messages):
 
 def test_no_payload_of_the_list_is_a_fault():
     messages = [
-        Incoming(f"traverse/bench-7/cmd/{name}", payload, False, None, None)
+        IncomingCommand(f"traverse/bench-7/cmd/{name}", payload, False, None, None)
         for name in ("point", "scan", "align", "resend")
         for payload in fixed()
     ]

@@ -11,7 +11,7 @@ from tests.daemon.effect_entries import effect
 from tests.daemon.two_devices import BEGIN_NS, ON_TWO
 from tests.daemon.values import ARM, arm_file, arm_model
 from traverse.daemon.commands.dispatcher import CommandError
-from traverse.daemon.commands.probe import ProbeRequests
+from traverse.daemon.commands.probe import ProbeCommands
 from traverse.daemon.pose.arm_model import model_with_probe, read_model
 from traverse.daemon.pose.probe_library import read_probes
 from traverse.kinematics.arm_file.arm import FileError, arm_digest, parse_arm
@@ -118,7 +118,7 @@ async def bench(tmp_path):
 
 def requests(bench, path):
     changes = []
-    made = ProbeRequests(
+    made = ProbeCommands(
         library=path, measuring=bench.measuring, changed=lambda: changes.append(1)
     )
     return made, changes

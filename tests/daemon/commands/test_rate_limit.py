@@ -10,8 +10,8 @@ from tests.drivers.taken import until
 from traverse.daemon.commands.dispatcher import MAX_CORRELATION_BYTES
 from traverse.daemon.commands.rate_limit import (
     ALL,
-    CALM_S,
     FLOOD,
+    FLOOD_END_S,
     LOG_LINES,
     OF_KIND,
     OTHERS,
@@ -88,11 +88,11 @@ async def test_a_flood_is_dropped_counted_and_told_once_each_way(bench):
     for _ in range(3):
         bench.receive(b"rubbish")
     assert [(e.code, e.active) for e in bench.events] == [("commands.flood", True)]
-    bench.desk.see_calm()
+    bench.desk.check_flood_end()
     assert len(bench.events) == 1
-    bench.clock.go_on_s(CALM_S)
-    bench.desk.see_calm()
-    bench.desk.see_calm()
+    bench.clock.go_on_s(FLOOD_END_S)
+    bench.desk.check_flood_end()
+    bench.desk.check_flood_end()
     (_, over) = bench.events
     assert (over.code, over.active, over.data) == (
         "commands.flood",
@@ -185,13 +185,13 @@ async def test_refusals_without_a_line_are_counted_in_the_log(bench, caplog):
     await refuse(1, 100)
     assert last_line().endswith("(3 more refused before it)")
     await refuse(4, 200)
-    bench.desk.see_calm()
+    bench.desk.check_flood_end()
     assert "more commands" not in last_line()
     bench.clock.go_on_s(1.0)
-    bench.desk.see_calm()
+    bench.desk.check_flood_end()
     assert last_line() == "3 more commands refused"
     told = len(caplog.records)
-    bench.desk.see_calm()
+    bench.desk.check_flood_end()
     assert len(caplog.records) == told
 
 

@@ -101,7 +101,7 @@ async def test_systemd_hears_that_it_begins_and_ends(reloading, is_good):
         reloading.write("colour = 1")
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as heard:
         heard.bind(str(reloading.manager))
-        await reloading.reload.on_signal()
+        await reloading.reload.on_sighup()
         heard.setblocking(False)
         first, second = heard.recv(100), heard.recv(100)
     assert first.startswith(b"RELOADING=1\nMONOTONIC_USEC=")

@@ -136,7 +136,7 @@ def test_the_keys_of_a_device_are_those_of_its_driver(tmp_path):
 
 
 def test_a_driver_whose_library_is_missing_says_which_extra(tmp_path, monkeypatch):
-    monkeypatch.setitem(DRIVERS, "canopen", "no_such_library.canopen:CanOpen")
+    monkeypatch.setitem(DRIVERS, "canopen", "no_such_library.canopen:CanOpenDriver")
     section_class.cache_clear()
     told = problems(tmp_path, GOOD.replace('"latch-board"', '"canopen"'))
     section_class.cache_clear()

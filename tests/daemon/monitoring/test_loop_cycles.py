@@ -12,8 +12,8 @@ from traverse.daemon.monitoring.latencies import Latencies
 from traverse.daemon.monitoring.loop_cycles import (
     FILES,
     KEPT,
-    Collections,
     Cycles,
+    GarbageCollectionTimer,
     write_report,
 )
 from traverse.drivers.base.values import DeviceCounters
@@ -23,7 +23,7 @@ class Bench:
     def __init__(self) -> None:
         self.clock = SetClock()
         self.pauses, self.handling = Latencies(), Latencies()
-        self.collections = Collections(self.pauses)
+        self.collections = GarbageCollectionTimer(self.pauses)
         self.cycles = Cycles(self.clock, self.collections, self.handling)
 
     def cycle(self, begun_ns, took_ns=1000, *, device="base", late_ns=0, queue=0):

@@ -8,7 +8,7 @@ import aiomqtt
 from tests.drivers.taken import until
 from traverse.daemon.mqtt.connection import Publisher
 from traverse.daemon.mqtt.credentials import BrokerAddress
-from traverse.daemon.mqtt.outgoing_queue import Outgoing, OutgoingQueue
+from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage, OutgoingQueue
 
 STATUS = "traverse/bench-7/status"
 
@@ -23,7 +23,7 @@ class Bench:
         self.publisher = Publisher(
             address=address,
             client_id="traverse-bench-7",
-            will=Outgoing(STATUS, b"gone", qos=1, retain=True),
+            will=OutgoingMessage(STATUS, b"gone", qos=1, retain=True),
             encoding="msgpack",
             queue=self.queue,
             subscription="traverse/bench-7/cmd/+",
@@ -43,7 +43,9 @@ class Bench:
             await asyncio.gather(task, return_exceptions=True)
 
     def point(self, name: str) -> None:
-        self.queue.offer("point", Outgoing("traverse/bench-7/point", name.encode(), 1))
+        self.queue.offer(
+            "point", OutgoingMessage("traverse/bench-7/point", name.encode(), 1)
+        )
 
     async def all_sent(self) -> None:
         await until(lambda: not self.queue.waiting("point"), "all points to be sent")

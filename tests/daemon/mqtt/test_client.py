@@ -8,7 +8,7 @@ import aiomqtt
 import pytest
 
 from traverse.daemon.mqtt.client import BrokerClient
-from traverse.daemon.mqtt.outgoing_queue import Outgoing
+from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage
 
 ACCEPTED = bytes((0x20, 3, 0, 0, 0))  # MQTT 5: CONNACK, success, no properties
 POSE = b"\x30\x0a" + b"\x00\x04live" + b"\x00" + b"abc"  # PUBLISH, QoS 0
@@ -36,11 +36,11 @@ async def test_messages_that_are_sent_together_leave_together():
         async with contextlib.AsyncExitStack() as stack:
             await stack.enter_async_context(client)
             line = stack.enter_context(await taking)
-            client.send(Outgoing("live", b"abc"), None)
+            client.send(OutgoingMessage("live", b"abc"), None)
             assert line.recv(1000) == POSE  # at once, where it is alone
             with client.together():
-                client.send(Outgoing("live", b"abc"), None)
-                client.send(Outgoing("live", b"abc"), None)
+                client.send(OutgoingMessage("live", b"abc"), None)
+                client.send(OutgoingMessage("live", b"abc"), None)
                 with pytest.raises(BlockingIOError):
                     line.recv(1000)
             assert line.recv(1000) == POSE + POSE
@@ -49,4 +49,4 @@ async def test_messages_that_are_sent_together_leave_together():
 async def test_a_connection_that_is_gone_is_told_by_sending_and_not_by_holding_back():
     client = BrokerClient("nowhere")
     with client.together(), pytest.raises(aiomqtt.MqttError):
-        client.send(Outgoing("live", b"abc"), None)
+        client.send(OutgoingMessage("live", b"abc"), None)

@@ -9,7 +9,7 @@ from tests.daemon.mqtt.connection_harness import STATUS, Bench, Witness, address
 from tests.drivers.taken import until
 from traverse.daemon.mqtt.credentials import BrokerAddress
 from traverse.daemon.mqtt.embedded_broker import embedded_broker
-from traverse.daemon.mqtt.outgoing_queue import Outgoing
+from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage
 
 pytestmark = pytest.mark.needs("mosquitto")
 
@@ -40,7 +40,9 @@ async def test_many_blocks_behind_many_points_are_sent_as_answers_come(mosquitto
             bench.point(str(k))
         blocks = [bytes([k]) * 50_000 for k in range(60)]  # more than a socket takes
         for block in blocks:
-            assert bench.queue.offer("scan", Outgoing("traverse/bench-7/scan", block))
+            assert bench.queue.offer(
+                "scan", OutgoingMessage("traverse/bench-7/scan", block)
+            )
         assert await witness.payloads(60) == blocks
         await bench.all_sent()
     assert bench.queue.sent["point"] == 40
@@ -49,7 +51,7 @@ async def test_many_blocks_behind_many_points_are_sent_as_answers_come(mosquitto
 
 async def test_a_topic_that_nobody_can_publish_on_costs_that_message_only(mosquitto):
     async with Bench(address(mosquitto)).running() as bench:
-        bench.queue.offer("reply", Outgoing("no/#/such", b"", qos=1))
+        bench.queue.offer("reply", OutgoingMessage("no/#/such", b"", qos=1))
         bench.point("0")
         await bench.all_sent()
         assert bench.queue.dropped["reply"] == 1
@@ -58,7 +60,9 @@ async def test_a_topic_that_nobody_can_publish_on_costs_that_message_only(mosqui
 
 async def test_the_status_is_retained(mosquitto):
     async with Bench(address(mosquitto)).running() as bench:
-        bench.queue.offer("status", Outgoing(STATUS, b"here", qos=1, retain=True))
+        bench.queue.offer(
+            "status", OutgoingMessage(STATUS, b"here", qos=1, retain=True)
+        )
         await until(lambda: not bench.queue.waiting("status"), "the status")
         async with Witness(mosquitto.port, STATUS) as late:
             assert await late.payloads(1) == [b"here"]
@@ -77,7 +81,7 @@ async def test_commands_come_in_with_the_way_back(mosquitto):
         await witness.client.publish(topic, b"hello", 1, properties=properties)
         await until(lambda: bench.received, "the command")
         (incoming,) = bench.received
-        answer = Outgoing(
+        answer = OutgoingMessage(
             incoming.response_topic, b"done", 1, correlation=incoming.correlation
         )
         bench.queue.offer("reply", answer)

@@ -8,7 +8,7 @@ import pytest
 
 from tests.daemon.mqtt.connection_harness import STATUS, Bench, Witness, address
 from tests.drivers.taken import until
-from traverse.daemon.mqtt.outgoing_queue import Outgoing
+from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage
 
 pytestmark = pytest.mark.needs("mosquitto")
 
@@ -40,7 +40,9 @@ async def test_an_orderly_end_publishes_no_will(mosquitto):
     async with Witness(mosquitto.port, f"{STATUS}/#") as witness:
         before = len(witness.messages)
         async with Bench(address(mosquitto)).running() as bench:
-            bench.queue.offer("status", Outgoing(STATUS, b"bye", qos=1, retain=True))
+            bench.queue.offer(
+                "status", OutgoingMessage(STATUS, b"bye", qos=1, retain=True)
+            )
             await until(lambda: not bench.queue.waiting("status"), "the status")
         await until(
             lambda: b"bye" in [m.payload for m in witness.messages], "the last word"
@@ -109,10 +111,12 @@ async def test_a_point_that_the_broker_refuses_is_kept_and_told(make_mosquitto):
     broker.allow_writing(STATUS)
     broker.start()
     async with Bench(address(broker)).running() as bench:
-        put_off = []
-        block = Outgoing("not/mine", b"", 1, refused=lambda: put_off.append("block"))
+        defer = []
+        block = OutgoingMessage(
+            "not/mine", b"", 1, refused=lambda: defer.append("block")
+        )
         bench.queue.offer("spooled", block)
-        bench.queue.offer("reply", Outgoing("not/mine", b"", qos=1))
+        bench.queue.offer("reply", OutgoingMessage("not/mine", b"", qos=1))
         bench.point("0")
         await until(lambda: len(bench.changes) == 2, "the refusal")
         up, text = bench.changes[1]
@@ -121,7 +125,7 @@ async def test_a_point_that_the_broker_refuses_is_kept_and_told(make_mosquitto):
         assert bench.queue.waiting("point") == 1
         assert bench.queue.sent["point"] == 0
         assert bench.queue.dropped["reply"] == 1
-        await until(lambda: put_off, "the block's refusal")
+        await until(lambda: defer, "the block's refusal")
         assert (bench.queue.waiting("spooled"), bench.queue.dropped["spooled"]) == (
             0,
             0,

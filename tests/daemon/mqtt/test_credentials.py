@@ -8,10 +8,10 @@ from tests.certificates import Authority, openssl
 from traverse.daemon.config.broker import BrokerSection, broker_table_problems
 from traverse.daemon.mqtt.credentials import (
     MAX_PASSWORD_BYTES,
-    AccessError,
     BrokerAddress,
-    access_problems,
-    read_access,
+    CredentialsError,
+    credentials_problems,
+    read_credentials,
 )
 
 SECRET = "correct horse"
@@ -43,7 +43,7 @@ def secret(folder, text=SECRET, mode=0o600):
 
 def test_the_password_is_read_and_shown_by_nothing(tmp_path):
     secret(tmp_path)
-    access = read_access(address(tmp_path, username="a", password_file="password"))
+    access = read_credentials(address(tmp_path, username="a", password_file="password"))
     assert access.password == SECRET
     assert SECRET not in repr(access)
     assert access.warnings == ()
@@ -54,18 +54,20 @@ def test_a_credential_is_where_systemd_puts_it(tmp_path, monkeypatch):
     folder.mkdir()
     (folder / "broker.password").write_text(SECRET)
     given = address(tmp_path, username="a", password_file="credential:broker.password")
-    with pytest.raises(AccessError, match=r"LoadCredential=broker\.password:FILE"):
-        read_access(given)
+    with pytest.raises(CredentialsError, match=r"LoadCredential=broker\.password:FILE"):
+        read_credentials(given)
     monkeypatch.setenv("CREDENTIALS_DIRECTORY", str(folder))
-    access = read_access(given)
+    access = read_credentials(given)
     assert (access.password, access.warnings) == (SECRET, ())
 
 
 @pytest.mark.parametrize("name", ["", "..", "../x", "a/b", ".hidden", "a b"])
 def test_a_credential_that_is_no_name_is_refused(tmp_path, monkeypatch, name):
     monkeypatch.setenv("CREDENTIALS_DIRECTORY", str(tmp_path))
-    with pytest.raises(AccessError, match="no name of a credential"):
-        read_access(address(tmp_path, username="a", password_file=f"credential:{name}"))
+    with pytest.raises(CredentialsError, match="no name of a credential"):
+        read_credentials(
+            address(tmp_path, username="a", password_file=f"credential:{name}")
+        )
 
 
 @pytest.mark.parametrize(
@@ -79,8 +81,8 @@ def test_a_credential_that_is_no_name_is_refused(tmp_path, monkeypatch, name):
 )
 def test_a_password_that_is_none_is_refused_without_telling_it(tmp_path, content, text):
     (tmp_path / "password").write_bytes(content)
-    with pytest.raises(AccessError, match=text) as caught:
-        read_access(address(tmp_path, username="a", password_file="password"))
+    with pytest.raises(CredentialsError, match=text) as caught:
+        read_credentials(address(tmp_path, username="a", password_file="password"))
     assert caught.value.key == "password_file"
     assert SECRET.encode() not in pickle.dumps(caught.value.args)
     assert caught.value.__cause__ is None
@@ -89,7 +91,7 @@ def test_a_password_that_is_none_is_refused_without_telling_it(tmp_path, content
 def test_secrets_that_others_can_read_are_warned_of(tmp_path, arm, certificates):
     secret(tmp_path, mode=0o644)
     options = {"username": "a", "password_file": "password"}
-    (text,) = read_access(address(tmp_path, **options)).warnings
+    (text,) = read_credentials(address(tmp_path, **options)).warnings
     assert "mode 0644" in text
     assert "chmod 600" in text
     arm.key.chmod(0o640)
@@ -99,7 +101,7 @@ def test_secrets_that_others_can_read_are_warned_of(tmp_path, arm, certificates)
         "certificate_file": str(arm.certificate),
         "key_file": str(arm.key),
     }
-    warnings = read_access(address(tmp_path, **options)).warnings
+    warnings = read_credentials(address(tmp_path, **options)).warnings
     assert [arm.key.name in text for text in warnings] == [False, True]
     arm.key.chmod(0o600)
 
@@ -107,17 +109,17 @@ def test_secrets_that_others_can_read_are_warned_of(tmp_path, arm, certificates)
 def test_a_password_that_crosses_a_network_in_plain_text_is_warned_of(tmp_path):
     secret(tmp_path)
     far = BrokerAddress("b.example", 1883, "a", "password", folder=tmp_path)
-    (text,) = read_access(far).warnings
+    (text,) = read_credentials(far).warnings
     assert "plain text" in text
 
 
 def test_a_change_of_any_file_shows_in_the_digest(tmp_path):
     given = address(tmp_path, username="a", password_file="password")
     secret(tmp_path)
-    before = read_access(given).digest
-    assert read_access(given).digest == before
+    before = read_credentials(given).digest
+    assert read_credentials(given).digest == before
     secret(tmp_path, "another")
-    assert read_access(given).digest != before
+    assert read_credentials(given).digest != before
 
 
 def test_files_that_are_no_certificates_are_named(tmp_path, certificates, arm):
@@ -142,7 +144,7 @@ def test_files_that_are_no_certificates_are_named(tmp_path, certificates, arm):
         ({"certificate_file": crt, "key_file": str(sealed)}, "key_file", "encrypted"),
     ):
         section = BrokerSection(**{"tls": True, "ca_file": ca, **options})
-        (problem,) = access_problems(section, tmp_path)
+        (problem,) = credentials_problems(section, tmp_path)
         assert problem.where == f"broker.{where}"
         assert text in problem.message
 

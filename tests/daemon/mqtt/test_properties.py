@@ -2,12 +2,12 @@
 
 import pytest
 
-from traverse.daemon.mqtt.properties import UsualProperties, publish_properties
+from traverse.daemon.mqtt.properties import CachedProperties, publish_properties
 
 
 @pytest.mark.parametrize("encoding", ["msgpack", "json"])
 def test_usual_properties_are_packed_as_paho_packs_them(encoding):
-    usual = UsualProperties(encoding)
+    usual = CachedProperties(encoding)
     expected = publish_properties(encoding).pack()
     assert usual.pack() == usual.pack() == expected
 
@@ -15,4 +15,4 @@ def test_usual_properties_are_packed_as_paho_packs_them(encoding):
 def test_packed_properties_by_hand():
     length, content_type, name = "13", "03", b"application/msgpack"
     head = bytes.fromhex(f"16 {content_type} 00 {length}")
-    assert UsualProperties("msgpack").pack() == head + name
+    assert CachedProperties("msgpack").pack() == head + name

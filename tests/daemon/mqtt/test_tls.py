@@ -9,7 +9,7 @@ from tests.certificates import Authority
 from tests.daemon.mqtt.connection_harness import Bench, Witness
 from tests.drivers.taken import until
 from traverse.daemon.mqtt.credentials import BrokerAddress
-from traverse.daemon.mqtt.outgoing_queue import Outgoing
+from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage
 
 pytestmark = pytest.mark.needs("mosquitto", "openssl")
 
@@ -72,7 +72,7 @@ async def test_points_go_over_an_encrypted_line(
             bench.point(str(k))
         for k in range(5):  # more than a record, and than a socket takes at once
             blocks = bytes([k]) * 400_000
-            bench.queue.offer("scan", Outgoing("traverse/bench-7/scan", blocks))
+            bench.queue.offer("scan", OutgoingMessage("traverse/bench-7/scan", blocks))
         payloads = await seen.payloads(105)
         await bench.all_sent()
     points = [one for one in payloads if len(one) < 3]  # QoS 0 may overtake QoS 1

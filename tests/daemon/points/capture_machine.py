@@ -17,7 +17,7 @@ from tests.daemon.points.expected_points import (
 )
 from tests.daemon.values import MODULI, SetClock, arm_model
 from traverse.daemon.acquisition.device import Device
-from traverse.daemon.acquisition.joint_devices import ArmDevices
+from traverse.daemon.acquisition.joint_devices import JointDevices
 from traverse.daemon.config.devices import section_of
 from traverse.daemon.config.schema import (
     AssemblySection,
@@ -30,14 +30,14 @@ from traverse.daemon.health import HealthReport
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.points.capture import Capture, triggers_of
 from traverse.daemon.points.session import Session
-from traverse.daemon.pose.live import LiveView
+from traverse.daemon.pose.live import LivePoseSampler
 from traverse.daemon.pose.pipeline import Pipeline
 from traverse.daemon.pose.uncertainty import Uncertainty
 from traverse.daemon.scans.scanner import Scanner
-from traverse.daemon.store.database import OutboxStore
-from traverse.daemon.store.pending_write import InFlight, Keeping
+from traverse.daemon.store.database import MessageDatabase
+from traverse.daemon.store.pending_write import PendingWrite, PendingWrites
 from traverse.daemon.store.records import Entry
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import (
     DeviceUp,
     Identity,
@@ -81,7 +81,7 @@ class WatchedCapture(Capture):
 
     def __init__(self, *arguments):
         super().__init__(*arguments)
-        self.attempts: list[Keeping | None] = []
+        self.attempts: list[PendingWrite | None] = []
 
     def undo(self, *arguments):
         self.attempts.append(None)
@@ -115,37 +115,37 @@ class CaptureBench(RuleBasedStateMachine):
         self.acknowledged: list[tuple[int, int]] = []  # token, points so far
         self.scan_counts: dict[str, list[int]] = {}
         self.held_scans: set[str] = set()
-        self.in_flight = InFlight()
+        self.in_flight = PendingWrites()
         self.waiting: list[tuple[Session, Point]] = []
-        self.keepings: dict[int, Keeping] = {}
+        self.keepings: dict[int, PendingWrite] = {}
         self.failures = 0
         self.loop.run_until_complete(self._begin())
 
     async def _begin(self) -> None:
-        crossing = Crossing(asyncio.get_running_loop())
-        driver = DeafDriver("base", crossing)
+        delivery_queue = DeliveryQueue(asyncio.get_running_loop())
+        driver = DeafDriver("base", delivery_queue)
         driver.acknowledge = lambda token: self.acknowledged.append(
             (token, len(self.published))
         )
         section = section_of(
             {"id": "base", "driver": "latch-board", "port": "/dev/null"}
         )
-        self.device = Device(section, crossing, driver)
+        self.device = Device(section, delivery_queue, driver)
         self.path = Path(self.folder.name) / f"{uuid.uuid4().hex}.db"
-        self.store = OutboxStore(self.path)
+        self.store = MessageDatabase(self.path)
         self.capture = WatchedCapture(self.clock, self._keep)
         self.sessions.append(self.capture.session.id)
         self.scanner = Scanner(self.clock, lambda m: not self.scans.append(m), 0.05)
         self.measuring = Measuring(
             clock=self.clock,
-            devices=ArmDevices(self.arm, [self.device]),
+            devices=JointDevices(self.arm, [self.device]),
             settings=AssemblySection(),
             uncertainty=Uncertainty(UncertaintySection()),
             pipeline=Pipeline(self.models[0], self.clock),
             capture=self.capture,
             triggers=triggers_of(CAPTURE),
             scanner=self.scanner,
-            live=LiveView(self.clock, 20.0),
+            live=LivePoseSampler(self.clock, 20.0),
             events=EventLog(self.clock, self.events.append),
             health=HealthReport(self.clock),
             offer_live=lambda live: None,
@@ -155,7 +155,7 @@ class CaptureBench(RuleBasedStateMachine):
         identity = Identity("board", "1", MODULI, 4, 10_000.0)
         self.take(DeviceUp("base", identity, False), StreamStarted("base", 1, 100.0))
 
-    def _keep(self, session, point) -> Keeping | None:
+    def _keep(self, session, point) -> PendingWrite | None:
         is_undo = point.retracts is not None
         if not has_room(point.counts[0], is_undo=is_undo):
             return None

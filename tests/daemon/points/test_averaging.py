@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.daemon.values import PoseMaker, arm_file
-from traverse.daemon.points.averaging import LONGEST_NS, Average, AverageLimits
+from traverse.daemon.points.averaging import MAX_AVERAGING_NS, Average, AverageLimits
 from traverse.daemon.points.capture import CaptureRefusedError
 from traverse.daemon.pose.arm_model import read_model
 from traverse.protocol.messages import QualityFlag
@@ -141,4 +141,4 @@ def test_what_takes_too_long_is_refused_with_how_many_there_were(maker):
     endless = Average(START_NS, 10**6, None, WIDE)
     endless.add(maker.block([0, 1], at=6000))
     with pytest.raises(CaptureRefusedError, match="2 of 1000000 samples"):
-        endless.refuse_if_over_time(START_NS + LONGEST_NS + 1001, 1000)
+        endless.refuse_if_over_time(START_NS + MAX_AVERAGING_NS + 1001, 1000)

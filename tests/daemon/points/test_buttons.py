@@ -7,11 +7,11 @@ import pytest
 from tests.daemon.arm_harness import ArmBench, edge
 from tests.daemon.two_devices import BEGIN_NS, base, wrist
 from tests.daemon.values import SetClock
-from traverse.daemon.commands.button_actions import ButtonActions
+from traverse.daemon.commands.button_actions import ButtonScans
 from traverse.daemon.commands.dispatcher import CommandError
 from traverse.daemon.config.schema import InputSection
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.points.buttons import GRACE_NS
+from traverse.daemon.points.buttons import EDGE_DELAY_NS
 from traverse.protocol.messages import PointArgs
 
 ALL = {"click": "point", "double": "undo", "hold": "scan"}
@@ -48,7 +48,7 @@ class Hand:
                 base(speed=0.0).samples(numbers),
             )
             self.bench.clock.now_ns = BEGIN_NS + self.at * 1_000_000
-            self.bench.measuring.keep_time()
+            self.bench.measuring.process_timeouts()
 
     def press(self, ms, *, active=True):
         instant_ns = BEGIN_NS + ms * 1_000_000
@@ -120,7 +120,7 @@ async def test_a_hold_scans_from_when_it_is_certain_to_its_release(make_hand):
     hand = make_hand(**ALL)
     hand.until(510)
     hand.press(500)
-    hand.until(899 + GRACE_NS // 1_000_000)
+    hand.until(899 + EDGE_DELAY_NS // 1_000_000)
     assert hand.done == []
     hand.until(1000)
     assert (hand.done, hand.acknowledged) == (["scan"], [0])
@@ -206,7 +206,7 @@ async def test_scans_of_buttons_come_one_after_the_other_and_tell_refusals():
         return {}
 
     events = EventLog(SetClock(), told.append)
-    actions = ButtonActions(change_scan, events)
+    actions = ButtonScans(change_scan, events)
     for _ in range(2):
         actions.start_scan()
         actions.stop_scan()

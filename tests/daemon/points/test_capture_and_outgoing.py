@@ -7,21 +7,21 @@ from tests.daemon.values import UTC_OFFSET_NS, SetClock, arm_model, kept_at_once
 from traverse.daemon.mqtt.outgoing_queue import (
     MAX_EVENTS,
     MAX_REPLIES,
-    Outgoing,
+    OutgoingMessage,
     OutgoingQueue,
 )
 from traverse.daemon.points.capture import (
     Capture,
     CaptureRefusedError,
     Measured,
-    Triggers,
+    TriggerMap,
 )
 from traverse.daemon.pose.poses import LatchedPose
 from traverse.kinematics.effects.base.block import Block
 
 
-def message(name: str, **options) -> Outgoing:
-    return Outgoing(name, b"", **options)
+def message(name: str, **options) -> OutgoingMessage:
+    return OutgoingMessage(name, b"", **options)
 
 
 def sent_order(queue: OutgoingQueue, n: int) -> list[str]:
@@ -80,7 +80,7 @@ def test_a_refused_point_uses_no_number(model):
 
 
 def test_only_wired_inputs_trigger():
-    triggers = Triggers({("base", 0): "button", ("base", 1): "switch"})
+    triggers = TriggerMap({("base", 0): "button", ("base", 1): "switch"})
     assert triggers.trigger_of("base", 1) == "switch"
     assert triggers.trigger_of("base", 2) is None
     assert triggers.trigger_of("handle", 0) is None

@@ -18,9 +18,9 @@ from hypothesis.stateful import invariant, precondition, rule
 from tests.daemon.points.capture_machine import MS, CaptureBench, entry_of
 from tests.daemon.points.expected_points import Asked
 from traverse.daemon.scans.plan import ScanPlan
-from traverse.daemon.store.database import OutboxStore
-from traverse.daemon.store.queries import unsent_of
-from traverse.daemon.store.records import Trouble
+from traverse.daemon.store.database import MessageDatabase
+from traverse.daemon.store.queries import read_unsent
+from traverse.daemon.store.records import StorageError
 from traverse.drivers.base.values import CountSamples, StreamStarted
 from traverse.protocol.messages import Label
 
@@ -97,7 +97,7 @@ class CaptureMachine(CaptureBench):
     def daemon_looks_at_the_time(self):
         """It does so only after all that has arrived."""
         self.line_delivers(len(self.on_the_line))
-        self.measuring.keep_time()
+        self.measuring.process_timeouts()
 
     # -- the disk ------------------------------------------------------------
 
@@ -115,7 +115,7 @@ class CaptureMachine(CaptureBench):
     def disk_fails(self):
         self.failures += 1
         self.waiting.clear()
-        self.in_flight.fail(Trouble("the disk is full", "make room"))
+        self.in_flight.fail(StorageError("the disk is full", "make room"))
 
     @rule()
     def power_goes(self):
@@ -125,9 +125,9 @@ class CaptureMachine(CaptureBench):
             content = Path(f"{self.path}{end}").read_bytes()
             Path(f"{copy}{end}").write_bytes(content)
         Path(f"{copy}-shm").unlink(missing_ok=True)
-        store = OutboxStore(copy)
+        store = MessageDatabase(copy)
         found = [
-            (m.session, m.seq, m.id) for m in unsent_of(store.connection, 0, 10_000)
+            (m.session, m.seq, m.id) for m in read_unsent(store.connection, 0, 10_000)
         ]
         store.close()
         assert found == [(p.session, p.seq, p.id) for p in self.published]

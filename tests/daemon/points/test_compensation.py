@@ -13,7 +13,7 @@ from traverse.daemon.config.schema import CaptureSection, InputSection
 from traverse.daemon.points.capture import Measured
 from traverse.daemon.points.compensation import Tip, without_direction
 from traverse.daemon.pose.poses import LatchedPose
-from traverse.daemon.pose.trajectory import TipPath
+from traverse.daemon.pose.trajectory import TrajectoryBuffer
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.probing.compensation import DirectionError
 from traverse.protocol.messages import QualityFlag
@@ -42,7 +42,7 @@ def model(tmp_path):
 
 def path_of(model, places_mm, first):
     """A path through places, one in 10 ms, the first so many periods after START."""
-    path = TipPath()
+    path = TrajectoryBuffer()
     maker = PoseMaker(model, PERIOD_NS, START_NS + first * PERIOD_NS)
     block = maker.block(range(len(places_mm)))
     path.add(replace(block, xyz_mm=np.array(places_mm)))
@@ -50,9 +50,9 @@ def path_of(model, places_mm, first):
 
 
 def touched(model, method, path=None, other=None, quality=0, **changes):
-    tip = Tip(settings(method, **changes), path or TipPath())
+    tip = Tip(settings(method, **changes), path or TrajectoryBuffer())
     if other is not None:
-        tip.note_air(np.array(other))
+        tip.set_air_point(np.array(other))
     found = Measured(model, pose(quality), None)
     found = replace(found, before_mm=tip.before(START_NS, AT_MM))
     return tip.compensated(found, tip.pull(START_NS, AT_MM))
@@ -82,7 +82,7 @@ def test_the_last_place_off_the_surface_tells_where_the_probe_came_from(model):
 def test_a_place_in_the_air_that_was_pressed_counts_once_and_before_the_path(model):
     path = path_of(model, [AT_MM + np.array([0.0, 9.0, 0.0])], -5)
     tip = Tip(settings("pretouch"), path)
-    tip.note_air(AT_MM + np.array([4.0, 0.0, 0.0]))
+    tip.set_air_point(AT_MM + np.array([4.0, 0.0, 0.0]))
     found = replace(
         Measured(model, pose(), None), before_mm=tip.before(START_NS, AT_MM)
     )
@@ -160,7 +160,7 @@ def make_bench(tmp_path):
 
 def stream(bench, first, end):
     bench.stream(first, end, speed=1.0)
-    bench.measuring.keep_time()
+    bench.measuring.process_timeouts()
 
 
 async def test_a_pulled_hit_waits_for_the_pull_and_so_does_its_acknowledgement(

@@ -5,8 +5,8 @@ import pytest
 
 from tests.daemon.board_harness import BOARD, Bench
 from tests.daemon.values import arm_model, count_samples, latch
-from traverse.daemon.commands.alignment import AlignRequests
-from traverse.daemon.pose.alignment import PartSystem, alignment_asked_for
+from traverse.daemon.commands.alignment import AlignmentCommands
+from traverse.daemon.pose.alignment import ActiveAlignment, requested_alignment
 from traverse.drivers.base.values import DeviceUp
 from traverse.protocol.messages import AlignArgs
 
@@ -24,11 +24,11 @@ def setting(**keys):
 
 
 def test_a_quarter_turn_about_z_by_hand():
-    part = PartSystem()
+    part = ActiveAlignment()
     assert part.place_mm(np.array([1.0, 2.0, 3.0])) is None
-    part.alignment = alignment_asked_for(setting(scale=2.0))
+    part.alignment = requested_alignment(setting(scale=2.0))
     assert part.place_mm(np.array([1.0, 2.0, 3.0])) == (6.0, 22.0, 36.0)
-    assert alignment_asked_for(AlignArgs(action="clear")) is None
+    assert requested_alignment(AlignArgs(action="clear")) is None
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ async def bench(tmp_path):
 
 
 async def test_points_and_live_poses_have_them_while_it_is_set(bench):
-    align = AlignRequests(bench.part, bench.measuring)
+    align = AlignmentCommands(bench.part, bench.measuring)
     bench.take(latch((5, 6, 7)))
     assert await align.change(setting()) == {"aligned": True, "name": "jig"}
     bench.take(latch((5, 6, 7), token=1), count_samples(np.zeros((3, 3))))

@@ -25,7 +25,7 @@ def test_channels_are_in_the_order_of_the_joints(tmp_path):
     assert (model.name, model.probe_radius_mm) == ("bench-7", 3)
     assert (model.joint_devices, model.devices) == (("base",) * 3, ("base",))
     assert model.digest == arm_digest(read_arm(tmp_path / "arm.toml"))
-    assert model.problems_with("base", device(MODULI)) == []
+    assert model.mismatches_with("base", device(MODULI)) == []
 
 
 def empirical(covariate):
@@ -107,36 +107,36 @@ def test_joints_may_be_on_several_devices(tmp_path):
     assert model.devices == ("base", "wrist")
     assert model.channels.tolist() == [2, 0, 1]
     # Each device is asked only for its own joints.
-    assert model.problems_with("wrist", device((1, 1 << 23))) == []
-    (missing,) = model.problems_with("wrist", device((1 << 23,)))
+    assert model.mismatches_with("wrist", device((1, 1 << 23))) == []
+    (missing,) = model.mismatches_with("wrist", device((1 << 23,)))
     assert "joint 3 of the arm is on channel 1, but wrist has 1 channels" in missing
 
 
 def test_a_modulus_must_be_whole_turns_and_a_channel_there(tmp_path):
     model = arm_model(tmp_path)
-    few = model.problems_with("base", device((1 << 32, 1 << 23)))
+    few = model.mismatches_with("base", device((1 << 32, 1 << 23)))
     assert few == [
         "joint 1 of the arm is on channel 2, but base has 2 channels, from 0"
     ]
-    half_a_turn = model.problems_with("base", device((1 << 32, 1 << 22, 1 << 20)))
+    half_a_turn = model.mismatches_with("base", device((1 << 32, 1 << 22, 1 << 20)))
     assert len(half_a_turn) == 1
     assert "joint 3 has 8388608 counts per turn" in half_a_turn[0]
     assert "4194304" in half_a_turn[0]
-    third = model.problems_with("base", device((3_000_000, 1 << 23, 1 << 16)))
+    third = model.mismatches_with("base", device((3_000_000, 1 << 23, 1 << 16)))
     assert third[0].startswith("joint 2")
 
 
 def test_what_a_device_says_of_its_turns_must_be_what_the_file_says(tmp_path):
     model = arm_model(tmp_path)
     fits = device(MODULI, (1 << 20, None, 1 << 16))
-    assert model.problems_with("base", fits) == []
+    assert model.mismatches_with("base", fits) == []
     # Whole turns of the file fit into its modulus, and yet it is another resolution.
-    (told,) = model.problems_with("base", device(MODULI, (1 << 19, 1 << 23, 1 << 16)))
+    (told,) = model.mismatches_with("base", device(MODULI, (1 << 19, 1 << 23, 1 << 16)))
     assert told == (
         "joint 2 has 1048576 counts per turn in the arm file, but channel 0 of base "
         "says that it has 524288"
     )
-    assert model.problems_with("base", device(MODULI, ())) == []
+    assert model.mismatches_with("base", device(MODULI, ())) == []
 
 
 def test_a_model_is_read_with_the_readings_of_the_file(tmp_path):

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from traverse.daemon.pose.joint_motion import GAP_NS, KEPT_NS, MotionTrail
+from traverse.daemon.pose.joint_motion import GAP_NS, KEPT_NS, JointMotionTracker
 
 MS = 1_000_000
 FIELDS = ("speeds_rad_s", "are_speeds_known", "approaches")
@@ -17,7 +17,7 @@ def followed(times_ns, angles_rad, *, band_rad=0.01, are_valid=None, cuts=()):
     angles_rad = np.asarray(angles_rad, float).reshape(len(times_ns), -1)
     if are_valid is None:
         are_valid = np.ones(len(times_ns), np.bool_)
-    trail = MotionTrail(np.full(angles_rad.shape[1], band_rad))
+    trail = JointMotionTracker(np.full(angles_rad.shape[1], band_rad))
     bounds = sorted({0, *cuts, len(times_ns)})
     parts = [
         trail.follow(times_ns[a:b], angles_rad[a:b], are_valid[a:b])
@@ -142,7 +142,7 @@ def test_of_a_latch_outside_the_stream_nothing_is_known(time_ns):
 
 
 def test_before_the_first_sample_nothing_is_known():
-    latched = MotionTrail(np.array([0.1])).beside(0, np.array([0.5]))
+    latched = JointMotionTracker(np.array([0.1])).beside(0, np.array([0.5]))
     assert not latched.are_speeds_known.any()
     assert not latched.approaches.any()
 

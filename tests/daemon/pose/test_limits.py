@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from tests.daemon.values import arm_model
 from traverse.daemon.config.quality import EndStopSection, QualitySection
-from traverse.daemon.pose.limits import PoseLimits, SpeedTrail
+from traverse.daemon.pose.limits import PoseLimits, SpeedTracker
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.protocol.messages import QualityFlag
 
@@ -27,7 +27,7 @@ def test_joints_near_their_stops_are_marked(model):
     limits = PoseLimits(QualitySection(end_stops=(stop,)), model)
     turned = np.array([-1.2, -0.91, -0.89, 0.0, 1.89, 1.91])
     angles_rad = np.column_stack([np.full(6, 9.0), turned, np.full(6, -9.0)])
-    marked = limits.of_angles(angles_rad) == QualityFlag.END_STOP
+    marked = limits.flags_of_angles(angles_rad) == QualityFlag.END_STOP
     assert marked.tolist() == [True, True, False, False, False, True]
 
 
@@ -36,7 +36,7 @@ def test_a_lost_degree_of_freedom_is_what_singular_values_say(model, seed, ratio
     random = np.random.default_rng(seed)
     angles_rad = random.uniform(-3.0, 3.0, (20, 3))
     limits = PoseLimits(QualitySection(singular_ratio=ratio), model)
-    found = limits.of_angles(angles_rad) == QualityFlag.SINGULAR
+    found = limits.flags_of_angles(angles_rad) == QualityFlag.SINGULAR
     moves = probe_derivatives(model.geometry, angles_rad).by_angles
     smallest_mm = np.linalg.svd(moves, compute_uv=False)[:, -1]
     # Links of the arm file: (0, 10, 250), (0, 0, 300), (0, 20, 200); probe 50.
@@ -47,7 +47,7 @@ def test_a_lost_degree_of_freedom_is_what_singular_values_say(model, seed, ratio
 
 def test_a_speed_that_is_not_known_is_not_taken_for_a_slow_one(model):
     limits = PoseLimits(QualitySection(overspeed_mm_s=100.0), model)
-    found = limits.of_speed(np.array([99.0, 101.0, np.nan]))
+    found = limits.flags_of_speed(np.array([99.0, 101.0, np.nan]))
     assert found.tolist() == [0, QualityFlag.OVERSPEED, QualityFlag.MOTION_UNKNOWN]
 
 
@@ -64,13 +64,13 @@ def test_the_speed_of_a_pose_is_that_of_its_joints(model):
 def test_speeds_count_over_five_milliseconds():
     times_ns = np.arange(20) * MS
     xyz_mm = np.outer(np.arange(20) * 0.05, [0.6, 0.8, 0.0])  # 50 mm/s
-    speeds = SpeedTrail().speeds_mm_s(times_ns, xyz_mm)
+    speeds = SpeedTracker().speeds_mm_s(times_ns, xyz_mm)
     assert np.isnan(speeds[:5]).all()
     assert speeds[5:] == pytest.approx(np.full(15, 50.0))
 
 
 def test_after_a_gap_no_speed_is_known():
-    trail = SpeedTrail()
+    trail = SpeedTracker()
     trail.speeds_mm_s(np.arange(10) * MS, np.zeros((10, 3)))
     speeds = trail.speeds_mm_s((400 + np.arange(10)) * MS, np.ones((10, 3)))
     assert np.isnan(speeds[:5]).all()
@@ -82,8 +82,8 @@ def test_speeds_do_not_depend_on_how_a_stream_is_cut(seed, cuts):
     random = np.random.default_rng(seed)
     times_ns = np.cumsum(random.integers(1, 4 * MS, 100))
     xyz_mm = np.cumsum(random.normal(0.0, 0.1, (100, 3)), axis=0)
-    whole = SpeedTrail().speeds_mm_s(times_ns, xyz_mm)
-    trail = SpeedTrail()
+    whole = SpeedTracker().speeds_mm_s(times_ns, xyz_mm)
+    trail = SpeedTracker()
     parts = [
         trail.speeds_mm_s(times_ns[a:b], xyz_mm[a:b])
         for a, b in pairwise(sorted({0, 100, *cuts}))

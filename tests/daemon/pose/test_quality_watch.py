@@ -9,7 +9,7 @@ from tests.daemon.values import PoseMaker, SetClock, arm_model
 from traverse.daemon.config.quality import EndStopSection, QualitySection
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.points.capture import CaptureRefusedError
-from traverse.daemon.pose.quality_watch import QualityWatch
+from traverse.daemon.pose.quality_watch import QualityMonitor
 from traverse.protocol.messages import QualityFlag
 
 STOP = EndStopSection(joint="J1", low_rad=-1.0, high_rad=1.0, margin_rad=0.0)
@@ -21,7 +21,7 @@ class Bench:
 
     def __init__(self, model, **keys) -> None:
         self.clock, self.events, self.model = SetClock(), [], model
-        self.watch = QualityWatch(
+        self.watch = QualityMonitor(
             QualitySection(**keys),
             model,
             self.clock,
@@ -32,7 +32,7 @@ class Bench:
     def block(self, first_rad=0.0, temperature_c=None):
         block = self.poses.block(range(4))
         block.angles_rad[:, 0] = first_rad
-        self.watch.mark_block(self.model, block, temperature_c)
+        self.watch.flag_block(self.model, block, temperature_c)
         return block.quality.tolist()
 
     def codes(self):
@@ -132,7 +132,7 @@ def test_a_point_is_refused_by_the_flags_that_are_not_wanted(model):
 def test_speed_is_marked_in_a_stream(model):
     bench = Bench(model, overspeed_mm_s=100.0)
     block = bench.poses.block(range(30))  # 1 mm along each axis a millisecond
-    bench.watch.mark_block(model, block, None)
+    bench.watch.flag_block(model, block, None)
     unknown, fast = QualityFlag.MOTION_UNKNOWN, QualityFlag.OVERSPEED
     assert block.quality.tolist() == [unknown] * 5 + [fast] * 25
     assert np.unique(block.quality[5:]).tolist() == [fast]

@@ -6,7 +6,7 @@ import pytest
 from tests.daemon.values import SetClock, arm_model, count_samples
 from traverse.daemon.pose.joint_counts import JointCounts
 from traverse.daemon.pose.pipeline import Pipeline
-from traverse.daemon.pose.skew import SkewWatch
+from traverse.daemon.pose.skew import SkewMonitor
 from traverse.kinematics.model.forward import probe_centre
 from traverse.protocol.messages import QualityFlag
 
@@ -40,9 +40,9 @@ def test_motion_adds_up_and_instants_add_as_squares(model):
         (0.99 * added, [1, 3]),
         (0.99 * squared, [1, 2, 3]),
     ):
-        watch = SkewWatch(limit_mm)
+        watch = SkewMonitor(limit_mm)
         poses.quality[:] = QualityFlag.INTERPOLATED
-        watch.mark_block(model, poses, doubts)
+        watch.flag_block(model, poses, doubts)
         bits = poses.quality & QualityFlag.SKEW != 0
         assert np.flatnonzero(bits).tolist() == flagged
         assert watch.taken_mm() == pytest.approx(added + squared, rel=1e-5)
@@ -52,9 +52,9 @@ def test_a_single_pose_is_flagged_beyond_the_limit_and_not_otherwise(model):
     counts = JointCounts(0, np.array([5, 6, 7], np.uint32), np.zeros(3, np.uint8))
     pose = Pipeline(model, SetClock()).pose_at(counts)
     doubts = np.full((3, 2), 50.0)
-    watch = SkewWatch(1e-9)
+    watch = SkewMonitor(1e-9)
     marked = watch.marked(model, pose, doubts)
     assert marked.quality == pose.quality | QualityFlag.SKEW
     largest_mm = watch.taken_mm()
-    assert SkewWatch(1.01 * largest_mm).marked(model, pose, doubts) is pose
+    assert SkewMonitor(1.01 * largest_mm).marked(model, pose, doubts) is pose
     assert watch.taken_mm() is None

@@ -74,7 +74,7 @@ def test_interpolation_adds_what_it_may_have_left(tmp_path):
     may_be = (doubts * np.abs(model.per_count_rad)[:, np.newaxis]) ** 2
     may_be = may_be @ np.array([1.0, 1.0 / 3.0])
     expected = by_angles @ np.diag(may_be) @ by_angles.T
-    more = stated(model, nothing, doubts_counts=doubts) - stated(model, nothing)
+    more = stated(model, nothing, error_bounds_counts=doubts) - stated(model, nothing)
     assert more == pytest.approx(expected, rel=1e-5, abs=1e-12)
 
 

@@ -9,10 +9,13 @@ from tests.daemon.two_devices import BEGIN_NS, ON_TWO, TURNS, Reader, true_count
 from tests.daemon.values import ARM, UTC_OFFSET_NS
 from traverse.daemon.config.recording import RecordingSection
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.recorder.recorded_inputs import files_in_force, read_recorded
+from traverse.daemon.recorder.recorded_inputs import (
+    read_recorded_inputs,
+    recorded_files,
+)
 from traverse.daemon.recorder.recorder import Recorder
-from traverse.daemon.recorder.snapshot import MeasuringState
-from traverse.daemon.replay.harness import ReplayBench, ReplayClock
+from traverse.daemon.recorder.snapshot import MeasurementSnapshot
+from traverse.daemon.replay.harness import ReplayClock, ReplayHarness
 from traverse.daemon.replay.replay import Replay
 from traverse.drivers.base.values import (
     DeviceUp,
@@ -81,8 +84,8 @@ class RecordedRun:
         more = WRIST if two else ""
         path.write_text(CONFIGURATION.format(more=more, capture=capture))
         files = {"arm.toml": arm.encode(), "traverse.toml": path.read_bytes()}
-        self.configuration, self.model = read_recorded(files, None)
-        assert files_in_force(path, self.configuration) == files
+        self.configuration, self.model = read_recorded_inputs(files, None)
+        assert recorded_files(path, self.configuration) == files
         self.clock = ReplayClock()
         self.clock.now_ns, self.clock.offset_ns = BEGIN_NS, UTC_OFFSET_NS
         self.points, self.scans, self.events = [], [], []
@@ -94,7 +97,7 @@ class RecordedRun:
             files=files,
             events=EventLog(self.clock, self.events.append),
         )
-        self.bench = ReplayBench(
+        self.bench = ReplayHarness(
             self.configuration,
             self.model,
             self.clock,
@@ -102,7 +105,9 @@ class RecordedRun:
             take_scan=self._publish_scan,
             tape=self.recorder,
         )
-        self.recorder.state = MeasuringState(self.bench.measuring, self.bench.capture)
+        self.recorder.state = MeasurementSnapshot(
+            self.bench.measuring, self.bench.capture
+        )
         self.readers = [Reader("base", 100.0, (1, None, 0))]
         if two:
             skew_ns = (0, 300_000)
@@ -143,8 +148,8 @@ class RecordedRun:
                     samples = reader.samples(range(first, until))
                     self.bench.take(replace(samples, received_ns=self.clock.now_ns))
                     self.seq[reader.device] = until
-            if self.two or self.bench.measuring.points.some_wait.is_set():
-                self.bench.measuring.keep_time()
+            if self.two or self.bench.measuring.points.has_pending.is_set():
+                self.bench.measuring.process_timeouts()
 
     def edge(self, *, active=True, ago_s=0.0123):
         """The board's button goes down or up."""

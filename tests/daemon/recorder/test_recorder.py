@@ -9,7 +9,7 @@ import pytest
 
 from tests.daemon.recorder.recorded_runs import RecordedRun, replayed
 from traverse.daemon.commands.dispatcher import CommandError
-from traverse.daemon.commands.recording import RecordRequests
+from traverse.daemon.commands.recording import RecordingCommands
 from traverse.drivers.base.values import CountSamples
 from traverse.protocol.messages import Event, RecordArgs
 from traverse.recording.run_reader import RunReader
@@ -153,7 +153,7 @@ async def test_a_recording_without_room_is_refused_and_measuring_goes_on(tmp_pat
         run.later(1.0)
         await until(lambda: told(run, "recording.failed"))
         run.click()
-        requests = RecordRequests(run.recorder)
+        requests = RecordingCommands(run.recorder)
         with pytest.raises(CommandError, match=r"only [0-9]+ MB are free") as refusal:
             await requests.carry_out(RecordArgs(action="start", name="asked"))
         assert run.recorder.health().state == "failed"
@@ -178,7 +178,9 @@ async def test_a_disk_that_fails_stops_the_recording_alone(tmp_path):
             run.click()
             run.later(0.1)
             with pytest.raises(CommandError, match="nothing is being recorded"):
-                await RecordRequests(run.recorder).carry_out(RecordArgs(action="stop"))
+                await RecordingCommands(run.recorder).carry_out(
+                    RecordArgs(action="stop")
+                )
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
         signal.signal(signal.SIGXFSZ, ignored)
@@ -193,7 +195,7 @@ async def test_a_disk_that_fails_stops_the_recording_alone(tmp_path):
 
 async def test_names_are_used_once_and_one_recording_runs_at_a_time(tmp_path):
     async with RecordedRun(tmp_path) as run:
-        requests = RecordRequests(run.recorder)
+        requests = RecordingCommands(run.recorder)
         start = RecordArgs(action="start", name="one", note="n")
         assert (await requests.carry_out(start))["name"] == "one"
         with pytest.raises(CommandError, match="'one' is being recorded"):

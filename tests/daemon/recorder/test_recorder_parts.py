@@ -4,10 +4,10 @@ import numpy as np
 
 from tests.daemon.recorder.recorded_runs import IDENTITIES
 from tests.daemon.values import SetClock
-from traverse.daemon.frozen_clock import JITTER_NS, LOOK_NS, StepClock
+from traverse.daemon.frozen_clock import JITTER_NS, LOOK_NS, FrozenClock
 from traverse.daemon.recorder.item_queue import Item, RecorderQueue
-from traverse.daemon.recorder.pre_trigger_buffer import Ring
-from traverse.daemon.recorder.snapshot import WARM_NS, LastTold
+from traverse.daemon.recorder.pre_trigger_buffer import PreTriggerBuffer
+from traverse.daemon.recorder.snapshot import WARM_UP_NS, DeviceSnapshot
 from traverse.drivers.base.values import (
     CountSamples,
     DeviceAlarm,
@@ -44,26 +44,26 @@ def test_the_queue_is_bounded_by_items_and_bytes_but_takes_jobs():
 
 
 def test_the_ring_begins_with_a_state_that_is_old_enough():
-    ring = Ring()
+    ring = PreTriggerBuffer()
     ring.add(Entry("steps", 0, b"before any state"))
     assert not ring
     for number in range(6):
-        at_ns = number * WARM_NS // 2
-        ring.begin_part(at_ns)
+        at_ns = number * WARM_UP_NS // 2
+        ring.begin_segment(at_ns)
         ring.add(Entry("steps", at_ns, b"state %d" % number))
         ring.add(Entry("cloud", at_ns, b"a scan"))
     assert list(ring) == [
-        Entry("steps", number * WARM_NS // 2, b"state %d" % number)
+        Entry("steps", number * WARM_UP_NS // 2, b"state %d" % number)
         for number in (3, 4, 5)
     ]
-    small = Ring(most_bytes=10)
-    small.begin_part(0)
+    small = PreTriggerBuffer(most_bytes=10)
+    small.begin_segment(0)
     small.add(Entry("steps", 0, bytes(11)))
     assert not small
 
 
 def test_the_last_told_deliveries_say_how_devices_are():
-    last = LastTold()
+    last = DeviceSnapshot()
     for delivery in (
         DeviceUp("base", IDENTITIES["base"], True),
         DeviceAlarm("base", 1, True, "old", "", 0),
@@ -86,7 +86,7 @@ def test_the_last_told_deliveries_say_how_devices_are():
 
 def test_time_stands_within_a_step_and_utc_moves_only_when_it_has_changed():
     host, told = SetClock(), []
-    clock = StepClock(host)
+    clock = FrozenClock(host)
     clock.related = lambda now_ns, offset_ns: told.append((now_ns, offset_ns))
     begun_ns, offset_ns = host.now_ns, host.offset_ns
     host.now_ns += 5

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from traverse.daemon.scans.button_gate import MAX_EDGES, HeldGate
+from traverse.daemon.scans.button_gate import MAX_EDGES, ButtonGate
 
 BUTTON, OTHER = ("base", 0), ("handle", 3)
 
@@ -12,18 +12,18 @@ def held(gate, *times_ns):
 
 
 def test_the_instant_of_a_press_is_held_and_that_of_a_release_is_not():
-    gate = HeldGate()
+    gate = ButtonGate()
     gate.edge(BUTTON, 100, True)
     gate.edge(BUTTON, 200, False)
     assert held(gate, 99, 100, 199, 200, 201) == [False, True, True, False, False]
 
 
 def test_without_an_edge_nothing_is_held():
-    assert held(HeldGate(), 1, 2) == [False, False]
+    assert held(ButtonGate(), 1, 2) == [False, False]
 
 
 def test_any_of_several_buttons_holds():
-    gate = HeldGate()
+    gate = ButtonGate()
     gate.edge(BUTTON, 10, True)
     gate.edge(OTHER, 15, True)
     gate.edge(BUTTON, 20, False)
@@ -32,7 +32,7 @@ def test_any_of_several_buttons_holds():
 
 
 def test_it_remembers_so_many_edges_and_no_more():
-    gate = HeldGate()
+    gate = ButtonGate()
     for k in range(3 * MAX_EDGES):
         gate.edge(BUTTON, k, k % 2 == 0)
     last = 3 * MAX_EDGES - 1
@@ -45,7 +45,7 @@ def test_it_remembers_so_many_edges_and_no_more():
     st.randoms(use_true_random=False),
 )
 def test_levels_are_those_of_the_last_edge_in_whatever_order_edges_come(edges, random):
-    gate = HeldGate()
+    gate = ButtonGate()
     shuffled = list(edges)
     random.shuffle(shuffled)
     for time_ns, level in shuffled:

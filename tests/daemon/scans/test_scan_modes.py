@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from tests.daemon.values import PoseMaker, SetClock, arm_model
 from traverse.daemon.config.filters import filter_of, removed_counters
 from traverse.daemon.config.scan import ScanSection
-from traverse.daemon.pose.alignment import Alignment, PartSystem
+from traverse.daemon.pose.alignment import ActiveAlignment, Alignment
 from traverse.daemon.scans.plan import ScanPlan
 from traverse.daemon.scans.scanner import Scanner
 from traverse.kinematics.filters import FILTERS, FilterChain, PointBlock
@@ -27,7 +27,7 @@ class Bench:
     def __init__(self, model, path_mm, *, filters=(), wait_s=0.02, **plan) -> None:
         self.model, self.path_mm = model, np.asarray(path_mm, dtype=float)
         self.messages = []
-        self.part = PartSystem()
+        self.part = ActiveAlignment()
         section = ScanSection(
             held_wait_s=wait_s, filters=tuple(filter_of(table) for table in filters)
         )

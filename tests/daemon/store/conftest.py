@@ -2,7 +2,7 @@
 
 import pytest
 
-from traverse.daemon.store.database import OutboxStore
+from traverse.daemon.store.database import MessageDatabase
 
 
 @pytest.fixture
@@ -12,6 +12,6 @@ def path(tmp_path):
 
 @pytest.fixture
 def store(path):
-    opened = OutboxStore(path)
+    opened = MessageDatabase(path)
     yield opened
     opened.close()

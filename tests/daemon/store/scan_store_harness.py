@@ -8,9 +8,9 @@ from tests.end_to_end.programs import until
 from tests.protocol.message_examples import SCAN
 from traverse.daemon.config.scan import ScanSection
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.mqtt.message_publisher import Outlet
+from traverse.daemon.mqtt.message_publisher import MessagePublisher
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
-from traverse.daemon.store.scan_store import ScanSpool
+from traverse.daemon.store.scan_store import ScanStore
 from traverse.protocol.encoding import decode
 from traverse.protocol.messages import Scan
 
@@ -46,13 +46,13 @@ class Bench:
         self.occurrences = []
         self.clock = SetClock()
         self.taken_back = []
-        self.spool = ScanSpool(
+        self.spool = ScanStore(
             self.path,
             arm="bench-7",
             encoding="msgpack",
             clock=self.clock,
             section=ScanSection(**{"delivery": "complete", **section}),
-            outlet=Outlet("bench-7", "msgpack", self.queue, self.clock),
+            outlet=MessagePublisher("bench-7", "msgpack", self.queue, self.clock),
             queue=self.queue,
             events=EventLog(self.clock, self.occurrences.append),
         )
@@ -79,7 +79,7 @@ class Bench:
         sent = []
 
         def so_many():
-            self.spool.keep_house()
+            self.spool.poll()
             sent.extend(self.send())
             return len(sent) >= n
 
@@ -88,7 +88,7 @@ class Bench:
 
     async def all_marked(self):
         def marked():
-            self.spool.keep_house()
+            self.spool.poll()
             return all(is_sent for *_, is_sent in rows(self.path))
 
         await until(marked, "all blocks are marked")

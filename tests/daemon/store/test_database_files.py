@@ -9,35 +9,33 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.daemon.store.outbox_entries import entries, execute, rows
-from traverse.daemon.store.database import OutboxStore
-from traverse.daemon.store.queries import open_to_read, unsent_of
-from traverse.daemon.store.records import OutboxRefusedError
-from traverse.daemon.store.storage_error import set_aside, trouble_of
+from traverse.daemon.store.database import MessageDatabase
+from traverse.daemon.store.queries import open_read_only, read_unsent
+from traverse.daemon.store.records import StoreRefusedError
+from traverse.daemon.store.storage_error import move_aside, storage_error_of
 
 
 def test_a_newer_version_is_refused_with_what_to_do(store, path):
     store.close()
     execute(path, "PRAGMA user_version = 2")
-    with pytest.raises(
-        OutboxRefusedError, match=r"version 2.*knows version 1.*install"
-    ):
-        OutboxStore(path)
+    with pytest.raises(StoreRefusedError, match=r"version 2.*knows version 1.*install"):
+        MessageDatabase(path)
 
 
 def test_a_database_of_another_program_is_left_alone(path):
     execute(path, "CREATE TABLE songs (title TEXT)")
-    with pytest.raises(OutboxRefusedError, match="another program"):
-        OutboxStore(path)
-    with pytest.raises(OutboxRefusedError, match="another program"):
-        open_to_read(path)
+    with pytest.raises(StoreRefusedError, match="another program"):
+        MessageDatabase(path)
+    with pytest.raises(StoreRefusedError, match="another program"):
+        open_read_only(path)
 
 
 def test_to_read_needs_a_file_that_a_daemon_has_used(path):
-    with pytest.raises(OutboxRefusedError, match=r"no such file.*--db"):
-        open_to_read(path)
+    with pytest.raises(StoreRefusedError, match=r"no such file.*--db"):
+        open_read_only(path)
     path.write_bytes(b"")
-    with pytest.raises(OutboxRefusedError, match="no daemon has used it"):
-        open_to_read(path)
+    with pytest.raises(StoreRefusedError, match="no daemon has used it"):
+        open_read_only(path)
 
 
 @pytest.mark.parametrize("where", [0, 100, 4096 + 3])
@@ -48,26 +46,26 @@ def test_damage_is_noticed_at_the_start(store, path, where):
     content[where : where + 64] = b"\xa5" * 64
     path.write_bytes(content)
     with pytest.raises(sqlite3.DatabaseError) as caught:
-        OutboxStore(path)
+        MessageDatabase(path)
     assert caught.value.sqlite_errorcode & 0xFF in (11, 26)
 
 
 def test_set_aside_keeps_all_files_under_names_of_their_own(store, path):
     store.add(entries("a", 1))
-    first = set_aside(path)
+    first = move_aside(path)
     assert first.name.startswith("outbox.db.corrupt-20")
     assert not path.exists()
     assert (first.parent / f"{first.name}-wal").exists()
     path.write_bytes(b"another")
-    assert set_aside(path) != first
+    assert move_aside(path) != first
 
 
 def test_a_file_that_was_replaced_is_noticed(store, path):
-    assert store.is_in_place
+    assert store.is_file_unchanged
     path.rename(path.with_suffix(".old"))
-    assert not store.is_in_place
+    assert not store.is_file_unchanged
     path.write_bytes(b"")
-    assert not store.is_in_place
+    assert not store.is_file_unchanged
 
 
 def test_a_full_disk_is_told_and_is_over_when_there_is_room(store, path):
@@ -76,13 +74,13 @@ def test_a_full_disk_is_told_and_is_over_when_there_is_room(store, path):
     store.connection.execute(f"PRAGMA max_page_count = {pages}")
     with pytest.raises(sqlite3.OperationalError, match="full") as caught:
         store.add(entries("a", 200, first=1))
-    trouble = trouble_of(caught.value, path)
+    trouble = storage_error_of(caught.value, path)
     assert "the disk is full" in trouble.text
     assert str(path.parent) in trouble.remedy
     with pytest.raises(sqlite3.OperationalError, match="full"):
-        store.try_room()
+        store.check_space()
     store.connection.execute("PRAGMA max_page_count = 100000")
-    store.try_room()
+    store.check_space()
     assert store.add(entries("a", 1, first=1)) == [2]
     assert rows(path) == [("a", 0, 0), ("a", 1, 0)]
 
@@ -90,9 +88,9 @@ def test_a_full_disk_is_told_and_is_over_when_there_is_room(store, path):
 WRITER = """
 import os, sys
 from pathlib import Path
-from traverse.daemon.store.database import OutboxStore
+from traverse.daemon.store.database import MessageDatabase
 from tests.daemon.store.outbox_entries import entries
-store = OutboxStore(Path(sys.argv[1]))
+store = MessageDatabase(Path(sys.argv[1]))
 for first in range(0, 40, 4):
     store.add(entries("a", 4, first=first))
     store.mark_sent([(1, first)])
@@ -111,8 +109,8 @@ def test_a_killed_process_leaves_all_that_was_committed_and_nothing_else(path):
         check=False,
     )
     assert (done.returncode, done.stdout) == (-9, "40\n")
-    store = OutboxStore(path)
-    assert [m.seq for m in unsent_of(store.connection, 0, 99)] == [*range(36, 40)]
+    store = MessageDatabase(path)
+    assert [m.seq for m in read_unsent(store.connection, 0, 99)] == [*range(36, 40)]
     assert store.figures().points == 40
     store.close()
 
@@ -123,7 +121,7 @@ def test_a_log_that_is_cut_anywhere_leaves_whole_groups_in_order(tmp_path_factor
     """What a power cut leaves of a disk that writes in order."""
     folder = tmp_path_factory.mktemp("cut")
     path = folder / "outbox.db"
-    store = OutboxStore(path)
+    store = MessageDatabase(path)
     for first in range(0, 40, 4):
         store.add(entries("a", 4, first=first))
     torn = folder / "torn.db"
@@ -132,10 +130,10 @@ def test_a_log_that_is_cut_anywhere_leaves_whole_groups_in_order(tmp_path_factor
     (folder / "torn.db-wal").write_bytes(log[: min(cut, len(log))])
     store.close()
     try:
-        again = OutboxStore(torn)
+        again = MessageDatabase(torn)
     except sqlite3.DatabaseError:
         return  # before its tables were there
-    seqs = [m.seq for m in unsent_of(again.connection, 0, 99)]
+    seqs = [m.seq for m in read_unsent(again.connection, 0, 99)]
     again.close()
     assert seqs == [*range(len(seqs))]
     assert len(seqs) % 4 == 0

@@ -13,10 +13,10 @@ from tests.daemon.store.outbox_entries import entries, rows
 from tests.daemon.values import SetClock
 from traverse.daemon.monitoring.latencies import Latencies
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
-from traverse.daemon.store.ack_buffer import OutboxMarks
-from traverse.daemon.store.database import OutboxStore
-from traverse.daemon.store.feed import REFUSED_NS, TOGETHER, OutboxFeed, outgoing
-from traverse.daemon.store.records import Held, held_of
+from traverse.daemon.store.ack_buffer import AckBuffer
+from traverse.daemon.store.database import MessageDatabase
+from traverse.daemon.store.feed import REFUSED_NS, TOGETHER, UnsentFeeder, outgoing
+from traverse.daemon.store.records import Held, stored_message_of
 
 ROOM = TOGETHER + 50
 
@@ -26,15 +26,15 @@ class Steps:
 
     def __init__(self, path):
         self.path = path
-        self.store = OutboxStore(path)
+        self.store = MessageDatabase(path)
         self.store.connection.execute("PRAGMA synchronous = OFF")
         self.jobs, self.results = deque(), deque()
         self.queue = OutgoingQueue(max_points=ROOM)
-        self.marks = OutboxMarks(
+        self.marks = AckBuffer(
             lambda ranges, told: self.ask(lambda store: self.mark(ranges), told)
         )
         self.clock = SetClock()
-        self.feed = OutboxFeed(
+        self.feed = UnsentFeeder(
             self.queue, self.ask, self.marks.add, self.clock, Latencies()
         )
         self.queue.left = self.feed.refill
@@ -56,7 +56,7 @@ class Steps:
 
         def kept(numbers):
             for number, e in zip(numbers, group, strict=True):
-                self.feed.kept(held_of(e, number))
+                self.feed.kept(stored_message_of(e, number))
 
         if n:
             self.ask(lambda store: store.add(group), kept)
@@ -84,17 +84,17 @@ class Steps:
 
     def refuse(self, n):
         for _ in range(min(n, len(self.on_the_way))):
-            self.queue.put_off(*self.on_the_way.popleft())
+            self.queue.defer(*self.on_the_way.popleft())
 
     def turn(self):
-        for step in (self.keep_house, self.thread, self.loop, self.write):
+        for step in (self.poll, self.thread, self.loop, self.write):
             step(2000)
 
     def break_off(self, n):
         self.on_the_way.clear()
         self.queue.take_back()
 
-    def keep_house(self, n):
+    def poll(self, n):
         self.marks_fail = n % 2 == 1
         self.marks.flush()
         self.feed.refill()
@@ -103,18 +103,18 @@ class Steps:
         self.break_off(0)
         while len(self.sent) < self.taken or self.jobs or self.results:
             before = len(self.sent), len(self.jobs), len(self.results)
-            for step in (self.keep_house, self.thread, self.loop, self.write):
+            for step in (self.poll, self.thread, self.loop, self.write):
                 step(10_000)
             self.acknowledge(10_000)
             if (len(self.sent), len(self.jobs), len(self.results)) == before:
                 break
         for _ in range(2):
-            self.keep_house(0)
+            self.poll(0)
             self.thread(9)
             self.loop(9)
 
 
-NAMES = ("take", "thread", "loop", "write", "acknowledge", "break_off", "keep_house")
+NAMES = ("take", "thread", "loop", "write", "acknowledge", "break_off", "poll")
 PLANS = st.lists(
     st.tuples(st.sampled_from(NAMES), st.integers(0, 130)), min_size=5, max_size=60
 )
@@ -122,7 +122,7 @@ PLANS = st.lists(
 
 @settings(max_examples=60)
 @given(PLANS)
-@example([("keep_house", 0), ("thread", 9), ("take", 5), ("loop", 9), ("thread", 9)])
+@example([("poll", 0), ("thread", 9), ("take", 5), ("loop", 9), ("thread", 9)])
 def test_every_point_is_sent_in_order_and_marked(tmp_path_factory, plan):
     path = tmp_path_factory.mktemp("feed") / "outbox.db"
     steps = Steps(path)

@@ -20,7 +20,7 @@ async def bench(tmp_path):
 async def test_a_point_is_on_the_disk_before_anybody_hears_of_it(bench):
     keeping = bench.take()
     heard = []
-    keeping.when_settled(lambda: heard.append(rows(bench.path)))
+    keeping.on_settled(lambda: heard.append(rows(bench.path)))
     assert not keeping.is_settled
     assert bench.queue.next() is None
     await until(lambda: heard, "it is settled")
@@ -32,7 +32,7 @@ async def test_a_point_is_on_the_disk_before_anybody_hears_of_it(bench):
 async def test_what_the_broker_has_is_marked_and_nothing_else(bench):
     await bench.take_all(3)
     assert bench.send(2) == numbers("point", 0, 1)
-    bench.outbox.keep_house()
+    bench.outbox.poll()
 
     def sent():
         return [row[2] for row in rows(bench.path)]
@@ -57,7 +57,7 @@ async def test_points_are_offered_to_the_broker_before_anybody_else_hears(bench)
     offered, told = [], []
     bench.queue.offered = lambda: offered.append(bench.queue.waiting("point"))
     for keeping in keepings:
-        keeping.when_settled(lambda: told.append(bench.queue.waiting("point")))
+        keeping.on_settled(lambda: told.append(bench.queue.waiting("point")))
     await until(lambda: len(told) == 20, "all are settled")
     assert offered[-1] == 20
     assert all(waiting >= place + 1 for place, waiting in enumerate(told))
@@ -93,7 +93,7 @@ async def test_a_broker_that_is_away_costs_disk_and_no_memory(bench):
     assert await bench.send_until(n) == numbers("point", *range(n))
     await bench.take_all(2)
     assert bench.send() == numbers("point", n, n + 1)  # from memory again
-    bench.outbox.keep_house()
+    bench.outbox.poll()
     await until(lambda: bench.outbox.health().unsent == 0, "all are marked")
 
 

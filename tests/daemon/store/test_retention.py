@@ -8,7 +8,7 @@ from tests.daemon.store.outbox_entries import (
     execute,
     rows,
 )
-from traverse.daemon.store.queries import messages_of, sessions_of
+from traverse.daemon.store.queries import read_messages, read_sessions
 
 
 def forget(store, *, before_ns=0, keep_bytes=10**12, running="", at_most=1000):
@@ -23,7 +23,7 @@ def test_what_is_old_and_sent_goes_with_its_session(store, path):
     store.mark_sent([(1, 6)])
     assert forget(store, before_ns=NOW_NS - 90 * DAY_NS) == 3
     assert rows(path) == [("b", 0, 1), ("b", 1, 1), ("b", 2, 1)]
-    assert [s.session for s in sessions_of(store.connection, 9)] == ["b"]
+    assert [s.session for s in read_sessions(store.connection, 9)] == ["b"]
     assert execute(path, "SELECT session FROM sessions") == [("b",)]
     assert forget(store, before_ns=NOW_NS - 90 * DAY_NS) == 0
 
@@ -62,9 +62,9 @@ def test_beyond_its_size_the_oldest_go_in_small_steps_and_the_file_shrinks(store
         steps += 1
     assert 4 <= steps <= 6
     for _ in range(5):
-        store.give_back()
+        store.trim_file()
     assert store.figures().size_bytes < 0.7 * full_bytes
     left = store.figures().points
-    assert [m.seq for m in messages_of(store.connection, "a", 0, 999, 999)] == [
+    assert [m.seq for m in read_messages(store.connection, "a", 0, 999, 999)] == [
         *range(400 - left, 400)
     ]

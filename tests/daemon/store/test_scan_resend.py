@@ -5,7 +5,7 @@ import pytest
 from tests.daemon.store.scan_store_harness import POINTS, Bench
 from tests.protocol.message_examples import SCAN
 from traverse.daemon.commands.dispatcher import CommandError
-from traverse.daemon.commands.resend import ResendRequests
+from traverse.daemon.commands.resend import ResendCommands
 from traverse.protocol.messages import ResendArgs
 
 
@@ -26,7 +26,7 @@ async def test_a_range_of_points_comes_again_in_whole_blocks(
 ):
     """Block 3, points 15 to 19, has never been: it was dropped."""
     bench = Bench(tmp_path)
-    requests = ResendRequests(None, bench.spool.again)
+    requests = ResendCommands(None, bench.spool.again)
     async with bench.spool.running():
         await bench.offer(0, 1, 2)
         await bench.offer(4, last=True)
@@ -54,7 +54,7 @@ async def test_scans_are_listed_and_unknown_ones_are_nothing(tmp_path):
     async def points(args):
         return {"sessions": []}
 
-    requests = ResendRequests(points, bench.spool.again)
+    requests = ResendCommands(points, bench.spool.again)
     async with bench.spool.running():
         await bench.offer(0, 1, scan="a")
         await bench.offer(0, scan="b")

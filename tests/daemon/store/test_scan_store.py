@@ -92,7 +92,7 @@ async def test_a_full_spool_drops_the_newest_counts_and_tells_it(tmp_path):
         await bench.all_marked()
 
         def has_room():
-            bench.spool.keep_house()
+            bench.spool.poll()
             return bench.spool.offer(block(n + 1))
 
         await until(has_room, "what the broker has is forgotten")

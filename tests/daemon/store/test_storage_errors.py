@@ -9,7 +9,7 @@ import pytest
 from tests.daemon.store.outbox_entries import execute, rows
 from tests.daemon.store.outbox_harness import OutboxOnLoop, numbers
 from tests.end_to_end.programs import until
-from traverse.daemon.store.records import OutboxRefusedError
+from traverse.daemon.store.records import StoreRefusedError
 from traverse.protocol.messages import ResendArgs
 
 FULL = (
@@ -70,13 +70,13 @@ async def test_marks_that_cannot_be_written_are_written_later(bench):
         "BEGIN SELECT RAISE(FAIL, 'disk I/O error'); END",
     )
     bench.send()
-    bench.outbox.keep_house()
+    bench.outbox.poll()
     await until(lambda: bench.codes(True), "it is told")
-    bench.outbox.keep_house()
+    bench.outbox.poll()
     execute(bench.path, "DROP TRIGGER no_marks")
 
     def are_marked() -> bool:
-        bench.outbox.keep_house()
+        bench.outbox.poll()
         return [row[2] for row in rows(bench.path)] == [1, 1]
 
     await until(are_marked, "the marks are there")
@@ -153,7 +153,7 @@ async def test_a_file_that_is_removed_is_replaced_and_numbers_go_on(bench):
     await bench.take_all(2)
     assert [row[1] for row in rows(bench.path)] == [3, 4]
     bench.send()
-    bench.outbox.keep_house()
+    bench.outbox.poll()
     await until(
         lambda: [row[2] for row in rows(bench.path)] == [1, 1], "marks fit the new one"
     )
@@ -164,13 +164,13 @@ async def test_a_newer_file_is_refused_at_the_start(tmp_path):
     async with bench.outbox.running():
         await bench.take_all(1)
     execute(bench.path, "PRAGMA user_version = 9")
-    with pytest.raises(OutboxRefusedError, match="version 9"):
+    with pytest.raises(StoreRefusedError, match="version 9"):
         async with OutboxOnLoop(tmp_path).outbox.running():
             pass
 
 
 async def test_two_daemons_do_not_share_a_state_folder(bench, tmp_path):
-    with pytest.raises(OutboxRefusedError, match="another daemon uses"):
+    with pytest.raises(StoreRefusedError, match="another daemon uses"):
         async with OutboxOnLoop(tmp_path).outbox.running():
             pass
     assert (await bench.take_all(1))[0].trouble is None
@@ -178,7 +178,7 @@ async def test_two_daemons_do_not_share_a_state_folder(bench, tmp_path):
 
 async def test_a_state_folder_that_cannot_be_had_is_refused(tmp_path):
     (tmp_path / "state").write_text("a file")
-    with pytest.raises(OutboxRefusedError, match="STATE_DIRECTORY"):
+    with pytest.raises(StoreRefusedError, match="STATE_DIRECTORY"):
         async with OutboxOnLoop(tmp_path / "state").outbox.running():
             pass
 

@@ -7,7 +7,7 @@ import sys
 # All of one process: what is set cannot be taken back.
 PROGRAM = """
 import ctypes, sys, threading
-from traverse.daemon.system.memory import bound_free_memory
+from traverse.daemon.system.memory import limit_malloc_arenas
 
 libc = ctypes.CDLL(None)
 libc.malloc.restype = ctypes.c_void_p
@@ -17,7 +17,7 @@ libc.malloc_info.argtypes = [ctypes.c_int, ctypes.c_void_p]
 libc.fclose.argtypes = [ctypes.c_void_p]
 
 if sys.argv[1] == "bounded":
-    assert bound_free_memory()
+    assert limit_malloc_arenas()
 libc.free(libc.malloc(4 << 20))  # by itself, that makes 4 MiB the size that is large
 large = [libc.malloc(3 << 20) for _ in range(2)]
 together = threading.Barrier(3)
@@ -75,10 +75,10 @@ def holes():
         libc.free(block)
 
 async def main():
-    allocation.GIVE_BACK_S = 0.0
+    allocation.TRIM_INTERVAL_S = 0.0
     holes()
     before = resident()
-    giving = asyncio.create_task(allocation.give_back_free_memory())
+    giving = asyncio.create_task(allocation.trim_memory_periodically())
     await asyncio.sleep(0.0)
     while resident() > before - 1500:
         await asyncio.sleep(0.0)

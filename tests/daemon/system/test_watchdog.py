@@ -12,7 +12,7 @@ from traverse.daemon.config.devices import section_of
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.system.systemd_notify import Notifier
 from traverse.daemon.system.watchdog import Watchdog
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.heartbeat import Pulse
 from traverse.drivers.base.values import DeviceCounters
 from traverse.drivers.latch_board.driver import LatchBoard
@@ -30,12 +30,12 @@ class Bench:
         self.heard = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self.heard.bind(str(tmp_path / "notify"))
         self.heard.setblocking(False)
-        self.crossing = Crossing(asyncio.get_running_loop())
+        self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
         table = {"id": "base", "driver": "latch-board", "port": "/nowhere"}
         section = section_of(table)
         self.driver = LatchBoard(
             "base",
-            self.crossing,
+            self.delivery_queue,
             monotonic_ns=self.clock.monotonic_ns,
             **section.options,
         )
@@ -48,7 +48,7 @@ class Bench:
         )
         self.watchdog = Watchdog(
             notifier,
-            [Device(section, self.crossing, self.driver)],
+            [Device(section, self.delivery_queue, self.driver)],
             lambda: [self.outbox],
             EventLog(self.clock, self.events.append),
         )
@@ -104,26 +104,28 @@ async def test_a_turn_that_was_said_to_be_long_may_be_long(bench):
 
 
 async def test_what_nobody_takes_stops_the_feeding_at_the_second_look(bench):
-    bench.crossing.put(DeviceCounters("base", {}))
+    bench.delivery_queue.put(DeviceCounters("base", {}))
     await asyncio.sleep(0)
     assert bench.is_fed()  # it may have come this moment
     assert not bench.is_fed()
     assert bench.told() == [("taker-of-base", True)]
-    await bench.crossing.take()
+    await bench.delivery_queue.take()
     assert bench.is_fed()
 
 
 async def test_what_waits_at_every_look_but_is_taken_between_is_no_fault(bench):
     for _ in range(3):
-        bench.crossing.put(DeviceCounters("base", {}))
+        bench.delivery_queue.put(DeviceCounters("base", {}))
         await asyncio.sleep(0)
         assert bench.is_fed()
-        await bench.crossing.take()
+        await bench.delivery_queue.take()
 
 
 async def test_the_reader_of_a_device_that_is_not_there_goes_on(bench):
     bench.driver.start()  # its port does not exist: it tries again and again
-    await until(lambda: bench.crossing.is_due, "it tells that the port is missing")
+    await until(
+        lambda: bench.delivery_queue.is_due, "it tells that the port is missing"
+    )
     beaten = bench.driver.pulse._beaten
     bench.clock.now_ns += 100 * S
     await until(lambda: bench.driver.pulse._beaten != beaten, "another try")

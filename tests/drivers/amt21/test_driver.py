@@ -9,8 +9,8 @@ from pydantic import ValidationError
 from tests.drivers.amt21.fake_encoders import PtyEncoders
 from tests.drivers.amt21.virtual_run import ADDRESSES, Played, line
 from tests.drivers.driver_contract import DriverContract, StreamContract
-from traverse.drivers.amt21.driver import Amt21, Amt21Options
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.amt21.driver import Amt21Driver, Amt21Options
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import (
     DeviceError,
     DeviceFault,
@@ -142,10 +142,10 @@ class Amt21Rig:
     def __init__(self, encoders: PtyEncoders) -> None:
         self.encoders = encoders
         self.port = str(encoders.link)
-        self.crossing = Crossing(asyncio.get_running_loop())
-        self.driver = Amt21(
+        self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
+        self.driver = Amt21Driver(
             "base",
-            self.crossing,
+            self.delivery_queue,
             port=self.port,
             addresses=ADDRESSES,
             echo="no",
@@ -180,8 +180,8 @@ class TestContract(DriverContract, StreamContract):
 
 
 async def test_it_cannot_latch_at_a_moment_of_its_own(tmp_path):
-    crossing = Crossing(asyncio.get_running_loop())
-    driver = Amt21("base", crossing, port=str(tmp_path), addresses=(0x54,))
+    delivery_queue = DeliveryQueue(asyncio.get_running_loop())
+    driver = Amt21Driver("base", delivery_queue, port=str(tmp_path), addresses=(0x54,))
     with pytest.raises(DeviceError, match="cannot latch"):
         driver.request_latch()
     driver.close()

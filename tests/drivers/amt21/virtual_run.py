@@ -6,7 +6,7 @@ from collections.abc import Callable
 from benchmarks.tools.virtual_time import Cable, Straight, VirtualTime, played
 from tests.drivers.amt21.fake_encoders import FakeEncoder, FakeLine, VirtualEncoders
 from tests.drivers.delivered import Delivered
-from traverse.drivers.amt21.driver import Amt21
+from traverse.drivers.amt21.driver import Amt21Driver
 from traverse.drivers.base.values import DeviceAlarm
 
 ADDRESSES = (0x54, 0x58, 0x5C)
@@ -30,7 +30,7 @@ class Played(Delivered):
         self.time.devices = [self.peer, self]
         self._at = sorted((at or {}).items())
         straight = Straight(self.time.over)
-        self.driver = Amt21(
+        self.driver = Amt21Driver(
             "arm",
             straight,
             port="somewhere",

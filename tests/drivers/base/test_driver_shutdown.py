@@ -5,15 +5,15 @@ import os
 import threading
 
 from traverse.drivers.base import driver as driver_module
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import CONNECT_S, Driver
 
 
 class Deaf(Driver):
     """Serves something that does not come back until it is let go."""
 
-    def __init__(self, crossing: Crossing, clock) -> None:
-        super().__init__("base", crossing, clock)
+    def __init__(self, delivery_queue: DeliveryQueue, clock) -> None:
+        super().__init__("base", delivery_queue, clock)
         self.serving, self.let_go = threading.Event(), threading.Event()
 
     def request_stream(self, rate_hz: float) -> None:
@@ -41,7 +41,7 @@ async def test_a_stuck_reader_is_overdue_and_is_left_behind_at_the_end(
     def clock() -> int:
         return now_ns
 
-    deaf = Deaf(Crossing(asyncio.get_running_loop()), clock)
+    deaf = Deaf(DeliveryQueue(asyncio.get_running_loop()), clock)
     assert deaf.pulse.overdue_s(1.0) is None  # it has not begun
     deaf.start()
     while deaf.pulse._beaten is None:  # noqa: ASYNC110 - another thread's doing

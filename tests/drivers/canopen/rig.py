@@ -6,9 +6,9 @@ import itertools
 
 from tests.drivers.canopen.fake_nodes import FakeNodes
 from tests.drivers.taken import Taken
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import CountSamples, DeviceAlarm
-from traverse.drivers.canopen.driver import CanOpen
+from traverse.drivers.canopen.driver import CanOpenDriver
 
 channels = itertools.count()
 
@@ -16,9 +16,9 @@ channels = itertools.count()
 class CanRig:
     """A driver whose SYNCs come from elsewhere: a test says when."""
 
-    def __init__(self, crossing: Crossing, **options: object) -> None:
+    def __init__(self, delivery_queue: DeliveryQueue, **options: object) -> None:
         channel = f"bus-{next(channels)}"
-        self.crossing = crossing
+        self.delivery_queue = delivery_queue
         self.nodes = FakeNodes(channel)
         self.port = f"virtual:{channel}"
         given = {
@@ -31,7 +31,7 @@ class CanRig:
             "answer_tries": 2,
             "status_period_s": 0.0,
         } | options
-        self.driver = CanOpen("arm", crossing, **given)
+        self.driver = CanOpenDriver("arm", delivery_queue, **given)
         self.nodes.plug()
 
     def emit(self, n: int) -> None:
@@ -74,4 +74,4 @@ async def answered(rig: CanRig, taken: Taken) -> None:
     rig.emit(1)
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(0.03):  # samples alone need not wake it
-            taken.all += await rig.crossing.take()
+            taken.all += await rig.delivery_queue.take()

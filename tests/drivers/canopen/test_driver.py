@@ -10,7 +10,7 @@ from tests.drivers.canopen.fake_nodes import u16, u32
 from tests.drivers.canopen.rig import CanRig, until_status
 from tests.drivers.driver_contract import DriverContract, StreamContract, streaming, up
 from tests.drivers.taken import Taken, until
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import (
     CountSamples,
     DeviceLost,
@@ -27,7 +27,7 @@ def quiet_library(caplog: pytest.LogCaptureFixture) -> None:
 
 @pytest.fixture
 async def rig() -> AsyncIterator[CanRig]:
-    made = CanRig(Crossing(asyncio.get_running_loop()))
+    made = CanRig(DeliveryQueue(asyncio.get_running_loop()))
     yield made
     made.close()
 
@@ -79,7 +79,7 @@ async def test_identity_is_read_from_the_nodes(rig: CanRig):
 
 @pytest.mark.parametrize(("wanted", "bits"), [("cw", 4), ("ccw", 5)])
 async def test_the_code_sequence_is_set_and_the_other_bits_stay(wanted: str, bits: int):
-    rig = CanRig(Crossing(asyncio.get_running_loop()), code_sequence=wanted)
+    rig = CanRig(DeliveryQueue(asyncio.get_running_loop()), code_sequence=wanted)
     for node in rig.nodes.nodes.values():
         node.objects[(0x6000, 0)] = u16(5 if wanted == "cw" else 4)
         node.objects |= {(0x6001, 0): u32(4096), (0x6002, 0): u32(4096)}
@@ -95,7 +95,7 @@ async def test_all_that_is_wrong_at_the_start_is_told_together(rig: CanRig):
     rig.nodes.nodes[5].objects[(0x1000, 0)] = u32(0x0002_0191)
     rig.nodes.nodes[9].objects[(0x6501, 0)] = u32(0)
     with rig.driver:
-        taken = Taken(rig.crossing)
+        taken = Taken(rig.delivery_queue)
         await taken.until(lambda: taken.of(DeviceLost), "the refusal")
     (lost,) = taken.of(DeviceLost)
     assert "node 5 says it is a device of profile 401, expected an encoder" in (
@@ -108,7 +108,7 @@ async def test_all_that_is_wrong_at_the_start_is_told_together(rig: CanRig):
 async def test_a_node_that_is_missing_at_the_start_is_named(rig: CanRig):
     rig.nodes.nodes[9].mute = True
     with rig.driver:
-        taken = Taken(rig.crossing)
+        taken = Taken(rig.delivery_queue)
         await taken.until(lambda: taken.of(DeviceLost), "the loss")
         (lost,) = taken.of(DeviceLost)
         assert f"nodes 9 on {rig.port} do not answer; nodes 5 do" in lost.reason
@@ -126,7 +126,7 @@ async def test_a_fixed_map_is_good_if_the_position_comes_first(rig: CanRig):
 
 
 async def test_the_driver_sends_the_syncs_itself():
-    rig = CanRig(Crossing(asyncio.get_running_loop()), sync="host")
+    rig = CanRig(DeliveryQueue(asyncio.get_running_loop()), sync="host")
     rig.nodes.answers_sync = True
     try:
         with rig.driver:

@@ -9,9 +9,9 @@ import pytest
 from tests.drivers.canopen.fake_nodes import FakeNodes
 from tests.drivers.driver_contract import streaming
 from tests.drivers.taken import Taken, until
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import CountSamples
-from traverse.drivers.canopen.driver import CanOpen
+from traverse.drivers.canopen.driver import CanOpenDriver
 
 RATE_HZ = 50.0
 PERIOD_S = 1.0 / RATE_HZ
@@ -22,13 +22,13 @@ class HostRig:
     """A driver that sends the SYNCs, and encoders that answer them."""
 
     def __init__(self, channel: str) -> None:
-        self.crossing = Crossing(asyncio.get_running_loop())
+        self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
         self.port = channel
         self.nodes = FakeNodes(channel)
         self.nodes.answers_sync = True
-        self.driver = CanOpen(
+        self.driver = CanOpenDriver(
             "arm",
-            self.crossing,
+            self.delivery_queue,
             interface="virtual",
             channel=channel,
             nodes=(5, 9),
@@ -70,7 +70,7 @@ async def test_answers_that_come_after_the_next_sync_are_not_taken_for_it(late):
             rig.nodes.nodes[number].late_s = 0.0
         n_before = len(rig.nodes.synced_ns)
         await until(lambda: len(rig.nodes.synced_ns) > n_before + 20, "20 in time")
-        taken.all += await rig.crossing.take()
+        taken.all += await rig.delivery_queue.take()
     n_good, false = judge(taken, rig.nodes.synced_ns)
     assert not false
     assert n_good > 10

@@ -15,7 +15,7 @@ from tests.drivers.canopen.rig import (
     until_status,
 )
 from tests.drivers.driver_contract import streaming, up
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import (
     STATUS_ERROR,
     STATUS_LATE,
@@ -37,7 +37,7 @@ def quiet_library(caplog: pytest.LogCaptureFixture) -> None:
 
 @pytest.fixture
 async def rig() -> AsyncIterator[CanRig]:
-    made = CanRig(Crossing(asyncio.get_running_loop()))
+    made = CanRig(DeliveryQueue(asyncio.get_running_loop()))
     yield made
     made.close()
 
@@ -103,7 +103,7 @@ async def test_emergencies_and_alarms_begin_and_end(rig: CanRig):
 
 
 async def test_alarms_of_the_profile_are_read_from_time_to_time():
-    rig = CanRig(Crossing(asyncio.get_running_loop()), status_period_s=0.1)
+    rig = CanRig(DeliveryQueue(asyncio.get_running_loop()), status_period_s=0.1)
     node = rig.nodes.nodes[9]
     try:
         with rig.driver:

@@ -10,7 +10,7 @@ import pytest
 
 from tests.drivers.driver_contract import streaming
 from tests.simulator.one_hinge import mounted
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import (
     STATUS_MISSING,
     CountSamples,
@@ -18,7 +18,7 @@ from traverse.drivers.base.values import (
     DeviceFault,
     DeviceUp,
 )
-from traverse.drivers.canopen.driver import CanOpen
+from traverse.drivers.canopen.driver import CanOpenDriver
 from traverse.simulator.clock import MonotonicClock
 from traverse.simulator.devices.canopen.device import CanOpenBus
 from traverse.simulator.devices.canopen.table import CanOpenTable
@@ -31,7 +31,7 @@ BOTH = {"nodes": (5, 9)}
 @contextlib.asynccontextmanager
 async def played(
     tmp_path, *faults, interface="virtual", **keys
-) -> AsyncIterator[tuple[CanOpen, Crossing, CanOpenBus]]:
+) -> AsyncIterator[tuple[CanOpenDriver, DeliveryQueue, CanOpenBus]]:
     """A driver, and simulated encoders that live in a thread."""
     if interface == "slcan":
         where, channel = {"port": "can"}, str(tmp_path / "can")
@@ -52,10 +52,10 @@ async def played(
         name="simulated-can",
     )
     thread.start()
-    crossing = Crossing(asyncio.get_running_loop())
-    driver = CanOpen(
+    delivery_queue = DeliveryQueue(asyncio.get_running_loop())
+    driver = CanOpenDriver(
         "arm",
-        crossing,
+        delivery_queue,
         channel=channel,
         interface=interface,
         heartbeat_ms=100,
@@ -64,7 +64,7 @@ async def played(
     )
     try:
         with driver:
-            yield driver, crossing, device
+            yield driver, delivery_queue, device
     finally:
         stopped.set()
         thread.join()
@@ -72,14 +72,18 @@ async def played(
 
 
 class Rig:
-    def __init__(self, crossing, driver):
-        self.crossing, self.driver, self.port = crossing, driver, ""
+    def __init__(self, delivery_queue, driver):
+        self.delivery_queue, self.driver, self.port = delivery_queue, driver, ""
 
 
 @pytest.mark.parametrize("interface", ["virtual", "slcan"])
 async def test_samples_are_what_the_encoders_latched(tmp_path, interface):
-    async with played(tmp_path, interface=interface) as (driver, crossing, device):
-        taken = await streaming(Rig(crossing, driver), 100.0)
+    async with played(tmp_path, interface=interface) as (
+        driver,
+        delivery_queue,
+        device,
+    ):
+        taken = await streaming(Rig(delivery_queue, driver), 100.0)
         await taken.until(lambda: len(taken.seqs()) >= 40, "40 samples")
         noted = list(device._mounting.notes.readings)
     identity = taken.of(DeviceUp)[0].identity
@@ -98,8 +102,8 @@ async def test_a_node_that_resets_and_an_emergency_are_told(tmp_path):
         {"kind": "reset", "channel": 1, "at_s": 0.3, "duration_s": 0.6},
         {"kind": "emcy", "channel": 0, "at_s": 0.2, "duration_s": 0.5},
     )
-    async with played(tmp_path, *faults) as (driver, crossing, _):
-        taken = await streaming(Rig(crossing, driver), 100.0)
+    async with played(tmp_path, *faults) as (driver, delivery_queue, _):
+        taken = await streaming(Rig(delivery_queue, driver), 100.0)
         await taken.until(lambda: ended(taken, "node_lost"), "the node is back")
         await taken.until(lambda: ended(taken, "emergency"), "the error is over")
         await taken.until(lambda: last_status(taken) == [0, 0], "all is well")
@@ -119,18 +123,18 @@ async def test_a_node_that_resets_and_an_emergency_are_told(tmp_path):
 
 async def test_a_bus_that_goes_off_comes_back(tmp_path):
     off = {"kind": "bus_off", "at_s": 0.2, "duration_s": 0.15}
-    async with played(tmp_path, off) as (driver, crossing, _):
-        taken = await streaming(Rig(crossing, driver), 100.0)
+    async with played(tmp_path, off) as (driver, delivery_queue, _):
+        taken = await streaming(Rig(delivery_queue, driver), 100.0)
         await taken.until(lambda: ended(taken, "bus_off"), "it is back")
         await taken.until(lambda: lost_samples(taken), "what was lost")
 
 
 async def test_an_encoder_that_says_another_resolution_is_seen(tmp_path):
     keys = {"told_counts_per_turn": (65536, 4096)}
-    async with played(tmp_path, **keys) as (_, crossing, _):
-        deliveries = await crossing.take()
+    async with played(tmp_path, **keys) as (_, delivery_queue, _):
+        deliveries = await delivery_queue.take()
         while not any(isinstance(d, DeviceUp) for d in deliveries):
-            deliveries = await crossing.take()
+            deliveries = await delivery_queue.take()
     (up,) = [d for d in deliveries if isinstance(d, DeviceUp)]
     assert up.identity.counts_per_turn == (65536, 4096)
 

@@ -8,14 +8,14 @@ import pytest
 
 from tests.drivers.canopen.fake_nodes import FakeNodes
 from tests.drivers.taken import Taken
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import (
     DeviceAlarm,
     DeviceLost,
     DeviceUp,
     StreamStarted,
 )
-from traverse.drivers.canopen.driver import CanOpen
+from traverse.drivers.canopen.driver import CanOpenDriver
 from traverse.drivers.canopen.sdo import NodeError, NodeSdo
 from traverse.drivers.io.can_bus import CanBus
 
@@ -116,11 +116,11 @@ class Reluctant:
 
 
 async def test_a_node_that_answers_an_earlier_connection_is_not_two() -> None:
-    crossing = Crossing(asyncio.get_running_loop())
+    delivery_queue = DeliveryQueue(asyncio.get_running_loop())
     channel = f"slow-{next(channels)}"
-    driver = CanOpen(
+    driver = CanOpenDriver(
         "arm",
-        crossing,
+        delivery_queue,
         interface="virtual",
         channel=channel,
         nodes=(5, 9),
@@ -132,7 +132,7 @@ async def test_a_node_that_answers_an_earlier_connection_is_not_two() -> None:
     nodes = FakeNodes(channel)
     nodes.distort = Reluctant()
     with nodes, driver:
-        taken = Taken(crossing)
+        taken = Taken(delivery_queue)
         await taken.until(lambda: taken.of(DeviceUp), "the nodes")
         driver.request_stream(100.0)  # told after all that is found at the start
         await taken.until(lambda: taken.of(StreamStarted), "the stream")

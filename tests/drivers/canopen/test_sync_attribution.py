@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from traverse.drivers.base.values import CountSamples
-from traverse.drivers.canopen.sync_attribution import Debts
+from traverse.drivers.canopen.sync_attribution import SyncAttribution
 from traverse.drivers.canopen.sync_cycles import Cycles
 
 NODES = (3, 7, 11)
@@ -121,19 +121,19 @@ def test_an_answer_that_was_lost_costs_a_pause_and_no_more():
 
 
 def test_debts_are_paid_one_by_one():
-    debts = Debts(2)
+    debts = SyncAttribution(2)
     debts.close(0b11)
     debts.close(0b01)
-    assert debts.repay(1)
-    assert not debts.repay(1)
-    assert debts.repay(0)
+    assert debts.resolve(1)
+    assert not debts.resolve(1)
+    assert debts.resolve(0)
     assert debts.owing == 0b01
-    assert debts.repay(0)
+    assert debts.resolve(0)
     assert debts.owing == 0
 
 
 def test_a_node_set_up_anew_owes_nothing_until_it_answers():
-    debts = Debts(1)
+    debts = SyncAttribution(1)
     debts.close(1)
     debts.trust(1)
     debts.close(1)

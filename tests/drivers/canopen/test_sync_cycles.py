@@ -147,7 +147,7 @@ def test_frames_that_were_lost_unread_mark_all_until_syncs_have_paused() -> None
         for node in NODES:
             taken.answer(node, 5)
         if not at_ns:
-            taken.cycles.lose_track()
+            taken.cycles.note_lost_frames()
     assert [row[2] for row in taken.rows()] == [[0] * 3, [STATUS_LATE] * 3, [0] * 3]
 
 
@@ -158,7 +158,7 @@ def test_answers_to_a_sync_that_was_lost_unread_are_no_sign_of_two_nodes() -> No
         for node in NODES:
             taken.answer(node, 5)
         if not at_ns:
-            taken.cycles.lose_track()  # the next SYNC is among what is lost
+            taken.cycles.note_lost_frames()  # the next SYNC is among what is lost
             for node in NODES:
                 taken.answer(node, 6)
             assert taken.cycles.strays == 3

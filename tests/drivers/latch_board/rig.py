@@ -8,7 +8,7 @@ from pathlib import Path
 from tests.drivers.latch_board import frame_bodies as bodies
 from tests.drivers.latch_board.fake_board import FakeBoard
 from tests.protocol.latch_board_frames import framed
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.latch_board.driver import LatchBoard
 
 
@@ -16,8 +16,8 @@ class LatchBoardRig:
     def __init__(self, board: FakeBoard) -> None:
         self.board = board
         self.port = str(board.link)
-        self.crossing = Crossing(asyncio.get_running_loop())
-        self.driver = LatchBoard("base", self.crossing, port=self.port)
+        self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
+        self.driver = LatchBoard("base", self.delivery_queue, port=self.port)
         self._last: list[bytes] = []
         self._broken = False
 

@@ -13,7 +13,7 @@ from tests.drivers.latch_board import frame_bodies as bodies
 from tests.drivers.latch_board.fake_board import CONFIGURE, HELLO
 from tests.drivers.latch_board.rig import board_rig
 from tests.drivers.taken import Taken, until
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import (
     DeviceLost,
     DeviceUp,
@@ -30,7 +30,7 @@ async def rig(tmp_path):
 
 
 async def told_lost(rig) -> DeviceLost:
-    taken = Taken(rig.crossing)
+    taken = Taken(rig.delivery_queue)
     with rig.driver:
         await taken.until(lambda: taken.of(DeviceLost), "the loss")
     return taken.of(DeviceLost)[0]
@@ -52,9 +52,9 @@ async def test_a_port_in_use_is_told(rig, monkeypatch):
 async def test_a_file_that_is_no_port_is_told(tmp_path):
     path = tmp_path / "plain"
     path.write_text("no port")
-    crossing = Crossing(asyncio.get_running_loop())
-    taken = Taken(crossing)
-    with LatchBoard("base", crossing, port=str(path)):
+    delivery_queue = DeliveryQueue(asyncio.get_running_loop())
+    taken = Taken(delivery_queue)
+    with LatchBoard("base", delivery_queue, port=str(path)):
         await taken.until(lambda: taken.of(DeviceLost), "the loss")
     assert str(path) in taken.of(DeviceLost)[0].reason
 
@@ -112,19 +112,19 @@ async def test_closing_while_connecting_does_not_wait_for_the_board(rig):
     await asyncio.to_thread(rig.driver.close)
     # A driver that waits for all its tries would have asked eight times.
     assert len(rig.board.heard(HELLO)) <= 2
-    taken = Taken(rig.crossing)
-    rig.crossing.put(DeviceUp("end", None, False))
+    taken = Taken(rig.delivery_queue)
+    rig.delivery_queue.put(DeviceUp("end", None, False))
     await taken.until(lambda: taken.of(DeviceUp), "what was delivered")
     assert taken.of(DeviceLost) == []  # closing is no loss
 
 
 async def test_silence_of_the_board_is_a_loss(rig):
     skipped_ns = [0]
-    crossing = Crossing(asyncio.get_running_loop())
-    taken = Taken(crossing)
+    delivery_queue = DeliveryQueue(asyncio.get_running_loop())
+    taken = Taken(delivery_queue)
     with LatchBoard(
         "base",
-        crossing,
+        delivery_queue,
         port=str(rig.board.link),
         monotonic_ns=lambda: time.monotonic_ns() + skipped_ns[0],
     ):
@@ -180,9 +180,9 @@ async def test_a_fault_of_the_driver_itself_reaches_the_consumer(rig, caplog):
     def broken_clock() -> int:
         raise ZeroDivisionError("no time")
 
-    crossing = Crossing(asyncio.get_running_loop())
-    taken = Taken(crossing)
-    driver = LatchBoard("base", crossing, port=str(rig.board.link))
+    delivery_queue = DeliveryQueue(asyncio.get_running_loop())
+    taken = Taken(delivery_queue)
+    driver = LatchBoard("base", delivery_queue, port=str(rig.board.link))
     driver._now_ns, good = broken_clock, driver._now_ns
     driver._pause = lambda seconds: None
     with driver:

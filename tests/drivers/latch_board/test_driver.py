@@ -114,7 +114,7 @@ async def test_a_refused_rate_does_not_cost_the_connection(rig):
     good = rig.board.answers[START]
     rig.board.answers[START] = lambda body: [bodies.reply(START, body[1], 3, 99_000)]
     with rig.driver:
-        taken = Taken(rig.crossing)
+        taken = Taken(rig.delivery_queue)
         await taken.until(lambda: taken.of(DeviceUp), "the device is up")
         rig.driver.request_stream(500.0)
         await taken.until(lambda: taken.of(DeviceFault), "the refusal")

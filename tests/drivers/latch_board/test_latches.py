@@ -9,7 +9,7 @@ from tests.drivers.latch_board import frame_bodies as bodies
 from tests.drivers.latch_board.fake_board import CONFIGURE, HELLO, LATCH
 from tests.drivers.latch_board.rig import board_rig
 from tests.drivers.taken import Taken, until
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import (
     DeviceFault,
     DeviceTemperatures,
@@ -30,7 +30,7 @@ async def test_a_board_with_inputs_only_tells_its_edges(rig):
     rig.board.counts = ()
     rig.board.answers[HELLO] = lambda body: [bodies.hello(body[1], channels=())]
     with rig.driver:
-        taken = Taken(rig.crossing)
+        taken = Taken(rig.delivery_queue)
         await taken.until(lambda: taken.of(DeviceUp), "the board")
         tokens = [rig.board.press(1), rig.board.press(1, level=0)]
         await taken.until(lambda: len(taken.of(LatchedCounts)) == 2, "its edges")
@@ -74,13 +74,13 @@ async def test_too_many_latch_requests_are_refused(rig):
 
 
 async def test_an_edge_that_the_consumer_has_no_room_for_comes_again(rig):
-    crossing = Crossing(asyncio.get_running_loop(), max_others=8)
-    taken = Taken(crossing)
-    with LatchBoard("base", crossing, port=str(rig.board.link)) as driver:
+    delivery_queue = DeliveryQueue(asyncio.get_running_loop(), max_others=8)
+    taken = Taken(delivery_queue)
+    with LatchBoard("base", delivery_queue, port=str(rig.board.link)) as driver:
         await taken.until(lambda: taken.of(DeviceUp), "the device is up")
         driver.request_stream(100.0)
         await taken.until(lambda: taken.of(StreamStarted), "the stream")
-        while crossing.put(DeviceTemperatures("filler", ())):
+        while delivery_queue.put(DeviceTemperatures("filler", ())):
             pass
         seq = rig.board.press()
         sent = len(rig.board.requests)

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from traverse.drivers.base.values import DeviceError
-from traverse.drivers.latch_board.line import BoardLine
+from traverse.drivers.latch_board.line import LatchBoardLine
 from traverse.protocol import latch_board
 from traverse.simulator.devices.latch_board import wire
 
 COUNTS = np.arange(1, 8, dtype=np.uint32)
 STATUS = np.zeros(7, np.uint8)
 MS_NS = 1_000_000
-GATHER_NS = 5_000_000
+BATCH_WINDOW_NS = 5_000_000
 GONE = b"gone"  # in a script: the port goes away and stays away
 
 
@@ -83,14 +83,14 @@ def dispatched(*script: tuple[int, bytes]) -> list[tuple]:
     """What is dispatched: message, time, what earlier reads have brought of it."""
     port = ScriptedPort(*script)
     found: list[tuple] = []
-    line = BoardLine(
+    line = LatchBoardLine(
         port,
         lambda: port.now_ns,
         lambda *what: found.append(what),
         lambda: False,
     )
     while port.wait(0.1):
-        line.read(port.now_ns + GATHER_NS)
+        line.read(port.now_ns + BATCH_WINDOW_NS)
     return found
 
 
@@ -189,13 +189,13 @@ def test_what_earlier_reads_brought_is_of_the_samples_alone():
 def test_samples_before_the_port_went_away_are_taken_up_first():
     port = ScriptedPort((MS_NS, sample(1)), (2 * MS_NS, sample(2)), (3 * MS_NS, GONE))
     found = []
-    line = BoardLine(
+    line = LatchBoardLine(
         port, lambda: port.now_ns, lambda *what: found.append(what), lambda: False
     )
     assert line.wait(0.1)
-    line.read(port.now_ns + GATHER_NS)
+    line.read(port.now_ns + BATCH_WINDOW_NS)
     [(block, at_ns, _)] = found
     assert (block.seq.tolist(), at_ns) == ([1, 2], 2 * MS_NS)
     assert line.wait(0.1)
     with pytest.raises(DeviceError):
-        line.read(port.now_ns + GATHER_NS)
+        line.read(port.now_ns + BATCH_WINDOW_NS)

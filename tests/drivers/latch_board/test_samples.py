@@ -6,7 +6,7 @@ import numpy as np
 
 from traverse.drivers.latch_board.report_sink import BoardReports
 from traverse.drivers.latch_board.samples import BoardSamples
-from traverse.drivers.timing.device_clock import TickClock
+from traverse.drivers.timing.device_clock import DeviceClock
 from traverse.protocol.latch_board import SampleBlock
 
 BEGUN_NS = 5_000_000_000
@@ -16,7 +16,7 @@ MS_NS = 1_000_000
 def test_the_read_with_the_smallest_delay_tells_the_time_of_all():
     taken = []
     reports = BoardReports("base", 2, taken.append, print, Counter())
-    samples = BoardSamples(TickClock(1_000_000), reports)
+    samples = BoardSamples(DeviceClock(1_000_000), reports)
     samples.begin(1, 7)
     ticks = np.array([0, 1000, 2000], np.uint32)  # a millisecond apart
     block = SampleBlock(

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from traverse.drivers.latch_board.edge_sequence import WRAP, EdgeOrder
+from traverse.drivers.latch_board.edge_sequence import WRAP, EdgeSequencer
 from traverse.drivers.timing.stream_sequence import StreamSequence
 
 
@@ -69,7 +69,7 @@ def test_a_heartbeat_tells_of_losses_at_the_end():
 
 
 def test_edges_are_taken_once_and_in_order():
-    edges = EdgeOrder()
+    edges = EdgeSequencer()
     edges.expect(7)
     assert edges.judge(8, 0) == ("early", 0)  # 7 was broken on the line
     assert edges.judge(7, 1) == ("next", 0)
@@ -81,14 +81,14 @@ def test_edges_are_taken_once_and_in_order():
 
 
 def test_an_edge_that_the_board_lost_is_given_up_after_a_second():
-    edges = EdgeOrder(3)
+    edges = EdgeSequencer(3)
     assert edges.judge(5, 0) == ("early", 0)
     assert edges.judge(5, 900_000_000) == ("early", 0)
     assert edges.judge(5, 1_000_000_000) == ("next", 2)
 
 
 def test_after_a_loss_the_oldest_edge_that_the_board_repeats_is_next():
-    edges = EdgeOrder(WRAP - 2)
+    edges = EdgeSequencer(WRAP - 2)
     assert edges.judge(1, 0) == ("early", 0)
     assert edges.judge(0, 1) == ("early", 0)
     assert edges.judge(5, 1_000_000_001) == ("early", 0)  # 0 comes in a moment
@@ -98,14 +98,14 @@ def test_after_a_loss_the_oldest_edge_that_the_board_repeats_is_next():
 
 
 def test_an_edge_that_does_not_come_again_holds_nothing_up_for_ever():
-    edges = EdgeOrder(3)
+    edges = EdgeSequencer(3)
     assert edges.judge(5, 0) == ("early", 0)
     assert edges.judge(9, 1_900_000_000) == ("early", 0)
     assert edges.judge(9, 2_000_000_000) == ("next", 6)
 
 
 def test_edge_numbers_wrap():
-    edges = EdgeOrder(WRAP - 1)
+    edges = EdgeSequencer(WRAP - 1)
     assert edges.judge(WRAP - 1, 0) == ("next", 0)
     edges.delivered(WRAP - 1)
     edges.acknowledge(WRAP - 1)
@@ -114,7 +114,7 @@ def test_edge_numbers_wrap():
 
 
 def test_nothing_is_taken_before_the_board_says_with_which_edge_to_begin():
-    edges = EdgeOrder()
+    edges = EdgeSequencer()
     assert edges.judge(11, 0) == ("early", 0)  # 10 may have been broken on the line
     edges.expect(12 - 2)  # the heartbeat counts 10 and 11, which are still waiting
     assert edges.judge(11, 1) == ("early", 0)
@@ -124,14 +124,14 @@ def test_nothing_is_taken_before_the_board_says_with_which_edge_to_begin():
 
 
 def test_an_acknowledgement_from_before_a_restart_is_ignored():
-    edges = EdgeOrder(0)
+    edges = EdgeSequencer(0)
     edges.acknowledge(40)  # of the board's former life
-    assert edges.to_tell() is None
+    assert edges.take_acknowledgement() is None
     assert edges.judge(0, 0) == ("next", 0)
 
 
 def test_a_refused_edge_is_taken_when_it_comes_again():
-    edges = EdgeOrder(3)
+    edges = EdgeSequencer(3)
     assert edges.judge(3, 0) == ("next", 0)
     edges.delivered(3)
     edges.refused(3)
@@ -141,27 +141,27 @@ def test_a_refused_edge_is_taken_when_it_comes_again():
 
 
 def test_edges_are_open_until_the_consumer_has_dealt_with_the_last():
-    edges = EdgeOrder(WRAP - 1)
-    assert not edges.are_open
+    edges = EdgeSequencer(WRAP - 1)
+    assert not edges.has_open_edges
     edges.delivered(WRAP - 1)
     edges.delivered(0)
-    assert edges.are_open
+    assert edges.has_open_edges
     edges.acknowledge(WRAP - 1)
-    assert edges.are_open
+    assert edges.has_open_edges
     edges.acknowledge(0)
-    assert not edges.are_open
+    assert not edges.has_open_edges
     edges.delivered(1)
     edges.refused(1)
-    assert not edges.are_open
+    assert not edges.has_open_edges
 
 
 def test_the_board_is_told_once_what_is_dealt_with_and_again_when_it_did_not_hear():
-    edges = EdgeOrder(7)
-    assert (edges.owes, edges.to_tell()) == (False, None)
+    edges = EdgeSequencer(7)
+    assert (edges.owes, edges.take_acknowledgement()) == (False, None)
     edges.delivered(7)
-    assert (edges.owes, edges.to_tell()) == (True, None)
+    assert (edges.owes, edges.take_acknowledgement()) == (True, None)
     edges.acknowledge(7)
-    assert (edges.owes, edges.to_tell()) == (True, 7)
-    assert (edges.owes, edges.to_tell()) == (False, None)
+    assert (edges.owes, edges.take_acknowledgement()) == (True, 7)
+    assert (edges.owes, edges.take_acknowledgement()) == (False, None)
     assert edges.judge(7, 0) == ("acknowledged", 0)
-    assert (edges.owes, edges.to_tell()) == (True, 7)
+    assert (edges.owes, edges.take_acknowledgement()) == (True, 7)

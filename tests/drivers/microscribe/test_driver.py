@@ -11,7 +11,7 @@ from tests.drivers.driver_contract import (
 )
 from tests.drivers.microscribe.fake_arm import FakeMicroscribe
 from tests.drivers.taken import Taken, until
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.registry import driver_class
 from traverse.drivers.base.values import (
     STATUS_MISSING,
@@ -29,9 +29,9 @@ class MicroscribeRig:
     def __init__(self, arm: FakeMicroscribe, **options) -> None:
         self.arm = arm
         self.port = str(arm.link)
-        self.crossing = Crossing(asyncio.get_running_loop())
+        self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
         options = {"port": self.port, **options}
-        self.driver = Microscribe("ms", self.crossing, **options)
+        self.driver = Microscribe("ms", self.delivery_queue, **options)
         self._down = False
 
     def emit(self, n):
@@ -255,7 +255,7 @@ async def test_something_else_on_the_port_is_refused(tmp_path):
         arm.maxes[0] = 0
         rig = MicroscribeRig(arm)
         with rig.driver:
-            taken = Taken(rig.crossing)
+            taken = Taken(rig.delivery_queue)
             await taken.until(lambda: taken.of(DeviceLost), "the refusal")
     (lost,) = taken.of(DeviceLost)[:1]
     assert "greatest counts" in lost.reason
@@ -267,6 +267,6 @@ async def test_a_silent_port_names_its_baud_rate(tmp_path):
         arm.mute = True
         rig = MicroscribeRig(arm)
         with rig.driver:
-            taken = Taken(rig.crossing)
+            taken = Taken(rig.delivery_queue)
             await taken.until(lambda: taken.of(DeviceLost), "the loss")
     assert "115200 baud" in taken.of(DeviceLost)[0].reason

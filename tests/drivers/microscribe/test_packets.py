@@ -10,7 +10,7 @@ from traverse.drivers.microscribe.packets import (
     SampleBlock,
     timer_runs,
 )
-from traverse.drivers.microscribe.pedals import MAX_WAITING, PedalQueue, Pedals
+from traverse.drivers.microscribe.pedals import MAX_WAITING, Pedals, PendingPedalEdges
 from traverse.protocol.microscribe.packets import Packet
 
 MS = 1_000_000
@@ -130,7 +130,7 @@ def test_edges_wait_for_room_and_the_oldest_go_first():
             return True
         return False
 
-    queue = PedalQueue("ms", put)
+    queue = PendingPedalEdges("ms", put)
     pedals = Pedals(0)
     pedals.begin(sample(0, 0))
     (edge,) = pedals.judge(sample(1, 1), certain=True)

@@ -10,7 +10,7 @@ from tests.drivers.driver_contract import DriverContract, StreamContract
 from tests.drivers.simulated_rig import SimulatedRig
 from tests.drivers.virtual_device import told_by
 from tests.simulator.one_hinge import mounted
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import (
     STATUS_ERROR,
     STATUS_WARNING,
@@ -21,7 +21,7 @@ from traverse.drivers.base.values import (
     StreamStarted,
 )
 from traverse.drivers.modbus.driver import Modbus
-from traverse.drivers.modbus.line import PortClient
+from traverse.drivers.modbus.line import ModbusClient
 from traverse.drivers.modbus.options import ModbusOptions
 from traverse.simulator.devices.modbus import ModbusLine, ModbusTable
 
@@ -197,7 +197,7 @@ class Written:
 def test_frames_are_those_of_manuals_however_they_are_cut(cut):
     reply = "01 04 04 00 01 E2 40 E3 14"
     port = Written(reply[: 3 * cut], reply[3 * cut :])
-    client = PortClient(
+    client = ModbusClient(
         port, lambda: 0, lambda _s: None, timeout_s=0.1, silence_s=0.0, echo=False
     )
     found = client.read_input_registers(0, count=2, device_id=1)
@@ -231,10 +231,10 @@ class ModbusRig(SimulatedRig):
         self.port = str(folder / "p")
         self.table = ModbusTable(kind="modbus", id="m", port="p", addresses=(1, 2))
         self.mounting = mounted(folder, self.table)
-        self.crossing = Crossing(asyncio.get_running_loop())
+        self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
         self.driver = Modbus(
             "m",
-            self.crossing,
+            self.delivery_queue,
             port=self.port,
             encoders=BOTH,
             baud_rate=115_200,

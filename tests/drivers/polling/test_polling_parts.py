@@ -11,17 +11,17 @@ from traverse.drivers.polling.channel import (
     ASK_AGAIN_NS,
     IMPLAUSIBLE,
     UNCONFIRMED,
-    Miss,
     PolledChannel,
+    ReadError,
     Reading,
 )
-from traverse.drivers.polling.sample_block import BLOCK_NS, PollBlock
-from traverse.drivers.polling.schedule import PollSchedule
+from traverse.drivers.polling.sample_block import BLOCK_NS, SampleBlockBuilder
+from traverse.drivers.polling.schedule import SampleSchedule
 
 TURN = 16384
 SPEED_RAD_S = 20.0
 MS = 1_000_000
-SILENT = Miss("silent", "does not answer", "check it")
+SILENT = ReadError("silent", "does not answer", "check it")
 
 
 def channel(count=0, modulus=TURN) -> PolledChannel:
@@ -92,7 +92,7 @@ def test_readings_that_do_not_agree_do_not_bring_it_back():
 )
 def test_every_sample_is_taken_or_skipped_and_never_before_its_instant(rate_hz, steps):
     begin_ns = 10**12
-    schedule = PollSchedule(rate_hz, begin_ns)
+    schedule = SampleSchedule(rate_hz, begin_ns)
     now_ns, expected = begin_ns, 0
     for step_ns in steps:
         now_ns += step_ns
@@ -106,7 +106,7 @@ def test_every_sample_is_taken_or_skipped_and_never_before_its_instant(rate_hz, 
 
 
 def test_a_block_has_the_instants_of_its_readings():
-    block = PollBlock("arm")
+    block = SampleBlockBuilder("arm")
     assert block.take(1) is None
     readings = [Reading(7, 1_000_300, STATUS_WARNING), None]
     block.add(4, 1_000_000, readings, [7, 99], received_ns=1_000_900)

@@ -10,7 +10,7 @@ from tests.drivers.driver_contract import DriverContract, StreamContract
 from tests.drivers.simulated_rig import SimulatedRig
 from tests.drivers.virtual_device import told_by
 from tests.simulator.one_hinge import mounted
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import (
     STATUS_ERROR,
     STATUS_WARNING,
@@ -251,10 +251,10 @@ class RlsRig(SimulatedRig):
         self.port = str(folder / "a")
         self.table = RlsTable(kind="rls", id="wrist", ports=PORTS)
         self.mounting = mounted(folder, self.table, per_turn=16384)
-        self.crossing = Crossing(asyncio.get_running_loop())
+        self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
         self.driver = Rls(
             "wrist",
-            self.crossing,
+            self.delivery_queue,
             ports=tuple(str(folder / port) for port in PORTS),
             answer_timeout_s=0.25,
         )

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from traverse.drivers.timing.device_clock import WRAP, TickClock
+from traverse.drivers.timing.device_clock import WRAP, DeviceClock
 
 RATE_HZ = 1_000_000
 
@@ -15,7 +15,7 @@ def followed(
 ):
     """A clock after a stream of reads; and how far the truth was from what it said."""
     rng = np.random.default_rng(3)
-    clock = TickClock(RATE_HZ)
+    clock = DeviceClock(RATE_HZ)
     true_rate = RATE_HZ * (1 + ppm * 1e-6)
     errors_ns = []
     host_ns = 10**12
@@ -46,7 +46,7 @@ def test_jitter_and_rate_of_the_device_are_followed(ppm, jitter_ms):
 
 def test_a_host_that_is_busy_now_and_then_does_not_move_the_mapping():
     rng = np.random.default_rng(11)
-    clock = TickClock(RATE_HZ)
+    clock = DeviceClock(RATE_HZ)
     errors_ns = []
     for k in range(4_000):
         ticks = 10_000 * k
@@ -64,7 +64,7 @@ def test_the_counter_wraps_without_a_trace():
 
 
 def test_mapped_times_never_run_backwards():
-    clock = TickClock(RATE_HZ)
+    clock = DeviceClock(RATE_HZ)
     rng = np.random.default_rng(5)
     last_ns = 0
     for k in range(20_000):
@@ -95,7 +95,7 @@ def test_a_counter_that_jumps_ahead_starts_the_mapping_afresh():
 
 def test_a_short_counter_wraps_without_a_trace():
     # 14 bits of milliseconds, as a MicroScribe has them: 16.4 s.
-    clock = TickClock(1000.0, 1 << 14)
+    clock = DeviceClock(1000.0, 1 << 14)
     rng = np.random.default_rng(7)
     for k in range(4_000):
         latch_ms = 9.3 * k
@@ -118,4 +118,4 @@ def test_one_latch_has_the_time_of_a_block():
 
 
 def test_a_first_latch_alone_counts_from_itself():
-    assert TickClock(RATE_HZ).unwrap_one(4_000_000_000) == 4_000_000_000
+    assert DeviceClock(RATE_HZ).unwrap_one(4_000_000_000) == 4_000_000_000

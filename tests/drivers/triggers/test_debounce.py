@@ -1,7 +1,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from traverse.drivers.triggers.debounce import Debounce, HeldEdge
+from traverse.drivers.triggers.debounce import Debounce, DebouncedEdge
 
 HOLD_NS = 5_000_000
 MS = 1_000_000
@@ -17,9 +17,9 @@ def played(changes, hold_ns=HOLD_NS, active=False):
 
 def test_a_bouncing_contact_is_one_edge_at_its_first_touch():
     bounces = [(True, 10), (False, 10.2), (True, 10.5), (False, 11), (True, 11.8)]
-    assert played(bounces) == [HeldEdge(True, 10 * MS)]
+    assert played(bounces) == [DebouncedEdge(True, 10 * MS)]
     released = [(False, 60), (True, 60.1), (False, 60.3)]
-    edges = [HeldEdge(True, 10 * MS), HeldEdge(False, 60 * MS)]
+    edges = [DebouncedEdge(True, 10 * MS), DebouncedEdge(False, 60 * MS)]
     assert played(bounces + released) == edges
 
 
@@ -34,14 +34,14 @@ def test_an_edge_is_told_when_it_has_held_and_not_before():
     assert debounce.change(True, 10 * MS) is None
     assert debounce.due_ns == 15 * MS
     assert debounce.settle(15 * MS - 1) is None
-    assert debounce.settle(15 * MS) == HeldEdge(True, 10 * MS)
+    assert debounce.settle(15 * MS) == DebouncedEdge(True, 10 * MS)
     assert debounce.due_ns is None
 
 
 def test_without_holding_every_change_is_an_edge():
     changes = [(True, 1), (False, 2), (True, 2.001)]
     edges = played(changes, hold_ns=0)
-    assert edges == [HeldEdge(level, round(ms * MS)) for level, ms in changes]
+    assert edges == [DebouncedEdge(level, round(ms * MS)) for level, ms in changes]
 
 
 @given(

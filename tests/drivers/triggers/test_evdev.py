@@ -12,13 +12,13 @@ from pydantic import ValidationError
 
 from tests.drivers.driver_contract import DriverContract, EdgeContract, up
 from tests.drivers.taken import Taken
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import DeviceFault, DeviceUp, LatchedCounts
 from traverse.drivers.triggers.evdev import (
     EVIOCGKEY,
     EVIOCGRAB,
     EVIOCSCLOCKID,
-    Evdev,
+    EvdevDriver,
     EvdevOptions,
 )
 from traverse.drivers.triggers.evdev_keys import KEY_CODES
@@ -61,10 +61,10 @@ class PedalRig:
     def __init__(self, path: Path, kernel: Kernel | None = None, **options) -> None:
         self.path, self.port = path, str(path)
         self.kernel = kernel or Kernel()
-        self.crossing = Crossing(asyncio.get_running_loop())
-        self.driver = Evdev(
+        self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
+        self.driver = EvdevDriver(
             "pedal",
-            self.crossing,
+            self.delivery_queue,
             port=self.port,
             keys=("KEY_B", "KEY_C"),
             ask_kernel=self.kernel,
@@ -203,12 +203,12 @@ async def test_after_an_overrun_the_keys_are_looked_at_and_the_loss_is_told(rig)
 
 async def test_edges_that_find_no_room_come_later_and_once(tmp_path):
     rig = PedalRig(tmp_path / "pedal")
-    crossing = Crossing(asyncio.get_running_loop(), max_others=2)
-    driver = Evdev(
-        "pedal", crossing, port=rig.port, keys=("KEY_B",), ask_kernel=rig.kernel
+    delivery_queue = DeliveryQueue(asyncio.get_running_loop(), max_others=2)
+    driver = EvdevDriver(
+        "pedal", delivery_queue, port=rig.port, keys=("KEY_B",), ask_kernel=rig.kernel
     )
     with driver:
-        taken = Taken(crossing)
+        taken = Taken(delivery_queue)
         await taken.until(lambda: taken.of(DeviceUp), "the device")
         for number in range(40):
             rig.key(KEY_B, 1 - number % 2)

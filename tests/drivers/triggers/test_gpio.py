@@ -19,9 +19,9 @@ from gpiod.line import Bias, Clock, Direction, Edge, Value
 
 from tests.drivers.driver_contract import DriverContract, EdgeContract, up
 from tests.drivers.taken import Taken
-from traverse.drivers.base.delivery_queue import Crossing
+from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import DeviceFault, DeviceLost, LatchedCounts
-from traverse.drivers.triggers.gpio import Gpio, GpioOptions
+from traverse.drivers.triggers.gpio import GpioDriver, GpioOptions
 
 RISING, FALLING = gpiod.EdgeEvent.Type.RISING_EDGE, gpiod.EdgeEvent.Type.FALLING_EDGE
 OFFSETS = {17: 17, "probe": 27}
@@ -83,10 +83,10 @@ class GpioRig:
     def __init__(self, **options) -> None:
         self.chip = Chip()
         self.port = "/dev/gpiochip9"
-        self.crossing = Crossing(asyncio.get_running_loop())
-        self.driver = Gpio(
+        self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
+        self.driver = GpioDriver(
             "inputs",
-            self.crossing,
+            self.delivery_queue,
             port=self.port,
             lines=(17, "probe"),
             request=self.chip.request,
@@ -185,7 +185,7 @@ async def test_a_chip_that_does_not_give_its_lines_is_told_with_what_to_do(
 ):
     rig.chip.error = OSError(number, os.strerror(number))
     with rig.driver:
-        taken = Taken(rig.crossing)
+        taken = Taken(rig.delivery_queue)
         await taken.until(lambda: taken.of(DeviceLost), "the loss")
     (lost,) = taken.of(DeviceLost)
     assert "/dev/gpiochip9" in lost.reason
@@ -193,10 +193,10 @@ async def test_a_chip_that_does_not_give_its_lines_is_told_with_what_to_do(
 
 
 async def test_a_chip_that_is_not_there_is_told_by_the_library_itself(tmp_path):
-    crossing = Crossing(asyncio.get_running_loop())
+    delivery_queue = DeliveryQueue(asyncio.get_running_loop())
     path = str(tmp_path / "gpiochip0")
-    with Gpio("inputs", crossing, port=path, lines=(1,)):
-        taken = Taken(crossing)
+    with GpioDriver("inputs", delivery_queue, port=path, lines=(1,)):
+        taken = Taken(delivery_queue)
         await taken.until(lambda: taken.of(DeviceLost), "the loss")
     assert path in taken.of(DeviceLost)[0].reason
 

@@ -16,7 +16,7 @@ from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import Program, until
 from tests.end_to_end.workbench import SPHERE, Workbench
 from tests.mosquitto import Mosquitto
-from traverse.daemon.store.queries import all_messages_of, open_to_read, sessions_of
+from traverse.daemon.store.queries import iter_messages, open_read_only, read_sessions
 from traverse.protocol.messages import PointArgs, ResendArgs
 
 pytestmark = pytest.mark.needs("mosquitto")
@@ -24,12 +24,12 @@ pytestmark = pytest.mark.needs("mosquitto")
 
 def on_disk(bench: Workbench) -> list[tuple[str, int, bool]]:
     """(session, seq, is sent) of all points, in the order of their numbers."""
-    connection = open_to_read(bench.folder / "state" / "outbox.db")
+    connection = open_read_only(bench.folder / "state" / "outbox.db")
     with contextlib.closing(connection):
         found = [
             message
-            for session in sessions_of(connection, 100)
-            for message in all_messages_of(connection, session.session, 0, 2**53)
+            for session in read_sessions(connection, 100)
+            for message in iter_messages(connection, session.session, 0, 2**53)
         ]
     found.sort(key=lambda message: message.number)
     return [(m.session, m.seq, m.is_sent) for m in found]

@@ -12,16 +12,16 @@ from tests.daemon.values import kept_at_once
 from tests.end_to_end.measurement.virtual_time import Straight, VirtualBoard, played
 from tests.simulator.effects.examples import START, heavy_arm
 from traverse.daemon.acquisition.device import Device
-from traverse.daemon.acquisition.joint_devices import ArmDevices
+from traverse.daemon.acquisition.joint_devices import JointDevices
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.devices import section_of
 from traverse.daemon.config.schema import AssemblySection, UncertaintySection
 from traverse.daemon.delivery_dispatcher import Measuring
 from traverse.daemon.health import HealthReport
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.points.capture import Capture, Triggers
+from traverse.daemon.points.capture import Capture, TriggerMap
 from traverse.daemon.pose.arm_model import ArmModel, read_model
-from traverse.daemon.pose.live import LiveView
+from traverse.daemon.pose.live import LivePoseSampler
 from traverse.daemon.pose.pipeline import Pipeline
 from traverse.daemon.pose.uncertainty import Uncertainty
 from traverse.daemon.scans.scanner import Scanner
@@ -146,14 +146,14 @@ class Daemon:
         self._pipeline = Pipeline(self.model, clock)
         self._measuring = Measuring(
             clock=clock,
-            devices=ArmDevices(self.model, [self._device]),
+            devices=JointDevices(self.model, [self._device]),
             settings=AssemblySection(),
             uncertainty=uncertainty or Uncertainty(UncertaintySection()),
             pipeline=self._pipeline,
             capture=Capture(clock, kept_at_once(self._keep)),
-            triggers=Triggers({("base", 1): "switch"}),
+            triggers=TriggerMap({("base", 1): "switch"}),
             scanner=Scanner(clock, lambda scan: True, 0.05),
-            live=LiveView(clock, 20.0),
+            live=LivePoseSampler(clock, 20.0),
             events=EventLog(clock, lambda event: None),
             health=HealthReport(clock),
             offer_live=lambda live: None,

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from traverse.daemon.clock import HostClock
-from traverse.drivers.base.delivery_queue import GATHER_NS
+from traverse.drivers.base.delivery_queue import BATCH_WINDOW_NS
 from traverse.drivers.base.driver import Driver
 from traverse.drivers.base.values import Delivery, DeviceLost, DeviceTemperatures
 from traverse.drivers.io.serial_port import SerialPort
@@ -145,7 +145,7 @@ class Straight:
 
     dropped_samples = 0
     dropped_others = 0
-    gather_ns = GATHER_NS
+    batch_window_ns = BATCH_WINDOW_NS
 
     def __init__(self, take: Callable[[Delivery], object]) -> None:
         self._take = take

@@ -6,7 +6,10 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from traverse.kinematics.model.backward_recursion import Folded, HalfTurns
+from traverse.kinematics.model.backward_recursion import (
+    BackwardRecursion,
+    JointRotations,
+)
 from traverse.kinematics.model.geometry import unit_vectors
 
 SPECIAL_RAD = (0.0, math.pi / 2, math.pi, -math.pi, 3 * math.pi, 1e-200, -1e-9, 1e4)
@@ -15,7 +18,7 @@ SPECIAL_RAD = (0.0, math.pi / 2, math.pi, -math.pi, 3 * math.pi, 1e-200, -1e-9, 
 @given(st.lists(st.floats(-1e4, 1e4), min_size=1, max_size=40))
 def test_sines_and_cosines_of_tangents_are_those_of_the_angle(angles_rad):
     angles_rad = [*angles_rad, *SPECIAL_RAD]
-    turns = HalfTurns(np.array(angles_rad)[:, np.newaxis], np.zeros(1))
+    turns = JointRotations(np.array(angles_rad)[:, np.newaxis], np.zeros(1))
     for n, angle_rad in enumerate(angles_rad):
         assert abs(turns.sines[0, n] - math.sin(angle_rad)) < 1e-15
         assert abs(turns.cosines[0, n] - math.cos(angle_rad)) < 1e-15
@@ -23,7 +26,7 @@ def test_sines_and_cosines_of_tangents_are_those_of_the_angle(angles_rad):
 
 
 def test_no_turn_is_exactly_none():
-    turns = HalfTurns(np.array([[1.25, -3.5]]), np.array([1.25, -3.5]))
+    turns = JointRotations(np.array([[1.25, -3.5]]), np.array([1.25, -3.5]))
     assert turns.sines.tolist() == [[0.0], [0.0]]
     assert turns.cosines.tolist() == [[1.0], [1.0]]
     assert turns.versines.tolist() == [[0.0], [0.0]]
@@ -34,7 +37,7 @@ def test_vector_is_turned_as_rodrigues_matrices_turn_it():
     axes = unit_vectors(rng.normal(size=(2, 3)))
     angles_rad = rng.uniform(-4, 4, (50, 2))
     vector = rng.normal(size=3)
-    folded = Folded(vector, HalfTurns(angles_rad, np.zeros(2)))
+    folded = BackwardRecursion(vector, JointRotations(angles_rad, np.zeros(2)))
     for joint in (1, 0):
         folded.turn(axes[joint], joint)
     for turned, sample_rad in zip(folded.vectors.T, angles_rad, strict=True):

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from traverse.kinematics.model.batched_quaternions import (
-    chained,
+    chain_rotations,
     composed,
     conjugate,
     rotated,
@@ -32,7 +32,7 @@ def test_chains_and_products_are_those_of_one_after_the_other(seed, n_joints, n)
     by_hand = [turns[:, 0]]
     for k in range(1, n_joints):
         by_hand.append(multiply(by_hand[-1], turns[:, k]))
-    assert chained(turns).tobytes() == np.stack(by_hand, axis=1).tobytes()
+    assert chain_rotations(turns).tobytes() == np.stack(by_hand, axis=1).tobytes()
     others = turns_of(seed + 1, n_joints, n)
     assert composed(turns, others).tobytes() == multiply(others, turns).tobytes()
 
@@ -52,6 +52,6 @@ def test_vectors_are_turned_alike_one_for_all_or_one_each(seed, n_joints, n):
 
 def test_a_samples_bits_do_not_depend_on_its_neighbours():
     turns = turns_of(3, 7, 300)
-    whole = chained(turns)
-    alone = [chained(turns[:, :, i : i + 1].copy()) for i in range(300)]
+    whole = chain_rotations(turns)
+    alone = [chain_rotations(turns[:, :, i : i + 1].copy()) for i in range(300)]
     assert np.concatenate(alone, axis=2).tobytes() == whole.tobytes()

@@ -14,7 +14,7 @@ from tests.lab.measurements import (
     touches,
 )
 from traverse.lab.acceptance.conformity.figure import Figure, LengthError, Missing
-from traverse.lab.acceptance.procedures.interim_test import check_names, interim_check
+from traverse.lab.acceptance.procedures.interim_test import check_names, interim_test
 from traverse.lab.acceptance.procedures.length_tests import length_names, length_test
 from traverse.lab.acceptance.procedures.lengths import errors_of
 
@@ -204,7 +204,7 @@ def test_interim_check_by_hand():
     errors = {name: [0.001, -0.002, 0.0] for name in check_names()}
     errors["check-4"] = [0.002, 0.006, 0.003]
     data = measured(*(seats(name, 600.0, e) for name, e in errors.items()))
-    parts = list(interim_check(data, limits(interim_length_mm=0.005)))
+    parts = list(interim_test(data, limits(interim_length_mm=0.005)))
     figure = of_kind(parts, Figure, "interim_length")
     assert figure.value_mm == pytest.approx(0.006, abs=1e-9)
     assert figure.decision.verdict == "reject"
@@ -214,5 +214,5 @@ def test_interim_check_by_hand():
         "largest range within a position": 0.004,
     }
     assert dict(figure.parts) == pytest.approx(expected, abs=1e-9)
-    (missing,) = interim_check(measured(seats("check-1", 600.0, [0.0])), limits())
+    (missing,) = interim_test(measured(seats("check-1", 600.0, [0.0])), limits())
     assert len(missing.what) == 7

@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from traverse.kinematics.helmert.transformation import Helmert
 from traverse.kinematics.helmert.volume import Box
-from traverse.lab.alignment.best_fit import fitted_alignment
+from traverse.lab.alignment.best_fit import best_fit_alignment
 from traverse.lab.alignment.common_points import CommonPoints, Place
 from traverse.lab.alignment.values import alignment_values
 from traverse.lab.alignment.volume import fixed_volume
@@ -35,7 +35,7 @@ def common(to_mm, seed=None, std_mm=STD_MM, stated=True):
 
 
 def fitted(to_mm, seed=None, **options):
-    return fitted_alignment(
+    return best_fit_alignment(
         common(to_mm, seed, **options), fixed_volume(BOX), "of the test"
     )
 

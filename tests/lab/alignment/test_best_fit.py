@@ -15,8 +15,8 @@ from tests.lab.alignment.aligned import (
     transformation,
 )
 from traverse.kinematics.helmert.adjustment import HelmertError
-from traverse.lab.alignment.best_fit import fitted_alignment
-from traverse.lab.alignment.chained_alignment import joined_values
+from traverse.lab.alignment.best_fit import best_fit_alignment
+from traverse.lab.alignment.chained_alignment import chained_values
 from traverse.lab.alignment.common_points import CommonPoints, Place
 from traverse.lab.alignment.files import transformation_of
 from traverse.lab.alignment.statistics import global_test
@@ -74,7 +74,7 @@ def test_a_mirrored_system_is_refused():
         given.nominal,
     )
     with pytest.raises(HelmertError, match="left-handed"):
-        fitted_alignment(mirrored, fixed_volume(BOX), "of the test")
+        best_fit_alignment(mirrored, fixed_volume(BOX), "of the test")
 
 
 def test_a_scale_of_other_units_is_flagged():
@@ -82,7 +82,7 @@ def test_a_scale_of_other_units_is_flagged():
     inches = tuple(
         Place(place.place_mm / 25.4, place.covariance_mm2) for place in given.measured
     )
-    found = fitted_alignment(
+    found = best_fit_alignment(
         CommonPoints(given.names, inches, given.nominal),
         fixed_volume(BOX),
         "",
@@ -107,7 +107,7 @@ def test_errors_stated_for_some_points_only_are_refused():
     given = common(WIDE)
     some = (Place(given.measured[0].place_mm, None), *given.measured[1:])
     with pytest.raises(ValueError, match=r"not of these measured points: P0; .*--std"):
-        fitted_alignment(
+        best_fit_alignment(
             CommonPoints(given.names, some, given.nominal), fixed_volume(BOX), ""
         )
 
@@ -120,14 +120,14 @@ def test_a_wrong_point_fails_the_test_and_is_named():
         Place(wrong, given.measured[2].covariance_mm2),
         *given.measured[3:],
     )
-    found = fitted_alignment(
+    found = best_fit_alignment(
         CommonPoints(given.names, measured, given.nominal), fixed_volume(BOX), ""
     )
     assert not found.is_good
     assert codes(found) >= {"global_test_failed", "suspect_point"}
     assert "do not use it" in verdict_text(told(found))
     # and the covariance grows with sigma0
-    good = fitted_alignment(given, fixed_volume(BOX), "")
+    good = best_fit_alignment(given, fixed_volume(BOX), "")
     grown = found.predicted.rms_mm / good.predicted.rms_mm
     assert grown == pytest.approx(found.test.sigma0, rel=0.01)
 
@@ -144,7 +144,7 @@ def test_an_error_of_the_detectable_size_is_found_four_times_out_of_five():
             given.measured[1].place_mm + off, given.measured[1].covariance_mm2
         )
         measured = (given.measured[0], moved, *given.measured[2:])
-        again = fitted_alignment(
+        again = best_fit_alignment(
             CommonPoints(given.names, measured, given.nominal), fixed_volume(BOX), ""
         )
         # the residual that is seen of this error, in standard deviations
@@ -169,7 +169,7 @@ def test_the_global_test_against_scipy():
 def test_a_leapfrog_joined_to_an_alignment_adds_both_errors():
     first = told(fitted(WIDE, seed=8))
     second = told(fitted(WIDE + 50.0, seed=9))
-    joined = joined_values(second, first, "first.json")
+    joined = chained_values(second, first, "first.json")
     expected = transformation_of(first).after(transformation_of(second))
     found = transformation_of(joined)
     np.testing.assert_allclose(found.rotation, expected.rotation, atol=1e-15)

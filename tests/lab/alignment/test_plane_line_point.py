@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from traverse.kinematics.helmert.transformation import Helmert
 from traverse.lab.alignment.nominal import Nominal
-from traverse.lab.alignment.plane_line_point import aligned_321
+from traverse.lab.alignment.plane_line_point import align_plane_line_point
 from traverse.lab.alignment.touches import Touch
 from traverse.lab.alignment.volume import volume_from_text
 
@@ -41,7 +41,7 @@ def drawn():
 
 
 def aligned(given, std_mm=0.01):
-    return aligned_321(given, NOMINAL, BOX, "test", std_mm=std_mm)
+    return align_plane_line_point(given, NOMINAL, BOX, "test", std_mm=std_mm)
 
 
 @pytest.mark.parametrize("shanks", [True, False])
@@ -76,7 +76,7 @@ def test_by_hand_a_part_beside_the_arm():
         for name, group in places.items()
         for place in group
     ]
-    found = aligned_321(given, nominal, BOX, "", std_mm=0.01)
+    found = align_plane_line_point(given, nominal, BOX, "", std_mm=0.01)
     expected = [[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]]
     np.testing.assert_allclose(found.transformation.rotation, expected, atol=1e-15)
     moved = found.transformation.places_mm(np.array([[10.0, 20, 30]]))
@@ -120,14 +120,14 @@ def test_which_side_is_up_has_to_be_told():
         }
     )
     with pytest.raises(ValueError, match="side of the plane is not told"):
-        aligned_321(touches(true, shanks=False), flat, BOX, "", std_mm=0.01)
+        align_plane_line_point(touches(true, shanks=False), flat, BOX, "", std_mm=0.01)
 
 
 def test_what_is_missing_is_named_all_at_once():
     with pytest.raises(ValueError, match=r"plane 'top' has 0.*line 'front'.*'left'"):
         aligned([])
     with pytest.raises(ValueError, match=r"3-2-1 needs \[line\], \[point\]"):
-        aligned_321(
+        align_plane_line_point(
             [],
             NOMINAL.model_copy(update={"line": None, "point": None}),
             BOX,

@@ -12,7 +12,7 @@ from tests.lab.alignment.aligned import (
 )
 from traverse.kinematics.arm_file.arm import FileError
 from traverse.kinematics.helmert.volume import Ball
-from traverse.lab.alignment.best_fit import fitted_alignment
+from traverse.lab.alignment.best_fit import best_fit_alignment
 from traverse.lab.alignment.common_points import (
     CommonPoints,
     Place,
@@ -46,7 +46,7 @@ def test_a_name_that_was_given_twice_is_flagged(stated, apart_mm):
         first = given.measured[0]
         twice = Place(first.place_mm, first.covariance_mm2, 2, spread_mm)
         measured = (twice, *given.measured[1:])
-        found = fitted_alignment(
+        found = best_fit_alignment(
             CommonPoints(given.names, measured, given.nominal), fixed_volume(BOX), ""
         )
         assert ("scattered_touches" in codes(found)) == is_flagged

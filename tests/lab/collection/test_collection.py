@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from traverse.kinematics.arm_file.arm import FileError
 from traverse.lab.campaign.campaign import read_campaign
 from traverse.lab.campaign.campaign_file import read_campaign_file
-from traverse.lab.collection.collection import JOURNAL, Collection, Touch
+from traverse.lab.collection.collection import JOURNAL, CollectedTouch, Collection
 from traverse.lab.collection.figures import agreement, coverage, picture
 from traverse.lab.collection.targets import targets_of
 
@@ -31,8 +31,10 @@ START_NS = 1_795_165_200_000_000_000
 NAMES = ["J1", "J2"]
 
 
-def touch(number: int, artefact="seat", feature="", place=(1.0, 2.0, 3.0)) -> Touch:
-    return Touch(
+def touch(
+    number: int, artefact="seat", feature="", place=(1.0, 2.0, 3.0)
+) -> CollectedTouch:
+    return CollectedTouch(
         id=f"s-{number}",
         session="s",
         seq=number,
@@ -142,8 +144,12 @@ def test_figures_tell_a_bad_touch(tmp_path):
 
 def test_coverage_counts_sectors_of_the_reading():
     turned = [
-        Touch("a", "s", 0, 0, "x", "", [-0.01, 0.01], None, None, None, None, [0] * 3),
-        Touch("b", "s", 1, 0, "x", "", [6.29, 3.2], None, None, None, None, [0] * 3),
+        CollectedTouch(
+            "a", "s", 0, 0, "x", "", [-0.01, 0.01], None, None, None, None, [0] * 3
+        ),
+        CollectedTouch(
+            "b", "s", 1, 0, "x", "", [6.29, 3.2], None, None, None, None, [0] * 3
+        ),
     ]
     counts = coverage(turned, 2)
     assert counts[0].nonzero()[0].tolist() == [0, 35]

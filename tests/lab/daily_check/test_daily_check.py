@@ -20,7 +20,7 @@ from traverse.lab.daily_check.chart_pictures import (
     chart_png,
     write_charts,
 )
-from traverse.lab.daily_check.figures import InterimFigures, interim_figures
+from traverse.lab.daily_check.figures import DailyCheckFigures, daily_check_figures
 from traverse.lab.daily_check.history import (
     Check,
     HistoryRefusedError,
@@ -54,7 +54,7 @@ def ball(outwards=NINE, radius_mm=RADIUS_MM, **keys):
 
 
 def test_figures_are_those_by_hand():
-    found = interim_figures(measured(cone(), ball(radius_mm=RADIUS_MM + 0.004)))
+    found = daily_check_figures(measured(cone(), ball(radius_mm=RADIUS_MM + 0.004)))
     assert found.spat_max_mm == pytest.approx(0.03)
     assert found.spat_2s_mm == pytest.approx(2 * np.sqrt(6 * 0.03**2 / 5))
     assert found.sphere_form_mm == pytest.approx(0.0, abs=1e-9)
@@ -64,17 +64,17 @@ def test_figures_are_those_by_hand():
 
 
 def test_the_sphere_is_as_large_as_it_is_warm():
-    found = interim_figures(measured(cone(), ball(expansion_per_c=1e-3)))
+    found = daily_check_figures(measured(cone(), ball(expansion_per_c=1e-3)))
     assert found.sphere_diameter_mm == pytest.approx(-2 * RADIUS_MM * 1e-3 * 2.0)
 
 
 def test_what_is_missing_is_told():
     with pytest.raises(IncompleteError, match="0 artefacts of the kind sphere"):
-        interim_figures(measured(cone()))
+        daily_check_figures(measured(cone()))
     with pytest.raises(IncompleteError, match="8 touches, expected 9"):
-        interim_figures(measured(cone(), ball(outwards=MORE)))
+        daily_check_figures(measured(cone(), ball(outwards=MORE)))
     with pytest.raises(IncompleteError, match="radius_mm is missing"):
-        interim_figures(measured(cone(), ball(radius_mm=RADIUS_MM) and _unknown()))
+        daily_check_figures(measured(cone(), ball(radius_mm=RADIUS_MM) and _unknown()))
 
 
 def _unknown():
@@ -85,7 +85,7 @@ def _unknown():
 def check(day, *, factor=1.0, shift_mm=0.0, begins="", digest="d" * 64, seed=3):
     rng = np.random.default_rng([seed, day])
     noise = np.exp(rng.normal(0.0, 0.15, 3)) * factor
-    figures = InterimFigures(
+    figures = DailyCheckFigures(
         0.030 * noise[0],
         0.025 * noise[1],
         0.020 * noise[2],

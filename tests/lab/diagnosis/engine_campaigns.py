@@ -5,8 +5,8 @@ from functools import cache
 import numpy as np
 
 from benchmarks.proofs.campaigns import demo_arm
-from traverse.cli.blind_campaign import handed_over
-from traverse.cli.blind_sizes import Ruler, exact_campaign, ruler
+from traverse.cli.blind_campaign import campaign_from_simulation
+from traverse.cli.blind_sizes import SizeScale, noise_free_campaign, ruler
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.diagnose import DiagnosisOptions
 from traverse.lab.diagnosis.holdout.holdout import split
@@ -58,9 +58,9 @@ def poses(two_bars: bool = False) -> PoseSet:
 
 
 @cache
-def measure(two_bars: bool = False) -> Ruler:
+def measure(two_bars: bool = False) -> SizeScale:
     of = poses(two_bars)
-    choosing, _ = split(exact_campaign(of), SEED)
+    choosing, _ = split(noise_free_campaign(of), SEED)
     return ruler(of, of.arm, choosing)
 
 
@@ -83,4 +83,6 @@ def measured_with(*wrong: Hidden, seed: int = 11, **noise: float) -> Campaign:
     """Measure with an arm that has these effects."""
     two_bars = any(one.kind == "artefact_length" for one in wrong)
     table = NOISE.model_copy(update=noise)
-    return handed_over(draw_noise(played(poses(two_bars), wrong), seed, table).campaign)
+    return campaign_from_simulation(
+        draw_noise(played(poses(two_bars), wrong), seed, table).campaign
+    )

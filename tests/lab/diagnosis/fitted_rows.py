@@ -22,9 +22,9 @@ from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.fit import Fit, fitted
 from traverse.lab.diagnosis.model.observation_equations import (
-    Rows,
-    decorrelated_rows,
-    rows_of,
+    ObservationEquations,
+    decorrelated_equations,
+    equations_of,
 )
 from traverse.lab.identification.equations.effect_model import block_of
 from traverse.lab.identification.equations.plausible_sizes import campaign_span
@@ -34,7 +34,7 @@ N_EACH = 40
 
 
 @dataclass(frozen=True)
-class Measured:
+class Measurement:
     """A campaign of an arm of seven joints and what it was made of."""
 
     arm: Arm
@@ -46,14 +46,14 @@ class Measured:
         eligible = np.ones(len(self.campaign.poses), dtype=np.bool_)
         return fitted(self.campaign, arm, eligible)
 
-    def rows(self) -> Rows:
-        return rows_of(self.fit().adjustment)
+    def rows(self) -> ObservationEquations:
+        return equations_of(self.fit().adjustment)
 
-    def with_poses(self, **columns) -> "Measured":
+    def with_poses(self, **columns) -> "Measurement":
         poses = replace(self.campaign.poses, **columns)
         return replace(self, campaign=replace(self.campaign, poses=poses))
 
-    def with_effect(self, effect: Effect) -> "Measured":
+    def with_effect(self, effect: Effect) -> "Measurement":
         """The same touches by an arm that has an effect: other readings."""
         geometry, poses = self.truth.geometry(), self.campaign.poses
         span = campaign_span(self.campaign)
@@ -70,7 +70,7 @@ class Measured:
 
 
 @cache
-def measured(seed: int = 3) -> Measured:
+def measured(seed: int = 3) -> Measurement:
     """Four cones, a sphere and a bar, the poses in an order that mixes them."""
     truth = disturbed(seven_joints(), seed)
     tables = [*cones(4), {"id": "ball", "kind": "sphere", "radius_mm": 25.4}, bar()]
@@ -91,21 +91,21 @@ def measured(seed: int = 3) -> Measured:
         force_n=rng.lognormal(-0.7, 0.3, n),
     )
     arm = arm_with_masses(seven_joints())
-    return Measured(arm, truth, replace(campaign, poses=poses))
+    return Measurement(arm, truth, replace(campaign, poses=poses))
 
 
 @cache
-def measured_rows() -> Rows:
+def measured_rows() -> ObservationEquations:
     return measured().rows()
 
 
 @cache
-def serial_rows() -> Rows:
+def serial_rows() -> ObservationEquations:
     """The same with noise that is correlated from row to row."""
     rows = measured_rows()
     lags = np.subtract.outer(np.arange(len(rows.values)), np.arange(len(rows.values)))
     correlation = 0.6 * np.eye(len(lags)) + 0.4 * 0.9 ** np.abs(lags)
-    return decorrelated_rows(rows, np.linalg.cholesky(correlation))
+    return decorrelated_equations(rows, np.linalg.cholesky(correlation))
 
 
 def arm_with_masses(arm: TrueArm) -> Arm:

@@ -16,7 +16,7 @@ from tests.lab.diagnosis.engine_campaigns import (
 )
 from tests.lab.diagnosis.fitted_rows import measured
 from traverse.lab.diagnosis.diagnose import diagnose
-from traverse.lab.diagnosis.holdout.comparison import gap_between
+from traverse.lab.diagnosis.holdout.comparison import compare_on_holdout
 from traverse.lab.diagnosis.holdout.holdout import split
 from traverse.lab.diagnosis.model.fit import with_effects
 
@@ -104,7 +104,7 @@ def test_the_ledger_tells_every_step():
     s = [step.held_out.chi2 for step in found.ledger]
     assert found.closed == pytest.approx((s[0] - s[1]) / (s[0] - 1.0))
     radius_mm = found.arm.probe.radius_mm
-    again = gap_between(found.before, found.after, found.held_out, radius_mm)
+    again = compare_on_holdout(found.before, found.after, found.held_out, radius_mm)
     assert again.closed == pytest.approx(found.closed)
 
 

@@ -7,7 +7,7 @@ from scipy.stats import chi2
 from benchmarks.proofs.campaigns import demo_arm, mix_poses
 from benchmarks.proofs.invariants import distance_errors
 from benchmarks.proofs.planted import PlantedNoise
-from traverse.cli.blind_campaign import handed_over
+from traverse.cli.blind_campaign import campaign_from_simulation
 from traverse.lab.identification.identify import Options, identify
 from traverse.simulator.campaigns import draw_noise
 from traverse.simulator.campaigns.spec import NoiseTable
@@ -41,7 +41,9 @@ def poses(mix):
 @pytest.fixture(scope="module", params=[11, 12])
 def result(request, poses):
     return identify(
-        handed_over(draw_noise(poses, request.param).campaign), poses.arm, QUICK
+        campaign_from_simulation(draw_noise(poses, request.param).campaign),
+        poses.arm,
+        QUICK,
     )
 
 
@@ -58,7 +60,7 @@ def test_a_campaign_comes_out_as_foreseen_from_the_planted_errors(mix, poses):
     planted = PlantedNoise(poses, NoiseTable())
     options = Options(n_suggestions=0, snooping=False)
     simulated = draw_noise(poses, 13)
-    found = identify(handed_over(simulated.campaign), poses.arm, options)
+    found = identify(campaign_from_simulation(simulated.campaign), poses.arm, options)
     assert found.redundancy == planted.redundancy
     foreseen = planted.foreseen(simulated)
     total = found.adjustment.system.sum_of_squares
@@ -92,7 +94,9 @@ def test_what_a_mix_determines_is_what_theory_says(mix, result):
 def test_blunders_are_removed_and_leave_no_trace(name, share):
     spoilt_poses = mix_poses(name, 300, seed=6)
     simulated = draw_noise(spoilt_poses, 21, NoiseTable(blunder_share=share))
-    result = identify(handed_over(simulated.campaign), spoilt_poses.arm, QUICK)
+    result = identify(
+        campaign_from_simulation(simulated.campaign), spoilt_poses.arm, QUICK
+    )
     lines = {blunder.line for blunder in simulated.truth.blunders}
     excluded = {pose.line for pose in result.excluded}
     assert len(lines) == round(share * 300)
@@ -105,7 +109,7 @@ def test_blunders_are_removed_and_leave_no_trace(name, share):
 
 def test_identified_distances_are_hundreds_of_times_better_than_the_designs():
     poses = mix_poses("cones+bar", 300, seed=7)
-    campaign = handed_over(draw_noise(poses, 31).campaign)
+    campaign = campaign_from_simulation(draw_noise(poses, 31).campaign)
     result = identify(campaign, demo_arm(), QUICK)
     found = distance_errors(result, poses, 3)
     held = Options(hold=("J*",), n_suggestions=0, snooping=False)

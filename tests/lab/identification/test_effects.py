@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.simulator.effects.examples import START, TABLES, example, heavy_arm, spec_of
-from traverse.cli.blind_campaign import handed_over
+from traverse.cli.blind_campaign import campaign_from_simulation
 from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.kinematics.effects.base.context import utc_ns
 from traverse.lab.identification.equations.effect_model import effect_model
@@ -63,7 +63,7 @@ def rigid():
 
 
 def campaign_with(*effects, noise=LOUD, seed=1):
-    found = handed_over(
+    found = campaign_from_simulation(
         draw_noise(with_effects(rigid(), effects), seed, noise).campaign
     )
     return replace(found, encoder_rad=5e-6, contact_mm=0.003)
@@ -252,7 +252,7 @@ def test_the_only_length_of_a_campaign_cannot_be_wrong():
     spec = spec_of(*cones, GAUGE)
     wrong = example("artefact_length", artefact="gauge", error_ppm=150.0)
     poses = with_effects(make_poses(ARM, spec, 3), (wrong,))
-    campaign = handed_over(draw_noise(poses, 1, LOUD).campaign)
+    campaign = campaign_from_simulation(draw_noise(poses, 1, LOUD).campaign)
     guess = {**LENGTH, "artefact": "gauge", "error_ppm": 7.0}
     found = freed(campaign, design(guess), "artefact_length.*")
     # The arm has grown instead; what is held is near the guess, not near the truth.

@@ -20,7 +20,10 @@ from traverse.lab.identification.equations.station_equations import white_rows
 from traverse.lab.identification.equations.whitening import whiteners
 from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.solve.rank import split
-from traverse.lab.identification.solve.sequential_qr import eliminate, triangle
+from traverse.lab.identification.solve.sequential_qr import (
+    eliminate_unknowns,
+    sequential_qr,
+)
 from traverse.lab.statistics.distributions import (
     chi_square_log_tail,
     equivalent_normal,
@@ -199,7 +202,7 @@ def test_a_triangle_stands_for_all_rows(n_rows, n_columns, seed):
     rng = np.random.default_rng(seed)
     rows = rng.normal(size=(n_rows, n_columns))
     cuts = sorted(rng.integers(0, n_rows, 5))
-    upper = triangle(np.split(rows, cuts), n_columns)
+    upper = sequential_qr(np.split(rows, cuts), n_columns)
     assert len(upper) <= max(n_columns, 1)
     assert np.allclose(upper.T @ upper, rows.T @ rows, atol=1e-9 * max(n_rows, 1))
 
@@ -207,7 +210,7 @@ def test_a_triangle_stands_for_all_rows(n_rows, n_columns, seed):
 def test_elimination_solves_like_the_whole_system():
     rng = np.random.default_rng(1)
     rows = rng.normal(size=(40, 3 + 5 + 1)) * 10
-    found = eliminate(triangle([rows], 9), np.full(3, 100.0))
+    found = eliminate_unknowns(sequential_qr([rows], 9), np.full(3, 100.0))
     arm = np.linalg.lstsq(found.reduced[:, :5], found.reduced[:, 5])[0]
     whole = np.linalg.lstsq(rows[:, :8], rows[:, 8])[0]
     assert arm == pytest.approx(whole[3:])
@@ -217,7 +220,7 @@ def test_elimination_solves_like_the_whole_system():
 def test_unknowns_that_nothing_determines_are_held():
     rows = np.zeros((4, 2 + 1 + 1))
     rows[:, 0], rows[:, 2], rows[:, 3] = [1, 2, 3, 4], [1, 0, 1, 0], [1, 1, 1, 1]
-    found = eliminate(triangle([rows], 4), np.array([10.0, 10.0]))
+    found = eliminate_unknowns(sequential_qr([rows], 4), np.array([10.0, 10.0]))
     assert len(found.right) == 1
     assert np.abs(found.held[0]) == pytest.approx([0.0, 1.0])
     assert found.step(np.zeros(1))[1] == 0.0

@@ -16,12 +16,12 @@ from traverse.lab.identification.equations.parameters import ArmValues
 from traverse.lab.identification.equations.station_equations import start_state
 from traverse.lab.identification.solve.adjustment import Adjustment, adjust
 from traverse.lab.identification.volume.distance_deviations import (
-    KnownArm,
+    ArmUncertainty,
+    arm_uncertainty,
     distance_deviations_mm,
-    known_arm,
     noise_deviations_mm,
 )
-from traverse.lab.identification.volume.inverse_kinematics import posture_cloud, reach
+from traverse.lab.identification.volume.inverse_kinematics import reach, sample_postures
 from traverse.lab.identification.volume.uncertainty_map import uncertainty_map
 
 TRUE = seven_joints()
@@ -57,10 +57,10 @@ def adjusted(datum: tuple[str, ...]) -> Adjustment:
     return adjust(network, start_state(network, design), design)
 
 
-def known(datum: tuple[str, ...] = ("J1", "J2", "J3")) -> KnownArm:
+def known(datum: tuple[str, ...] = ("J1", "J2", "J3")) -> ArmUncertainty:
     adjustment = adjusted(datum)
     inverse = adjustment.split.inverse
-    return known_arm(
+    return arm_uncertainty(
         adjustment.state.arm, adjustment.network.parameters, inverse @ inverse.T
     )
 
@@ -83,7 +83,7 @@ def test_chord_of_a_clock_hand_grows_with_the_hand(turn_rad: float) -> None:
         if abs(row[0]) > 0.9
     )
     free = np.array([name == along for name in parameters.names])
-    arm = KnownArm(geometry, parameters.with_free(free), np.array([[0.01**2]]))
+    arm = ArmUncertainty(geometry, parameters.with_free(free), np.array([[0.01**2]]))
     found = distance_deviations_mm(arm, np.zeros((1, 1)), np.array([[turn_rad]]))
     assert found[0] == pytest.approx(0.01 * 2.0 * np.sin(turn_rad / 2.0), rel=1e-12)
 
@@ -145,7 +145,7 @@ def test_postures_reach_their_places_within_the_travelled_ranges(
     readings: np.ndarray,
 ) -> None:
     arm = known()
-    cloud = posture_cloud(arm.geometry, readings)
+    cloud = sample_postures(arm.geometry, readings)
     places_mm = probe_centre(arm.geometry, readings[::3])
     for rank in (0, 4):
         angles_rad, good = reach(cloud, places_mm, rank)
@@ -183,7 +183,7 @@ def test_a_small_arm_gets_shorter_distances() -> None:
     )
     parameters = arm_parameters(small, [f"J{k + 1}" for k in range(7)])
     parameters = with_datum(parameters, small)
-    arm = KnownArm(small, parameters, np.eye(parameters.n_free) * 1e-6)
+    arm = ArmUncertainty(small, parameters, np.eye(parameters.n_free) * 1e-6)
     ranges_rad = np.stack([small.zeros_rad - 2.0, small.zeros_rad + 2.0])
     assert uncertainty_map(arm, ranges_rad).length_mm == 100.0
 

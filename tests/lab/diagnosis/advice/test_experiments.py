@@ -11,8 +11,8 @@ from tests.lab.diagnosis.fitted_rows import measured, measured_rows
 from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.lab.diagnosis.advice.experiments import (
     gain_needed,
+    postures_text,
     separate_by,
-    where_in_words,
 )
 from traverse.lab.diagnosis.advice.further_contacts import (
     extended_rows,
@@ -179,13 +179,13 @@ def test_where_chosen_poses_lie_is_said_by_the_joint_that_matters():
     angles_rad = campaign.poses.angles_rad
     chosen_rad = np.tile(np.median(angles_rad, axis=0), (10, 1))
     chosen_rad[:, 3] = angles_rad[:, 3].max() - 0.01
-    assert where_in_words(chosen_rad, campaign, ("J4",)).startswith("with J4 above")
+    assert postures_text(chosen_rad, campaign, ("J4",)).startswith("with J4 above")
     chosen_rad[:, 3] = angles_rad[:, 3].max() + 0.2
-    assert "beyond what it has travelled" in where_in_words(
+    assert "beyond what it has travelled" in postures_text(
         chosen_rad, campaign, ("J4",)
     )
     chosen_rad[:, 3] = np.median(angles_rad[:, 3])
-    assert "all over" in where_in_words(chosen_rad, campaign, ("J4",))
+    assert "all over" in postures_text(chosen_rad, campaign, ("J4",))
 
 
 def test_a_finding_with_an_alias_is_told_so_without_a_number_of_poses():

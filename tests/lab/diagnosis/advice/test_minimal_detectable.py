@@ -17,7 +17,7 @@ from traverse.lab.diagnosis.advice.minimal_detectable import (
 from traverse.lab.diagnosis.candidates.library import absent_candidates, library_bank
 from traverse.lab.diagnosis.model.candidate import Bank
 from traverse.lab.diagnosis.model.fit import fitted
-from traverse.lab.diagnosis.model.observation_equations import rows_of
+from traverse.lab.diagnosis.model.observation_equations import equations_of
 
 
 @cache
@@ -102,7 +102,7 @@ def test_a_vertical_first_joint_is_not_twisted_by_gravity():
     campaign = simulate(truth, cones(3), 30, 4)
     everyone = np.ones(len(campaign.poses), dtype=np.bool_)
     arm = arm_with_masses(truth)
-    rows = rows_of(fitted(campaign, arm, everyone).adjustment)
+    rows = equations_of(fitted(campaign, arm, everyone).adjustment)
     names = library_bank(rows, arm)
     by_name = {one.candidate.name: one for one in detectable(rows, names)}
     found = by_name["joint_compliance J1"]
@@ -122,7 +122,7 @@ def test_a_probe_on_the_last_axis_hides_that_joints_encoder():
     adjustment = fitted(campaign, arm, everyone).adjustment
     state = replace(adjustment.state.arm, geometry=truth.geometry())
     state = replace(adjustment.state, arm=state)
-    rows = rows_of(replace(adjustment, state=state))
+    rows = equations_of(replace(adjustment, state=state))
     names = library_bank(rows, arm)
     by_name = {one.candidate.name: one for one in detectable(rows, names)}
     found = by_name["encoder_eccentricity J7"]
@@ -143,7 +143,7 @@ def test_what_the_campaign_lacks_is_told():
     campaign = replace(campaign, poses=poses)
     everyone = np.ones(len(poses), dtype=np.bool_)
     arm = measured().arm
-    rows = rows_of(fitted(campaign, arm, everyone).adjustment)
+    rows = equations_of(fitted(campaign, arm, everyone).adjustment)
     absent = absent_candidates(rows, arm)
     found = detectable(rows, library_bank(rows, arm), absent)
     whole = [one for one in found if one.candidate.name == "thermal_expansion"]

@@ -8,7 +8,7 @@ import pytest
 from tests.lab.diagnosis.fitted_rows import measured, measured_rows
 from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.lab.diagnosis.advice.minimal_detectable import detectable
-from traverse.lab.diagnosis.advice.planned_campaign import planned, planned_rows
+from traverse.lab.diagnosis.advice.planned_campaign import planned, planned_equations
 from traverse.lab.diagnosis.candidates.library import library_bank
 
 SLIPPING = {
@@ -35,7 +35,7 @@ def test_the_plan_says_what_the_measured_campaign_says():
 
 
 def test_misclosures_are_not_looked_at():
-    rows = planned_rows(measured().campaign, measured().arm)
+    rows = planned_equations(measured().campaign, measured().arm)
     assert not np.any(rows.values)
     wrong = measured().with_effect(effect_from_table(SLIPPING))
     before = minima(planned(measured().campaign, measured().arm))

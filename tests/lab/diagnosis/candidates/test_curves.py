@@ -21,11 +21,11 @@ from traverse.lab.diagnosis.candidates.curves import (
     generic_bank,
     spline_knots,
 )
-from traverse.lab.diagnosis.candidates.effect_factory import effect_from_candidate
+from traverse.lab.diagnosis.candidates.effect_factory import effect_of_candidate
 from traverse.lab.diagnosis.candidates.scoring import project
-from traverse.lab.diagnosis.model.covariates import courses, used_poses
+from traverse.lab.diagnosis.model.covariates import covariate_columns, used_poses
 from traverse.lab.diagnosis.model.fit import fitted
-from traverse.lab.diagnosis.model.observation_equations import rows_of
+from traverse.lab.diagnosis.model.observation_equations import equations_of
 from traverse.lab.identification.equations.plausible_sizes import campaign_span
 
 JOINTS = [f"J{k}" for k in range(1, 8)]
@@ -75,7 +75,7 @@ def test_curves_cover_all_covariates():
 def test_few_poses_have_no_fine_curves():
     campaign = measured().with_poses().campaign
     few = np.arange(len(campaign.poses)) % 3 == 0
-    rows = rows_of(fitted(campaign, measured().arm, few).adjustment)
+    rows = equations_of(fitted(campaign, measured().arm, few).adjustment)
     assert np.count_nonzero(few) < 8 * (N_KNOTS + 1)
     assert all(
         one.size == N_KNOTS
@@ -92,7 +92,7 @@ def test_covariates_that_do_not_vary_or_are_not_there_have_no_curves():
         speeds_rad_s=np.zeros((n, 7)),
         force_n=None,
     )
-    names = [course.name for course in courses(campaign.rows())]
+    names = [course.name for course in covariate_columns(campaign.rows())]
     assert names == [*(f"{joint}_rad" for joint in JOINTS), "time_s"]
 
 
@@ -107,7 +107,7 @@ def test_a_curve_of_an_angle_is_the_effect_of_the_arm_file(covariate):
     rng = np.random.default_rng(2)
     values = 1e-5 * rng.normal(size=candidate.size)
     keys = dict(candidate.keys)
-    at = {course.name: course.values for course in courses(rows)}[covariate]
+    at = {course.name: course.values for course in covariate_columns(rows)}[covariate]
     curve = CubicSpline(keys["knots"], values, bc_type="natural")(at)
     curve = np.where(at > keys["knots"][-1], values[-1], curve)
     poses = used_poses(rows)
@@ -121,7 +121,7 @@ def test_a_curve_of_an_angle_is_the_effect_of_the_arm_file(covariate):
     expected = rows.moved((moved[0] - moved[1])[:, :, np.newaxis] / 2)[:, 0]
     found = columns @ (values / candidate.scales)
     np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
-    effect = effect_from_candidate(candidate, values, rows)
+    effect = effect_of_candidate(candidate, values, rows)
     effects = effects_of(measured().arm, (effect,), campaign_span(measured().campaign))
     centres_mm = corrected_pose(geometry, effects, rows.block)[0]
     alone = probe_centre(
@@ -223,7 +223,7 @@ def test_only_curves_of_angles_have_an_entry_in_the_arm_file():
     bank = generic_bank(measured_rows())
     candidate, _ = chosen(bank, component="tilt")
     with pytest.raises(ValueError, match="no curve that moves a joint by its tilt"):
-        effect_from_candidate(candidate, np.zeros(candidate.size), measured_rows())
+        effect_of_candidate(candidate, np.zeros(candidate.size), measured_rows())
 
 
 def test_a_curve_that_is_applied_leaves_nothing_of_itself():
@@ -231,8 +231,8 @@ def test_a_curve_that_is_applied_leaves_nothing_of_itself():
     candidate, _ = chosen(
         generic_bank(rows), joint="J3", component="angle", covariate="J3_rad"
     )
-    effect = effect_from_candidate(candidate, np.zeros(candidate.size), rows)
-    again = rows_of(measured().fit((effect,)).adjustment)
+    effect = effect_of_candidate(candidate, np.zeros(candidate.size), rows)
+    again = equations_of(measured().fit((effect,)).adjustment)
     bank = generic_bank(again)
     own = bank.candidates.index(candidate)
     for at, found in enumerate(project(again, bank)):

@@ -12,12 +12,12 @@ from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.arm_effects import effects_of
 from traverse.kinematics.effects.pose import corrected_pose
-from traverse.lab.diagnosis.candidates.effect_factory import effect_from_candidate
+from traverse.lab.diagnosis.candidates.effect_factory import effect_of_candidate
 from traverse.lab.diagnosis.candidates.library import absent_candidates, library_bank
 from traverse.lab.diagnosis.candidates.priors import log_prior
 from traverse.lab.diagnosis.candidates.scoring import project
 from traverse.lab.diagnosis.model.candidate import Bank
-from traverse.lab.diagnosis.model.observation_equations import rows_of
+from traverse.lab.diagnosis.model.observation_equations import equations_of
 from traverse.lab.identification.equations.plausible_sizes import (
     campaign_span,
     campaign_start,
@@ -42,7 +42,7 @@ def moved_by_differences(arm, rows, candidate, column, applied=()):
     for sign in (1.0, -1.0):
         values = np.zeros(candidate.size)
         values[column] = sign * candidate.scales[column]
-        effect = effect_from_candidate(candidate, values, rows)
+        effect = effect_of_candidate(candidate, values, rows)
         effects = effects_of(arm, (*applied, effect), span)
         centres_mm.append(corrected_pose(geometry, effects, rows.block)[0])
     moves_mm = (centres_mm[0] - centres_mm[1])[:, :, np.newaxis] / 2.0
@@ -92,7 +92,7 @@ def test_columns_stand_beside_effects_that_are_applied():
         )
     )
     fit = measured().fit(applied)
-    rows = rows_of(fit.adjustment)
+    rows = equations_of(fit.adjustment)
     bank = library_bank(rows, measured().arm)
     for kind in ("axis_wobble", "encoder_scale", "mount_compliance", "base_drift"):
         candidate, columns = chosen(bank, kind=kind)
@@ -120,7 +120,7 @@ def test_amplitudes_of_a_simulated_effect_come_back(wanted, sizes):
     rows = measured_rows()
     candidate, _ = chosen(library_bank(rows, measured().arm), **wanted)
     truth = 2.0 * np.array(sizes)
-    effect = effect_from_candidate(candidate, truth * candidate.scales, rows)
+    effect = effect_of_candidate(candidate, truth * candidate.scales, rows)
     assert_recovered(measured().with_effect(effect), wanted, truth)
 
 
@@ -196,7 +196,7 @@ def test_effects_are_written_in_the_form_of_the_arm_file():
     rows = measured_rows()
     bank = library_bank(rows, measured().arm)
     axis = rows.adjustment.state.arm.geometry.axes[3]
-    wobble = effect_from_candidate(
+    wobble = effect_of_candidate(
         chosen(bank, kind="axis_wobble", joint="J4", order=3)[0],
         np.array([1e-5, 0.0, 0.0, 2e-5]),
         rows,
@@ -206,12 +206,12 @@ def test_effects_are_written_in_the_form_of_the_arm_file():
     np.testing.assert_allclose(across @ axis, 0.0, atol=1e-20)
     np.testing.assert_allclose(np.linalg.norm(across, axis=1), [1e-5, 2e-5])
     np.testing.assert_allclose(np.cross(across[0], across[1]), 2e-10 * axis)
-    lobing = effect_from_candidate(
+    lobing = effect_of_candidate(
         chosen(bank, kind="probe_lobing")[0], np.array([-3e-3, 4e-3]), rows
     ).values
     assert lobing["amplitude_mm"] == pytest.approx(5e-3)
     assert lobing["phase_rad"] == pytest.approx(np.pi - np.arctan(4 / 3))
-    drift = effect_from_candidate(
+    drift = effect_of_candidate(
         chosen(bank, kind="base_drift")[0], np.array([1e-6, 2e-6, 3e-6]), rows
     )
     assert drift.values["rate_mm_s"] == (1e-6, 2e-6, 3e-6)

@@ -6,7 +6,7 @@ import pytest
 from tests.lab.diagnosis.fitted_rows import measured, measured_rows, serial_rows
 from traverse.kinematics.effects.arm_effects import effects_of
 from traverse.kinematics.effects.pose import corrected_pose
-from traverse.lab.diagnosis.candidates.effect_factory import effect_from_candidate
+from traverse.lab.diagnosis.candidates.effect_factory import effect_of_candidate
 from traverse.lab.diagnosis.candidates.scoring import judge, log_evidences, project
 from traverse.lab.diagnosis.candidates.steps import (
     scan_base_steps,
@@ -18,7 +18,7 @@ from traverse.lab.diagnosis.candidates.steps import (
 )
 from traverse.lab.diagnosis.model.candidate import Bank
 from traverse.lab.diagnosis.model.covariates import used_poses
-from traverse.lab.diagnosis.model.observation_equations import rows_of
+from traverse.lab.diagnosis.model.observation_equations import equations_of
 from traverse.lab.identification.equations.plausible_sizes import (
     campaign_span,
     plausible_values,
@@ -49,7 +49,7 @@ def test_step_columns_are_the_difference_of_the_whole_model(joint):
         sizes = np.eye(candidate.size)[column] * candidate.scales
         moved = []
         for sign in (1.0, -1.0):
-            effect = effect_from_candidate(candidate, sign * sizes, rows)
+            effect = effect_of_candidate(candidate, sign * sizes, rows)
             effects = effects_of(measured().arm, (effect,), span)
             moved.append(corrected_pose(geometry, effects, rows.block)[0])
         expected = rows.moved((moved[0] - moved[1])[:, :, np.newaxis] / 2)[:, 0]
@@ -123,9 +123,7 @@ def test_a_simulated_slip_is_found_where_it_happened():
 def test_a_simulated_knock_of_the_base_is_found_where_it_happened():
     at_s = float(measured().campaign.poses.time_s[150]) - 0.5
     truth_mm = np.array([0.03, -0.02, 0.04])
-    effect = effect_from_candidate(
-        step_candidate(None, at_s), truth_mm, measured_rows()
-    )
+    effect = effect_of_candidate(step_candidate(None, at_s), truth_mm, measured_rows())
     rows = measured().with_effect(effect).rows()
     best = max(scan_steps(rows), key=lambda scan: scan.evidence)
     assert best.joint is None
@@ -139,7 +137,7 @@ def test_a_simulated_knock_of_the_base_is_found_where_it_happened():
 def test_poses_of_one_moment_have_no_gap():
     n = len(measured().campaign.poses)
     times_s = np.repeat(np.arange(n // 2) * 5.0, 2)
-    rows = rows_of(measured().with_poses(time_s=times_s).fit().adjustment)
+    rows = equations_of(measured().with_poses(time_s=times_s).fit().adjustment)
     scan = scan_base_steps(rows)[0]
     assert len(scan.at_s) == n // 2 - 1
     at_once = measured().with_poses(time_s=np.zeros(n)).rows()
@@ -151,7 +149,7 @@ def test_plausible_steps_are_those_of_the_identification():
     campaign = measured().campaign
     for joint in ("J1", None):
         candidate = step_candidate(joint, 10.0)
-        effect = effect_from_candidate(
+        effect = effect_of_candidate(
             candidate, np.ones(candidate.size), measured_rows()
         )
         built = effects_of(measured().arm, (effect,), campaign_span(campaign))

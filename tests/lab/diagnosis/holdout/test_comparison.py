@@ -10,16 +10,16 @@ from tests.lab.diagnosis.fitted_rows import measured
 from tests.lab.simulated import PROBE_RADIUS_MM
 from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.lab.diagnosis.holdout.comparison import (
-    believable,
     closed,
-    gap_between,
-    held_out_fit,
+    compare_on_holdout,
+    holdout_result,
     is_worse,
+    uncontradicted,
 )
 from traverse.lab.diagnosis.holdout.holdout import split
 from traverse.lab.diagnosis.holdout.prediction import predicted, with_noise
 from traverse.lab.diagnosis.model.fit import fitted, with_effects
-from traverse.lab.diagnosis.model.observation_equations import rows_of
+from traverse.lab.diagnosis.model.observation_equations import equations_of
 from traverse.lab.identification.equations.network import stations
 from traverse.lab.identification.equations.station_equations import white_rows
 
@@ -62,7 +62,7 @@ def test_the_paired_test_by_hand():
 def test_statistics_are_those_of_the_dense_predictive_covariance():
     fit, held_out = fit_of(eccentric=False, term=False)
     adjustment = fit.adjustment
-    columns = rows_of(adjustment).columns
+    columns = equations_of(adjustment).columns
     cofactors = np.linalg.pinv(columns.T @ columns, rcond=1e-13, hermitian=True)
     found = predicted(adjustment, held_out, PROBE_RADIUS_MM)
     network, state = adjustment.network, adjustment.state
@@ -88,7 +88,7 @@ def test_statistics_are_those_of_the_dense_predictive_covariance():
 
 def test_s_of_a_right_model_is_one():
     fit, held_out = fit_of(eccentric=False, term=False)
-    found = held_out_fit(fit.adjustment, held_out, PROBE_RADIUS_MM)
+    found = holdout_result(fit.adjustment, held_out, PROBE_RADIUS_MM)
     assert found.n == 3 * 48 + 24
     assert found.chi2 == pytest.approx(1.0, abs=3.0 * np.sqrt(2.0 / found.n))
     misclosures_mm = predicted(fit.adjustment, held_out, PROBE_RADIUS_MM).misclosures_mm
@@ -100,19 +100,25 @@ def test_s_of_a_right_model_is_one():
 def test_the_missing_term_closes_the_gap():
     before, held_out = fit_of(eccentric=True, term=False)
     after, _ = fit_of(eccentric=True, term=True)
-    gap = gap_between(before.adjustment, after.adjustment, held_out, PROBE_RADIUS_MM)
+    gap = compare_on_holdout(
+        before.adjustment, after.adjustment, held_out, PROBE_RADIUS_MM
+    )
     assert gap.before.chi2 > 2.0
     assert gap.closed == pytest.approx(1.0, abs=0.2)
     assert not gap.is_worse
     assert gap.n_contradicting == 0
-    back = gap_between(after.adjustment, before.adjustment, held_out, PROBE_RADIUS_MM)
+    back = compare_on_holdout(
+        after.adjustment, before.adjustment, held_out, PROBE_RADIUS_MM
+    )
     assert back.is_worse
 
 
 def test_a_needless_term_brings_no_veto():
     before, held_out = fit_of(eccentric=False, term=False)
     after, _ = fit_of(eccentric=False, term=True)
-    gap = gap_between(before.adjustment, after.adjustment, held_out, PROBE_RADIUS_MM)
+    gap = compare_on_holdout(
+        before.adjustment, after.adjustment, held_out, PROBE_RADIUS_MM
+    )
     assert not gap.is_worse
     assert gap.closed is None
 
@@ -126,10 +132,12 @@ def test_blunders_among_the_held_out_poses_count_for_neither_model():
     of = of.with_poses(angles_rad=angles_rad)
     before = fitted(of.campaign, of.arm, choosing).adjustment
     after = fitted(of.campaign, with_effects(of.arm, (ECCENTRIC,)), choosing).adjustment
-    gap = gap_between(before, after, held_out, PROBE_RADIUS_MM)
+    gap = compare_on_holdout(before, after, held_out, PROBE_RADIUS_MM)
     assert gap.n_contradicting == 2
     assert not np.any(gap.compared[bad])
-    assert np.array_equal(gap.compared, believable(after, held_out, PROBE_RADIUS_MM))
+    assert np.array_equal(
+        gap.compared, uncontradicted(after, held_out, PROBE_RADIUS_MM)
+    )
     assert gap.closed == pytest.approx(1.0, abs=0.2)
 
 
@@ -155,20 +163,20 @@ def test_more_noise_makes_the_same_misclosures_smaller():
         np.full_like(noise.encoder_rad, 2.0), np.full_like(noise.contact_mm, 2.0)
     )
     of_cones = held_out & (measured().campaign.poses.artefacts < 4)
-    plain = held_out_fit(fit.adjustment, of_cones, PROBE_RADIUS_MM)
-    weighed = held_out_fit(fit.adjustment, of_cones, PROBE_RADIUS_MM, doubled)
+    plain = holdout_result(fit.adjustment, of_cones, PROBE_RADIUS_MM)
+    weighed = holdout_result(fit.adjustment, of_cones, PROBE_RADIUS_MM, doubled)
     # Certificates keep their own noise: a quarter, nearly.
     assert weighed.chi2 == pytest.approx(0.25 * plain.chi2, rel=0.01)
     assert weighed.rms_mm == plain.rms_mm
     again = with_noise(with_noise(fit.adjustment, doubled), noise)
-    assert held_out_fit(again, of_cones, PROBE_RADIUS_MM).chi2 == pytest.approx(
+    assert holdout_result(again, of_cones, PROBE_RADIUS_MM).chi2 == pytest.approx(
         plain.chi2
     )
 
 
 def test_without_held_out_poses_there_is_nothing_to_say():
     fit, held_out = fit_of(eccentric=False, term=False)
-    gap = gap_between(
+    gap = compare_on_holdout(
         fit.adjustment, fit.adjustment, np.zeros_like(held_out), PROBE_RADIUS_MM
     )
     assert gap.before.n == 0
@@ -184,7 +192,7 @@ def test_mean_distances_are_told_for_known_points():
     named = artefacts[0].model_copy(update={"kind": "points"})
     campaign = replace(network.campaign, artefacts=(named, *artefacts[1:]))
     adjustment = replace(fit.adjustment, network=replace(network, campaign=campaign))
-    found = held_out_fit(adjustment, held_out, PROBE_RADIUS_MM)
+    found = holdout_result(adjustment, held_out, PROBE_RADIUS_MM)
     mine = held_out & (campaign.poses.artefacts == 0)
     misclosures_mm = predicted(adjustment, mine, PROBE_RADIUS_MM).misclosures_mm[mine]
     expected_mm = np.mean(np.sqrt(np.sum(misclosures_mm**2, axis=1)))

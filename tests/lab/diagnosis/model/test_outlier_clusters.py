@@ -18,8 +18,11 @@ from tests.lab.diagnosis.engine_campaigns import (
 from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.holdout.holdout import split
 from traverse.lab.diagnosis.model.fit import fitted
-from traverse.lab.diagnosis.model.observation_equations import rows_of
-from traverse.lab.diagnosis.model.outlier_clusters import cluster_of, lowest_log_p
+from traverse.lab.diagnosis.model.observation_equations import equations_of
+from traverse.lab.diagnosis.model.outlier_clusters import (
+    find_outlier_cluster,
+    lowest_log_p,
+)
 from traverse.lab.diagnosis.report import plots_of, report_page
 from traverse.lab.diagnosis.report.files import diagnosis_json
 from traverse.lab.diagnosis.report.words import missing_sentences
@@ -32,12 +35,12 @@ def scene():
     """Rows of a clean campaign and the poses for choosing."""
     campaign = measured_with()
     choosing, _ = split(campaign, SEED)
-    return rows_of(fitted(campaign, poses().arm, choosing).adjustment), choosing
+    return equations_of(fitted(campaign, poses().arm, choosing).adjustment), choosing
 
 
 def place_of(left_out):
     rows, choosing = scene()
-    return cluster_of(rows, choosing, choosing & ~left_out, N_DRAWS, 1)
+    return find_outlier_cluster(rows, choosing, choosing & ~left_out, N_DRAWS, 1)
 
 
 def some(mask, n, seed):

@@ -9,15 +9,15 @@ from scipy import stats
 
 from tests.lab.diagnosis.fitted_rows import measured
 from tests.simulator.effects.examples import heavy_arm, spec_of
-from traverse.cli.blind_campaign import handed_over
+from traverse.cli.blind_campaign import campaign_from_simulation
 from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.candidates.scoring import judge, project
 from traverse.lab.diagnosis.model.candidate import BankName
 from traverse.lab.diagnosis.model.fit import fitted, with_effects
-from traverse.lab.diagnosis.model.observation_equations import rows_of
+from traverse.lab.diagnosis.model.observation_equations import equations_of
 from traverse.lab.diagnosis.model.serial_correlation import (
-    SerialNoise,
+    SerialCorrelation,
     without_serial_noise,
 )
 from traverse.lab.diagnosis.model.terms import estimates_of, rows_without
@@ -81,11 +81,13 @@ def frozen(table):
 )
 def test_a_term_taken_out_leaves_the_rows_of_a_fit_without_it(table):
     given, fit = fit_with(frozen(table))
-    found = rows_without(rows_of(fit.adjustment), 0)
+    found = rows_without(equations_of(fit.adjustment), 0)
     expected = given.rows()
     if np.array_equal(fit.included, given.fit().included):
         assert found.redundancy == expected.redundancy
-        changed = np.abs(expected.residuals - rows_of(fit.adjustment).residuals).max()
+        changed = np.abs(
+            expected.residuals - equations_of(fit.adjustment).residuals
+        ).max()
         np.testing.assert_allclose(
             found.residuals, expected.residuals, atol=0.03 * changed + 0.02
         )
@@ -94,10 +96,10 @@ def test_a_term_taken_out_leaves_the_rows_of_a_fit_without_it(table):
 
 def test_the_other_term_stays():
     given, fit = fit_with(frozen(ECCENTRICITY), frozen(DRIFT))
-    rows = rows_of(fit.adjustment)
+    rows = equations_of(fit.adjustment)
     effects = tuple(effect_from_table(t) for t in (ECCENTRICITY, DRIFT))
     for index in (0, 1):
-        expected = rows_of(given.fit((effects[1 - index],)).adjustment)
+        expected = equations_of(given.fit((effects[1 - index],)).adjustment)
         found = rows_without(rows, index)
         assert found.redundancy == expected.redundancy
         np.testing.assert_allclose(found.residuals, expected.residuals, atol=0.05)
@@ -105,13 +107,13 @@ def test_the_other_term_stays():
 
 def test_a_term_taken_out_is_found_again_with_its_size():
     given, fit = fit_with(frozen(ECCENTRICITY), frozen(DRIFT))
-    rows = rows_without(rows_of(fit.adjustment), 0)
+    rows = rows_without(equations_of(fit.adjustment), 0)
     found = judge(rows, project(rows, library_bank(rows, given.arm)))
     best = found.projected[int(np.argmax(found.scores))]
     assert best.candidate.name == "encoder_eccentricity J3"
     assert best.candidate.bank is BankName.LIBRARY
     amplitudes, covariance = best.amplitudes(rows.residuals)
-    estimates = estimates_of(rows_of(fit.adjustment), 0)
+    estimates = estimates_of(equations_of(fit.adjustment), 0)
     for at, key in enumerate(("cos_rad", "sin_rad")):
         assert amplitudes[at] == pytest.approx(estimates[key].value, abs=2e-7)
         assert covariance[at, at] ** 0.5 == pytest.approx(estimates[key].std, rel=0.1)
@@ -127,7 +129,7 @@ def test_standard_deviations_are_those_of_the_adjustment(table):
     directions = parameters.effects.directions(adjustment.state.arm.geometry)
     inverse = adjustment.split.inverse[-directions.shape[1] :]
     stds = adjustment.sigma0 * np.linalg.norm(directions @ inverse, axis=1)
-    found = estimates_of(rows_of(adjustment), 0)
+    found = estimates_of(equations_of(adjustment), 0)
     told = np.concatenate([np.atleast_1d(one.std) for one in found.values()])
     np.testing.assert_allclose(told, stds, rtol=0.02, atol=1e-3 * stds.max())
 
@@ -144,7 +146,7 @@ def test_without_any_length_misclosures_say_nothing_of_it():
     arm = with_effects(given.arm, (effect_from_table(dict(ECCENTRICITY)),))
     adjustment = fitted(campaign, arm, everyone, snooping=False).adjustment
     assert not has_length(adjustment.network)
-    rows = rows_of(adjustment)
+    rows = equations_of(adjustment)
     assert rows.redundancy == adjustment.redundancy
     assert rows.sum_of_squares == pytest.approx(adjustment.system.sum_of_squares)
     inverse = adjustment.split.inverse[-2:]
@@ -155,7 +157,7 @@ def test_without_any_length_misclosures_say_nothing_of_it():
 
 def test_estimates_have_the_keys_and_units_of_the_arm_file():
     _, fit = fit_with(frozen(WOBBLE))
-    found = estimates_of(rows_of(fit.adjustment), 0)
+    found = estimates_of(equations_of(fit.adjustment), 0)
     assert {key: one.unit for key, one in found.items()} == {
         "cos_rad": "rad",
         "sin_rad": "rad",
@@ -169,8 +171,8 @@ def test_estimates_have_the_keys_and_units_of_the_arm_file():
 
 def test_slow_noise_widens_what_is_slow():
     _, fit = fit_with(frozen(ECCENTRICITY), frozen(DRIFT))
-    rows = rows_of(fit.adjustment)
-    slow = without_serial_noise(rows, SerialNoise(0.5, 0.95))
+    rows = equations_of(fit.adjustment)
+    slow = without_serial_noise(rows, SerialCorrelation(0.5, 0.95))
     plain, wide = (
         np.linalg.norm(estimates_of(given, 1)["rate_mm_s"].std)
         for given in (rows, slow)
@@ -209,11 +211,11 @@ def test_estimates_scatter_as_much_as_they_say():
     poses = touched_with(make_poses(arm, spec, 5), effects)
     deviations, before = [], None
     for seed in range(15):
-        campaign = handed_over(draw_noise(poses, seed, noise).campaign)
+        campaign = campaign_from_simulation(draw_noise(poses, seed, noise).campaign)
         everyone = np.ones(len(campaign.poses), dtype=np.bool_)
         start_arm = with_effects(arm, effects) if before is None else before.arm
         before = fitted(campaign, start_arm, everyone)
-        rows = rows_of(before.adjustment)
+        rows = equations_of(before.adjustment)
         for index, effect in enumerate(effects):
             for key, one in estimates_of(rows, index).items():
                 away = np.subtract(one.value, effect.values[key]) / np.array(one.std)

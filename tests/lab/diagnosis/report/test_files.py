@@ -17,7 +17,7 @@ from tests.lab.diagnosis.diagnosed import (
     eccentric,
 )
 from traverse.kinematics.arm_file.arm import read_arm, write_arm
-from traverse.lab.diagnosis.model.result import HeldOut, Step
+from traverse.lab.diagnosis.model.result import HoldoutResult, Step
 from traverse.lab.diagnosis.report.adapted_arm import (
     arm_with_provenance,
     terms_without_epoch,
@@ -148,8 +148,8 @@ def test_a_gap_that_cannot_be_told_is_null():
 
 def test_known_points_have_a_mean_distance():
     ledger = (
-        Step(None, HeldOut(0.02, 3.0, 90, 0.031), 1.7),
-        Step("encoder_eccentricity J3", HeldOut(0.01, 1.0, 90, 0.015), 1.0),
+        Step(None, HoldoutResult(0.02, 3.0, 90, 0.031), 1.7),
+        Step("encoder_eccentricity J3", HoldoutResult(0.01, 1.0, 90, 0.015), 1.0),
     )
     told = diagnosis_json(replace(eccentric(), ledger=ledger))["gap"]
     assert told["held_out_mean_distance_mm"] == {"before": 0.031, "after": 0.015}

@@ -14,12 +14,12 @@ from traverse.lab.diagnosis.report.detectable_table import (
     whole_arm_rows,
 )
 from traverse.lab.diagnosis.report.names import (
-    name_in_words,
+    candidate_label,
     odds,
-    p_in_words,
+    p_value_text,
     quantity,
-    size_in_words,
     term_size,
+    term_size_text,
 )
 from traverse.lab.diagnosis.report.words import (
     held_out_sentence,
@@ -75,7 +75,7 @@ def candidate(kind, joint=None, **more) -> Candidate:
     ],
 )
 def test_effects_have_names_for_people(made, said):
-    assert name_in_words(made) == said
+    assert candidate_label(made) == said
 
 
 @pytest.mark.parametrize(
@@ -125,15 +125,15 @@ def test_the_size_of_a_curve_is_its_range():
         estimates=curve,
         candidate=candidate("empirical", "J3", covariate="time_s"),
     )
-    assert size_in_words(term) == "30 µrad from lowest to highest"
+    assert term_size_text(term) == "30 µrad from lowest to highest"
 
 
 def test_odds_and_probabilities_never_underflow():
     assert odds(0.0) == "1:1"
     assert odds(3.689) == "1:40"
     assert odds(2000.0) == "1:10^869"
-    assert p_in_words(-2.0) == "p = 0.01"
-    assert p_in_words(-1234.5) == "p = 10^-1234"
+    assert p_value_text(-2.0) == "p = 0.01"
+    assert p_value_text(-1234.5) == "p = 10^-1234"
 
 
 def test_the_first_sentence_names_the_effect_its_joint_and_its_size():

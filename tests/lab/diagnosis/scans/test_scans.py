@@ -17,7 +17,7 @@ from traverse.lab.diagnosis.candidates.harmonics import harmonic_bank
 from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.candidates.scoring import judge, project
 from traverse.lab.diagnosis.model.fit import fitted
-from traverse.lab.diagnosis.model.observation_equations import rows_of
+from traverse.lab.diagnosis.model.observation_equations import equations_of
 from traverse.lab.diagnosis.model.options import DiagnosisOptions
 from traverse.lab.diagnosis.scans.decimation import thinned
 from traverse.lab.diagnosis.scans.harmonics import first_significant, stream_harmonics
@@ -124,7 +124,7 @@ def test_what_correlation_is_left_hardly_widens_any_estimate(folders):
     _, thinning = thinned(campaign, arm)
     poses = campaign.part(thinning.poses)
     everyone = np.ones(len(poses.poses), dtype=bool)
-    rows = rows_of(fitted(poses, arm, everyone).adjustment)
+    rows = equations_of(fitted(poses, arm, everyone).adjustment)
     samples = poses.poses.lines[rows.poses]
     apart = np.abs(samples[:, None] - samples[None, :])
     covariance = SHARE * PHI**apart * (rows.sources @ rows.sources.T)
@@ -169,7 +169,7 @@ def test_harmonics_of_all_samples_are_those_of_the_dense_algebra(folders):
     few = campaign.part(np.arange(0, len(campaign.poses), 24))
     fit = fitted(few, arm, np.ones(len(few.poses), dtype=bool))
     included = few.part(fit.included)
-    rows = rows_of(
+    rows = equations_of(
         replace(
             fit.adjustment,
             state=replace(

@@ -5,8 +5,8 @@ import numpy as np
 from tests.lab.diagnosis.fitted_rows import measured
 from tests.lab.diagnosis.report.test_words import candidate
 from traverse.kinematics.arm_file.arm import effect_from_table
-from traverse.lab.diagnosis.candidates.candidate_scores import stage_of
-from traverse.lab.diagnosis.model.observation_equations import rows_of
+from traverse.lab.diagnosis.candidates.candidate_scores import score_candidates
+from traverse.lab.diagnosis.model.observation_equations import equations_of
 from traverse.lab.diagnosis.search.naming import leaves_a_curve
 
 KNOTS = [-2.0, -1.0, 0.0, 1.0, 2.0]
@@ -16,7 +16,7 @@ def stage_with(*tables):
     given = measured()
     for table in tables:
         given = given.with_effect(effect_from_table(table))
-    return stage_of(rows_of(given.fit().adjustment), given.arm)
+    return score_candidates(equations_of(given.fit().adjustment), given.arm)
 
 
 def test_a_curve_over_the_own_reading_belies_an_eccentricity():

@@ -15,8 +15,15 @@ from traverse.lab.diagnosis.candidates.scoring import project
 from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.holdout.holdout import split
 from traverse.lab.diagnosis.model.fit import fitted
-from traverse.lab.diagnosis.search.mean_shifts import best_shifts, groups_of, shifted
-from traverse.lab.diagnosis.search.outlier_recovery import readmitted, rows_of_all
+from traverse.lab.diagnosis.search.mean_shifts import (
+    best_mean_shifts,
+    groups_of,
+    shifted,
+)
+from traverse.lab.diagnosis.search.outlier_recovery import (
+    equations_of_all_poses,
+    recover_outliers,
+)
 
 # Statistics at which poses of three rows and of one are left out.
 LIMITS = {3: 28.0, 1: 20.0}
@@ -54,20 +61,20 @@ def test_a_narrow_bump_is_not_taken_for_blunders(joint, draw, size):
 def test_blunders_at_random_stay_out(seed):
     fit, choosing = fit_of(measured_with(seed=seed, blunder_share=0.05))
     assert np.any(choosing & ~fit.included)
-    assert readmitted(fit, choosing, BELIEVED) is None
+    assert recover_outliers(fit, choosing, BELIEVED) is None
 
 
 def test_without_blunders_there_is_nothing_to_readmit():
     fit, choosing = fit_of(measured_with())
     assert np.array_equal(fit.included, choosing)
-    assert readmitted(fit, choosing, BELIEVED) is None
+    assert recover_outliers(fit, choosing, BELIEVED) is None
 
 
 def problem():
     """Rows of all poses with three blunders in them, whose fit they do not touch."""
     campaign = measured_with(seed=3)
     fit, choosing = fit_of(campaign)
-    rows = rows_of_all(fit, choosing)
+    rows = equations_of_all_poses(fit, choosing)
     groups = groups_of(rows, LIMITS)
     spoilt = np.zeros(len(campaign.poses), dtype=np.bool_)
     spoilt[[groups[0].poses[4], groups[0].poses[40], groups[1].poses[7]]] = True
@@ -101,7 +108,7 @@ def test_blunders_are_found_from_any_start():
     rows, groups, residuals, spoilt = problem()
     rng = np.random.default_rng(2)
     for start in (spoilt, np.zeros_like(spoilt), rng.random(len(spoilt)) < 0.05):
-        found = best_shifts(groups, rows.basis, residuals, start)
+        found = best_mean_shifts(groups, rows.basis, residuals, start)
         assert set(found.poses) == set(np.flatnonzero(spoilt))
         assert np.all(found.statistics > found.limits)
 
@@ -114,5 +121,5 @@ def test_statistics_beside_a_curve_are_those_of_a_basis_with_it():
         basis = np.hstack([rows.basis, curve.directions])
         left = residuals - curve.directions @ along
         expected = shifted(groups, basis, left, spoilt).statistics
-        found = plain.statistics_beside(curve.directions, along)
+        found = plain.statistics_with(curve.directions, along)
         np.testing.assert_allclose(found, expected, rtol=1e-6)

@@ -12,9 +12,9 @@ from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.candidates.scoring import project
 from traverse.lab.diagnosis.candidates.steps import scan_steps
 from traverse.lab.diagnosis.model.serial_correlation import (
-    SerialNoise,
-    is_serial,
-    serial_noise,
+    SerialCorrelation,
+    is_serially_correlated,
+    serial_correlation,
     without_serial_noise,
 )
 from traverse.lab.diagnosis.search.thresholds import log_p_threshold, noise_draws
@@ -94,8 +94,8 @@ def test_serial_noise_is_recognised_and_estimated(share, phi):
     errors = correlated_errors(rows, share, phi, 12, seed=4)
     white = noise_draws(rows, 300, 6)
     found = [replace(rows, values=error) for error in errors.T]
-    assert sum(is_serial(one, white, 0.01) for one in found) >= 11
-    estimates = [serial_noise(one) for one in found]
+    assert sum(is_serially_correlated(one, white, 0.01) for one in found) >= 11
+    estimates = [serial_correlation(one) for one in found]
     # The unknowns take a part of what is slow.
     shares = [one.share for one in estimates]
     assert 0.6 * share < np.mean(shares) < 1.2 * share
@@ -106,16 +106,18 @@ def test_white_noise_is_not_called_serial():
     rows = measured_rows()
     white = noise_draws(rows, 1000, 6)
     fresh = np.random.default_rng(8).normal(size=(60, len(rows.values)))
-    alarms = sum(is_serial(replace(rows, values=one), white, 0.02) for one in fresh)
+    alarms = sum(
+        is_serially_correlated(replace(rows, values=one), white, 0.02) for one in fresh
+    )
     assert alarms <= stats.binom.isf(1e-4, 60, 0.02)
-    shares = [serial_noise(replace(rows, values=one)).share for one in fresh]
+    shares = [serial_correlation(replace(rows, values=one)).share for one in fresh]
     assert np.median(shares) < 0.1
 
 
 def test_rows_without_serial_noise_are_white():
     rows = measured_rows()
     share, phi, n_draws = 0.5, 0.9, 2500
-    found = without_serial_noise(rows, SerialNoise(share, phi))
+    found = without_serial_noise(rows, SerialCorrelation(share, phi))
     errors = correlated_errors(rows, share, phi, n_draws, seed=9)
     for whitened, is_white in ((found.decorrelated(errors), True), (errors, False)):
         covariance = whitened @ whitened.T / n_draws
@@ -126,7 +128,7 @@ def test_rows_without_serial_noise_are_white():
 
 def test_unknowns_are_taken_out_of_decorrelated_rows_too():
     rows = measured_rows()
-    found = without_serial_noise(rows, SerialNoise(0.3, 0.95))
+    found = without_serial_noise(rows, SerialCorrelation(0.3, 0.95))
     np.testing.assert_allclose(found.root @ found.values, rows.values, atol=1e-9)
     left = found.project(found.columns)
     assert np.abs(left).max() < 0.02
@@ -135,5 +137,5 @@ def test_unknowns_are_taken_out_of_decorrelated_rows_too():
 
 def test_no_share_leaves_the_rows_as_they_are():
     rows = measured_rows()
-    found = without_serial_noise(rows, SerialNoise(0.0, 0.9))
+    found = without_serial_noise(rows, SerialCorrelation(0.0, 0.9))
     np.testing.assert_allclose(found.values, rows.values, atol=1e-12)
