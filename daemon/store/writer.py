@@ -3,8 +3,8 @@
 All waiting points are written in one transaction: syncing takes as long for a hundred
 as for one. Points that arrive faster than hands can press are collected for
 `COMMIT_INTERVAL_S`, since a transaction costs as much CPU as several points. After a
-write has failed, later points fail, too, until the loop knows of it: their numbers would
-follow numbers that were never stored.
+write has failed, later points fail, too, until the loop knows of it: their numbers
+would follow numbers that were never stored.
 """
 
 import asyncio
