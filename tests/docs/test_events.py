@@ -16,7 +16,7 @@ FAULT = re.compile(r'(?:fault|_by_node)\((?:\s*[\w.]+,)?\s*"([a-z_]+)"')
 def codes_in_the_code() -> set[str]:
     found = set()
     for package in ("daemon", "drivers"):
-        for path in (CHECKOUT / package).glob("*.py"):
+        for path in (CHECKOUT / package).rglob("*.py"):
             text = path.read_text("utf-8")
             found |= set(CODE.findall(text))
             found |= {f"device.{name}" for name in FAULT.findall(text)}

@@ -17,7 +17,7 @@ from traverse.lab.diagnosis.holdout.holdout import split
 from traverse.lab.diagnosis.model.fit import fitted
 from traverse.lab.diagnosis.search.mean_shifts import (
     best_mean_shifts,
-    groups_of,
+    pose_groups,
     shifted,
 )
 from traverse.lab.diagnosis.search.outlier_recovery import (
@@ -75,7 +75,7 @@ def problem():
     campaign = measured_with(seed=3)
     fit, choosing = fit_of(campaign)
     rows = equations_of_all_poses(fit, choosing)
-    groups = groups_of(rows, LIMITS)
+    groups = pose_groups(rows, LIMITS)
     spoilt = np.zeros(len(campaign.poses), dtype=np.bool_)
     spoilt[[groups[0].poses[4], groups[0].poses[40], groups[1].poses[7]]] = True
     values = rows.residuals.copy()
