@@ -8,43 +8,60 @@ PEERS := .venv-peers
 # Tests that run at once: many wait for real time, so two more than there are cores.
 WORKERS ?= $(shell expr $$(nproc) + 2)
 FIGURES := build/figures
+# Groups of Debian packages that the tests need, in deploy/debian-packages.sh.
+TEST_GROUPS := mosquitto openssl jq chromium node systemd groff
+# The Debian of `make test-fresh`, and options of deploy/fresh_machine.py.
+SUITE ?= bookworm
+FRESH ?=
 # What the kernel in C is built from.
 KERNEL := setup.py $(foreach kind,pyx pxd pxi c h inc,$(wildcard kinematics/kernel/*.$(kind)))
 
 # Compiled modules are kept: without them every program that a test starts compiles anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: docs help venv system node demo test check lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance prove-alignment blind blind-full fuzz soak endurance bench-client test-vm install deb clean bench-kernel audit bench-fleet bench-page screenshots
+.PHONY: docs help venv system node demo test test-fresh check lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance prove-alignment blind blind-full fuzz soak endurance bench-client test-vm install deb clean bench-kernel audit bench-fleet bench-page screenshots
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
 
 venv: $(STAMP)  ## the virtual environment in .venv
 
-$(STAMP): pyproject.toml requirements.lock $(KERNEL)
-	@sh deploy/debian-packages.sh python
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --constraint requirements.lock --editable '.[demo,lab,dev]'
-	touch $(STAMP)
+# Its first layer: what measuring with the simulated arm needs.
+$(VENV)/.demo: pyproject.toml requirements-demo.lock
+	@$(PYTHON) -c 'import sys; sys.exit("Traverse needs Python 3.11 or newer; $(PYTHON) is " + sys.version.split()[0] + \
+	    ". Name another one: make PYTHON=python3.13" if sys.version_info < (3, 11) else 0)'
+	@PYTHON=$(PYTHON) sh deploy/debian-packages.sh python
+	@$(PYTHON) -m venv $(VENV)
+	@$(BIN)/python deploy/environment.py requirements-demo.lock demo
+	@touch $@
+
+$(STAMP): $(VENV)/.demo pyproject.toml requirements.lock $(KERNEL)
+	@PYTHON=$(BIN)/python sh deploy/debian-packages.sh compiler
+	@$(BIN)/python deploy/environment.py requirements.lock demo,lab,dev
+	@touch $@
 
 system:  # Debian packages that the tests need
-	@sh deploy/debian-packages.sh mosquitto
-	@sh deploy/debian-packages.sh chromium
+	@sh deploy/debian-packages.sh $(TEST_GROUPS)
 
-demo: venv  ## one round of measurements with a simulated arm
+demo: $(VENV)/.demo  ## one round of measurements with a simulated arm
 	$(BIN)/traverse demo --once
 
 node: build/node/.ready  # packages of npm, for the tests of readers in JavaScript
 
 build/node/.ready: tests/interface/package.json tests/interface/package-lock.json
 	@sh deploy/debian-packages.sh node
-	mkdir -p build/node
-	cp tests/interface/package.json tests/interface/package-lock.json build/node/
-	npm ci --prefix build/node --no-audit --no-fund --loglevel=error
-	touch $@
+	@mkdir -p build/node
+	@cp tests/interface/package.json tests/interface/package-lock.json build/node/
+	@npm ci --prefix build/node --no-audit --no-fund --loglevel=error
+	@touch $@
 
 test: venv system node  ## all tests
-	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
+	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder \
+	    --required="$(TEST_GROUPS)"
+
+test-fresh:  ## the README's commands in a pristine Debian (SUITE=trixie for another); root, a quarter of an hour
+	@sh deploy/debian-packages.sh fresh || true
+	@$(PYTHON) deploy/fresh_machine.py $(SUITE) $(FRESH)
 
 check: lint  ## lint, and the quick tests of what has changed; about a minute
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.changed -n $(WORKERS) --dist loadfile --no-loadscope-reorder
@@ -75,38 +92,38 @@ bench-kernel: $(PEERS)/.ready  ## kernel and measurement path beside others; tak
 
 bench: venv system bench-kernel  ## the figures of docs/performance.md; takes six minutes
 	$(BIN)/python -m benchmarks 6 $(FIGURES)
-	$(BIN)/python -m benchmarks.latency $(FIGURES)/latency.json
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.effects 4 $(FIGURES)/effects.json
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.gil $(FIGURES)/gil.json
-	$(BIN)/python -m benchmarks.plots $(FIGURES)
+	$(BIN)/python -m benchmarks.service.latency $(FIGURES)/latency.json
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.service.effects 4 $(FIGURES)/effects.json
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.service.gil $(FIGURES)/gil.json
+	$(BIN)/python -m benchmarks.tools.plots $(FIGURES)
 
 bench-drivers: venv  ## the drivers: rates, losses, share of a core; takes minutes
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.drivers_bar
-	$(BIN)/python -m benchmarks.drivers_can
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.deskew
-	$(BIN)/python -m benchmarks.clock
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.drivers.bar
+	$(BIN)/python -m benchmarks.drivers.can
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.drivers.deskew
+	$(BIN)/python -m benchmarks.drivers.clock
 
 bench-capture: venv system  ## filters, and a switching probe's contact; takes two minutes
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.filters
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.touch
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.service.filters
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.drivers.touch
 
 bench-recording: venv system  ## what recording costs at 10 kHz, and how fast a replay is; takes two minutes
-	$(BIN)/python -m benchmarks.recording 8 $(FIGURES)/recording.json
+	$(BIN)/python -m benchmarks.service.recording 8 $(FIGURES)/recording.json
 
 bench-page: venv system  ## the operator's page in a browser: latency, a million points, memory; takes 13 minutes
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.page all
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.clients.page all
 
 screenshots: venv system  ## pictures of the operator's page in docs/, from a real run
-	$(BIN)/python -m benchmarks.screenshots docs
+	$(BIN)/python -m benchmarks.clients.screenshots docs
 
 bench-identification: venv  ## the adjustment beside scipy's least squares; takes many minutes
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.identification
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.identification.__main__
 
 prove-acceptance: venv  ## a thousand arms accepted or rejected, rightly or not; takes minutes
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.acceptance --out build/acceptance.json --pictures docs
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.acceptance.__main__ --out build/acceptance.json --pictures docs
 
 prove-alignment: venv  ## 10 000 dispositions of common points: predicted errors against true ones; takes minutes
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.alignment --out build/alignment.json --pictures docs
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.alignment.__main__ --out build/alignment.json --pictures docs
 
 prove: venv  ## the statistics of the identification over thousands of campaigns; takes an hour
 	$(BIN)/python -m benchmarks.proofs
@@ -119,7 +136,7 @@ blind-full: venv  ## thousands of them, goes on from its file; takes an hour or 
 
 bench-fleet: venv system  ## 50 arms at one broker read by a group, daemons beside each other, a hostile client; takes minutes
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.fleet --daemons 1,4,8,12 --out $(FIGURES)/fleet.json
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.hostile
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.service.hostile
 
 audit: venv  ## known advisories of the dependencies, where their data can be reached
 	$(BIN)/python deploy/audit.py
@@ -131,10 +148,10 @@ soak: venv system  ## 200 times daemon, broker, board, networks, consumer killed
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.soak --kills $(or $(KILLS),200)
 
 endurance: venv system  ## a stream at 1 kHz for an hour (MINUTES=5 for less): memory, descriptors, losses
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.endurance $(or $(MINUTES),60)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.service.endurance $(or $(MINUTES),60)
 
 bench-client: venv system  ## the Python client: points over cut connections, beside bare subscribers
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.client
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.clients.client
 
 install: venv  ## into DESTDIR: /usr/lib/traverse, unit, rules; nothing is started
 	sh deploy/package/install.sh '$(DESTDIR)'
@@ -150,9 +167,11 @@ test-vm: deb system  ## CANopen on SocketCAN, and the package with systemd, in v
 docs: venv  ## the documentation as a site, in site/
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
-lock: venv  ## requirements.lock anew from pyproject.toml
+lock: venv  ## requirements.lock and requirements-demo.lock anew from pyproject.toml
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --all-extras --no-emit-index-url --no-header \
 	    --output-file requirements.lock pyproject.toml
+	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --extra demo --no-emit-index-url --no-header \
+	    --constraint requirements.lock --output-file requirements-demo.lock pyproject.toml
 
 clean:  ## remove what was built
-	rm -rf $(VENV) $(PEERS) build dist site *.egg-info kinematics/kernel/*.so .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(PEERS) build dist site src/*.egg-info kinematics/kernel/*.so .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -15,7 +15,7 @@ try:
 except ImportError:
     cythonize = None
 
-KERNEL = "kinematics/kernel"
+KERNEL = "src/traverse/kinematics/kernel"
 
 
 class OptionalBuild(build_ext):
@@ -34,7 +34,7 @@ def extensions() -> list[Extension]:
     if cythonize is None:
         return []
     kernel = Extension(
-        "kinematics.kernel.compiled",
+        "traverse.kinematics.kernel.compiled",
         [f"{KERNEL}/compiled.pyx", f"{KERNEL}/variants.c"],
         include_dirs=[KERNEL],
         depends=[

@@ -14,9 +14,9 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 
-from benchmarks.decoder import corrupted, noise, speed
-from benchmarks.rounds import load
-from benchmarks.stream import Streamed, stream
+from benchmarks.drivers.decoder import corrupted, noise, speed
+from benchmarks.service.stream import Streamed, stream
+from benchmarks.tools.rounds import load
 
 SECONDS = 20.0
 ROUNDS = 3

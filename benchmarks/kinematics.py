@@ -13,15 +13,15 @@ import numpy as np
 
 from benchmarks.peers.installed import check_agreement, installed_peers
 from benchmarks.peers.peer import Floats, Peer
-from benchmarks.rounds import Table, Task, load, one_core, timed, write
-from kinematics.derivatives import numpy_derivatives
-from kinematics.forward import numpy_centre, numpy_pose
-from kinematics.geometry import Geometry, unit_vectors
-from kinematics.kernel.choice import KERNELS
-from kinematics.kernel.single_pose import PlainChain
+from benchmarks.tools.rounds import Table, Task, load, one_core, timed, write
+from traverse.kinematics.kernel.choice import KERNELS
+from traverse.kinematics.kernel.single_pose import PlainChain
+from traverse.kinematics.model.derivatives import numpy_derivatives
+from traverse.kinematics.model.forward import numpy_centre, numpy_pose
+from traverse.kinematics.model.geometry import Geometry, unit_vectors
 
 try:
-    from kinematics.kernel.compiled import Chain
+    from traverse.kinematics.kernel.compiled import Chain
 except ImportError:  # not built, and KERNELS has only NumPy then
     Chain = None
 

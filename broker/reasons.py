@@ -9,7 +9,7 @@ from typing import Protocol
 import aiomqtt
 from paho.mqtt.reasoncodes import ReasonCode
 
-from broker.visitor import SilentEndError
+from traverse.broker.diagnosing_client import ConnectionClosedError
 
 _NOT_AUTHORISED = (4, 5, 134, 135)
 _BANNED = 138
@@ -41,11 +41,8 @@ _OF_TLS = (
     ),
     ("UNKNOWN_CA", f"it does not trust {{who}}'s certificate; {_SIGN}"),
     ("BAD_CERTIFICATE", f"it does not trust {{who}}'s certificate; {_SIGN}"),
-    (
-        "UNEXPECTED_EOF",
-        "it cuts the connection; does it want a certificate_file that it trusts?",
-    ),
 )
+_CUT = "it cuts the connection; does it want a certificate_file that it trusts?"
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,6 +118,8 @@ def _known(error: BaseException | None, address: Address, wording: Wording) -> s
     match error:
         case ssl.SSLCertVerificationError():
             text = _of_certificate(error, address, wording)
+        case ssl.SSLEOFError() | ssl.SSLZeroReturnError():
+            text = _CUT  # each Python and OpenSSL words it differently
         case ssl.SSLError():
             text = _of_tls(error, address, wording)
         case ConnectionRefusedError():
@@ -135,7 +134,7 @@ def _known(error: BaseException | None, address: Address, wording: Wording) -> s
             text = _of_code(error, address, wording)
         case ConnectionResetError() if address.tls:
             text = f"it cuts the connection; {_NO_TLS}"
-        case SilentEndError() if not address.tls:
+        case ConnectionClosedError() if not address.tls:
             text = f"{error}; does it want TLS? Then {wording.use_tls}"
         case _:
             text = ""

@@ -3,18 +3,18 @@
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from daemon.align_requests import AlignRequests
-from daemon.button_actions import ButtonActions
-from daemon.commands import CommandHandler
-from daemon.instrument import Instrument
-from daemon.notify import Notifier
-from daemon.output import Output
-from daemon.point_requests import PointRequests
-from daemon.probe_requests import ProbeRequests
-from daemon.record_requests import RecordRequests
-from daemon.reload import Inputs, Reload
-from daemon.requests import Requests
-from daemon.resend_requests import ResendRequests
+from traverse.daemon.commands.alignment import AlignmentCommands
+from traverse.daemon.commands.button_actions import ButtonScans
+from traverse.daemon.commands.dispatcher import CommandHandler
+from traverse.daemon.commands.points import PointCommands
+from traverse.daemon.commands.probe import ProbeCommands
+from traverse.daemon.commands.recording import RecordingCommands
+from traverse.daemon.commands.reload import Inputs, Reload
+from traverse.daemon.commands.resend import ResendCommands
+from traverse.daemon.commands.scans import Requests
+from traverse.daemon.instrument import Instrument
+from traverse.daemon.output import Output
+from traverse.daemon.system.systemd_notify import Notifier
 
 
 class CommandTable:
@@ -55,7 +55,7 @@ class CommandTable:
             scanner=instrument.scanner,
             measuring=measuring,
         )
-        self._points = PointRequests(
+        self._points = PointCommands(
             settings=configuration.capture,
             devices=instrument.arm_devices,
             capture=instrument.capture,
@@ -63,7 +63,7 @@ class CommandTable:
             session_changed=status_changed,
         )
         library = configuration.arm.probes
-        probes = ProbeRequests(
+        probes = ProbeCommands(
             library=None if library is None else path.parent / library,
             measuring=measuring,
             changed=status_changed,
@@ -79,7 +79,7 @@ class CommandTable:
             events=output.events,
             notifier=notifier,
         )
-        resend = ResendRequests(output.outbox.resend, output.spool.again)
+        resend = ResendCommands(output.outbox.resend, output.spool.again)
         self.carry_out: Mapping[str, CommandHandler] = {
             "point": self._points.take_point,
             "undo": self._points.undo,
@@ -87,12 +87,12 @@ class CommandTable:
             "session": self._points.begin_session,
             "probe": probes.change,
             "scan": self._scans.change_scan,
-            "align": AlignRequests(instrument.part, measuring).change,
+            "align": AlignmentCommands(instrument.part, measuring).change,
             "reload": self.reload.carry_out,
             "resend": resend.carry_out,
-            "record": RecordRequests(output.recorder).carry_out,
+            "record": RecordingCommands(output.recorder).carry_out,
         }
-        actions = ButtonActions(self._scans.change_scan, output.events)
+        actions = ButtonScans(self._scans.change_scan, output.events)
         measuring.points.carry_out |= {
             "scan": actions.start_scan,
             "stop": actions.stop_scan,

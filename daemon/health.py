@@ -6,18 +6,18 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from daemon.clock import HostClock
-from daemon.device import Device
-from daemon.latencies import Latencies
-from kinematics.kernel.choice import KERNEL
-from protocol.messages import (
+from traverse.daemon.acquisition.device import Device
+from traverse.daemon.clock import HostClock
+from traverse.daemon.monitoring.latencies import Latencies
+from traverse.kinematics.kernel.choice import KERNEL
+from traverse.protocol.messages import (
     BrokerHealth,
     Health,
     OutboxHealth,
     RecordingHealth,
     SpoolHealth,
 )
-from protocol.messages.health import LATENCIES
+from traverse.protocol.messages.health import LATENCIES
 
 SUMMED = (
     "samples_received",

@@ -3,21 +3,21 @@
 import asyncio
 from collections.abc import Callable
 
-from daemon.alignment import PartSystem
-from daemon.arm_devices import ArmDevices
-from daemon.capture import Capture, triggers_of
-from daemon.configuration import Configuration
-from daemon.device import open_device
-from daemon.health import HealthReport
-from daemon.live import LiveView
-from daemon.measuring import Measuring
-from daemon.model import ArmModel
-from daemon.output import Output
-from daemon.pipeline import Pipeline
-from daemon.recorder_state import MeasuringState
-from daemon.scanner import Scanner
-from daemon.step_clock import StepClock
-from daemon.uncertainty import Uncertainty
+from traverse.daemon.acquisition.device import open_device
+from traverse.daemon.acquisition.joint_devices import JointDevices
+from traverse.daemon.config.schema import Configuration
+from traverse.daemon.delivery_dispatcher import Measuring
+from traverse.daemon.frozen_clock import FrozenClock
+from traverse.daemon.health import HealthReport
+from traverse.daemon.output import Output
+from traverse.daemon.points.capture import Capture, triggers_of
+from traverse.daemon.pose.alignment import ActiveAlignment
+from traverse.daemon.pose.arm_model import ArmModel
+from traverse.daemon.pose.live import LivePoseSampler
+from traverse.daemon.pose.pipeline import Pipeline
+from traverse.daemon.pose.uncertainty import Uncertainty
+from traverse.daemon.recorder.snapshot import MeasurementSnapshot
+from traverse.daemon.scans.scanner import Scanner
 
 TIME_S = 0.02
 TURNS = 4  # of the loop, in which deliveries that wait already are taken
@@ -50,21 +50,21 @@ class Instrument:
         model: ArmModel,
         output: Output,
         *,
-        steps: StepClock,
+        steps: FrozenClock,
         health: HealthReport,
         status_changed: Callable[[], None],
     ) -> None:
         settings, spool, recorder = configuration.capture, output.spool, output.recorder
-        self.part = PartSystem()
+        self.part = ActiveAlignment()
         self.capture = Capture(steps, recorder.following(output.outbox.keep), self.part)
         self.scanner = Scanner(
             steps, spool.offer, settings.scan_block_s, configuration.scan, self.part
         )
         spool.taken_back = self.scanner.take_back
-        self.live = LiveView(steps, settings.live_rate_hz, self.part)
+        self.live = LivePoseSampler(steps, settings.live_rate_hz, self.part)
         loop = asyncio.get_running_loop()
         self.devices = [open_device(d, loop) for d in configuration.device]
-        self.arm_devices = ArmDevices(model, self.devices)
+        self.arm_devices = JointDevices(model, self.devices)
         self.measuring = Measuring(
             clock=steps,
             devices=self.arm_devices,
@@ -83,14 +83,14 @@ class Instrument:
             quality=configuration.quality,
             tape=recorder,
         )
-        recorder.state = MeasuringState(self.measuring, self.capture)
+        recorder.state = MeasurementSnapshot(self.measuring, self.capture)
 
-    async def keep_time(self) -> None:
+    async def process_timeouts(self) -> None:
         """See to what waits for readings, or for time to pass; else sleep."""
         while True:
             if not self.measuring.may_wait:
-                await self.measuring.points.some_wait.wait()
+                await self.measuring.points.has_pending.wait()
             await asyncio.sleep(TIME_S)
             for _ in range(TURNS):
                 await asyncio.sleep(0)
-            self.measuring.keep_time()
+            self.measuring.process_timeouts()

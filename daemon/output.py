@@ -4,19 +4,19 @@ import contextlib
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 
-from daemon.clock import HostClock
-from daemon.configuration import Configuration
-from daemon.events import EventLog, Occurrence
-from daemon.health import HealthReport
-from daemon.outbox import Outbox
-from daemon.outgoing import OutgoingQueue
-from daemon.outlet import Outlet
-from daemon.record_requests import recorder_of, tell_reloaded
-from daemon.scan_spool import ScanSpool
-from daemon.state_folder import OUTBOX, SCANS, state_path
-from daemon.step_clock import StepClock
-from drivers.pulse import Pulse
-from protocol.encoding import Encoding
+from traverse.daemon.clock import HostClock
+from traverse.daemon.commands.recording import recorder_of, tell_reloaded
+from traverse.daemon.config.schema import Configuration
+from traverse.daemon.frozen_clock import FrozenClock
+from traverse.daemon.health import HealthReport
+from traverse.daemon.monitoring.events import EventLog, Occurrence
+from traverse.daemon.mqtt.message_publisher import MessagePublisher
+from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
+from traverse.daemon.state_dir import OUTBOX, SCANS, state_path
+from traverse.daemon.store.outbox import Outbox
+from traverse.daemon.store.scan_store import ScanStore
+from traverse.drivers.base.heartbeat import Pulse
+from traverse.protocol.encoding import Encoding
 
 
 class Output:
@@ -51,7 +51,7 @@ class Output:
         arm: str,
         encoding: Encoding,
         clock: HostClock,
-        steps: StepClock,
+        steps: FrozenClock,
         health: HealthReport,
         session: Callable[[], str],
         status_changed: Callable[[], None],
@@ -60,7 +60,7 @@ class Output:
         self._session = session
         self.told: Callable[[Occurrence], None] = lambda what: None
         self.queue = OutgoingQueue()
-        self.outlet = Outlet(arm, encoding, self.queue, clock)
+        self.outlet = MessagePublisher(arm, encoding, self.queue, clock)
         self.events = EventLog(clock, self._publish_event, arm)
         self.recorder = recorder_of(
             configuration, path, arm=arm, clock=steps, events=self.events
@@ -79,7 +79,7 @@ class Output:
             latencies=health.latencies,
             changed=status_changed,
         )
-        self.spool = ScanSpool(
+        self.spool = ScanStore(
             state_path(path) / SCANS,
             arm=arm,
             encoding=encoding,
@@ -95,7 +95,7 @@ class Output:
         """Keep points, scans and recordings while the block lasts.
 
         Raises:
-            OutboxRefusedError: a database must be left alone.
+            StoreRefusedError: a database must be left alone.
         """
         async with self.outbox.running(), self.spool.running(), self.recorder:
             yield
@@ -111,12 +111,12 @@ class Output:
         self.spool.use(configuration.scan)
         tell_reloaded(self.recorder, self._path, configuration)
 
-    def keep_house(self) -> None:
+    def poll(self) -> None:
         """Go on with what has been put off; call it a few times a second."""
         self.events.flush()
-        self.outbox.keep_house()
-        self.spool.keep_house()
-        self.recorder.keep_house()
+        self.outbox.poll()
+        self.spool.poll()
+        self.recorder.poll()
 
     async def idle(self) -> None:
         """Wait until everything is on the disk and with the broker."""

@@ -2,16 +2,16 @@
 
 from importlib.metadata import version
 
-from daemon.clock import HostClock
-from daemon.commands import CommandDesk
-from daemon.counts import broker_health, counters_of
-from daemon.health import HealthReport
-from daemon.instrument import Instrument
-from daemon.output import Output
-from daemon.publisher import Publisher
-from kinematics.kernel.choice import KERNEL
-from protocol.encoding import Encoding
-from protocol.messages import Health, Status
+from traverse.daemon.clock import HostClock
+from traverse.daemon.commands.dispatcher import CommandDispatcher
+from traverse.daemon.health import HealthReport
+from traverse.daemon.health_counters import broker_health, health_counters
+from traverse.daemon.instrument import Instrument
+from traverse.daemon.mqtt.connection import Publisher
+from traverse.daemon.output import Output
+from traverse.kinematics.kernel.choice import KERNEL
+from traverse.protocol.encoding import Encoding
+from traverse.protocol.messages import Health, Status
 
 
 class Reports:
@@ -40,7 +40,7 @@ class Reports:
         clock: HostClock,
         instrument: Instrument,
         output: Output,
-        commands: CommandDesk,
+        commands: CommandDispatcher,
         health: HealthReport,
     ) -> None:
         self._arm = arm
@@ -82,7 +82,7 @@ class Reports:
             outbox=output.outbox.health(),
             spool=output.spool.health(),
             recording=output.recorder.health(),
-            counters=counters_of(
+            counters=health_counters(
                 capture=instrument.capture,
                 scanner=instrument.scanner,
                 spool=output.spool,

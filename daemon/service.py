@@ -6,28 +6,28 @@ import logging
 import signal
 from pathlib import Path
 
-from daemon.arrival import Arrival
-from daemon.broker_access import address_of
-from daemon.broker_section import BrokerSection
-from daemon.clock import HostClock
-from daemon.command_table import CommandTable
-from daemon.commands import CommandDesk
-from daemon.configuration import Configuration
-from daemon.device import Device, running_drivers
-from daemon.health import HealthReport
-from daemon.instrument import Instrument
-from daemon.life import Life
-from daemon.model import ArmModel
-from daemon.model_told import tell_model
-from daemon.notify import Notifier
-from daemon.output import Output
-from daemon.publisher import Publisher
-from daemon.reload import Inputs
-from daemon.reports import Reports
-from daemon.startup import StartupError
-from daemon.state_folder import state_path
-from daemon.step_clock import StepClock
-from protocol import topics
+from traverse.daemon.acquisition.device import Device, running_drivers
+from traverse.daemon.clock import HostClock
+from traverse.daemon.command_table import CommandTable
+from traverse.daemon.commands.dispatcher import CommandDispatcher
+from traverse.daemon.commands.reload import Inputs
+from traverse.daemon.config.broker import BrokerSection
+from traverse.daemon.config.schema import Configuration
+from traverse.daemon.frozen_clock import FrozenClock
+from traverse.daemon.health import HealthReport
+from traverse.daemon.inputs import StartupError
+from traverse.daemon.instrument import Instrument
+from traverse.daemon.mqtt.connection import Publisher
+from traverse.daemon.mqtt.credentials import address_of
+from traverse.daemon.output import Output
+from traverse.daemon.pose.arm_model import ArmModel
+from traverse.daemon.pose.model_log import log_model
+from traverse.daemon.reports import Reports
+from traverse.daemon.startup_check import StartupCheck
+from traverse.daemon.state_dir import state_path
+from traverse.daemon.system.lifecycle import Life
+from traverse.daemon.system.systemd_notify import Notifier
+from traverse.protocol import topics
 
 log = logging.getLogger(__name__)
 
@@ -53,7 +53,7 @@ class Service:
         self._stopping = asyncio.Event()
         self._hang_up = asyncio.Event()
         notifier, health = Notifier(), HealthReport(self._clock)
-        steps = StepClock(self._clock)
+        steps = FrozenClock(self._clock)
         self._output = Output(
             configuration,
             path,
@@ -85,7 +85,7 @@ class Service:
             status_changed=self._publish_status,
             use=self._use,
         )
-        self._commands = CommandDesk(
+        self._commands = CommandDispatcher(
             arm=model.name,
             encoding=broker.encoding,
             events=self._output.events,
@@ -115,7 +115,7 @@ class Service:
             changed=self._broker_changed,
         )
         self._reports.publisher = self._publisher
-        self._arrival = Arrival(
+        self._arrival = StartupCheck(
             self._devices,
             self._publisher,
             self._output.events,
@@ -159,13 +159,15 @@ class Service:
                 await self._arrival.wait(self._stopping)
                 if not self._stopping.is_set():
                     running.append(tasks.create_task(self._publisher.run()))
-                    running.append(tasks.create_task(self._keep_house()))
-                    running.append(tasks.create_task(self._instrument.keep_time()))
+                    running.append(tasks.create_task(self._poll_periodically()))
+                    running.append(
+                        tasks.create_task(self._instrument.process_timeouts())
+                    )
                     running.append(tasks.create_task(self._reload_at_signals()))
                     self._publish_status()
                     self._table.track()
                     settings = self._configuration.capture
-                    tell_model(self._measuring.model, settings.compensation)
+                    log_model(self._measuring.model, settings.compensation)
                     await self._arrival.broker(self._stopping)
                     self._life.ready()
                     await self._stopping.wait()
@@ -188,13 +190,13 @@ class Service:
         self._output.use(configuration)
         self._publisher.renew()
         self._publish_status()
-        tell_model(inputs.model, configuration.capture.compensation)
+        log_model(inputs.model, configuration.capture.compensation)
 
     async def _reload_at_signals(self) -> None:
         while True:
             await self._hang_up.wait()
             self._hang_up.clear()
-            await self._table.reload.on_signal()
+            await self._table.reload.on_sighup()
 
     async def _drain(self) -> None:
         self._measuring.scans.stop()
@@ -207,21 +209,21 @@ class Service:
 
     async def _consume(self, device: Device) -> None:
         while True:
-            deliveries = await device.crossing.take()
+            deliveries = await device.delivery_queue.take()
             with self._output.queue.together():
                 for delivery in deliveries:
                     begun_ns = self._clock.monotonic_ns()
                     self._measuring.take(device, delivery)
                     self._life.note(device, delivery, begun_ns)
 
-    async def _keep_house(self) -> None:
+    async def _poll_periodically(self) -> None:
         due_s = 0.0
         loop = asyncio.get_running_loop()
         while True:
             period_s = self._configuration.health.period_s
-            self._output.keep_house()
+            self._output.poll()
             self._life.tell()
-            self._commands.see_calm()
+            self._commands.check_flood_end()
             if loop.time() >= due_s:
                 due_s = loop.time() + period_s
                 self._publish_health()
@@ -236,7 +238,7 @@ class Service:
         self._output.outlet.publish("health", self._reports.health(anew=True))
 
     def _broker_changed(self, connected: bool, text: str) -> None:
-        self._arrival.broker_told.set()
+        self._arrival.broker_state_known.set()
         if connected:
             self._publish_status()
         self._output.events.change(

@@ -1,24 +1,61 @@
 #!/bin/sh
-# Installs the Debian packages that a target needs, or says which are missing.
-# Usage: debian-packages.sh python | mosquitto | pykdl | vm
+# Installs the Debian packages of one or more groups, or says which are missing.
+# Usage: debian-packages.sh GROUP...        install what is missing
+#        debian-packages.sh --list          print the table: group|what must be there|packages
+# What must be there: programs, `header:FILE` of this Python, `module:NAME` of this Python
+# or `file:PATTERN`. PYTHON names another interpreter than python3.
 set -eu
-case "$1" in
-    python) python3 -c 'import ensurepip, venv' 2>/dev/null && exit 0; packages="python3-venv" ;;
-    mosquitto) PATH="$PATH:/usr/sbin"; command -v mosquitto >/dev/null && command -v openssl >/dev/null && exit 0
-        packages="mosquitto openssl" ;;
-    chromium) command -v chromium >/dev/null && exit 0; packages="chromium" ;;
-    node) command -v npm >/dev/null && exit 0; packages="nodejs npm" ;;
-    pykdl) ls /usr/lib/python3/dist-packages/PyKDL.*.so >/dev/null 2>&1 && exit 0; packages="python3-pykdl" ;;
-    vm) command -v qemu-system-x86_64 >/dev/null && command -v busybox >/dev/null && command -v ip >/dev/null &&
-            command -v mmdebstrap >/dev/null && exit 0
-        packages="qemu-system-x86 busybox-static iproute2 mmdebstrap" ;;
-    *) echo "debian-packages.sh: unknown group '$1'" >&2; exit 2 ;;
-esac
-if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
-    apt-get update -qq
-    # A broker started by its package would hold port 1883; the tests start their own.
-    DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $packages >/dev/null
-else
-    echo "Missing Debian package: $packages. Install it with: sudo apt-get install $packages" >&2
+python="${PYTHON:-python3}"
+# Programs that only root runs are in places that an ordinary user's PATH lacks.
+PATH="$PATH:/usr/sbin:/sbin"
+table() {
+    cat <<'TABLE'
+python|module:ensurepip module:venv|python3-venv
+compiler|gcc header:Python.h|gcc libc6-dev python3-dev
+mosquitto|mosquitto mosquitto_passwd mosquitto_pub mosquitto_sub|mosquitto mosquitto-clients
+openssl|openssl|openssl
+jq|jq|jq
+chromium|chromium|chromium
+node|node npm|nodejs npm
+pykdl|file:/usr/lib/python3/dist-packages/PyKDL.*.so|python3-pykdl
+vm|qemu-system-x86_64 busybox ip mmdebstrap|qemu-system-x86 busybox-static iproute2 mmdebstrap
+fresh|mmdebstrap unshare|mmdebstrap util-linux
+aarch64|aarch64-linux-gnu-gcc qemu-aarch64|gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user
+prometheus|promtool|prometheus
+systemd|systemd-analyze systemd-sysusers systemd-tmpfiles|systemd
+groff|groff|groff
+TABLE
+}
+
+is_there() {
+    case "$1" in
+        module:*) "$python" -c "import ${1#module:}" 2>/dev/null ;;
+        header:*) "$python" -c "
+import pathlib, sys, sysconfig
+sys.exit(not (pathlib.Path(sysconfig.get_path('include')) / '${1#header:}').exists())" ;;
+        file:*) ls ${1#file:} >/dev/null 2>&1 ;;
+        *) command -v "$1" >/dev/null ;;
+    esac
+}
+
+if [ "${1:-}" = --list ]; then
+    table
+    exit 0
+fi
+missing=""
+for group in "$@"; do
+    row="$(table | grep "^$group|")" || { echo "debian-packages.sh: unknown group '$group'" >&2; exit 2; }
+    wanted="${row#*|}"
+    for one in ${wanted%|*}; do
+        is_there "$one" || { missing="$missing ${wanted#*|}"; break; }
+    done
+done
+[ -n "$missing" ] || exit 0
+if [ "$(id -u)" != 0 ] || ! command -v apt-get >/dev/null; then
+    echo "Missing Debian packages:$missing. Install them with: sudo apt-get install$missing" >&2
     exit 2
 fi
+echo "Installing Debian packages:$missing"
+apt-get update -qq
+# A broker started by its package would hold port 1883; the tests start their own.
+DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $missing >/dev/null

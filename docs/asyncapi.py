@@ -8,8 +8,8 @@ from typing import Any
 
 from message_schemas import name
 
-from protocol.messages import COMMANDS, MESSAGES, Args
-from protocol.topics import CHANNELS, ROOT
+from traverse.protocol.messages import COMMANDS, MESSAGES, Args
+from traverse.protocol.topics import CHANNELS, ROOT
 
 Table = dict[str, Any]
 

@@ -16,9 +16,9 @@ import asyncapi
 from message_schemas import json_schema, json_schemas, name
 from message_tables import Schema, field_table
 
-from protocol import arrays
-from protocol.encoding import MAX_BYTES, MAX_DEPTH, MAX_ELEMENTS
-from protocol.messages import (
+from traverse.protocol import arrays
+from traverse.protocol.encoding import MAX_BYTES, MAX_DEPTH, MAX_ELEMENTS
+from traverse.protocol.messages import (
     COMMANDS,
     COUNTERS,
     FLAG_MEANINGS,
@@ -27,7 +27,7 @@ from protocol.messages import (
     REMARKS,
     Message,
 )
-from protocol.topics import CHANNELS
+from traverse.protocol.topics import CHANNELS
 
 HERE = Path(__file__).parent
 REFERENCE = HERE / "reference"

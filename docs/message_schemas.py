@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from protocol.messages import COMMANDS, MESSAGES, Args, Command, Value
+from traverse.protocol.messages import COMMANDS, MESSAGES, Args, Command, Value
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from drivers.crossing import Crossing
-from drivers.delivery_maps import delivery_of
-from drivers.driver import Driver
-from drivers.options import DriverOptions
-from drivers.values import (
+from traverse.drivers.base.delivery_maps import delivery_from_map
+from traverse.drivers.base.delivery_queue import DeliveryQueue
+from traverse.drivers.base.driver import Driver
+from traverse.drivers.base.options import DriverOptions
+from traverse.drivers.base.values import (
     CountSamples,
     Delivery,
     DeviceError,
@@ -27,8 +27,8 @@ from drivers.values import (
     LatchedCounts,
     StreamStarted,
 )
-from recording.maps import bytes_to_map
-from recording.run_reader import RunReader
+from traverse.recording.maps import bytes_to_map
+from traverse.recording.run_reader import RunReader
 
 LOOK_S = 0.05
 
@@ -52,7 +52,7 @@ class Replay(Driver):
 
     Args:
         device: id in the configuration.
-        crossing: where deliveries go.
+        delivery_queue: where deliveries go.
         file: a recording of a daemon.
         source: id of the device in it; None: the same.
         speed: how much faster than then.
@@ -65,7 +65,7 @@ class Replay(Driver):
     def __init__(
         self,
         device: str,
-        crossing: Crossing,
+        delivery_queue: DeliveryQueue,
         *,
         file: str,
         source: str | None = None,
@@ -73,7 +73,7 @@ class Replay(Driver):
         repeat: bool = False,
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        super().__init__(device, crossing, monotonic_ns)
+        super().__init__(device, delivery_queue, monotonic_ns)
         self._path = Path(file)
         self._source = source or device
         self._speed = speed
@@ -134,14 +134,14 @@ class Replay(Driver):
             kind, _, rest = entry.topic.partition("/")
             if kind == "device" and rest.partition("/")[0] == self._source:
                 table = bytes_to_map(entry.content)
-                yield _at_ns(table), delivery_of(table)
+                yield _at_ns(table), delivery_from_map(table)
             elif entry.topic == "steps" and is_first:
                 table = bytes_to_map(entry.content)
                 if table.get("is") == "state":
                     is_first = False
                     for told in table["value"]["devices"]:
                         if told["device"] == self._source:
-                            yield _at_ns(table), delivery_of(told)
+                            yield _at_ns(table), delivery_from_map(told)
 
     def _wait(self, at_ns: int) -> bool:
         """Wait until a moment of then has come; False where the driver is to end."""
@@ -166,11 +166,11 @@ class Replay(Driver):
         match delivery:
             case CountSamples():
                 self._counters["samples_received"] += len(delivery.seq)
-                self._crossing.put(self._moved_samples(delivery))
+                self._delivery_queue.put(self._moved_samples(delivery))
             case LatchedCounts():
                 if delivery.input is not None:
                     self._counters["edges_received"] += 1
-                    self._crossing.put(
+                    self._delivery_queue.put(
                         replace(
                             delivery,
                             device=self.device,
@@ -189,7 +189,7 @@ class Replay(Driver):
                 self._stream = StreamStarted(self.device, delivery.stream, rate_hz)
                 self._tell(self._stream)
             case _:
-                self._crossing.put(replace(delivery, device=self.device))
+                self._delivery_queue.put(replace(delivery, device=self.device))
 
     def _moved_samples(self, samples: CountSamples) -> CountSamples:
         then0_ns, now0_ns = self._began or (0, 0)

@@ -6,7 +6,7 @@ The place where to go on is kept in a file.
 import asyncio
 import sys
 
-from clients import Arm, Lost
+from traverse import Arm, Lost
 
 
 async def main(arm_name: str, broker: str, place: str) -> None:

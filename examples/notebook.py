@@ -4,7 +4,7 @@ import sys
 
 import numpy as np
 
-from clients import BlockingArm, CommandRefused
+from traverse import BlockingArm, CommandRefused
 
 arm_name, broker = sys.argv[1], sys.argv[2]
 

@@ -7,8 +7,8 @@ import asyncio
 import sqlite3
 import sys
 
-from clients import Arm
-from protocol.messages import Point
+from traverse import Arm
+from traverse.protocol.messages import Point
 
 TABLES = """
 CREATE TABLE IF NOT EXISTS points (id TEXT PRIMARY KEY, session TEXT, seq INTEGER,

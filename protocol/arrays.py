@@ -24,7 +24,7 @@ import struct
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.message_error import MessageError
+from traverse.protocol.message_error import MessageError
 
 ARRAY_CODE = 1
 """Code of the MessagePack extension type."""

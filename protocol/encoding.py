@@ -12,10 +12,10 @@ import msgpack
 import numpy as np
 from pydantic import ValidationError
 
-from protocol.arrays import ARRAY_CODE, array_to_bytes, bytes_to_array
-from protocol.message_error import MessageError, Problem
-from protocol.messages import COMMANDS, Args, Message
-from protocol.messages.plain import MAX_LENGTH
+from traverse.protocol.arrays import ARRAY_CODE, array_to_bytes, bytes_to_array
+from traverse.protocol.message_error import MessageError, Problem
+from traverse.protocol.messages import COMMANDS, Args, Message
+from traverse.protocol.messages.plain import MAX_LENGTH
 
 __all__ = [
     "Encoding",

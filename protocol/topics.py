@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from protocol.message_error import MessageError
+from traverse.protocol.message_error import MessageError
 
 ROOT: Final = "traverse"
 MAX_LEVEL_LENGTH: Final = 64

@@ -1,7 +1,7 @@
 """Maps of plain values and arrays, as MessagePack and back.
 
-Integer arrays are written as differences (`recording.differences`), all others as on
-MQTT (`protocol.arrays`).
+Integer arrays are written as differences (`traverse.recording.differences`), all others
+as on MQTT (`traverse.protocol.arrays`).
 """
 
 from collections.abc import Mapping
@@ -10,9 +10,9 @@ from typing import Any
 import msgpack
 import numpy as np
 
-from protocol.arrays import ARRAY_CODE, array_to_bytes, bytes_to_array
-from protocol.message_error import MessageError
-from recording.differences import (
+from traverse.protocol.arrays import ARRAY_CODE, array_to_bytes, bytes_to_array
+from traverse.protocol.message_error import MessageError
+from traverse.recording.differences import (
     DIFFERENCES_CODE,
     bytes_to_differences,
     differences_to_bytes,

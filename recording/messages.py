@@ -1,7 +1,8 @@
 """The messages of a recording: values to bytes and back.
 
-`samples` are MessagePack maps with arrays as on MQTT (`protocol.arrays`); `touching`
-and `conditions` are JSON. Unknown keys are passed over: later recorders may say more.
+`samples` are MessagePack maps with arrays as on MQTT (`traverse.protocol.arrays`);
+`touching` and `conditions` are JSON. Unknown keys are passed over: later recorders may
+say more.
 """
 
 import json
@@ -11,9 +12,9 @@ import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.arrays import ARRAY_CODE, array_to_bytes, bytes_to_array
-from protocol.message_error import MessageError
-from recording.values import TIMES, Conditions, Samples, Touching
+from traverse.protocol.arrays import ARRAY_CODE, array_to_bytes, bytes_to_array
+from traverse.protocol.message_error import MessageError
+from traverse.recording.values import TIMES, Conditions, Samples, Touching
 
 SCHEMA = "traverse/recording/1"
 TOPICS = ("samples", "touching", "conditions")

@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 from mcap.records import Attachment, Channel, Header, McapRecord, Message, Metadata
 
-from kinematics.file_problems import FileError, Problem
-from recording.messages import (
+from traverse.recording.messages import (
     SCHEMA,
     TOPICS,
     bytes_to_conditions,
     bytes_to_samples,
     bytes_to_touching,
 )
-from recording.torn import PROFILE, TornRecords
-from recording.values import TIMES, Conditions, Recording, Samples, Touching
+from traverse.recording.torn import PROFILE, TornRecords
+from traverse.recording.values import TIMES, Conditions, Recording, Samples, Touching
+from traverse.strict_toml.problems import FileError, Problem
 
 
 class _Parts:

@@ -9,15 +9,15 @@ from typing import Self
 
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata
 
-from recording.run_writer import OF_FILE, SCHEMA, Entry
-from recording.torn import TornRecords
+from traverse.recording.run_writer import OF_FILE, SCHEMA, Entry
+from traverse.recording.torn import TornRecords
 
 
 class RunReader:
     """Goes through a recording once; a context manager.
 
     Args:
-        path: An MCAP file that `recording.run_writer` has written.
+        path: An MCAP file that `traverse.recording.run_writer` has written.
 
     Attributes:
         about: What its head says.

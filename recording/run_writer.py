@@ -1,7 +1,7 @@
 """Writing what a daemon did: MCAP in small chunks, so that a crash costs little.
 
 Steps are MessagePack maps, one channel for each topic; points, poses, clouds and log
-lines are JSON with schemas (`recording.views`).
+lines are JSON with schemas (`traverse.recording.views`).
 """
 
 import hashlib
@@ -15,8 +15,8 @@ from typing import Self
 
 from mcap.writer import Writer
 
-from recording.torn import PROFILE
-from recording.views import VIEW_NAMES, VIEW_SCHEMAS
+from traverse.recording.torn import PROFILE
+from traverse.recording.views import VIEW_NAMES, VIEW_SCHEMAS
 
 SCHEMA = "traverse/run/1"
 OF_FILE = "file "

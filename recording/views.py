@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.messages import Event, Point, Scan
-from recording.foxglove_schemas import LOG, LOG_LEVELS, NUMERIC_TYPES
-from recording.foxglove_schemas import POINT_CLOUD as POINT_CLOUD_SCHEMA
-from recording.foxglove_schemas import POSE_IN_FRAME as POSE_SCHEMA
+from traverse.protocol.messages import Event, Point, Scan
+from traverse.recording.foxglove_schemas import LOG, LOG_LEVELS, NUMERIC_TYPES
+from traverse.recording.foxglove_schemas import POINT_CLOUD as POINT_CLOUD_SCHEMA
+from traverse.recording.foxglove_schemas import POSE_IN_FRAME as POSE_SCHEMA
 
 FRAME = "arm"
 FLOAT32, FLOAT64, UINT32 = (

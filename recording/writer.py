@@ -8,15 +8,15 @@ from typing import Self
 
 from mcap.writer import Writer
 
-from recording.messages import (
+from traverse.recording.messages import (
     JSON_SCHEMAS,
     SCHEMA,
     conditions_to_bytes,
     samples_to_bytes,
     touching_to_bytes,
 )
-from recording.torn import PROFILE
-from recording.values import Conditions, Samples, Touching
+from traverse.recording.torn import PROFILE
+from traverse.recording.values import Conditions, Samples, Touching
 
 # Before compression: one second at 1 kHz with seven joints.
 CHUNK_BYTES = 1 << 16

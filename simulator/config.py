@@ -5,11 +5,11 @@ from typing import Any, Literal
 
 from pydantic import AwareDatetime, Field
 
-from kinematics.arm_file import Problem, StrictModel
-from simulator.climate import ClimateTable
-from simulator.devices.table import AnyDevice
-from simulator.faults import AnyFault
-from simulator.motions import AnyMotion
+from traverse.kinematics.arm_file.arm import Problem, StrictModel
+from traverse.simulator.devices.table import AnyDevice
+from traverse.simulator.motions import AnyMotion
+from traverse.simulator.scenario.climate import ClimateTable
+from traverse.simulator.scenario.faults import AnyFault
 
 
 class DeviationTable(StrictModel):

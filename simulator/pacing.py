@@ -3,9 +3,9 @@
 import select
 from collections.abc import Callable, Sequence
 
-from simulator.clock import Clock
-from simulator.devices.device import SimulatedDevice
-from simulator.wiring import ScriptClock
+from traverse.simulator.clock import Clock
+from traverse.simulator.devices.device import SimulatedDevice
+from traverse.simulator.scenario.wiring import ScriptClock
 
 BLOCK_S = 0.002  # samples of so long are computed and sent together
 IDLE_S = 0.020  # at least so often everything is looked at

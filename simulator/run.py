@@ -9,16 +9,21 @@ from pathlib import Path
 from threading import Event
 from types import FrameType
 
-from kinematics.arm_file import FileError, Problem, read_strict
-from simulator.clock import MonotonicClock
-from simulator.config import SimulatorConfig, config_problems
-from simulator.devices.device import Mounting, make_device
-from simulator.faults import of_device
-from simulator.motions import Replay
-from simulator.pacing import live_fast, live_real
-from simulator.truth_log import TruthLog
-from simulator.virtual_arm import build_arm, build_course, build_script, build_sources
-from simulator.wiring import ScriptClock
+from traverse.kinematics.arm_file.arm import FileError, Problem, read_strict
+from traverse.simulator.clock import MonotonicClock
+from traverse.simulator.config import SimulatorConfig, config_problems
+from traverse.simulator.devices.device import Mounting, make_device
+from traverse.simulator.motions import Replay
+from traverse.simulator.pacing import live_fast, live_real
+from traverse.simulator.scenario.faults import of_device
+from traverse.simulator.scenario.wiring import ScriptClock
+from traverse.simulator.truth_log import TruthLog
+from traverse.simulator.virtual_arm import (
+    build_arm,
+    build_course,
+    build_script,
+    build_sources,
+)
 
 DONE, REFUSED = 0, 2
 PR_SET_TIMERSLACK = 29  # of linux/prctl.h

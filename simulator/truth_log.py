@@ -8,10 +8,10 @@ from typing import Any, Self
 
 import numpy as np
 
-from simulator.course import Course
-from simulator.edges import LatchedEdge
-from simulator.script import ScriptEvent
-from simulator.wiring import ScriptClock
+from traverse.simulator.devices.latch_board.edge_queue import LatchedEdge
+from traverse.simulator.scenario.course import Course
+from traverse.simulator.scenario.script import ScriptEvent
+from traverse.simulator.scenario.wiring import ScriptClock
 
 READINGS_TOGETHER = 64  # that are worked out and written at a time
 

@@ -7,26 +7,26 @@ from pathlib import Path
 
 import numpy as np
 
-from kinematics.arm_file import Arm, FileError, Problem, read_arm
-from simulator.config import SimulatorConfig
-from simulator.course import Course
-from simulator.devices.table import DeviceTable
-from simulator.disturbed_line import ON_THE_WIRE, SPEECHLESS
-from simulator.effects import (
+from traverse.kinematics.arm_file.arm import Arm, FileError, Problem, read_arm
+from traverse.simulator.arm.encoder import EncoderSet
+from traverse.simulator.arm.inverse import Reach
+from traverse.simulator.arm.truth import Deviations, TrueArm, true_arm
+from traverse.simulator.config import SimulatorConfig
+from traverse.simulator.devices.disturbed_line import ON_THE_WIRE, SPEECHLESS
+from traverse.simulator.devices.table import DeviceTable
+from traverse.simulator.effects import (
     FaultyArm,
     effect_problems,
     faults_from_effects,
     on_true_axes,
 )
-from simulator.effects.faulty_arm import faulty_arm
-from simulator.encoder import EncoderSet
-from simulator.inverse import Reach
-from simulator.motions import Replay
-from simulator.motions.stage import Operator, Stage, UnreachableError
-from simulator.recording_csv import read_recording, recorded_counts
-from simulator.script import Script
-from simulator.truth import Deviations, TrueArm, true_arm
-from simulator.wiring import CountSource, ScriptedCounts
+from traverse.simulator.effects.faulty_arm import faulty_arm
+from traverse.simulator.motions import Replay
+from traverse.simulator.motions.stage import Operator, Stage, UnreachableError
+from traverse.simulator.scenario.course import Course
+from traverse.simulator.scenario.recorded_counts import read_recording, recorded_counts
+from traverse.simulator.scenario.script import Script
+from traverse.simulator.scenario.wiring import CountSource, ScriptedCounts
 
 LIMIT_RAD = 2.9  # of every turn, where the configuration gives none
 WIDEST_WORD = 2**32

@@ -3,18 +3,53 @@
 import asyncio
 import gc
 import inspect
+import os
 import threading
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import hypothesis
 import pytest
 
-from tests import warm_start
-from tests.mosquitto import Mosquitto, find_mosquitto
+from tests import programs, warm_start
+from tests.mosquitto import Mosquitto
 
 GRACE_S = 2.0
+LINKS = pytest.StashKey[Path]()
+# How long an example takes says how busy this machine is.
+hypothesis.settings.register_profile("any_machine", deadline=None)
+hypothesis.settings.load_profile("any_machine")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--required",
+        default="",
+        help="groups of programs whose tests fail, not skip, where one is missing",
+    )
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    needed = _needed(item)
+    for group in sorted(needed):
+        if lacking := ", ".join(programs.missing(group)):
+            end = (
+                pytest.fail
+                if group in item.config.getoption("--required").split()
+                else pytest.skip
+            )
+            end(f"{lacking} missing; try: sh deploy/debian-packages.sh {group}")
+    if LINKS not in item.config.stash:
+        factory = item.config._tmp_path_factory  # type: ignore[attr-defined]
+        item.config.stash[LINKS] = factory.mktemp("programs")
+    os.environ["PATH"] = programs.search_path(needed, item.config.stash[LINKS])
+
+
+def _needed(item: pytest.Item) -> frozenset[str]:
+    return frozenset(g for mark in item.iter_markers("needs") for g in mark.args)
 
 
 def _children() -> set[int]:
@@ -75,9 +110,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
     Workers take file by file in this order, so that cores are busy until the end.
     """
+    for item in items:
+        for group in _needed(item) - programs.groups().keys():
+            raise pytest.UsageError(
+                f"{item.nodeid} needs group {group!r}, which {programs.INSTALLER} "
+                "does not know: add it there, with its programs and packages"
+            )
     folders: dict[str, dict[Path, None]] = {}
     for item in items:
-        folder = item.path.relative_to(Path(__file__).parent).parts[0]
+        folder = os.path.relpath(item.path, Path(__file__).parent).partition("/")[0]
         folders.setdefault(folder, {})[item.path] = None
     ranks = {
         path: at / len(files)
@@ -95,34 +136,21 @@ def pytest_sessionfinish() -> None:
 
 
 @pytest.fixture(scope="session")
-def mosquitto_program() -> str:
-    """Path of mosquitto; the test is skipped where there is none."""
-    program = find_mosquitto()
-    if program is None:
-        pytest.skip("needs a mosquitto on this machine")
-    return program
-
-
-@pytest.fixture(scope="session")
-def mosquitto(
-    mosquitto_program: str, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Mosquitto]:
-    """A broker for all tests that do not disturb it; mark them `broker`."""
-    broker = Mosquitto(mosquitto_program, tmp_path_factory.mktemp("mosquitto"))
+def mosquitto(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Mosquitto]:
+    """A broker for all tests that do not disturb it; mark them `needs("mosquitto")`."""
+    broker = Mosquitto(tmp_path_factory.mktemp("mosquitto"))
     broker.start()
     yield broker
     broker.stop()
 
 
 @pytest.fixture
-def make_mosquitto(
-    mosquitto_program: str, tmp_path: Path
-) -> Iterator[Callable[..., Mosquitto]]:
+def make_mosquitto(tmp_path: Path) -> Iterator[Callable[..., Mosquitto]]:
     """Makes brokers that a test may stop, kill and start again as it likes."""
     made: list[Mosquitto] = []
 
     def make(passwords: dict[str, str] | None = None, **options: Any) -> Mosquitto:
-        broker = Mosquitto(mosquitto_program, tmp_path, passwords, **options)
+        broker = Mosquitto(tmp_path, passwords, **options)
         made.append(broker)
         broker.start()
         return broker

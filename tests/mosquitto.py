@@ -4,7 +4,6 @@ import contextlib
 import os
 import pwd
 import random
-import shutil
 import socket
 import subprocess
 import time
@@ -14,11 +13,6 @@ from pathlib import Path
 HOST = "127.0.0.1"
 START_S = 10.0
 PORTS = (16_384, 32_768)  # Linux gives outgoing connections higher ones
-
-
-def find_mosquitto() -> str | None:
-    """The program, which Debian keeps where ordinary users do not look."""
-    return shutil.which("mosquitto", path=f"{os.environ['PATH']}:/usr/sbin:/sbin")
 
 
 def free_port() -> int:
@@ -35,22 +29,22 @@ class Mosquitto:
     """A broker with a port of its own, kept over stops and starts.
 
     Args:
-        program: path of mosquitto.
         folder: for its configuration and log.
         passwords: user names and passwords; empty: everybody may come in.
         lines: more of its configuration, about the listener or the broker.
         acl: its access list; None: everybody may read and write all.
+        program: path or name of mosquitto.
     """
 
     host = HOST
 
     def __init__(
         self,
-        program: str,
         folder: Path,
         passwords: dict[str, str] | None = None,
         lines: Iterable[str] = (),
         acl: Path | None = None,
+        program: str = "mosquitto",
     ) -> None:
         self._program = program
         self.port = free_port()
@@ -67,8 +61,7 @@ class Mosquitto:
             file = folder / f"passwords-{self.port}"
             text = "".join(f"{name}:{word}\n" for name, word in passwords.items())
             file.write_text(text)
-            hashing = [shutil.which("mosquitto_passwd") or "mosquitto_passwd"]
-            subprocess.run([*hashing, "-U", str(file)], check=True)
+            subprocess.run(["mosquitto_passwd", "-U", str(file)], check=True)
             config.append(f"password_file {file}")
         self._acl = folder / f"acl-{self.port}"
         self.allow_writing("#")

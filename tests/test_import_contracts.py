@@ -11,7 +11,9 @@ import pytest
 
 CHECKOUT = Path(__file__).parents[1]
 CONFIGURATION = tomllib.loads((CHECKOUT / "pyproject.toml").read_text("utf-8"))
-PACKAGES = CONFIGURATION["tool"]["importlinter"]["root_packages"]
+CONTRACTS = CONFIGURATION["tool"]["importlinter"]["contracts"]
+ROOT = CHECKOUT / "src" / "traverse"
+PACKAGES = sorted(initial.parent.name for initial in ROOT.glob("*/__init__.py"))
 
 
 def lint_imports(folder: Path) -> subprocess.CompletedProcess[str]:
@@ -31,14 +33,13 @@ def lint_imports(folder: Path) -> subprocess.CompletedProcess[str]:
 @pytest.fixture
 def copied(tmp_path: Path) -> Path:
     """The packages and their contracts in a folder where mischief is allowed."""
-    for package in PACKAGES:
-        shutil.copytree(
-            CHECKOUT / package,
-            tmp_path / package,
-            ignore=lambda _, names: [
-                n for n in names if "." in n and not n.endswith(".py")
-            ],
-        )
+    shutil.copytree(
+        ROOT,
+        tmp_path / "traverse",
+        ignore=lambda _, names: [
+            n for n in names if "." in n and not n.endswith(".py")
+        ],
+    )
     shutil.copy(CHECKOUT / "pyproject.toml", tmp_path)
     return tmp_path
 
@@ -53,66 +54,154 @@ def test_the_untouched_copy_passes(copied: Path) -> None:
     assert checked.returncode == 0, checked.stdout
 
 
-@pytest.mark.parametrize(
-    ("module", "planted", "contract"),
-    [
-        ("daemon/clock.py", "simulator.clock", "the daemon knows neither"),
-        ("daemon/live.py", "clients.subscription", "the daemon knows neither"),
-        ("drivers/tick_clock.py", "kinematics.forward", "drivers know bytes, ports"),
-        ("simulator/wire.py", "protocol.latch_board", "the simulator shares no code"),
-        ("simulator/physics.py", "kinematics.forward", "the simulator shares no code"),
-        (
-            "simulator/effects/planted.py",
-            "lab.diagnosis",
-            "the generator of blind tests",
-        ),
-        ("protocol/framing.py", "time", "protocol is bytes and values only"),
-        ("protocol/encoding.py", "logging", "protocol is bytes and values only"),
-        ("kinematics/forward.py", "asyncio", "kinematics is mathematics only"),
-        ("kinematics/forward.py", "pydantic", "only the arm-file reader"),
-        ("clients/subscription.py", "daemon.clock", "clients connect from outside"),
-        ("broker/reasons.py", "protocol.topics", "getting in at a broker"),
-        ("recording/planted.py", "drivers.values", "recording is files"),
-        ("lab/planted.py", "simulator.physics", "the lab is off-line"),
-        (
-            "lab/identification/planted.py",
-            "lab.diagnosis",
-            "identification is below diagnosis",
-        ),
-        (
-            "lab/acceptance/planted.py",
-            "lab.diagnosis",
-            "identification is below diagnosis",
-        ),
-        ("kinematics/geometry.py", "scipy", "scipy stays in the lab"),
-        ("drivers/driver.py", "traverse.lines", "nobody imports the command line"),
+PLANTED = {
+    "each layer of the house": [
+        ("drivers/base/driver.py", "traverse.cli.message_lines"),
+        ("broker/reasons.py", "traverse.__main__"),
+        ("daemon/clock.py", "traverse.simulator.clock"),
+        ("daemon/pose/live.py", "traverse.client.mqtt.subscription"),
+        ("daemon/pose/poses.py", "traverse"),  # whose `Arm` is the client's
+        ("daemon/pose/joint_motion.py", "traverse.lab.campaign.campaign"),
+        ("client/mqtt/subscription.py", "traverse.daemon.clock"),
+        ("client/points/cursor.py", "traverse.simulator.clock"),
+        ("client/change_signal.py", "traverse.lab.campaign.campaign"),
+        ("lab/planted.py", "traverse.simulator.arm.physics"),
+        ("lab/campaign/campaign.py", "traverse.daemon.clock"),
+        ("lab/campaign/campaign_file.py", "traverse.client.points.cursor"),
+        ("simulator/effects/planted.py", "traverse.lab.diagnosis"),
+        ("simulator/devices/latch_board/wire.py", "traverse.daemon.clock"),
+        ("simulator/arm/physics.py", "traverse.client.points.cursor"),
+        ("drivers/timing/device_clock.py", "traverse.daemon.clock"),
+        ("recording/planted.py", "traverse.drivers.base.values"),
+        ("recording/maps.py", "traverse.broker.reasons"),
+        ("broker/diagnosing_client.py", "traverse.recording.maps"),
+        ("broker/tls.py", "traverse.drivers.base.values"),
+        ("protocol/latch_board/framing.py", "traverse.kinematics.model.geometry"),
+        ("protocol/topics.py", "traverse.recording.maps"),
+        ("kinematics/model/geometry.py", "traverse.protocol.latch_board.framing"),
+        ("kinematics/model/readings.py", "traverse.lab.campaign.campaign"),
     ],
-)
-def test_a_planted_import_is_caught(
-    copied: Path, module: str, planted: str, contract: str
-) -> None:
-    with (copied / module).open("a", encoding="utf-8") as source:
-        source.write(f"\nimport {planted}\n")
-    checked = lint_imports(copied)
-    broken = [line for line in checked.stdout.splitlines() if line.endswith(" BROKEN")]
+    "ports belong to": [
+        ("simulator/devices/latch_board/wire.py", "traverse.drivers.base.values"),
+        ("lab/planted.py", "traverse.drivers.base.values"),
+        ("client/planted.py", "traverse.drivers.base.values"),
+    ],
+    "only what speaks MQTT": [
+        ("drivers/base/driver.py", "traverse.broker.reasons"),
+        ("simulator/devices/latch_board/wire.py", "traverse.broker.reasons"),
+        ("lab/planted.py", "traverse.broker.reasons"),
+    ],
+    "drivers know bytes, ports": [
+        ("drivers/timing/device_clock.py", "traverse.kinematics.model.forward"),
+        ("drivers/base/driver.py", "traverse.recording.reader"),
+        ("drivers/base/heartbeat.py", "traverse.recording.writer"),
+        ("drivers/base/options.py", "traverse.recording.values"),
+    ],
+    "the simulator shares no code": [
+        ("simulator/devices/latch_board/wire.py", "traverse.protocol.latch_board"),
+        ("simulator/arm/physics.py", "traverse.kinematics.model.forward"),
+        ("simulator/effects/planted.py", "traverse.kinematics.effects"),
+        ("simulator/clock.py", "traverse.recording.reader"),
+    ],
+    "the simulator does not read": [
+        ("simulator/arm/physics.py", "traverse.kinematics.effect_table"),
+    ],
+    "folders of kinematics": [
+        ("kinematics/arm_file/arm.py", "traverse.kinematics.model.forward"),
+        ("kinematics/effect_table.py", "traverse.kinematics.effects"),
+    ],
+    "only readers of files in kinematics": [
+        ("kinematics/model/forward.py", "pydantic"),
+        ("kinematics/effects/planted.py", "tomlkit"),
+    ],
+    "getting in at a broker": [
+        ("broker/reasons.py", "traverse.protocol.topics"),
+        ("broker/tls.py", "traverse.kinematics.model.geometry"),
+    ],
+    "folders of the lab": [
+        ("lab/identification/planted.py", "traverse.lab.diagnosis.diagnose"),
+        ("lab/acceptance/planted.py", "traverse.lab.diagnosis.diagnose"),
+        ("lab/artefacts/planted.py", "traverse.lab.campaign.campaign"),
+    ],
+    "folders of the diagnosis": [
+        ("lab/diagnosis/model/planted.py", "traverse.lab.diagnosis.diagnose"),
+    ],
+    "folders of the identification": [
+        ("lab/identification/solve/planted.py", "traverse.lab.identification.results"),
+    ],
+    "families of drivers": [
+        ("drivers/rls/planted.py", "traverse.drivers.amt21.driver"),
+        ("drivers/io/planted.py", "traverse.drivers.polling.channel"),
+    ],
+    "strict files are read": [
+        ("strict_toml/planted.py", "traverse.kinematics.model.geometry"),
+        ("strict_toml/problems.py", "traverse.protocol.topics"),
+    ],
+    "protocol is bytes and values only": [
+        ("protocol/latch_board/framing.py", "time"),
+        ("protocol/encoding.py", "logging"),
+    ],
+    "kinematics is mathematics only": [("kinematics/model/forward.py", "asyncio")],
+    "scipy stays in the lab": [
+        ("kinematics/model/geometry.py", "scipy"),
+        ("cli/message_lines.py", "matplotlib"),
+    ],
+}
+UNKNOWN = [
+    ("planted.py", "each layer"),
+    ("kinematics/planted.py", "folders of kinematics"),
+    ("lab/planted.py", "folders of the lab"),
+]
+
+
+def broken(checked: subprocess.CompletedProcess[str]) -> list[str]:
+    """The contracts that do not hold."""
     assert checked.returncode == 1, checked.stdout
-    assert any(line.startswith(contract) for line in broken), checked.stdout
+    return [line for line in checked.stdout.splitlines() if " BROKEN" in line]
+
+
+@pytest.mark.parametrize("contract", PLANTED)
+def test_planted_imports_are_caught(copied: Path, contract: str) -> None:
+    expected = []
+    for module, planted in PLANTED[contract]:
+        with (copied / "traverse" / module).open("a", encoding="utf-8") as source:
+            source.write(f"\nimport {planted}\n")
+        name = f"traverse/{module.removesuffix('.py')}".replace("/", ".")
+        expected.append(f"{name} -> {planted} ")
+    checked = lint_imports(copied)
+    assert any(line.startswith(contract) for line in broken(checked)), checked.stdout
+    assert [one for one in expected if one not in checked.stdout] == []
+
+
+@pytest.mark.parametrize(("module", "contract"), UNKNOWN)
+def test_a_module_that_has_no_layer_is_caught(
+    copied: Path, module: str, contract: str
+) -> None:
+    (copied / "traverse" / module).write_text('"""Planted."""\n', "utf-8")
+    checked = lint_imports(copied)
+    assert any(line.startswith(contract) for line in broken(checked)), checked.stdout
 
 
 def test_only_what_speaks_mqtt_may_use_the_way_in_at_a_broker() -> None:
-    contracts = CONFIGURATION["tool"]["importlinter"]["contracts"]
+    (layers,) = (c["layers"] for c in CONTRACTS if c.get("containers") == ["traverse"])
+    (place,) = (n for n, layer in enumerate(layers) if "broker" in layer.split(" | "))
+    above = {name for layer in layers[:place] for name in layer.split(" | ")}
     kept_out = {
-        module
-        for contract in contracts
-        if "broker" in contract.get("forbidden_modules", ())
+        module.removeprefix("traverse.")
+        for contract in CONTRACTS
+        if "traverse.broker" in contract.get("forbidden_modules", ())
         for module in contract["source_modules"]
     }
-    assert set(PACKAGES) - kept_out == {"traverse", "daemon", "clients", "broker"}
+    assert above - kept_out == {"__main__", "cli", "daemon", "client"}
+
+
+def test_every_package_has_a_layer() -> None:
+    (layers,) = (c["layers"] for c in CONTRACTS if c.get("containers") == ["traverse"])
+    named = [name for layer in layers for name in layer.split(" | ")]
+    assert sorted(named) == sorted(["__main__", *PACKAGES])
 
 
 def test_every_contract_has_a_violation_that_is_planted_here() -> None:
-    contracts = [c["name"] for c in CONFIGURATION["tool"]["importlinter"]["contracts"]]
-    mark = test_a_planted_import_is_caught.pytestmark[0]  # type: ignore[attr-defined]  # pytest puts it there
-    planted = {contract for _, _, contract in mark.args[1]}
-    unproven = [n for n in contracts if not any(n.startswith(p) for p in planted)]
+    contracts = [contract["name"] for contract in CONTRACTS]
+    unproven = [n for n in contracts if not any(n.startswith(p) for p in PLANTED)]
     assert not unproven

@@ -1,37 +1,166 @@
-"""What is installed is what stands in the checkout."""
+"""One import root: src/traverse has a link to every package of the checkout."""
 
-import tomllib
+import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
-ROOT = Path(__file__).parent.parent
-NOT_INSTALLED = {"tests", "benchmarks", "build"}
+import pytest
+
+CHECKOUT = Path(__file__).parent.parent
+ROOT = CHECKOUT / "src" / "traverse"
+NOT_INSTALLED = {"tests", "benchmarks", "build", "dist", "site"}
+PACKAGES = sorted(
+    initial.parent.name
+    for initial in CHECKOUT.glob("[a-z]*/__init__.py")
+    if initial.parent.name not in NOT_INSTALLED
+)
+
+# Everything that can be imported, by the names that programs and tests use; then which
+# file is loaded under which names.
+IMPORT_ALL = """
+import importlib, json, os, pkgutil, sys
+import traverse, benchmarks, tests
+
+def names(package):
+    for found in pkgutil.iter_modules(package.__path__, package.__name__ + "."):
+        last = found.name.rpartition(".")[2]
+        if last != "__main__" and found.name not in LEFT_OUT:
+            yield found.name
+            if found.ispkg:
+                yield from names(importlib.import_module(found.name))
+
+for package in (traverse, benchmarks, tests):
+    for name in names(package):
+        try:
+            importlib.import_module(name)
+        except BaseException as error:
+            if type(error).__name__ != "Skipped":  # by pytest.importorskip
+                raise
+loaded = {}
+for name, module in sorted(sys.modules.items()):
+    file = getattr(module, "__file__", None)
+    if file and name != "__main__":
+        loaded.setdefault(os.path.realpath(file), []).append(name)
+json.dump(loaded, sys.stdout)
+"""
+LEFT_OUT = {"benchmarks.peers"}  # with libraries that are not installed beside ours
 
 
-def project() -> dict:
-    return tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+def test_every_package_is_linked() -> None:
+    links = {
+        link.name: os.readlink(link) for link in ROOT.iterdir() if link.is_symlink()
+    }
+    assert links == {name: f"../../{name}" for name in PACKAGES}
 
 
-def packages_of_the_checkout() -> set[str]:
-    found = set()
-    for initial in ROOT.glob("[a-z]*/**/__init__.py"):
-        parts = initial.parent.relative_to(ROOT).parts
-        if parts[0] not in NOT_INSTALLED:
-            found.add(".".join(parts))
-    return found
+def test_the_root_has_nothing_else() -> None:
+    others = {one.name for one in ROOT.iterdir() if not one.is_symlink()}
+    assert others - {"__pycache__"} == {"__init__.py", "__main__.py", "py.typed"}
 
 
-def test_every_package_is_listed():
-    listed = project()["tool"]["setuptools"]["packages"]
-    assert set(listed) == packages_of_the_checkout()
+def test_every_folder_of_modules_is_a_package() -> None:
+    """Else it would be left out of the wheel."""
+    folders = {
+        module.parent for name in PACKAGES for module in (CHECKOUT / name).rglob("*.py")
+    }
+    assert [folder for folder in folders if not (folder / "__init__.py").exists()] == []
 
 
-def test_the_simulator_is_kept_from_every_module_of_kinematics_but_the_reader():
-    reader = {"arm_file", "arm_checks", "arm_text", "__init__"}
-    reader |= {"effect_checks", "effect_kinds", "file_problems", "model_problems"}
-    reader |= {"raw_values"}
-    modules = {path.stem for path in (ROOT / "kinematics").glob("*.py")} - reader
-    contracts = project()["tool"]["importlinter"]["contracts"]
-    (contract,) = (c for c in contracts if c["name"].startswith("the simulator"))
-    assert {f"kinematics.{name}" for name in modules} <= set(
-        contract["forbidden_modules"]
+def test_no_module_is_imported_twice_under_two_names() -> None:
+    run = subprocess.run(
+        [sys.executable, "-c", f"LEFT_OUT = {LEFT_OUT!r}\n{IMPORT_ALL}"],
+        cwd=CHECKOUT,
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
     )
+    assert run.returncode == 0, run.stderr
+    loaded: dict[str, list[str]] = json.loads(run.stdout)
+    ours = {
+        file: names
+        for file, names in loaded.items()
+        if any(file.startswith(f"{CHECKOUT.resolve() / p}{os.sep}") for p in PACKAGES)
+    }
+    assert len(ours) > 500
+    assert [names for names in ours.values() if len(names) > 1] == []
+    assert [n for (n, *_) in ours.values() if not n.startswith("traverse.")] == []
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_the_old_way_of_importing_is_refused_by_ruff(package: str) -> None:
+    source = (
+        f'"""Planted."""\n\nimport {package}.planted\nfrom {package} import planted\n'
+    )
+    run = subprocess.run(
+        [
+            *(sys.executable, "-m", "ruff", "check", "--select", "TID251"),
+            *(
+                "--output-format",
+                "concise",
+                "--stdin-filename",
+                "daemon/planted.py",
+                "-",
+            ),
+        ],
+        cwd=CHECKOUT,
+        input=source,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.returncode == 1, run.stdout + run.stderr
+    assert run.stdout.count("TID251") == 2, run.stdout
+
+
+def test_what_people_import_is_there_without_the_service() -> None:
+    """`Arm` needs neither ports nor files; asking for the root alone loads nothing."""
+    program = (
+        "import sys, traverse\n"
+        "assert 'traverse.client' not in sys.modules\n"
+        "from traverse import *\n"
+        "from traverse import Arm, BlockingArm, client\n"
+        "assert Arm is client.Arm and set(client.__all__) == set(traverse.__all__)\n"
+        "print(*(n for n in ('serial', 'mcap', 'scipy', 'typer') if n in sys.modules))"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
+    assert (run.returncode, run.stdout.split()) == (0, []), run.stderr
+
+
+@pytest.mark.parametrize(
+    ("package", "extra", "words"),
+    [
+        ("mcap", "daemon", ("run", "--config", "daemon.toml")),
+        ("serial", "daemon", ("check", "daemon.toml")),
+        ("serial", "daemon", ("amt21", "scan", "--port", "/dev/null")),
+        ("mcap", "daemon", ("export", "points.jsonl")),
+        ("mcap", "lab", ("align", "points.csv")),
+    ],
+)
+def test_a_command_says_which_extra_it_lacks(
+    package: str, extra: str, words: tuple[str, ...], tmp_path: Path
+) -> None:
+    (tmp_path / "daemon.toml").write_text(
+        '[arm]\nfile = "arm.toml"\n[broker]\nhost = "localhost"\n'
+        '[[device]]\nid = "base"\ndriver = "latch-board"\nport = "/dev/null"\n'
+    )
+    program = (
+        f"import sys; sys.modules[{package!r}] = None\n"
+        "from traverse.cli.__main__ import main; main()"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", program, *words],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert run.returncode == 2, run.stderr
+    assert f"needs {package}" in run.stderr
+    assert f"pip install 'traverse-cmm[{extra}]'" in run.stderr
+    assert "Traceback" not in run.stderr

@@ -24,12 +24,18 @@ from typing import IO, Any
 
 # What a command imports when it runs.
 MODULES = {
-    "run": ("daemon.program",),
-    "simulate": ("simulator.run",),
-    "identify": ("lab.identification.identify", "lab.identification.report.page"),
-    "diagnose": ("lab.diagnosis.diagnose", "lab.diagnosis.files"),
-    "blind": ("lab.diagnosis.diagnose", "traverse.blind_round"),
-    "watch": ("clients.arm", "rich.live"),
+    "run": ("traverse.daemon.app",),
+    "simulate": ("traverse.simulator.run",),
+    "identify": (
+        "traverse.lab.identification.identify",
+        "traverse.lab.identification.report.page",
+    ),
+    "diagnose": (
+        "traverse.lab.diagnosis.diagnose",
+        "traverse.lab.diagnosis.report.files",
+    ),
+    "blind": ("traverse.lab.diagnosis.diagnose", "traverse.cli.blind_round"),
+    "watch": ("traverse.client.arm", "rich.live"),
 }
 PR_SET_CHILD_SUBREAPER = 36
 LOOK_S = 0.005
@@ -187,7 +193,7 @@ def _serve(connection: socket.socket) -> tuple[list[str], list[int]] | None:
 def _main() -> None:
     sys.path.pop(0)  # the folder of this file
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    importlib.import_module("traverse.__main__")
+    importlib.import_module("traverse.cli.__main__")
     with socket.socket(fileno=int(sys.argv[1])) as connection:
         program = _serve(connection)
     if program is None:
@@ -199,7 +205,7 @@ def _main() -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     sys.path.insert(0, os.getcwd())
     sys.argv[1:] = arguments
-    del sys.modules["traverse.__main__"]
+    del sys.modules["traverse.cli.__main__"]
     runpy.run_module("traverse", run_name="__main__", alter_sys=True)
 
 

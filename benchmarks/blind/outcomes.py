@@ -5,14 +5,14 @@ import traceback
 from dataclasses import asdict
 from typing import Any
 
+from benchmarks.blind.baselines import BASELINES
 from benchmarks.blind.scenarios import SCENARIOS
 from benchmarks.proofs.campaigns import demo_arm
-from lab.diagnosis.diagnosis import Diagnosis
-from lab.diagnosis.library import library_bank
-from lab.diagnosis.rivals import RIVALS
-from lab.diagnosis.rows import rows_of
-from lab.diagnosis.score import Identity, TrueTerm, scored
-from traverse.blind_round import Case, find, gap_of, hide
+from traverse.cli.blind_round import Case, find, gap_of, hide
+from traverse.lab.diagnosis.candidates.library import library_bank
+from traverse.lab.diagnosis.model.observation_equations import equations_of
+from traverse.lab.diagnosis.model.result import Diagnosis
+from traverse.lab.diagnosis.score import Identity, TrueTerm, scored
 
 Line = dict[str, Any]
 
@@ -73,11 +73,11 @@ def _found(diagnosis: Diagnosis) -> Line:
 
 def _rivals(case: Case, diagnosis: Diagnosis) -> Line:
     """Ask the rivals, on the poses that do not contradict the others."""
-    rows = rows_of(diagnosis.before)
+    rows = equations_of(diagnosis.before)
     bank = library_bank(rows, case.arm)
     names = frozenset().union(*(truth.names for truth in case.truths))
     answers: Line = {}
-    for name, rival in RIVALS.items():
+    for name, rival in BASELINES.items():
         answer = rival(rows, bank)
         first = answer.names[0] if answer.names else None
         answers[name] = {

@@ -3,9 +3,9 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from benchmarks.blind.baselines import BASELINES
 from benchmarks.blind.outcomes import Line
 from benchmarks.proofs.statistics import binomial_interval
-from lab.diagnosis.rivals import RIVALS
 
 # Of the intervals.
 LEVEL = 0.95
@@ -33,13 +33,13 @@ class Row:
     found: float
     interval: tuple[float, float]
     holds: bool
-    rivals: tuple[float | None, ...] = (None,) * len(RIVALS)
+    baselines: tuple[float | None, ...] = (None,) * len(BASELINES)
 
     @property
     def text(self) -> str:
         """As a line of a table."""
         low, high = self.interval
-        theirs = " | ".join("" if r is None else f"{r:.0%}" for r in self.rivals)
+        theirs = " | ".join("" if r is None else f"{r:.0%}" for r in self.baselines)
         return (
             f"| {self.what} | {self.figure} | {self.n} | {self.found:.1%} | "
             f"{low:.1%} to {high:.1%} | {'yes' if self.holds else 'NO'} | {theirs} |"
@@ -74,7 +74,7 @@ def binomial_row(
     answers: Sequence[bool],
     at_least: float | None,
     at_most: float | None,
-    rivals: tuple[float | None, ...],
+    baselines: tuple[float | None, ...],
 ) -> Row:
     """Count the answers of yes, and compare with a figure.
 
@@ -83,7 +83,7 @@ def binomial_row(
         answers: At least one.
         at_least: The figure, or None.
         at_most: The figure where there is no least one.
-        rivals: Their rates.
+        baselines: Their rates.
     """
     n, yes = len(answers), sum(answers)
     low, high = binomial_interval(yes, n, LEVEL)
@@ -92,7 +92,7 @@ def binomial_row(
     else:
         most = at_most or 0.0
         holds, figure = low <= most, f"<= {most:.0%}"
-    return Row(what, figure, n, yes / n, (low, high), holds, rivals)
+    return Row(what, figure, n, yes / n, (low, high), holds, baselines)
 
 
 def share(answers: Sequence[bool]) -> float | None:

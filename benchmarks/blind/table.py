@@ -4,19 +4,19 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from benchmarks.blind.baselines import BASELINES
 from benchmarks.blind.outcomes import Line
 from benchmarks.blind.rates import LEVEL, Question, Row, Runs, binomial_row, share
 from benchmarks.proofs.statistics import binomial_interval
-from lab.diagnosis.rivals import RIVALS
-from lab.diagnosis.score import pooled_gap
+from traverse.lab.diagnosis.score import pooled_gap
 
 _NORMAL = 1.96
 _ALL_SIZES = tuple(f"one at {size}" for size in (6, 8, 10, 14, 20))
 HEADER = (
     "| what | figure | runs | found | 95 % interval | holds | "
-    + " | ".join(RIVALS)
+    + " | ".join(BASELINES)
     + " |\n"
-    + "|---" * (6 + len(RIVALS))
+    + "|---" * (6 + len(BASELINES))
     + "|"
 )
 
@@ -43,7 +43,7 @@ def rows(lines: Sequence[Line]) -> Iterator[Row]:
             return
         theirs = tuple(
             share(runs.asked(names, _of_rival(rival_name, rival)))
-            for rival_name in RIVALS
+            for rival_name in BASELINES
         )
         yield binomial_row(what, answers, at_least, at_most, theirs)
 

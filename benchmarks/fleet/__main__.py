@@ -17,10 +17,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from benchmarks import rig
 from benchmarks.fleet.daemons import run_daemons
 from benchmarks.fleet.tally import Cost, Fleet, Group, Run, Sent, cost_of, tally
-from benchmarks.rounds import load
+from benchmarks.tools import rig
+from benchmarks.tools.rounds import load
 
 CONSUMERS = 3
 SETTLE_S = 1.5

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.edge_board import COUNTS, STATUS, EdgeBoard
-from simulator import wire
+from benchmarks.tools.edge_board import COUNTS, STATUS, EdgeBoard
+from traverse.simulator.devices.latch_board import wire
 
 BEAT_NS = 500_000_000
 TURN_COUNTS = 50  # in a sample

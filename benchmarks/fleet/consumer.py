@@ -13,8 +13,8 @@ from pathlib import Path
 
 import aiomqtt
 
-from protocol.encoding import decode
-from protocol.messages import Point, Scan
+from traverse.protocol.encoding import decode
+from traverse.protocol.messages import Point, Scan
 
 GROUP = "$share/store/traverse/+"
 MOST_WAITING = 100_000

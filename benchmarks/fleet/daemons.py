@@ -11,7 +11,6 @@ from pathlib import Path
 
 import aiomqtt
 
-from benchmarks import rig
 from benchmarks.fleet.tally import (
     Cost,
     Fleet,
@@ -22,9 +21,10 @@ from benchmarks.fleet.tally import (
     cost_of,
     tally,
 )
-from protocol.encoding import encode
-from protocol.messages import Command, ScanArgs
-from protocol.topics import command_topic
+from benchmarks.tools import rig
+from traverse.protocol.encoding import encode
+from traverse.protocol.messages import Command, ScanArgs
+from traverse.protocol.topics import command_topic
 
 AT_ONCE = 4  # that start together
 SETTLE_S = 1.5

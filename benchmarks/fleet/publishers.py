@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.raw_mqtt import PUBLISH, RawClient, packet, text
-from protocol.encoding import encode
-from protocol.messages import Scan
+from benchmarks.tools.raw_mqtt import PUBLISH, RawClient, packet, text
 from tests.protocol.message_examples import POINT
+from traverse.protocol.encoding import encode
+from traverse.protocol.messages import Scan
 
 BLOCK_S = 0.05
 POINT_S = 0.5

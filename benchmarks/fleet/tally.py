@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks import rig
+from benchmarks.tools import rig
 
 Process = subprocess.Popen[bytes]
 

@@ -16,11 +16,11 @@ from benchmarks.path.whole import (
     stages,
     whole,
 )
-from benchmarks.rig import ARM
-from benchmarks.rounds import Table, Task, load, one_core, timed, write
-from daemon.model import read_model
-from protocol.encoding import decode
-from protocol.messages import Scan
+from benchmarks.tools.rig import ARM
+from benchmarks.tools.rounds import Table, Task, load, one_core, timed, write
+from traverse.daemon.pose.arm_model import read_model
+from traverse.protocol.encoding import decode
+from traverse.protocol.messages import Scan
 
 N_SAMPLES = 100_000
 N_PLAIN = 1000  # the plain loop takes its time

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from daemon.model import ArmModel
-from simulator import wire
+from traverse.daemon.pose.arm_model import ArmModel
+from traverse.simulator.devices.latch_board import wire
 
 RATE_HZ = 10_000.0
 TICKS = 1_000_000  # a second

@@ -11,7 +11,7 @@ from binascii import crc_hqx
 import numpy as np
 from cobs import cobs
 
-from daemon.model import ArmModel
+from traverse.daemon.pose.arm_model import ArmModel
 
 _BODY = struct.Struct("<BBBBII7I7B")
 

@@ -5,23 +5,23 @@ from dataclasses import dataclass
 from functools import partial
 
 from benchmarks.path.line import TICKS, cut
-from benchmarks.rounds import Task
-from daemon.clock import HostClock
-from daemon.model import ArmModel
-from daemon.pipeline import Pipeline
-from daemon.poses import PoseBlock
-from daemon.scan_plan import plan_scan
-from daemon.scanner import Scanner
-from drivers.stream_sequence import StreamSequence
-from drivers.tick_clock import TickClock
-from drivers.values import CountSamples
-from kinematics.effects.block import Block
-from kinematics.effects.pose import corrected_pose
-from kinematics.readings import Unwrapper, counts_to_angles
-from protocol.encoding import encode
-from protocol.framing import FrameSplitter
-from protocol.latch_board import Decoder, SampleBlock
-from protocol.messages import Scan
+from benchmarks.tools.rounds import Task
+from traverse.daemon.clock import HostClock
+from traverse.daemon.pose.arm_model import ArmModel
+from traverse.daemon.pose.pipeline import Pipeline
+from traverse.daemon.pose.poses import PoseBlock
+from traverse.daemon.scans.plan import plan_scan
+from traverse.daemon.scans.scanner import Scanner
+from traverse.drivers.base.values import CountSamples
+from traverse.drivers.timing.device_clock import DeviceClock
+from traverse.drivers.timing.stream_sequence import StreamSequence
+from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.pose import corrected_pose
+from traverse.kinematics.model.readings import Unwrapper, counts_to_angles
+from traverse.protocol.encoding import encode
+from traverse.protocol.latch_board import Decoder, SampleBlock
+from traverse.protocol.latch_board.framing import FrameSplitter
+from traverse.protocol.messages import Scan
 
 BLOCK_S = 0.05  # what one message spans unless told otherwise
 
@@ -44,7 +44,7 @@ class Timing:
 
     def __init__(self) -> None:
         self._sequence = StreamSequence()
-        self._clock = TickClock(TICKS)
+        self._clock = DeviceClock(TICKS)
 
     def samples(self, block: SampleBlock) -> CountSamples:
         """A block with its times; received when its last sample was latched."""

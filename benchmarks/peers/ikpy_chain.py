@@ -7,7 +7,7 @@ from ikpy.chain import Chain
 from ikpy.link import OriginLink, URDFLink
 
 from benchmarks.peers.peer import Floats, Peer, offsets_mm
-from kinematics.geometry import Geometry
+from traverse.kinematics.model.geometry import Geometry
 
 
 def peer(geometry: Geometry) -> Peer:

@@ -5,9 +5,9 @@ from importlib import import_module
 import numpy as np
 
 from benchmarks.peers.peer import Floats, Peer
-from kinematics.derivatives import numpy_derivatives
-from kinematics.forward import numpy_centre
-from kinematics.geometry import Geometry
+from traverse.kinematics.model.derivatives import numpy_derivatives
+from traverse.kinematics.model.forward import numpy_centre
+from traverse.kinematics.model.geometry import Geometry
 
 MODULES = (
     "pinocchio_chain",

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from benchmarks.peers.peer import Floats, Peer, offsets_mm
-from kinematics.geometry import Geometry
+from traverse.kinematics.model.geometry import Geometry
 
 
 def peer(geometry: Geometry) -> Peer:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.geometry import Geometry
+from traverse.kinematics.model.geometry import Geometry
 
 Floats = NDArray[np.float64]
 

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 
 from benchmarks.peers.peer import Floats, Peer, offsets_mm
-from kinematics.geometry import Geometry
+from traverse.kinematics.model.geometry import Geometry
 
 
 def peer(geometry: Geometry) -> Peer:

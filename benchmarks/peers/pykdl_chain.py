@@ -3,7 +3,7 @@
 import PyKDL as kdl  # noqa: N813 - as its own examples have it
 
 from benchmarks.peers.peer import Peer, offsets_mm
-from kinematics.geometry import Geometry
+from traverse.kinematics.model.geometry import Geometry
 
 
 def peer(geometry: Geometry) -> Peer:

@@ -2,15 +2,15 @@
 
 from pathlib import Path
 
-import traverse
-from kinematics.arm_file import Arm, read_arm
-from simulator.campaigns import CampaignSpec, PoseSet, make_poses
-from simulator.campaigns.spec import NoiseTable
+import traverse.cli
+from traverse.kinematics.arm_file.arm import Arm, read_arm
+from traverse.simulator.campaigns import CampaignSpec, PoseSet, make_poses
+from traverse.simulator.campaigns.spec import NoiseTable
 
 
 def demo_arm() -> Arm:
     """Read the arm of the demonstration: seven joints, about a metre long."""
-    return read_arm(Path(traverse.__file__).parent / "demo_data" / "arm.toml")
+    return read_arm(Path(traverse.cli.__file__).parent / "demo_data" / "arm.toml")
 
 
 def mix_poses(

@@ -7,10 +7,10 @@ length. The figures scatter with the postures, so the median of several sets cou
 import numpy as np
 
 from benchmarks.proofs.campaigns import demo_arm
-from kinematics.arm_file import Arm, Effect, effect_from_table
-from lab.identification.identify import Options, identify
-from simulator.campaigns import CampaignSpec, simulate_campaign
-from traverse.blind_campaign import handed_over
+from traverse.cli.blind_campaign import campaign_from_simulation
+from traverse.kinematics.arm_file.arm import Arm, Effect, effect_from_table
+from traverse.lab.identification.identify import Options, identify
+from traverse.simulator.campaigns import CampaignSpec, simulate_campaign
 
 # As derived beforehand, by another program, for an arm and places that are not known:
 # the pattern is to be compared, not the figures.
@@ -58,7 +58,9 @@ def _condition(travel: str, orders: tuple[int, ...], seed: int) -> float:
         n_suggestions=0,
     )
     wanted = arm.model_copy(update={"effects": _harmonics(arm, orders)})
-    return identify(handed_over(simulated.campaign), wanted, options).condition_number
+    return identify(
+        campaign_from_simulation(simulated.campaign), wanted, options
+    ).condition_number
 
 
 def _harmonics(arm: Arm, orders: tuple[int, ...]) -> tuple[Effect, ...]:

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.forward import probe_centre
-from lab.identification.parameters import ArmValues
-from lab.identification.result import Identification
-from simulator.campaigns import PoseSet
-from simulator.physics import probe_pose
+from traverse.kinematics.model.forward import probe_centre
+from traverse.lab.identification.equations.parameters import ArmValues
+from traverse.lab.identification.results.result import Identification
+from traverse.simulator.arm.physics import probe_pose
+from traverse.simulator.campaigns import PoseSet
 
 Floats = NDArray[np.float64]
 

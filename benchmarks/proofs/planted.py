@@ -13,14 +13,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.campaign import Campaign
-from lab.identification.identify import Options, identify
-from lab.identification.network import Station
-from lab.identification.station_equations import WhiteRows, white_rows
-from lab.identification.system import certified
-from simulator.campaigns import PoseSet, SimulatedCampaign, draw_noise
-from simulator.campaigns.spec import NoiseTable
-from traverse.blind_campaign import handed_over
+from traverse.cli.blind_campaign import campaign_from_simulation
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.identification.equations.network import Station
+from traverse.lab.identification.equations.station_equations import (
+    WhiteRows,
+    white_rows,
+)
+from traverse.lab.identification.identify import Options, identify
+from traverse.lab.identification.solve.system import certified
+from traverse.simulator.campaigns import PoseSet, SimulatedCampaign, draw_noise
+from traverse.simulator.campaigns.spec import NoiseTable
 
 Floats = NDArray[np.float64]
 
@@ -83,7 +86,7 @@ class PlantedNoise:
 
         Where there is no length, steps change the scale too, as happens to be least.
         """
-        campaign = handed_over(drawn.campaign)
+        campaign = campaign_from_simulation(drawn.campaign)
         errors = np.concatenate(
             [
                 self._errors(at, station, drawn, campaign)
@@ -117,7 +120,7 @@ class PlantedNoise:
 
 def _without_errors(poses: PoseSet, noise: NoiseTable) -> Campaign:
     """Make the campaign of readings and certificates that are right."""
-    campaign = handed_over(draw_noise(poses, 0, _SILENCE).campaign)
+    campaign = campaign_from_simulation(draw_noise(poses, 0, _SILENCE).campaign)
     artefacts = []
     for artefact, placed in zip(campaign.artefacts, poses.artefacts, strict=True):
         true_mm = {

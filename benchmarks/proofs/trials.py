@@ -7,10 +7,10 @@ import numpy as np
 from benchmarks.proofs.campaigns import mix_poses
 from benchmarks.proofs.invariants import distance_errors
 from benchmarks.proofs.planted import PlantedNoise
-from lab.identification.identify import Options, identify
-from simulator.campaigns import draw_noise
-from simulator.campaigns.spec import NoiseTable
-from traverse.blind_campaign import handed_over
+from traverse.cli.blind_campaign import campaign_from_simulation
+from traverse.lab.identification.identify import Options, identify
+from traverse.simulator.campaigns import draw_noise
+from traverse.simulator.campaigns.spec import NoiseTable
 
 # Poses of a campaign. "everything" has 15 artefacts: with fewer than 40 poses each
 # a sphere of a bar hardly controls its own contacts.
@@ -97,7 +97,9 @@ def outcomes(task: Task) -> tuple[Outcome, ...]:
     found = []
     for seed in task.noise_seeds:
         simulated = draw_noise(poses, seed, noise)
-        result = identify(handed_over(simulated.campaign), poses.arm, options)
+        result = identify(
+            campaign_from_simulation(simulated.campaign), poses.arm, options
+        )
         spoilt = np.zeros(poses.n_poses, dtype=np.bool_)
         spoilt[[blunder.row for blunder in simulated.truth.blunders]] = True
         kept = spoilt & result.included

@@ -17,12 +17,12 @@ import time
 from contextlib import AsyncExitStack, ExitStack
 from pathlib import Path
 
-from benchmarks.rounds import load
 from benchmarks.soak import disk
 from benchmarks.soak.bench import Bench
 from benchmarks.soak.judge import Verdict, judge, outbox_points, stored
 from benchmarks.soak.measuring import Span
 from benchmarks.soak.outages import Outages
+from benchmarks.tools.rounds import load
 
 READY_S = 180.0
 DRAIN_S = 120.0

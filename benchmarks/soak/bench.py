@@ -8,9 +8,9 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from benchmarks import rig
-from benchmarks.network import Network
 from benchmarks.soak.programs import Kept
+from benchmarks.tools import rig
+from benchmarks.tools.network import Network
 
 ARM = "demo-7"
 

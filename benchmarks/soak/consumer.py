@@ -13,8 +13,8 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
-from clients import Arm, Lost
-from protocol.messages import Point
+from traverse.client import Arm, Lost
+from traverse.protocol.messages import Point
 
 TABLES = """
 CREATE TABLE IF NOT EXISTS points (

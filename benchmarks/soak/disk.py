@@ -9,9 +9,9 @@ from pathlib import Path
 
 from benchmarks.soak.bench import ARM
 from benchmarks.soak.programs import Kept
-from clients import Arm, CommandRefused, NoAnswerError
-from clients.feeds import Feed
-from protocol.messages import Event
+from traverse.client import Arm, CommandRefused, NoAnswerError
+from traverse.client.feeds import Feed
+from traverse.protocol.messages import Event
 
 SIZE_MB = 256
 PATIENCE_S = 60.0

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.soak.measuring import Span, Work, measuring_s
-from protocol.encoding import decode
-from protocol.messages import Point
+from traverse.protocol.encoding import decode
+from traverse.protocol.messages import Point
 
 MAX_TOLD = 10
 

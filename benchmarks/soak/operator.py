@@ -11,14 +11,14 @@ import sys
 from pathlib import Path
 from typing import Any, TextIO
 
-from clients.address import BrokerAddress
-from clients.connection import Arrived
-from clients.errors import CommandRefused, NoAnswerError
-from clients.link import Link
-from clients.requests import Requests
-from protocol import topics
-from protocol.encoding import decode
-from protocol.messages import PointArgs, Reply, Status
+from traverse.client.errors import CommandRefused, NoAnswerError
+from traverse.client.mqtt.address import BrokerAddress
+from traverse.client.mqtt.connection import IncomingMessage
+from traverse.client.mqtt.reconnection import Link
+from traverse.client.requests import Requests
+from traverse.protocol import topics
+from traverse.protocol.encoding import decode
+from traverse.protocol.messages import PointArgs, Reply, Status
 
 ANSWER_S = 5.0
 MOST_RUNNING = 8
@@ -66,7 +66,7 @@ class Operator:
         self._log.write(json.dumps(line) + "\n")
         self._log.flush()
 
-    def _take(self, arrived: Arrived) -> None:
+    def _take(self, arrived: IncomingMessage) -> None:
         if "/reply/" in arrived.topic:
             self._requests.take_reply(decode(Reply, arrived.payload))
         else:

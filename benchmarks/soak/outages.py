@@ -5,9 +5,9 @@ import random
 from collections import Counter
 from collections.abc import Awaitable, Callable
 
-from benchmarks.network import Network
 from benchmarks.soak.bench import Bench
 from benchmarks.soak.programs import Kept
+from benchmarks.tools.network import Network
 
 KINDS = ("daemon", "broker", "board", "network", "consumers_network", "consumer")
 WEIGHTS = (4, 3, 3, 3, 2, 2)

@@ -21,8 +21,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
 
-from protocol.framing import FrameSplitter
-from protocol.latch_board import EDGE_ACK, FORGET_EDGES, HELLO, Decoder, Edge, Hello
+from traverse.protocol.latch_board import (
+    EDGE_ACK,
+    FORGET_EDGES,
+    HELLO,
+    Decoder,
+    Edge,
+    Hello,
+)
+from traverse.protocol.latch_board.framing import FrameSplitter
 
 READ_BYTES = 65_536
 LOOK_MS = 50

@@ -14,7 +14,7 @@ export PIP_QUIET=2 PIP_DISABLE_PIP_VERSION_CHECK=1
 work="$checkout/build/package"
 system_python="${SYSTEM_PYTHON:-/usr/bin/python3}"
 home=/usr/lib/traverse
-extras="can,modbus,gpio"
+extras="daemon,can,modbus,gpio"
 
 # A copy of the sources: what an earlier build left in the checkout does not get in.
 rm -rf "$work/source"
@@ -22,7 +22,7 @@ mkdir -p "$work/source" "$work/wheel"
 if git -C "$checkout" rev-parse --git-dir >/dev/null 2>&1; then
     git -C "$checkout" ls-files -z --cached --others --exclude-standard
 else
-    cd "$checkout" && find . -path ./build -prune -o -path './.*' -prune -o -type f -print0
+    cd "$checkout" && find . -path ./build -prune -o -path './.*' -prune -o \( -type f -o -type l \) -print0
 fi | tar -C "$checkout" --null --ignore-failed-read --files-from=- -cf - | tar -C "$work/source" -xf -
 rm -f "$work"/wheel/*
 "$pip" wheel --no-deps --wheel-dir "$work/wheel" "$work/source"
@@ -56,7 +56,7 @@ done
 for file in examples/traverse.toml examples/simulator.toml; do
     place "package/$file" "/usr/share/doc/traverse/$file"
 done
-install -m 644 "$checkout/traverse/demo_data/arm.toml" "$destdir/usr/share/doc/traverse/examples/arm.toml"
+install -m 644 "$checkout/cli/demo_data/arm.toml" "$destdir/usr/share/doc/traverse/examples/arm.toml"
 install -m 644 "$checkout/LICENSE" "$checkout/CHANGELOG.md" "$destdir/usr/share/doc/traverse/"
 
 # What the command line says of itself.

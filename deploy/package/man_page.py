@@ -9,7 +9,7 @@ import typer
 import typer.main
 from typer.core import TyperCommand, TyperGroup
 
-from traverse.__main__ import app
+from traverse.cli.__main__ import app
 
 AnyCommand = TyperCommand | TyperGroup
 HEAD = """\

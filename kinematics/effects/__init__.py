@@ -3,28 +3,30 @@
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from kinematics.effects.artefact_length import ArtefactLength
-from kinematics.effects.axis_runout import AxisRunout
-from kinematics.effects.axis_wobble import AxisWobble
-from kinematics.effects.backlash import Backlash
-from kinematics.effects.base_drift import BaseDrift
-from kinematics.effects.base_step import BaseStep
-from kinematics.effects.bearing_compliance import BearingCompliance
-from kinematics.effects.correction import Correction
-from kinematics.effects.count_slip import CountSlip
-from kinematics.effects.empirical import Empirical
-from kinematics.effects.encoder_drift import EncoderDrift
-from kinematics.effects.encoder_eccentricity import EncoderEccentricity
-from kinematics.effects.encoder_harmonic import EncoderHarmonic
-from kinematics.effects.encoder_latency import EncoderLatency
-from kinematics.effects.encoder_scale import EncoderScale
-from kinematics.effects.encoder_temperature import EncoderTemperature
-from kinematics.effects.joint_compliance import JointCompliance
-from kinematics.effects.mount_compliance import MountCompliance
-from kinematics.effects.probe_lobing import ProbeLobing
-from kinematics.effects.probe_radius import ProbeRadius
-from kinematics.effects.stylus_bending import StylusBending
-from kinematics.effects.thermal_expansion import ThermalExpansion
+from traverse.kinematics.effects.base.correction import Correction
+from traverse.kinematics.effects.contacts.artefact_length import ArtefactLength
+from traverse.kinematics.effects.contacts.probe_lobing import ProbeLobing
+from traverse.kinematics.effects.contacts.probe_radius import ProbeRadius
+from traverse.kinematics.effects.contacts.stylus_bending import StylusBending
+from traverse.kinematics.effects.mechanics.axis_runout import AxisRunout
+from traverse.kinematics.effects.mechanics.axis_wobble import AxisWobble
+from traverse.kinematics.effects.mechanics.base_drift import BaseDrift
+from traverse.kinematics.effects.mechanics.base_step import BaseStep
+from traverse.kinematics.effects.mechanics.bearing_compliance import BearingCompliance
+from traverse.kinematics.effects.mechanics.joint_compliance import JointCompliance
+from traverse.kinematics.effects.mechanics.mount_compliance import MountCompliance
+from traverse.kinematics.effects.mechanics.thermal_expansion import ThermalExpansion
+from traverse.kinematics.effects.readings.backlash import Backlash
+from traverse.kinematics.effects.readings.count_slip import CountSlip
+from traverse.kinematics.effects.readings.empirical import Empirical
+from traverse.kinematics.effects.readings.encoder_drift import EncoderDrift
+from traverse.kinematics.effects.readings.encoder_eccentricity import (
+    EncoderEccentricity,
+)
+from traverse.kinematics.effects.readings.encoder_harmonic import EncoderHarmonic
+from traverse.kinematics.effects.readings.encoder_latency import EncoderLatency
+from traverse.kinematics.effects.readings.encoder_scale import EncoderScale
+from traverse.kinematics.effects.readings.encoder_temperature import EncoderTemperature
 
 __all__ = ["EFFECTS"]
 

@@ -8,20 +8,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.effects import EFFECTS
-from kinematics.effects.block import Block
-from kinematics.effects.bodies import Bodies, bodies_from_arm
-from kinematics.effects.correction import (
+from traverse.kinematics.effects import EFFECTS
+from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.base.bodies import Bodies, bodies_from_arm
+from traverse.kinematics.effects.base.context import (
+    EffectContext,
+    Span,
+    context_from_arm,
+)
+from traverse.kinematics.effects.base.correction import (
     BodyCorrection,
     ContactCorrection,
     Correction,
     ReadingCorrection,
 )
-from kinematics.effects.covariate import Covariate, Need
-from kinematics.effects.setting import Setting, Span, setting_from_arm
+from traverse.kinematics.effects.base.covariate import Covariate, Need
 
 if TYPE_CHECKING:
-    from kinematics.arm_file import Arm, Effect
+    from traverse.kinematics.arm_file.arm import Arm, Effect
 
 Floats = NDArray[np.float64]
 
@@ -157,7 +161,7 @@ def effects_of(
     built: list[Correction] = []
     problems: list[str] = []
     for index, effect in enumerate(effects):
-        setting = setting_from_arm(arm, campaign_utc or _believed_utc(arm, effect))
+        setting = context_from_arm(arm, campaign_utc or _believed_utc(arm, effect))
         try:
             correction = EFFECTS[effect.kind].from_file(effect, setting)
         except ValueError as error:
@@ -196,7 +200,7 @@ def _has_weight(correction: Correction, bodies: Bodies) -> bool:
     return bool(bodies.are_known_beyond[joint])
 
 
-def _no_weight(effect: "Effect", setting: Setting) -> str:
+def _no_weight(effect: "Effect", setting: EffectContext) -> str:
     first = 0 if effect.joint is None else setting.joint(effect)
     return (
         f"{effect.kind} yields to weights, but the arm file has no mass_kg for "

@@ -17,22 +17,22 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.effects.arm_effects import ArmEffects
-from kinematics.effects.block import Block
-from kinematics.effects.bodies import cross
-from kinematics.effects.contact import Contact, contact_seen
-from kinematics.effects.correction import (
+from traverse.kinematics.effects.arm_effects import ArmEffects
+from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.base.bodies import cross
+from traverse.kinematics.effects.base.contact import Contact, contact_seen
+from traverse.kinematics.effects.base.correction import (
     BodyCorrection,
     ContactCorrection,
     Correction,
     ReadingCorrection,
     Target,
 )
-from kinematics.effects.deflection import Deflection, deflection, totals
-from kinematics.effects.pose import checked, chunks, undeflected_posture
-from kinematics.effects.posture import Posture
-from kinematics.geometry import Geometry
-from kinematics.quaternion import rotate
+from traverse.kinematics.effects.base.posture import Posture
+from traverse.kinematics.effects.deflection import Deflection, deflection, totals
+from traverse.kinematics.effects.pose import checked, chunks, undeflected_posture
+from traverse.kinematics.model.geometry import Geometry
+from traverse.kinematics.model.quaternion import rotate
 
 Floats = NDArray[np.float64]
 

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.effects.arm_effects import ArmEffects
-from kinematics.effects.block import Block
-from kinematics.geometry import Geometry
-from kinematics.kernel.choice import KERNEL, aligned_floats, compiled_chain
+from traverse.kinematics.effects.arm_effects import ArmEffects
+from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.kernel.choice import KERNEL, aligned_floats, compiled_chain
+from traverse.kinematics.model.geometry import Geometry
 
 if KERNEL != "numpy":
-    from kinematics.kernel.compiled import DeflectedChain
+    from traverse.kinematics.kernel.compiled import DeflectedChain
 
 Floats = NDArray[np.float64]
 

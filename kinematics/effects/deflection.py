@@ -17,11 +17,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.effects.correction import BodyCorrection, Target
-from kinematics.effects.posture import Posture
-from kinematics.effects.turning import chained, composed, rotated
-from kinematics.geometry import Geometry
-from kinematics.quaternion import turn
+from traverse.kinematics.effects.base.correction import BodyCorrection, Target
+from traverse.kinematics.effects.base.posture import Posture
+from traverse.kinematics.model.batched_quaternions import (
+    chain_rotations,
+    composed,
+    rotated,
+)
+from traverse.kinematics.model.geometry import Geometry
+from traverse.kinematics.model.quaternion import turn
 
 Floats = NDArray[np.float64]
 
@@ -111,7 +115,7 @@ def deflection(
     mount = small_turn(amounts[Target.MOUNT]) if Target.MOUNT in amounts else None
     if mount is not None:
         turns[:, :1] = composed(turns[:, :1], mount[:, np.newaxis])
-    rotations = chained(turns)
+    rotations = chain_rotations(turns)
     links_mm = geometry.links_mm.T[:, :, np.newaxis]
     if Target.GROWTH in amounts:
         links_mm = links_mm * (1.0 + amounts[Target.GROWTH])

@@ -19,16 +19,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.effects.arm_effects import ArmEffects
-from kinematics.effects.block import Block
-from kinematics.effects.compiled import compiled_pose
-from kinematics.effects.contact import contact_seen
-from kinematics.effects.correction import FlagName
-from kinematics.effects.deflection import Deflection, deflection, totals
-from kinematics.effects.posture import Posture
-from kinematics.effects.turning import rotated
-from kinematics.forward import numpy_pose, probe_pose
-from kinematics.geometry import Geometry
+from traverse.kinematics.effects.arm_effects import ArmEffects
+from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.base.contact import contact_seen
+from traverse.kinematics.effects.base.correction import FlagName
+from traverse.kinematics.effects.base.posture import Posture
+from traverse.kinematics.effects.compiled import compiled_pose
+from traverse.kinematics.effects.deflection import Deflection, deflection, totals
+from traverse.kinematics.model.batched_quaternions import rotated
+from traverse.kinematics.model.forward import numpy_pose, probe_pose
+from traverse.kinematics.model.geometry import Geometry
 
 Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]

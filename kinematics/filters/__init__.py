@@ -1,7 +1,7 @@
 """Filters of points: composable, the same in the daemon and off-line."""
 
-from kinematics.filters.chain import FILTERS, FilterChain
-from kinematics.filters.point_filter import PointFilter
-from kinematics.filters.points import PointBlock
+from traverse.kinematics.filters.chain import FILTERS, FilterChain
+from traverse.kinematics.filters.point_filter import PointFilter
+from traverse.kinematics.filters.points import PointBlock
 
 __all__ = ["FILTERS", "FilterChain", "PointBlock", "PointFilter"]

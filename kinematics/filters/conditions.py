@@ -7,8 +7,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.filters.point_filter import Mask, Selection
-from kinematics.filters.points import PointBlock
+from traverse.kinematics.filters.point_filter import Mask, Selection
+from traverse.kinematics.filters.points import PointBlock
 
 
 @dataclass(slots=True)

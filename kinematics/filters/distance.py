@@ -5,8 +5,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from kinematics.filters.point_filter import Mask, PointFilter, check_positive
-from kinematics.filters.points import Floats, PointBlock
+from traverse.kinematics.filters.point_filter import Mask, PointFilter, check_positive
+from traverse.kinematics.filters.points import Floats, PointBlock
 
 FIRST_LOOK, LONGEST_LOOK = 32, 4096
 

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.filters.points import PointBlock
+from traverse.kinematics.filters.points import PointBlock
 
 Vector = tuple[float, float, float]
 Mask = NDArray[np.bool_]

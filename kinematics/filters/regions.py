@@ -5,14 +5,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from kinematics.filters.point_filter import (
+from traverse.kinematics.filters.point_filter import (
     Mask,
     Selection,
     Vector,
     check_positive,
     unit,
 )
-from kinematics.filters.points import PointBlock
+from traverse.kinematics.filters.points import PointBlock
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,13 +6,13 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.filters.point_filter import (
+from traverse.kinematics.filters.point_filter import (
     PointFilter,
     Vector,
     check_positive,
     unit,
 )
-from kinematics.filters.points import Floats, PointBlock
+from traverse.kinematics.filters.points import Floats, PointBlock
 
 
 @dataclass(slots=True)

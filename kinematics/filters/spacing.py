@@ -13,9 +13,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.filters.distance import first_beyond
-from kinematics.filters.point_filter import PointFilter, check_positive
-from kinematics.filters.points import Floats, PointBlock
+from traverse.kinematics.filters.distance import first_beyond
+from traverse.kinematics.filters.point_filter import PointFilter, check_positive
+from traverse.kinematics.filters.points import Floats, PointBlock
 
 BITS = 21  # of a cell's number along one axis
 WRAP = 1 << BITS

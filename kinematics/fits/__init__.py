@@ -1,16 +1,16 @@
 """Fits of measured points: shapes by least squares, and the smallest sphere around.
 
 Distances are orthogonal: those of the points from the shape. Every shape says how well
-it is known, see `kinematics.fits.adjustment`.
+it is known, see `traverse.kinematics.fits.adjustment`.
 """
 
-from kinematics.fits.circle import Circle, fit_circle
-from kinematics.fits.cylinder import Cylinder, fit_cylinder
-from kinematics.fits.enclosing import EnclosingSphere, enclosing_sphere
-from kinematics.fits.line import Line, fit_line
-from kinematics.fits.plane import Plane, fit_plane
-from kinematics.fits.sphere import Sphere, fit_sphere, fit_sphere_of_radius
-from kinematics.fits.spread import Spread, spread_about_mean
+from traverse.kinematics.fits.circle import Circle, fit_circle
+from traverse.kinematics.fits.cylinder import Cylinder, fit_cylinder
+from traverse.kinematics.fits.enclosing import EnclosingSphere, enclosing_sphere
+from traverse.kinematics.fits.line import Line, fit_line
+from traverse.kinematics.fits.plane import Plane, fit_plane
+from traverse.kinematics.fits.sphere import Sphere, fit_sphere, fit_sphere_of_radius
+from traverse.kinematics.fits.spread import Spread, spread_about_mean
 
 __all__ = [
     "Circle",

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.fits.adjustment import Precision, adjusted, inverse_normal
-from kinematics.fits.cloud import across, cloud_of
+from traverse.kinematics.fits.adjustment import Precision, adjusted, inverse_normal
+from traverse.kinematics.fits.cloud import across, cloud_of
 
 Floats = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.fits.adjustment import Precision, adjusted, inverse_normal
-from kinematics.fits.cloud import FLAT, Cloud, across, cloud_of, frames_across
+from traverse.kinematics.fits.adjustment import Precision, adjusted, inverse_normal
+from traverse.kinematics.fits.cloud import FLAT, Cloud, across, cloud_of, frames_across
 
 Floats = NDArray[np.float64]
 

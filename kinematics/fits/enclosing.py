@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.fits.cloud import checked_points
+from traverse.kinematics.fits.cloud import checked_points
 
 Floats = NDArray[np.float64]
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.fits.adjustment import Precision, inverse_normal
-from kinematics.fits.cloud import FLAT, across, cloud_of
+from traverse.kinematics.fits.adjustment import Precision, inverse_normal
+from traverse.kinematics.fits.cloud import FLAT, across, cloud_of
 
 Floats = NDArray[np.float64]
 

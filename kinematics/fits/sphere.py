@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.fits.adjustment import Precision, adjusted, inverse_normal
-from kinematics.fits.cloud import Cloud, cloud_of
+from traverse.kinematics.fits.adjustment import Precision, adjusted, inverse_normal
+from traverse.kinematics.fits.cloud import Cloud, cloud_of
 
 Floats = NDArray[np.float64]
 _State = tuple[Floats, float]

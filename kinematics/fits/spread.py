@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.fits.cloud import checked_points
+from traverse.kinematics.fits.cloud import checked_points
 
 Floats = NDArray[np.float64]
 

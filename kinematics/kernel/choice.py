@@ -10,10 +10,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.geometry import Geometry
+from traverse.kinematics.model.geometry import Geometry
 
 try:
-    from kinematics.kernel.compiled import (
+    from traverse.kinematics.kernel.compiled import (
         LARGEST_N_JOINTS,
         Chain,
         DeflectedChain,  # noqa: F401 (a kernel built before it was there is not one)

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.effects.block import Block
-from kinematics.geometry import Geometry
-from kinematics.kernel.terms import Term
+from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.kernel.terms import Term
+from traverse.kinematics.model.geometry import Geometry
 
 Floats = NDArray[np.float64]
 Vector = tuple[float, float, float]

@@ -19,7 +19,7 @@ from libc.string cimport memcpy
 
 import numpy as np
 
-from kinematics.kernel.arm cimport (
+from traverse.kinematics.kernel.arm cimport (
     MOST_JOINTS,
     N_VARIANTS,
     arm_t,

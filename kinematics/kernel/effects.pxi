@@ -3,7 +3,7 @@
 from libc.stdint cimport int64_t
 from libc.stdlib cimport calloc, free
 
-from kinematics.kernel.arm cimport effects_t, samples_t, term_t
+from traverse.kinematics.kernel.arm cimport effects_t, samples_t, term_t
 
 # What a form moves at its joint, as in effects.h; the mount and the base by their own.
 cdef int MOVES[10]
@@ -27,7 +27,7 @@ cdef class DeflectedChain:
     Args:
         geometry: The arm, of at most LARGEST_N_JOINTS joints.
         variant: One of `runnable_variants()`.
-        terms: What the effects add up to, `kinematics.kernel.terms.Term`.
+        terms: What the effects add up to, `traverse.kinematics.kernel.terms.Term`.
         levers_kg_m: What each element adds to the mass moment, (n_joints, 3).
     """
 
@@ -124,7 +124,7 @@ cdef class DeflectedChain:
         """Compute centres and directions.
 
         Args:
-            block: `kinematics.effects.block.Block`, with what the effects need.
+            block: `traverse.kinematics.effects.base.block.Block`, with what the effects need.
             gravity_m_s2: Three floats.
             centres_mm: Where the centres go, (n_samples, 3); new where absent.
             directions: Where the directions go, likewise.

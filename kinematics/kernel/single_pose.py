@@ -10,8 +10,8 @@ from math import cos, nan, sin
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.geometry import Geometry
-from kinematics.kernel.choice import compiled_chain
+from traverse.kinematics.kernel.choice import compiled_chain
+from traverse.kinematics.model.geometry import Geometry
 
 Vector = tuple[float, float, float]
 Pose = tuple[Vector, Vector]

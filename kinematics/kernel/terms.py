@@ -1,7 +1,8 @@
 """Effects as the kernel in C takes them: sums of terms, each an amount of something.
 
-The laws are those of `kinematics.effects`, which remain the readable definition and
-compute where no kernel does; `effects.h` has the formulas and the same numbers.
+The laws are those of `traverse.kinematics.effects`, which remain the readable
+definition and compute where no kernel does; `effects.h` has the formulas and the same
+numbers.
 """
 
 from dataclasses import dataclass

@@ -6,19 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from kinematics.arm_file import Arm
-from lab.acceptance.b89 import N_BARS, ZONES
-from lab.acceptance.interim import POSITIONS as CHECK_POSITIONS
-from lab.acceptance.length_tests import LENGTHS, POSITIONS
-from lab.acceptance.lengths import SET
-from lab.acceptance.measured import reach_of
-from lab.acceptance.standards import (
+from traverse.kinematics.arm_file.arm import Arm
+from traverse.lab.acceptance.procedures.b89 import N_BARS, ZONES
+from traverse.lab.acceptance.procedures.interim_test import POSITIONS as CHECK_POSITIONS
+from traverse.lab.acceptance.procedures.length_tests import LENGTHS, POSITIONS
+from traverse.lab.acceptance.procedures.lengths import SET
+from traverse.lab.acceptance.standards import (
     BIDIRECTIONAL,
     DIAMETER,
     LOCATION,
     PROBING,
     UNIDIRECTIONAL,
 )
+from traverse.lab.measured_points.measurement import reach_of
 
 SPHERE = {"kind": "sphere", "radius_mm": 12.7, "radius_std_mm": 0.0003}
 PER_BALL = 5

@@ -7,15 +7,24 @@ by features; docs/reference/acceptance.md lists them.
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
-from lab.acceptance.b89 import articulation, volumetric
-from lab.acceptance.figure import Figure, Part, Verification, verification
-from lab.acceptance.interim import interim_check
-from lab.acceptance.length_tests import length_test
-from lab.acceptance.limits import NO_LIMITS, Limits
-from lab.acceptance.measured import Measured
-from lab.acceptance.probing import effective_diameter, location, size_and_form
+from traverse.lab.acceptance.conformity.figure import (
+    Figure,
+    Part,
+    Verification,
+    verification,
+)
+from traverse.lab.acceptance.conformity.limits import NO_LIMITS, Limits
+from traverse.lab.acceptance.procedures.b89 import articulation, volumetric
+from traverse.lab.acceptance.procedures.interim_test import interim_test
+from traverse.lab.acceptance.procedures.length_tests import length_test
+from traverse.lab.acceptance.procedures.probing import (
+    effective_diameter,
+    location,
+    size_and_form,
+)
+from traverse.lab.measured_points.measurement import Measurement
 
-Tests = Callable[[Measured, Limits], Iterator[Part]]
+Tests = Callable[[Measurement, Limits], Iterator[Part]]
 
 PROBING = ("probing-1", "probing-2")
 LOCATION = "articulated"
@@ -31,7 +40,7 @@ class Standard:
     tests: Tests
 
 
-def _iso10360(measured: Measured, limits: Limits) -> Iterator[Part]:
+def _iso10360(measured: Measurement, limits: Limits) -> Iterator[Part]:
     yield from size_and_form(measured, PROBING, limits)
     yield from location(measured, LOCATION, limits)
     yield from length_test(measured, "e_uni", UNIDIRECTIONAL, limits)
@@ -40,7 +49,7 @@ def _iso10360(measured: Measured, limits: Limits) -> Iterator[Part]:
         yield from length_test(measured, "e_bi", BIDIRECTIONAL, limits)
 
 
-def _b89(measured: Measured, limits: Limits) -> Iterator[Part]:
+def _b89(measured: Measurement, limits: Limits) -> Iterator[Part]:
     yield from effective_diameter(measured, DIAMETER, limits)
     yield from articulation(measured, limits)
     yield from volumetric(measured, limits)
@@ -49,12 +58,12 @@ def _b89(measured: Measured, limits: Limits) -> Iterator[Part]:
 STANDARDS: Mapping[str, Standard] = {
     "iso10360-12": Standard("ISO 10360-12:2016", _iso10360),
     "asme-b89.4.22": Standard("ASME B89.4.22", _b89),
-    "vdi2617-9": Standard("VDI/VDE 2617-9, interim check", interim_check),
+    "vdi2617-9": Standard("VDI/VDE 2617-9, interim check", interim_test),
 }
 
 
 def verified(
-    measured: Measured, standard: str, limits: Limits = NO_LIMITS
+    measured: Measurement, standard: str, limits: Limits = NO_LIMITS
 ) -> Verification:
     """Compute all figures of a standard, and decide on those with a limit.
 

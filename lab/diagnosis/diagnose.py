@@ -6,28 +6,34 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm_file import Arm
-from lab.campaign import Campaign
-from lab.diagnosis.decision import Decision, decided
-from lab.diagnosis.diagnosis import (
+from traverse.kinematics.arm_file.arm import Arm
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.diagnosis.holdout.comparison import (
+    HoldoutComparison,
+    compare_on_holdout,
+)
+from traverse.lab.diagnosis.holdout.holdout import split
+from traverse.lab.diagnosis.model.fit import Fit
+from traverse.lab.diagnosis.model.observation_equations import (
+    ObservationEquations,
+    equations_of,
+)
+from traverse.lab.diagnosis.model.options import DiagnosisOptions
+from traverse.lab.diagnosis.model.result import (
     Diagnosis,
     Step,
 )
-from lab.diagnosis.fit import Fit
-from lab.diagnosis.gap import Gap, gap_between
-from lab.diagnosis.holdout import split
-from lab.diagnosis.naming import Naming
-from lab.diagnosis.options import DiagnosisOptions
-from lab.diagnosis.outcome import (
+from traverse.lab.diagnosis.model.serial_correlation import without_serial_noise
+from traverse.lab.diagnosis.outcome import (
     detectable_of,
     leftovers_of,
     noise_of,
     terms_of,
     verdict_of,
 )
-from lab.diagnosis.rows import Rows, rows_of
-from lab.diagnosis.search import Progress, refitted
-from lab.diagnosis.serial import without_serial_noise
+from traverse.lab.diagnosis.search.decision import Decision, decided
+from traverse.lab.diagnosis.search.forward_search import Progress, refitted
+from traverse.lab.diagnosis.search.naming import NamedTerm
 
 __all__ = ["DiagnosisOptions", "diagnose"]
 
@@ -62,7 +68,9 @@ def diagnose(
     told("looking at the poses kept aside", 0.7)
     fits = _ledger_fits(decision, options)
     gaps = [
-        gap_between(fit.adjustment, fits[-1].adjustment, held_out, arm.probe.radius_mm)
+        compare_on_holdout(
+            fit.adjustment, fits[-1].adjustment, held_out, arm.probe.radius_mm
+        )
         for fit in fits
     ]
     gap = gaps[0]
@@ -119,7 +127,9 @@ def _ledger_fits(decision: Decision, options: DiagnosisOptions) -> list[Fit]:
     return [*fits, search.fit]
 
 
-def _ledger(decision: Decision, fits: list[Fit], gaps: list[Gap]) -> tuple[Step, ...]:
+def _ledger(
+    decision: Decision, fits: list[Fit], gaps: list[HoldoutComparison]
+) -> tuple[Step, ...]:
     added = [term.candidate.name for term in decision.search.terms]
     if len(fits) <= len(added):
         added = [", ".join(added)]
@@ -131,7 +141,7 @@ def _ledger(decision: Decision, fits: list[Fit], gaps: list[Gap]) -> tuple[Step,
 
 
 def _accepted(
-    names: tuple[Naming, ...], gap: Gap, options: DiagnosisOptions
+    names: tuple[NamedTerm, ...], gap: HoldoutComparison, options: DiagnosisOptions
 ) -> tuple[bool, ...]:
     """Say which terms enter the adapted arm."""
     if gap.is_worse:
@@ -148,7 +158,7 @@ def _adapted(
     decision: Decision,
     accepted: tuple[bool, ...],
     options: DiagnosisOptions,
-) -> tuple[Fit, Rows]:
+) -> tuple[Fit, ObservationEquations]:
     """Estimate everything again from all poses, with the accepted terms.
 
     Returns:
@@ -160,7 +170,7 @@ def _adapted(
     everyone = np.ones(len(campaign.poses), dtype=np.bool_)
     effects = search.fit.arm.effects
     whole = refitted(search.fit, effects, everyone)
-    rows = rows_of(whole.adjustment)
+    rows = equations_of(whole.adjustment)
     if search.serial is not None:
         rows = without_serial_noise(rows, search.serial)
     if all(accepted):

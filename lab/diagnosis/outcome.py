@@ -5,19 +5,25 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.diagnosis.advice import separate_by
-from lab.diagnosis.candidate import BankName, Candidate
-from lab.diagnosis.choice import Choice, ranked
-from lab.diagnosis.clusters import Cluster, cluster_of
-from lab.diagnosis.decision import Decision
-from lab.diagnosis.detectable import detectable
-from lab.diagnosis.diagnosis import Detectable, Leftover, NoiseFound, Term, Verdict
-from lab.diagnosis.library import absent_candidates
-from lab.diagnosis.naming import Naming
-from lab.diagnosis.options import DiagnosisOptions
-from lab.diagnosis.rows import Rows
-from lab.diagnosis.search import Search
-from lab.diagnosis.terms import estimates_of
+from traverse.lab.diagnosis.advice.experiments import separate_by
+from traverse.lab.diagnosis.advice.minimal_detectable import detectable
+from traverse.lab.diagnosis.candidates.library import absent_candidates
+from traverse.lab.diagnosis.model.candidate import BankName, Candidate
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
+from traverse.lab.diagnosis.model.options import DiagnosisOptions
+from traverse.lab.diagnosis.model.outlier_clusters import Cluster, find_outlier_cluster
+from traverse.lab.diagnosis.model.result import (
+    BankRemainder,
+    Detectable,
+    NoiseEstimate,
+    Term,
+    Verdict,
+)
+from traverse.lab.diagnosis.model.terms import estimates_of
+from traverse.lab.diagnosis.search.decision import Decision
+from traverse.lab.diagnosis.search.forward_search import SearchState
+from traverse.lab.diagnosis.search.naming import NamedTerm
+from traverse.lab.diagnosis.search.selection import ScoredCandidate, ranked
 
 Booleans = NDArray[np.bool_]
 
@@ -29,7 +35,7 @@ _STATUSES: tuple[Verdict, ...] = ("unknown", "tentative", "named")
 def terms_of(
     decision: Decision,
     accepted: tuple[bool, ...],
-    rows: Rows,
+    rows: ObservationEquations,
     choosing: Booleans,
     options: DiagnosisOptions,
 ) -> tuple[Term, ...]:
@@ -70,7 +76,7 @@ def terms_of(
         )
     if search.stuck is not None:
         terms.append(_without_form(search.stuck))
-    place = cluster_of(
+    place = find_outlier_cluster(
         search.stage.rows,
         choosing,
         search.fit.included,
@@ -122,7 +128,7 @@ def _from_cluster(place: Cluster) -> Term:
     )
 
 
-def _without_form(stuck: Choice) -> Term:
+def _without_form(stuck: ScoredCandidate) -> Term:
     """Tell of a curve that tilts or shifts a joint: it cannot be added."""
     return Term(
         status="unknown",
@@ -138,7 +144,7 @@ def _without_form(stuck: Choice) -> Term:
     )
 
 
-def _shown(naming: Naming) -> Candidate:
+def _shown(naming: NamedTerm) -> Candidate:
     """Say as what a term is told: a harmonic with overtones is a curve."""
     candidate = naming.added.candidate
     if naming.harmonic is None:
@@ -158,10 +164,10 @@ def verdict_of(terms: tuple[Term, ...]) -> Verdict:
     return next((one for one in _STATUSES if one in statuses), "clean")
 
 
-def noise_of(search: Search) -> NoiseFound:
+def noise_of(search: SearchState) -> NoiseEstimate:
     """Say which noise was found."""
     noise, serial = search.fit.adjustment.network.noise, search.serial
-    return NoiseFound(
+    return NoiseEstimate(
         tuple(noise.encoder_rad.tolist()),
         tuple(noise.contact_mm.tolist()),
         0.0 if serial is None else serial.share,
@@ -169,21 +175,21 @@ def noise_of(search: Search) -> NoiseFound:
     )
 
 
-def leftovers_of(search: Search) -> tuple[Leftover, ...]:
+def leftovers_of(search: SearchState) -> tuple[BankRemainder, ...]:
     """Say what is left over in every bank."""
     found = []
     for name in BankName:
-        choices = ranked(search.stage, (name,), search.settled)
+        choices = ranked(search.stage, (name,), search.joints_with_own_curve)
         if choices:
             first = min(choices, key=lambda choice: choice.log_p)
             threshold = search.thresholds[name] / _LOG_10
             found.append(
-                Leftover(name, first.candidate, first.log_p / _LOG_10, threshold)
+                BankRemainder(name, first.candidate, first.log_p / _LOG_10, threshold)
             )
     return tuple(found)
 
 
-def detectable_of(search: Search) -> tuple[Detectable, ...]:
+def detectable_of(search: SearchState) -> tuple[Detectable, ...]:
     """Work out what could have been seen."""
     rows, arm = search.stage.rows, search.fit.arm
     found = detectable(

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lab.diagnosis.diagnosis import Diagnosis, Status, Term, Verdict
+from traverse.lab.diagnosis.model.result import Diagnosis, Status, Term, Verdict
 
 Identity = tuple[str, str | None, int | None, str | None, str | None]
 Value = float | tuple[float, ...]

@@ -2,35 +2,38 @@
 
 import numpy as np
 
-from kinematics.arm_file import Arm
-from kinematics.geometry import geometry_from_arm
-from lab.campaign import Campaign
-from lab.identification.adjustment import Progress
-from lab.identification.advice import suggestions
-from lab.identification.arm_parameters import arm_parameters, masked
-from lab.identification.conclusions import (
+from traverse.kinematics.arm_file.arm import Arm
+from traverse.kinematics.model.geometry import geometry_from_arm
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.identification.design.coverage import joint_coverage
+from traverse.lab.identification.design.optimal_design import suggestions
+from traverse.lab.identification.equations.arm_parameters import arm_parameters, masked
+from traverse.lab.identification.equations.datum import with_datum
+from traverse.lab.identification.equations.effect_model import effect_model
+from traverse.lab.identification.equations.network import Network, stations
+from traverse.lab.identification.equations.noise import a_priori_noise
+from traverse.lab.identification.equations.parameters import ArmValues, Parameters
+from traverse.lab.identification.equations.station_equations import start_state
+from traverse.lab.identification.results.postprocessing import (
+    arm_of_adjustment,
     artefact_results,
     cartesian_covariance,
     condition_number,
     global_test,
-    identified_arm,
     parameter_estimates,
     rms_mm,
     variance_factor,
 )
-from lab.identification.coverage import joint_coverage
-from lab.identification.datum import with_datum
-from lab.identification.effect_model import effect_model
-from lab.identification.network import Network, stations
-from lab.identification.noise import a_priori_noise
-from lab.identification.options import Options
-from lab.identification.parameters import ArmValues, Parameters
-from lab.identification.result import ExcludedPose, Identification
-from lab.identification.rounds import Rounds
-from lab.identification.serial_noise import serial_noise
-from lab.identification.start import coarse_start
-from lab.identification.station_equations import start_state
-from lab.identification.undetermined import undetermined_directions, weak_directions
+from traverse.lab.identification.results.result import ExcludedPose, Identification
+from traverse.lab.identification.results.undetermined import (
+    undetermined_directions,
+    weak_directions,
+)
+from traverse.lab.identification.solve.adjustment import Progress
+from traverse.lab.identification.solve.coarse_start import coarse_start
+from traverse.lab.identification.solve.iterative_adjustment import IterativeAdjustment
+from traverse.lab.identification.solve.options import Options
+from traverse.lab.identification.solve.serial_noise import serial_noise
 
 __all__ = ["IdentificationError", "Options", "identify"]
 
@@ -74,13 +77,13 @@ def identify(
     if options.coarse_start:
         coarse = coarse_start(campaign, parameters, design, radius_mm)
         design, zero_offsets_rad = coarse.arm, coarse.zero_offsets_rad
-    run = Rounds(design, options, radius_mm, progress)
-    alone, found, included, critical = run.to_the_end(network)
+    run = IterativeAdjustment(design, options, radius_mm, progress)
+    alone, found, included, critical = run.run(network)
     adjustment, serial = alone, None
     sigma0, redundancy, shared = alone.sigma0, alone.redundancy, 1.0
     if campaign.is_stream:
         serial = serial_noise(alone)
-        adjustment = run.less_weight(alone, serial)
+        adjustment = run.with_stream_weights(alone, serial)
         redundancy, shared = serial.redundancy, serial.samples_per_square
         sigma0 = float(np.sqrt(alone.system.sum_of_squares / max(redundancy, 1)))
     test = global_test(
@@ -93,7 +96,7 @@ def identify(
     covariance = factor * inverse @ inverse.T
     poses = np.flatnonzero(included)
     return Identification(
-        arm=identified_arm(arm, adjustment),
+        arm=arm_of_adjustment(arm, adjustment),
         design=arm,
         campaign=campaign,
         adjustment=adjustment,

@@ -4,8 +4,8 @@ Byte layouts are those of docs/serial-protocol.md, sections 3 and 4. Decoding wo
 on whole reads: timed samples that follow one another become one `SampleBlock`.
 """
 
-from protocol.latch_board.decoder import Decoder
-from protocol.latch_board.messages import (
+from traverse.protocol.latch_board.decoder import Decoder
+from traverse.protocol.latch_board.messages import (
     Alarm,
     Channel,
     Edge,
@@ -17,7 +17,7 @@ from protocol.latch_board.messages import (
     SampleBlock,
     Temperatures,
 )
-from protocol.latch_board.numbers import (
+from traverse.protocol.latch_board.numbers import (
     ALARMS,
     CONFIGURE,
     EDGE,
@@ -37,7 +37,7 @@ from protocol.latch_board.numbers import (
     STOP,
     WHOLE_BOARD,
 )
-from protocol.latch_board.requests import (
+from traverse.protocol.latch_board.requests import (
     configure_request,
     edge_ack,
     hello_request,
@@ -45,7 +45,7 @@ from protocol.latch_board.requests import (
     start_request,
     stop_request,
 )
-from protocol.latch_board.samples import TIMED
+from traverse.protocol.latch_board.samples import TIMED
 
 __all__ = [
     "ALARMS",

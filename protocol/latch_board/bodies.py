@@ -6,7 +6,7 @@ A parser gives None where the length is wrong.
 import struct
 from collections.abc import Callable
 
-from protocol.latch_board.messages import (
+from traverse.protocol.latch_board.messages import (
     Alarm,
     Channel,
     Edge,
@@ -17,7 +17,7 @@ from protocol.latch_board.messages import (
     Reply,
     Temperatures,
 )
-from protocol.latch_board.numbers import EDGE, NO_SENSOR
+from traverse.protocol.latch_board.numbers import EDGE, NO_SENSOR
 
 _HELLO = struct.Struct("<BBBB12s3sBBBIII")  # type request major minor id firmware ...
 _CHANNEL = struct.Struct("<BI")  # bits modulus

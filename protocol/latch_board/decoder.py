@@ -2,10 +2,10 @@
 
 from collections import Counter
 
-from protocol.framing import FrameSplitter
-from protocol.latch_board.bodies import PARSERS
-from protocol.latch_board.messages import Message
-from protocol.latch_board.samples import sample_block
+from traverse.protocol.latch_board.bodies import PARSERS
+from traverse.protocol.latch_board.framing import FrameSplitter
+from traverse.protocol.latch_board.messages import Message
+from traverse.protocol.latch_board.samples import sample_block
 
 
 class Decoder:

@@ -2,8 +2,8 @@
 
 import struct
 
-from protocol.framing import encode_frame
-from protocol.latch_board.numbers import (
+from traverse.protocol.latch_board.framing import encode_frame
+from traverse.protocol.latch_board.numbers import (
     CONFIGURE,
     EDGE_ACK,
     HELLO,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from protocol.latch_board.messages import SampleBlock
+from traverse.protocol.latch_board.messages import SampleBlock
 
 TIMED = b"\x02\x83"
 """How the frame of a timed sample begins, and no other: its type, then a token of 0."""

@@ -1,6 +1,6 @@
 """All messages that travel over MQTT, defined once, here."""
 
-from protocol.messages.commands import (
+from traverse.protocol.messages.commands import (
     COMMANDS,
     AlignArgs,
     Args,
@@ -15,9 +15,9 @@ from protocol.messages.commands import (
     SessionArgs,
     UndoArgs,
 )
-from protocol.messages.event import Event
-from protocol.messages.fields import Message, Value
-from protocol.messages.health import (
+from traverse.protocol.messages.event import Event
+from traverse.protocol.messages.fields import Message, Value
+from traverse.protocol.messages.health import (
     COUNTERS,
     LATENCIES,
     BrokerHealth,
@@ -27,19 +27,19 @@ from protocol.messages.health import (
     OutboxHealth,
     SpoolHealth,
 )
-from protocol.messages.live import Live
-from protocol.messages.point import Label, Point
-from protocol.messages.quality import (
+from traverse.protocol.messages.live import Live
+from traverse.protocol.messages.point import Label, Point
+from traverse.protocol.messages.quality import (
     FLAG_MEANINGS,
     REMARKS,
     Quality,
     QualityFlag,
     flag_names,
 )
-from protocol.messages.recording_health import RecordingHealth
-from protocol.messages.reply import Reply, ReplyError
-from protocol.messages.scan import Scan
-from protocol.messages.status import DriverStatus, Status
+from traverse.protocol.messages.recording_health import RecordingHealth
+from traverse.protocol.messages.reply import Reply, ReplyError
+from traverse.protocol.messages.scan import Scan
+from traverse.protocol.messages.status import DriverStatus, Status
 
 MESSAGES: tuple[type[Message], ...] = (
     Status,

@@ -21,8 +21,8 @@ _NUMBERS: dict[str, set[type]] = {
 class ArrayField:
     """The dtype and shape that a field's array must have.
 
-    In MessagePack it is the extension type of `protocol.arrays`, in JSON nested
-    lists. Elements are finite. An array without elements has all its free
+    In MessagePack it is the extension type of `traverse.protocol.arrays`, in JSON
+    nested lists. Elements are finite. An array without elements has all its free
     dimensions 0, since nested lists cannot tell more.
 
     Attributes:

@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from protocol.messages.fields import (
+from traverse.protocol.messages.fields import (
     Count,
     Message,
     Name,
@@ -19,9 +19,9 @@ from protocol.messages.fields import (
     Value,
     Vector,
 )
-from protocol.messages.plain import PlainMap
-from protocol.messages.point import Label
-from protocol.messages.scan import ScanMode
+from traverse.protocol.messages.plain import PlainMap
+from traverse.protocol.messages.point import Label
+from traverse.protocol.messages.scan import ScanMode
 
 ROTATION_TOLERANCE = 1e-6
 RECORDING_NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$"

@@ -4,7 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from protocol.messages.fields import (
+from traverse.protocol.messages.fields import (
     ArmName,
     Count,
     Message,
@@ -12,7 +12,7 @@ from protocol.messages.fields import (
     Text,
     TimeNs,
 )
-from protocol.messages.plain import PlainMap
+from traverse.protocol.messages.plain import PlainMap
 
 Severity = Literal["info", "warning", "error"]
 EventCode = Annotated[

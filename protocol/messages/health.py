@@ -4,7 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from protocol.messages.fields import (
+from traverse.protocol.messages.fields import (
     ArmName,
     Count,
     Message,
@@ -15,7 +15,7 @@ from protocol.messages.fields import (
     Value,
     Word,
 )
-from protocol.messages.recording_health import RecordingHealth
+from traverse.protocol.messages.recording_health import RecordingHealth
 
 COUNTERS = {
     "samples_received": "sets of counts that came from the devices",

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from protocol.messages.fields import (
+from traverse.protocol.messages.fields import (
     Angles,
     ArmName,
     Digest,
@@ -14,8 +14,8 @@ from protocol.messages.fields import (
     TimeNs,
     Vector,
 )
-from protocol.messages.point import Covariance
-from protocol.messages.quality import Quality
+from traverse.protocol.messages.point import Covariance
+from traverse.protocol.messages.quality import Quality
 
 
 class Live(Message):

@@ -9,7 +9,7 @@ from typing import Annotated, Any, NoReturn
 
 from pydantic import PlainValidator, WithJsonSchema
 
-from protocol.messages.fields import MAX_INTEGER
+from traverse.protocol.messages.fields import MAX_INTEGER
 
 MAX_NAME = 64
 MAX_TEXT = 2000

@@ -4,7 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from protocol.messages.fields import (
+from traverse.protocol.messages.fields import (
     Angles,
     ArmName,
     Count,
@@ -17,7 +17,7 @@ from protocol.messages.fields import (
     Value,
     Vector,
 )
-from protocol.messages.quality import Quality
+from traverse.protocol.messages.quality import Quality
 
 Trigger = Literal["button", "switch", "timer", "command"]
 Compensation = Literal["none", "shank", "pretouch", "pulled", "inside", "outside"]

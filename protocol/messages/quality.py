@@ -6,7 +6,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from protocol.messages.fields import Value, Word
+from traverse.protocol.messages.fields import Value, Word
 
 
 class QualityFlag(IntFlag):

@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-from protocol.messages.fields import Count, Name, Value
+from traverse.protocol.messages.fields import Count, Name, Value
 
 
 class RecordingHealth(Value):

@@ -10,9 +10,9 @@ from pydantic import (
     model_validator,
 )
 
-from protocol.messages.event import EventCode
-from protocol.messages.fields import Message, Name, Text, Value
-from protocol.messages.plain import PlainMap
+from traverse.protocol.messages.event import EventCode
+from traverse.protocol.messages.fields import Message, Name, Text, Value
+from traverse.protocol.messages.plain import PlainMap
 
 
 class ReplyError(Value):

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from protocol.messages.array_field import ArrayField
-from protocol.messages.fields import (
+from traverse.protocol.messages.array_field import ArrayField
+from traverse.protocol.messages.fields import (
     ArmName,
     Count,
     Digest,

@@ -4,7 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from protocol.messages.fields import (
+from traverse.protocol.messages.fields import (
     ArmName,
     Digest,
     Message,
@@ -14,7 +14,7 @@ from protocol.messages.fields import (
     Value,
     Word,
 )
-from protocol.messages.plain import PlainMap
+from traverse.protocol.messages.plain import PlainMap
 
 
 class DriverStatus(Value):

@@ -1,6 +1,6 @@
 """Simulated identification campaigns, by the simulator's own physics."""
 
-from simulator.campaigns.artefacts import (
+from traverse.simulator.campaigns.artefacts import (
     Artefact,
     BallBar,
     Cone,
@@ -9,26 +9,26 @@ from simulator.campaigns.artefacts import (
     Points,
     Sphere,
 )
-from simulator.campaigns.campaign import (
+from traverse.simulator.campaigns.campaign import (
     Blunder,
     Campaign,
     SimulatedCampaign,
     StatedArtefact,
     Truth,
 )
-from simulator.campaigns.drawing import draw_noise, simulate_campaign
-from simulator.campaigns.mixes import MIXES
-from simulator.campaigns.pose_set import PlacedArtefact, PoseSet
-from simulator.campaigns.poses import make_poses
-from simulator.campaigns.siting import UnreachableError
-from simulator.campaigns.spec import (
+from traverse.simulator.campaigns.drawing import draw_noise, simulate_campaign
+from traverse.simulator.campaigns.mixes import MIXES
+from traverse.simulator.campaigns.pose_set import PlacedArtefact, PoseSet
+from traverse.simulator.campaigns.poses import make_poses
+from traverse.simulator.campaigns.siting import UnreachableError
+from traverse.simulator.campaigns.spec import (
     CampaignFile,
     CampaignSpec,
     ConditionTable,
     NoiseTable,
 )
-from simulator.campaigns.with_effects import with_effects
-from simulator.campaigns.writing import true_arm_file, write_campaign
+from traverse.simulator.campaigns.with_effects import with_effects
+from traverse.simulator.campaigns.writing import true_arm_file, write_campaign
 
 __all__ = [
     "MIXES",

@@ -1,20 +1,23 @@
-"""`python -m simulator.campaigns SPEC.toml --out DIR`: makes a campaign folder."""
+"""Makes a campaign folder.
+
+`python -m traverse.simulator.campaigns SPEC.toml --out DIR`
+"""
 
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from kinematics.arm_file import read_arm, read_strict
-from simulator.campaigns.command import run_command
-from simulator.campaigns.drawing import simulate_campaign
-from simulator.campaigns.spec import CampaignFile, spec_problems
-from simulator.campaigns.writing import write_campaign
+from traverse.kinematics.arm_file.arm import read_arm, read_strict
+from traverse.simulator.campaigns.command import run_command
+from traverse.simulator.campaigns.drawing import simulate_campaign
+from traverse.simulator.campaigns.spec import CampaignFile, spec_problems
+from traverse.simulator.campaigns.writing import write_campaign
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; gives its exit status."""
     return run_command(
-        "python -m simulator.campaigns",
+        "python -m traverse.simulator.campaigns",
         "Make a simulated identification campaign: campaign.toml and "
         "poses.csv, arm.toml with the design values, and a folder truth.",
         _made,

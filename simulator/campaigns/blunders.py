@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simulator.campaigns.artefacts.artefact import Indices
-from simulator.campaigns.campaign import Blunder, Names
-from simulator.campaigns.noise import contact_stds, encoder_stds
-from simulator.campaigns.pose_set import PoseSet
-from simulator.campaigns.spec import BlunderKind, NoiseTable
-from simulator.physics import Floats, probe_rates
+from traverse.simulator.arm.physics import Floats, probe_rates
+from traverse.simulator.campaigns.artefacts.artefact import Indices
+from traverse.simulator.campaigns.campaign import Blunder, Names
+from traverse.simulator.campaigns.noise import contact_stds, encoder_stds
+from traverse.simulator.campaigns.pose_set import PoseSet
+from traverse.simulator.campaigns.spec import BlunderKind, NoiseTable
 
 LEAST_LEVER = 0.3  # of the longest: a joint that jumps must be felt at the contact
 

@@ -6,12 +6,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm_file import Effect
-from simulator.campaigns.pose_set import PlacedArtefact
-from simulator.campaigns.spec import BlunderKind
-from simulator.effects import Fault
-from simulator.physics import Floats, probe_pose
-from simulator.truth import TrueArm
+from traverse.kinematics.arm_file.arm import Effect
+from traverse.simulator.arm.physics import Floats, probe_pose
+from traverse.simulator.arm.truth import TrueArm
+from traverse.simulator.campaigns.pose_set import PlacedArtefact
+from traverse.simulator.campaigns.spec import BlunderKind
+from traverse.simulator.effects import Fault
 
 Names = NDArray[np.str_]
 FIRST_LINE = 2  # of poses.csv with a pose; the header is line 1

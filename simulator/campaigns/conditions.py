@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.campaigns.spec import ConditionTable
-from simulator.physics import Floats
+from traverse.simulator.arm.physics import Floats
+from traverse.simulator.campaigns.spec import ConditionTable
 
 JITTER = 0.4  # of the interval from pose to pose, either way
 

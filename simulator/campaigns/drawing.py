@@ -2,27 +2,27 @@
 
 import numpy as np
 
-from kinematics.arm_file import Arm
-from simulator.campaigns.artefacts.artefact import Table
-from simulator.campaigns.blunders import spoilt_poses
-from simulator.campaigns.campaign import (
+from traverse.kinematics.arm_file.arm import Arm
+from traverse.simulator.arm.physics import Floats
+from traverse.simulator.campaigns.artefacts.artefact import Table
+from traverse.simulator.campaigns.blunders import spoilt_poses
+from traverse.simulator.campaigns.campaign import (
     Campaign,
     SimulatedCampaign,
     StatedArtefact,
     Truth,
 )
-from simulator.campaigns.noise import (
+from traverse.simulator.campaigns.noise import (
     contact_shifts,
     contact_stds,
     encoder_stds,
     serial_noise,
 )
-from simulator.campaigns.pose_set import PoseSet
-from simulator.campaigns.poses import make_poses
-from simulator.campaigns.postures import shifted_postures
-from simulator.campaigns.spec import CampaignSpec, NoiseTable
-from simulator.campaigns.streams import stream
-from simulator.physics import Floats
+from traverse.simulator.campaigns.pose_set import PoseSet
+from traverse.simulator.campaigns.poses import make_poses
+from traverse.simulator.campaigns.postures import shifted_postures
+from traverse.simulator.campaigns.spec import CampaignSpec, NoiseTable
+from traverse.simulator.campaigns.streams import stream
 
 
 def simulate_campaign(arm: Arm, spec: CampaignSpec, seed: int) -> SimulatedCampaign:

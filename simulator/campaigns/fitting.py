@@ -4,13 +4,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from kinematics.arm_file import Arm, Problem
-from simulator.campaigns.artefacts import Artefact
-from simulator.campaigns.mixes import mix_artefacts
-from simulator.campaigns.postures import drawn_turns
-from simulator.campaigns.spec import CampaignSpec, spec_problems
-from simulator.campaigns.streams import stream
-from simulator.physics import Floats, Mechanism, probe_pose
+from traverse.kinematics.arm_file.arm import Arm, Problem
+from traverse.simulator.arm.physics import Floats, Mechanism, probe_pose
+from traverse.simulator.campaigns.artefacts import Artefact
+from traverse.simulator.campaigns.mixes import mix_artefacts
+from traverse.simulator.campaigns.postures import drawn_turns
+from traverse.simulator.campaigns.spec import CampaignSpec, spec_problems
+from traverse.simulator.campaigns.streams import stream
 
 N_LOOKS = 1000  # postures that tell how wide the working volume is
 

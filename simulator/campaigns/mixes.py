@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from functools import partial
 
-from simulator.campaigns.artefacts import (
+from traverse.simulator.campaigns.artefacts import (
     Artefact,
     BallBar,
     Cone,

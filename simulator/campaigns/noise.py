@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from simulator.campaigns.pose_set import PoseSet
-from simulator.campaigns.spec import NoiseTable
-from simulator.physics import Floats
+from traverse.simulator.arm.physics import Floats
+from traverse.simulator.campaigns.pose_set import PoseSet
+from traverse.simulator.campaigns.spec import NoiseTable
 
 
 def encoder_stds(noise: NoiseTable, n_joints: int) -> Floats:

@@ -5,15 +5,15 @@ from typing import Any
 
 import numpy as np
 
-from kinematics.arm_file import Arm, Effect
-from simulator.campaigns.artefacts import Artefact
-from simulator.campaigns.artefacts.artefact import Indices
-from simulator.campaigns.conditions import Conditions
-from simulator.campaigns.placement import Placement
-from simulator.campaigns.spec import CampaignSpec
-from simulator.effects import Fault, FaultyArm, Surroundings
-from simulator.physics import Floats
-from simulator.truth import TrueArm
+from traverse.kinematics.arm_file.arm import Arm, Effect
+from traverse.simulator.arm.physics import Floats
+from traverse.simulator.arm.truth import TrueArm
+from traverse.simulator.campaigns.artefacts import Artefact
+from traverse.simulator.campaigns.artefacts.artefact import Indices
+from traverse.simulator.campaigns.artefacts.placement import Placement
+from traverse.simulator.campaigns.conditions import Conditions
+from traverse.simulator.campaigns.spec import CampaignSpec
+from traverse.simulator.effects import Fault, FaultyArm, Surroundings
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,21 +5,25 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm_file import Arm, FileError
-from simulator.campaigns.artefacts import Artefact
-from simulator.campaigns.artefacts.artefact import REFERENCE_C, Contacts, Indices
-from simulator.campaigns.conditions import Conditions, drawn_conditions
-from simulator.campaigns.fitting import misfits, spec_artefacts
-from simulator.campaigns.pose_set import PlacedArtefact, PoseSet
-from simulator.campaigns.postures import reaching_postures
-from simulator.campaigns.siting import UnreachableError, place_artefacts
-from simulator.campaigns.spec import CampaignSpec
-from simulator.campaigns.streams import stream
-from simulator.campaigns.travel import travel_limits
-from simulator.campaigns.with_effects import with_effects
-from simulator.effects.faulty_arm import faulty_arm
-from simulator.physics import Floats, probe_pose
-from simulator.truth import Deviations, TrueArm, true_arm
+from traverse.kinematics.arm_file.arm import Arm, FileError
+from traverse.simulator.arm.physics import Floats, probe_pose
+from traverse.simulator.arm.truth import Deviations, TrueArm, true_arm
+from traverse.simulator.campaigns.artefacts import Artefact
+from traverse.simulator.campaigns.artefacts.artefact import (
+    REFERENCE_C,
+    Contacts,
+    Indices,
+)
+from traverse.simulator.campaigns.conditions import Conditions, drawn_conditions
+from traverse.simulator.campaigns.fitting import misfits, spec_artefacts
+from traverse.simulator.campaigns.pose_set import PlacedArtefact, PoseSet
+from traverse.simulator.campaigns.postures import reaching_postures
+from traverse.simulator.campaigns.siting import UnreachableError, place_artefacts
+from traverse.simulator.campaigns.spec import CampaignSpec
+from traverse.simulator.campaigns.streams import stream
+from traverse.simulator.campaigns.travel import travel_limits
+from traverse.simulator.campaigns.with_effects import with_effects
+from traverse.simulator.effects.faulty_arm import faulty_arm
 
 __all__ = ["PlacedArtefact", "PoseSet", "make_poses"]
 

@@ -8,7 +8,7 @@ so that postures vary.
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.physics import Floats, Mechanism, probe_pose, probe_rates
+from traverse.simulator.arm.physics import Floats, Mechanism, probe_pose, probe_rates
 
 Flags = NDArray[np.bool_]
 

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from simulator.campaigns.artefacts import Artefact
-from simulator.campaigns.placement import Placement, drawn_rotation
-from simulator.campaigns.postures import drawn_turns, reaching_postures
-from simulator.physics import Floats, Mechanism, probe_pose
+from traverse.simulator.arm.physics import Floats, Mechanism, probe_pose
+from traverse.simulator.campaigns.artefacts import Artefact
+from traverse.simulator.campaigns.artefacts.placement import Placement, drawn_rotation
+from traverse.simulator.campaigns.postures import drawn_turns, reaching_postures
 
 N_SITES = 12  # tried at a time
 N_TRIALS = 40

@@ -9,10 +9,10 @@ from typing import Any, Literal
 
 from pydantic import AwareDatetime, Field, field_validator
 
-from kinematics.arm_file import Problem, StrictModel
-from simulator.campaigns.artefacts import AnyArtefact
-from simulator.campaigns.mixes import MIXES
-from simulator.config import DeviationTable
+from traverse.kinematics.arm_file.arm import Problem, StrictModel
+from traverse.simulator.campaigns.artefacts import AnyArtefact
+from traverse.simulator.campaigns.mixes import MIXES
+from traverse.simulator.config import DeviationTable
 
 Column = Literal["temperature", "approach", "speed", "direction", "force"]
 COLUMNS: tuple[Column, ...] = (

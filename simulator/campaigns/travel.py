@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.physics import Floats, Mechanism
+from traverse.simulator.arm.physics import Floats, Mechanism
 
 # Largest turns of rolls and of hinges, in degrees.
 TRAVELS_DEG: Mapping[str, tuple[float, float]] = {

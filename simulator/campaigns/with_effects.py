@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from kinematics.arm_file import Effect, FileError, Problem
-from simulator.campaigns.pose_set import PoseSet
-from simulator.effects import Fault, faults_from_effects, on_true_axes
-from simulator.effects.faulty_arm import faulty_arm
-from simulator.effects.from_arm import TIMED
+from traverse.kinematics.arm_file.arm import Effect, FileError, Problem
+from traverse.simulator.campaigns.pose_set import PoseSet
+from traverse.simulator.effects import Fault, faults_from_effects, on_true_axes
+from traverse.simulator.effects.faulty_arm import faulty_arm
+from traverse.simulator.effects.from_arm import TIMED
 
 
 def with_effects(

@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from kinematics.arm_file import Arm, Joint, write_arm
-from simulator.campaigns.campaign import (
+from traverse.kinematics.arm_file.arm import Arm, Joint, write_arm
+from traverse.simulator.arm.physics import Floats
+from traverse.simulator.arm.truth import TrueArm
+from traverse.simulator.campaigns.campaign import (
     Campaign,
     SimulatedCampaign,
     StatedArtefact,
     Truth,
 )
-from simulator.effects import on_true_axes
-from simulator.physics import Floats
-from simulator.truth import TrueArm
+from traverse.simulator.effects import on_true_axes
 
 CHUNK = 20_000  # rows in memory as text at a time
 MOST_POINTS = 100  # more coordinates than that get a CSV file of their own

@@ -11,8 +11,8 @@ from typing import ClassVar, Literal
 
 from pydantic import Field, field_validator
 
-from simulator.devices.device import Mounting
-from simulator.devices.serial_device import SerialDevice, SerialTable
+from traverse.simulator.devices.device import Mounting
+from traverse.simulator.devices.serial_device import SerialDevice, SerialTable
 
 POSITION, TURNS, EXTENDED = 0, 1, 2
 SET_ZERO, RESET = 0x5E, 0x75

@@ -11,14 +11,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from simulator.climate import ClimateTable
-from simulator.devices.kinds import KINDS, class_named
-from simulator.devices.table import DeviceTable
-from simulator.edges import LatchedEdge
-from simulator.encoder import EncoderSet
-from simulator.faults import EncoderFault, Fault
-from simulator.script import Script, ScriptEvent
-from simulator.wiring import CountSource, ScriptClock, Wiring
+from traverse.simulator.arm.encoder import EncoderSet
+from traverse.simulator.devices.kinds import KINDS, class_named
+from traverse.simulator.devices.latch_board.edge_queue import LatchedEdge
+from traverse.simulator.devices.table import DeviceTable
+from traverse.simulator.scenario.climate import ClimateTable
+from traverse.simulator.scenario.faults import EncoderFault, Fault
+from traverse.simulator.scenario.script import Script, ScriptEvent
+from traverse.simulator.scenario.wiring import CountSource, ScriptClock, Wiring
 
 
 class SimulatedDevice(Protocol):

@@ -31,22 +31,26 @@ def class_named(name: str) -> type:
 DEFAULT = "latch-board"
 KINDS = {
     "latch-board": Kind(
-        "simulator.devices.latch_board:LatchBoardTable",
-        "simulator.devices.latch_board:LatchBoard",
+        "traverse.simulator.devices.latch_board.device:LatchBoardTable",
+        "traverse.simulator.devices.latch_board.device:LatchBoard",
     ),
     "canopen": Kind(
-        "simulator.devices.canopen_table:CanOpenTable",
-        "simulator.devices.canopen:CanOpenBus",
+        "traverse.simulator.devices.canopen.table:CanOpenTable",
+        "traverse.simulator.devices.canopen.device:CanOpenBus",
     ),
     "amt21": Kind(
-        "simulator.devices.amt21:Amt21Table", "simulator.devices.amt21:Amt21Line"
+        "traverse.simulator.devices.amt21:Amt21Table",
+        "traverse.simulator.devices.amt21:Amt21Line",
     ),
     "microscribe": Kind(
-        "simulator.devices.microscribe:MicroscribeTable",
-        "simulator.devices.microscribe:Microscribe",
+        "traverse.simulator.devices.microscribe.device:MicroscribeTable",
+        "traverse.simulator.devices.microscribe.device:Microscribe",
     ),
     "modbus": Kind(
-        "simulator.devices.modbus:ModbusTable", "simulator.devices.modbus:ModbusLine"
+        "traverse.simulator.devices.modbus:ModbusTable",
+        "traverse.simulator.devices.modbus:ModbusLine",
     ),
-    "rls": Kind("simulator.devices.rls:RlsTable", "simulator.devices.rls:Rls"),
+    "rls": Kind(
+        "traverse.simulator.devices.rls:RlsTable", "traverse.simulator.devices.rls:Rls"
+    ),
 }

@@ -16,8 +16,8 @@ from typing import ClassVar, Literal
 
 from pydantic import Field, field_validator
 
-from simulator.devices.device import Mounting
-from simulator.devices.serial_device import SerialDevice, SerialTable
+from traverse.simulator.devices.device import Mounting
+from traverse.simulator.devices.serial_device import SerialDevice, SerialTable
 
 READ_HOLDING, READ_INPUT, WRITE_ONE, WRITE_MANY = 3, 4, 6, 16
 NO_FUNCTION, NO_REGISTER, NO_VALUE = 1, 2, 3

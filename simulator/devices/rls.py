@@ -16,9 +16,9 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from simulator.devices.device import Mounting
-from simulator.devices.serial_device import SerialDevice, SerialTable
-from simulator.faults import StatusFault
+from traverse.simulator.devices.device import Mounting
+from traverse.simulator.devices.serial_device import SerialDevice, SerialTable
+from traverse.simulator.scenario.faults import StatusFault
 
 UNLOCK = b"\xcd\xef\x89\xab"
 ARGUMENTS = {ord("T"): 4, ord("S"): 0, ord("P"): 0}

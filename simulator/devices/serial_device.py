@@ -15,10 +15,10 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import Field
 
-from simulator.devices.device import Mounting
-from simulator.devices.serial_line import LineTiming, SerialLine
-from simulator.devices.table import DeviceTable
-from simulator.disturbed_line import DisturbedLine
+from traverse.simulator.devices.device import Mounting
+from traverse.simulator.devices.disturbed_line import DisturbedLine
+from traverse.simulator.devices.serial_line import LineTiming, SerialLine
+from traverse.simulator.devices.table import DeviceTable
 
 
 class SerialTable(DeviceTable):

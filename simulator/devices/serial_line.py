@@ -13,8 +13,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from simulator.latched import Frame
-from simulator.pty_port import PtyPort
+from traverse.simulator.devices.pty_port import PtyPort
+from traverse.simulator.scenario.signals import Frame
 
 BUFFER_BYTES = 65_536
 

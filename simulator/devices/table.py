@@ -11,8 +11,8 @@ from pydantic import (
     field_validator,
 )
 
-from kinematics.arm_file import StrictModel
-from simulator.devices.kinds import DEFAULT, KINDS, class_named
+from traverse.kinematics.arm_file.arm import StrictModel
+from traverse.simulator.devices.kinds import DEFAULT, KINDS, class_named
 
 
 class DeviceTable(StrictModel):

@@ -5,7 +5,7 @@ out. The corrections of an arm file go the other way and live elsewhere; nothing
 shared with them but the table of an `[[effects]]` entry.
 """
 
-from simulator.effects.extra import (
+from traverse.simulator.effects.extra import (
     Bump,
     CrossCoupling,
     CubicError,
@@ -13,14 +13,14 @@ from simulator.effects.extra import (
     Sawtooth,
     SquareOfTemperature,
 )
-from simulator.effects.fault import BodyFault, Fault, ReadingFault, TouchFault
-from simulator.effects.faulty_arm import FaultyArm, MissedContactError
-from simulator.effects.from_arm import (
+from traverse.simulator.effects.fault import BodyFault, Fault, ReadingFault, TouchFault
+from traverse.simulator.effects.faulty_arm import FaultyArm, MissedContactError
+from traverse.simulator.effects.from_arm import (
     effect_problems,
     faults_from_effects,
     on_true_axes,
 )
-from simulator.effects.surroundings import Surroundings
+from traverse.simulator.effects.surroundings import Surroundings
 
 __all__ = [
     "BodyFault",

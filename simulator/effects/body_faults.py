@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simulator.effects.fault import BodyFault
-from simulator.effects.posture import Posture
-from simulator.effects.yielding import Yielding
-from simulator.physics import Floats
+from traverse.simulator.arm.physics import Floats
+from traverse.simulator.effects.fault import BodyFault
+from traverse.simulator.effects.posture import Posture
+from traverse.simulator.effects.yielding import Yielding
 
 
 @dataclass(frozen=True, slots=True)

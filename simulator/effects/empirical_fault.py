@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simulator.effects.fault import ReadingFault, Seen
-from simulator.physics import Floats
+from traverse.simulator.arm.physics import Floats
+from traverse.simulator.effects.fault import ReadingFault, Seen
 
 OF_JOINT = ("_temperature_c", "_speed_rad_s", "_approach", "_rad")
 OF_ARM = ("time_s", "temperature_c", "force_n")

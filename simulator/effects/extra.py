@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simulator.effects.fault import ReadingFault, Seen
-from simulator.physics import Floats
+from traverse.simulator.arm.physics import Floats
+from traverse.simulator.effects.fault import ReadingFault, Seen
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,10 +6,10 @@ Any fault of one of them can be played, whether an arm file can name it or not.
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
-from simulator.effects.posture import Build, Posture
-from simulator.effects.surroundings import Surroundings
-from simulator.effects.yielding import Yielding
-from simulator.physics import Floats
+from traverse.simulator.arm.physics import Floats
+from traverse.simulator.effects.posture import Build, Posture
+from traverse.simulator.effects.surroundings import Surroundings
+from traverse.simulator.effects.yielding import Yielding
 
 
 @dataclass(frozen=True, slots=True)

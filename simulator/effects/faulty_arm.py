@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kinematics.arm_file import Arm
-from simulator.effects.fault import (
+from traverse.kinematics.arm_file.arm import Arm
+from traverse.simulator.arm.physics import Floats, Mechanism, probe_rates
+from traverse.simulator.effects.fault import (
     BodyFault,
     Fault,
     ReadingFault,
@@ -14,10 +15,9 @@ from simulator.effects.fault import (
     Touch,
     TouchFault,
 )
-from simulator.effects.posture import Build, Posture, build_of
-from simulator.effects.surroundings import Surroundings
-from simulator.effects.yielding import no_yielding, yielded_motion
-from simulator.physics import Floats, Mechanism, probe_rates
+from traverse.simulator.effects.posture import Build, Posture, build_of
+from traverse.simulator.effects.surroundings import Surroundings
+from traverse.simulator.effects.yielding import no_yielding, yielded_motion
 
 N_LOOKS = 12  # for a reading; each look is 1e-3 of the last one off, or better
 SAME_RAD = 1e-15

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kinematics.arm_file import Arm, Effect, FileError, Problem
-from simulator.effects.empirical_fault import OF_ARM, OF_JOINT
-from simulator.effects.fault import Fault
-from simulator.effects.makers import MAKERS, Entry, covariate_of
-from simulator.physics import Floats
+from traverse.kinematics.arm_file.arm import Arm, Effect, FileError, Problem
+from traverse.simulator.arm.physics import Floats
+from traverse.simulator.effects.empirical_fault import OF_ARM, OF_JOINT
+from traverse.simulator.effects.fault import Fault
+from traverse.simulator.effects.makers import MAKERS, Entry, covariate_of
 
 TIMED = {"encoder_drift", "count_slip", "base_drift", "base_step"}
 WEIGHED = {"joint_compliance", "bearing_compliance", "mount_compliance"}

@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from simulator.effects import body_faults, encoder_faults, touch_faults
-from simulator.effects.empirical_fault import (
+from traverse.simulator.effects import body_faults, encoder_faults, touch_faults
+from traverse.simulator.effects.empirical_fault import (
     OF_ARM,
     OF_JOINT,
     CurvedError,
     natural_slopes,
 )
-from simulator.effects.fault import Fault
+from traverse.simulator.effects.fault import Fault
 
 
 @dataclass(frozen=True, slots=True)

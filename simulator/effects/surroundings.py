@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simulator.physics import Floats
+from traverse.simulator.arm.physics import Floats
 
 
 @dataclass(frozen=True, slots=True)

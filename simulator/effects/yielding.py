@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simulator.effects.posture import Build
-from simulator.physics import Floats, turn_matrices
+from traverse.simulator.arm.physics import Floats, turn_matrices
+from traverse.simulator.effects.posture import Build
 
 
 @dataclass(frozen=True, slots=True)

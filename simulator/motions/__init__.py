@@ -1,13 +1,13 @@
 """Motions that the virtual arm can be scripted to do: one file each."""
 
-from simulator.motions.ball_bar import BallBar
-from simulator.motions.cone import Cone
-from simulator.motions.motion import KINDS, AnyMotion, Motion
-from simulator.motions.plane import Plane
-from simulator.motions.replay import Replay
-from simulator.motions.rest import Rest
-from simulator.motions.sphere import Sphere
-from simulator.motions.sweep import Sweep
+from traverse.simulator.motions.ball_bar import BallBar
+from traverse.simulator.motions.cone import Cone
+from traverse.simulator.motions.motion import KINDS, AnyMotion, Motion
+from traverse.simulator.motions.plane import Plane
+from traverse.simulator.motions.replay import Replay
+from traverse.simulator.motions.rest import Rest
+from traverse.simulator.motions.sphere import Sphere
+from traverse.simulator.motions.sweep import Sweep
 
 __all__ = ["KINDS", "AnyMotion", "Motion", "Replay"]
 

@@ -3,11 +3,11 @@
 import numpy as np
 from pydantic import Field
 
-from simulator.motions.motion import Direction, Motion, Vector
-from simulator.motions.sphere import sphere_contacts
-from simulator.motions.spread import unit
-from simulator.motions.stage import Stage
-from simulator.motions.touching import touch
+from traverse.simulator.motions.motion import Direction, Motion, Vector
+from traverse.simulator.motions.sphere import sphere_contacts
+from traverse.simulator.motions.spread import unit
+from traverse.simulator.motions.stage import Stage
+from traverse.simulator.motions.touching import touch
 
 
 class BallBar(Motion):

@@ -3,14 +3,14 @@
 import numpy as np
 from pydantic import Field
 
-from simulator.inverse import TOLERANCE_MM
-from simulator.motions.motion import Direction, Motion, Vector
-from simulator.motions.spread import unit
-from simulator.motions.stage import Stage, UnreachableError
-from simulator.motions.touching import hard_approach
-from simulator.physics import Floats, probe_pose
-from simulator.script import ScriptEvent
-from simulator.trajectory import spline_pieces
+from traverse.simulator.arm.inverse import TOLERANCE_MM
+from traverse.simulator.arm.physics import Floats, probe_pose
+from traverse.simulator.arm.trajectory import spline_pieces
+from traverse.simulator.motions.motion import Direction, Motion, Vector
+from traverse.simulator.motions.spread import unit
+from traverse.simulator.motions.stage import Stage, UnreachableError
+from traverse.simulator.motions.touching import hard_approach
+from traverse.simulator.scenario.script import ScriptEvent
 
 N_KNOTS = 49
 N_TRIES = 8

@@ -11,8 +11,8 @@ from pydantic import (
     field_validator,
 )
 
-from kinematics.arm_file import StrictModel
-from simulator.motions.stage import Stage
+from traverse.kinematics.arm_file.arm import StrictModel
+from traverse.simulator.motions.stage import Stage
 
 Vector = tuple[float, float, float]
 
@@ -24,7 +24,9 @@ def _pointing(direction: Vector) -> Vector:
 
 
 Direction = Annotated[Vector, AfterValidator(_pointing)]
-KINDS: dict[str, type["Motion"]] = {}  # filled by simulator.motions, the only table
+KINDS: dict[
+    str, type["Motion"]
+] = {}  # filled by traverse.simulator.motions, the only table
 
 
 class Motion(StrictModel):

@@ -1,9 +1,9 @@
 """Replay: recorded counts in the place of a moving arm."""
 
-from simulator.motions.motion import Motion
-from simulator.motions.stage import Stage
-from simulator.recording_csv import read_recording
-from simulator.script import ScriptEvent
+from traverse.simulator.motions.motion import Motion
+from traverse.simulator.motions.stage import Stage
+from traverse.simulator.scenario.recorded_counts import read_recording
+from traverse.simulator.scenario.script import ScriptEvent
 
 
 class Replay(Motion):

@@ -2,8 +2,8 @@
 
 from pydantic import Field
 
-from simulator.motions.motion import Motion
-from simulator.motions.stage import Stage
+from traverse.simulator.motions.motion import Motion
+from traverse.simulator.motions.stage import Stage
 
 
 class Rest(Motion):

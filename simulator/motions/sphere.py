@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from simulator.motions.motion import Direction, Motion, Vector
-from simulator.motions.spread import cap_directions, unit
-from simulator.motions.stage import Stage
-from simulator.motions.touching import Contact, touch
-from simulator.physics import Floats
+from traverse.simulator.arm.physics import Floats
+from traverse.simulator.motions.motion import Direction, Motion, Vector
+from traverse.simulator.motions.spread import cap_directions, unit
+from traverse.simulator.motions.stage import Stage
+from traverse.simulator.motions.touching import Contact, touch
 
 
 class Sphere(Motion):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from simulator.physics import Floats
+from traverse.simulator.arm.physics import Floats
 
 
 def crossed(normal: Floats) -> tuple[Floats, Floats]:

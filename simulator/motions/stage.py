@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.inverse import Reach
-from simulator.physics import Floats, probe_pose
-from simulator.script import ScriptEvent
-from simulator.trajectory import (
+from traverse.simulator.arm.inverse import Reach
+from traverse.simulator.arm.physics import Floats, probe_pose
+from traverse.simulator.arm.trajectory import (
     Trajectory,
     move_pieces,
     rest_pieces,
     spline_pieces,
 )
+from traverse.simulator.scenario.script import ScriptEvent
 
 IsClear = Callable[[Floats, float], NDArray[np.bool_]]
 N_DETOURS = 40

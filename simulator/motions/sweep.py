@@ -5,11 +5,11 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from simulator.motions.motion import Direction, Motion, Vector
-from simulator.motions.spread import crossed, unit
-from simulator.motions.stage import Stage
-from simulator.motions.touching import Contact, hard_approach, solve_contacts
-from simulator.physics import Floats
+from traverse.simulator.arm.physics import Floats
+from traverse.simulator.motions.motion import Direction, Motion, Vector
+from traverse.simulator.motions.spread import crossed, unit
+from traverse.simulator.motions.stage import Stage
+from traverse.simulator.motions.touching import Contact, hard_approach, solve_contacts
 
 KNOT_DISTANCE_MM = 1.0
 FEWEST_KNOTS, MOST_KNOTS = 64, 4096

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simulator.motions.stage import IsClear, Stage, UnreachableError
-from simulator.physics import Floats
-from simulator.script import ScriptEvent
+from traverse.simulator.arm.physics import Floats
+from traverse.simulator.motions.stage import IsClear, Stage, UnreachableError
+from traverse.simulator.scenario.script import ScriptEvent
 
 N_APPROACH_KNOTS = 17
 N_SWITCH_KNOTS = 8  # in each of the four parts of a way

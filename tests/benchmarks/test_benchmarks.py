@@ -6,9 +6,9 @@ import pytest
 from benchmarks.kinematics import COMPILED, Differences, arm, tables
 from benchmarks.peers.installed import check_agreement
 from benchmarks.peers.peer import Peer
-from benchmarks.rounds import Task, timed
-from kinematics.derivatives import numpy_derivatives
-from kinematics.forward import numpy_centre
+from benchmarks.tools.rounds import Task, timed
+from traverse.kinematics.model.derivatives import numpy_derivatives
+from traverse.kinematics.model.forward import numpy_centre
 
 compiled = pytest.mark.skipif(not COMPILED, reason="the kernel in C is not built")
 

@@ -3,12 +3,20 @@
 import subprocess
 import sys
 
-HEAVY = ("scipy", "matplotlib", "amqtt", "nicegui", "can", "lab", "simulator")
+HEAVY = (
+    "scipy",
+    "matplotlib",
+    "amqtt",
+    "nicegui",
+    "can",
+    "traverse.lab",
+    "traverse.simulator",
+)
 
 
 def test_daemon_imports_nothing_heavy():
     program = (
-        "import sys, traverse.__main__, daemon.program\n"
+        "import sys, traverse.cli.__main__, traverse.daemon.app\n"
         f"print(*(name for name in {HEAVY!r} if name in sys.modules))"
     )
     run = subprocess.run(

@@ -10,9 +10,9 @@ import pytest
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.reasoncodes import ReasonCode
 
-from broker.reasons import Wording, is_refusal, reason_of
-from broker.tls import tls_context
-from broker.visitor import SilentEndError
+from traverse.broker.diagnosing_client import ConnectionClosedError
+from traverse.broker.reasons import Wording, is_refusal, reason_of
+from traverse.broker.tls import tls_context
 
 WORDING = Wording("this visitor", " of [door]", "speak TLS", "; look elsewhere")
 
@@ -75,6 +75,13 @@ def test_what_openssl_says_is_told_in_a_sentence(answer, words):
     assert is_refusal(error) == (answer != b"")
 
 
+@pytest.mark.parametrize("kind", [ssl.SSLEOFError, ssl.SSLZeroReturnError])
+def test_a_cut_line_is_known_by_its_kind_not_by_words_that_pythons_change(kind):
+    error = kind(8, "TLS/SSL connection has been closed (EOF) (_ssl.c:992)")
+    assert "does it want a certificate_file" in told(error)
+    assert not is_refusal(error)
+
+
 def test_who_showed_a_certificate_in_vain_is_not_asked_for_one():
     text = told(error_of_openssl(alert(40)), certificate_file="arm.crt")
     assert text == "TLS failed: SSLV3_ALERT_HANDSHAKE_FAILURE"
@@ -124,8 +131,10 @@ def test_what_the_network_says_is_found_behind_aiomqtts_sentence(error, words):
 
 
 def test_a_silent_end_may_mean_that_tls_is_wanted():
-    assert "does it want TLS? Then speak TLS" in told(SilentEndError(), tls=False)
-    assert told(SilentEndError()) == "it closes the connection without a word"
+    assert "does it want TLS? Then speak TLS" in told(
+        ConnectionClosedError(), tls=False
+    )
+    assert told(ConnectionClosedError()) == "it closes the connection without a word"
 
 
 def test_what_nobody_foresaw_is_told_as_it_is():

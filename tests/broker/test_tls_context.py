@@ -5,10 +5,11 @@ import ssl
 
 import pytest
 
-from broker.tls import tls_context
 from tests.certificates import Authority
+from traverse.broker.tls import tls_context
 
 
+@pytest.mark.needs("openssl")
 def test_the_broker_is_checked_against_a_file_and_the_line_is_new_enough(tmp_path):
     context = tls_context(Authority(tmp_path).certificate)
     assert context.verify_mode is ssl.CERT_REQUIRED

@@ -12,10 +12,9 @@ from playwright.async_api import Page, async_playwright, expect
 
 from tests.end_to_end.programs import Program
 from tests.end_to_end.workbench import Workbench
-from tests.mosquitto import Mosquitto, find_mosquitto
+from tests.mosquitto import Mosquitto
 
 expect.set_options(timeout=20_000)  # a busy machine is no fault
-CHROMIUM = shutil.which("chromium")
 # There is no graphics card in a container, and no user whom a sandbox could keep apart.
 OPTIONS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 POINTS = (
@@ -45,10 +44,7 @@ class Scene:
 @pytest.fixture
 def own_broker(tmp_path: Path) -> Iterator[Mosquitto]:
     """A broker that a test may kill."""
-    program = find_mosquitto()
-    if program is None or CHROMIUM is None:
-        pytest.skip("needs mosquitto and chromium: apt-get install mosquitto chromium")
-    broker = Mosquitto(program, tmp_path)
+    broker = Mosquitto(tmp_path)
     broker.start()
     yield broker
     broker.stop()
@@ -75,7 +71,7 @@ async def scene(
             await server.says(f"http://127.0.0.1:{port}")
             async with async_playwright() as playwright:
                 browser = await playwright.chromium.launch(
-                    executable_path=CHROMIUM, args=OPTIONS
+                    executable_path=shutil.which("chromium"), args=OPTIONS
                 )
                 page = await browser.new_page(viewport={"width": 1600, "height": 900})
                 page.set_default_timeout(20_000)

@@ -9,7 +9,7 @@ from playwright.async_api import expect
 from tests.browser.conftest import Scene
 from tests.end_to_end.workbench import REST
 
-pytestmark = pytest.mark.broker
+pytestmark = pytest.mark.needs("mosquitto", "chromium")
 
 
 async def sounds(scene: Scene, kind: str) -> None:

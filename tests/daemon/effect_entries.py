@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tests.daemon.test_pipeline import ZEROS
+from tests.daemon.pose.test_pipeline import ZEROS
 from tests.daemon.values import ARM, MODULI, UTC_OFFSET_NS
 
 CHANNEL_TURNS = (1048576, 8388608, 65536)

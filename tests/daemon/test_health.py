@@ -3,13 +3,18 @@
 import numpy as np
 import pytest
 
-from drivers.values import DeviceCounters, DeviceFault, DeviceTemperatures, DeviceUp
-from protocol.encoding import decode, encode
-from protocol.messages import Health
-from protocol.messages.health import LATENCIES
-from tests.daemon.measuring_bench import BOARD, Bench
+from tests.daemon.board_harness import BOARD, Bench
 from tests.daemon.values import arm_model, count_samples, latch
 from tests.protocol.message_examples import HEALTH
+from traverse.drivers.base.values import (
+    DeviceCounters,
+    DeviceFault,
+    DeviceTemperatures,
+    DeviceUp,
+)
+from traverse.protocol.encoding import decode, encode
+from traverse.protocol.messages import Health
+from traverse.protocol.messages.health import LATENCIES
 
 
 @pytest.fixture

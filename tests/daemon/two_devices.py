@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daemon.assembly import Assembly
-from daemon.configuration import AssemblySection
-from daemon.model import read_model
-from drivers.values import CountSamples
 from tests.daemon.values import ARM, arm_file
+from traverse.daemon.acquisition.resampler import Resampler
+from traverse.daemon.config.schema import AssemblySection
+from traverse.daemon.pose.arm_model import read_model
+from traverse.drivers.base.values import CountSamples
 
 BEGIN_NS = 10**12
 # J1 on channel 2 and J2 on channel 0 of the base, J3 on channel 1 of the wrist.
@@ -23,7 +23,7 @@ def model_on_two(folder):
 
 def assembly_on_two(folder, rates_hz=(100.0, 80.0), **settings):
     """An assembly whose devices, base and wrist, are up and stream."""
-    assembly = Assembly(model_on_two(folder), AssemblySection(**settings))
+    assembly = Resampler(model_on_two(folder), AssemblySection(**settings))
     for device, rate_hz in zip(("base", "wrist"), rates_hz, strict=True):
         assembly.up(device, 0, restarted=False)
         assembly.stream(device, rate_hz)

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from daemon.clock import HostClock
-from daemon.model import ArmModel, read_model
-from daemon.outbox_keeping import Keeping
-from daemon.poses import PoseBlock
-from daemon.sessions import Session
-from drivers.values import CountSamples, LatchedCounts
-from protocol.messages import Point
+from traverse.daemon.clock import HostClock
+from traverse.daemon.points.session import Session
+from traverse.daemon.pose.arm_model import ArmModel, read_model
+from traverse.daemon.pose.poses import PoseBlock
+from traverse.daemon.store.pending_write import PendingWrite
+from traverse.drivers.base.values import CountSamples, LatchedCounts
+from traverse.protocol.messages import Point
 
 UTC_OFFSET_NS = 1_700_000_000_000_000_000
 MODULI = (1 << 32, 1 << 23, 1 << 20)
@@ -82,10 +82,10 @@ class SetClock(HostClock):
 def kept_at_once(take: Callable[[Point], bool]):
     """Keeps points for a capture; those that ``take`` says True to, and at once."""
 
-    def keep(session: Session, point: Point) -> Keeping | None:
+    def keep(session: Session, point: Point) -> PendingWrite | None:
         if not take(point):
             return None
-        keeping = Keeping(point)
+        keeping = PendingWrite(point)
         keeping.settle()
         return keeping
 

@@ -4,8 +4,10 @@ import re
 import sys
 from pathlib import Path
 
+import pytest
+
 from tests.deploy.places import DEPLOY, program, said
-from traverse.__main__ import app
+from traverse.cli.__main__ import app
 
 
 def written() -> str:
@@ -22,6 +24,7 @@ def test_every_command_and_group_has_its_part() -> None:
     assert names | {one.name for one in app.registered_groups} <= parts
 
 
+@pytest.mark.needs("groff")
 def test_man_prints_it_without_a_warning(tmp_path: Path) -> None:
     page = tmp_path / "traverse.1"
     page.write_text(written(), "utf-8")

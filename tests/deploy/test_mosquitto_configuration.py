@@ -27,7 +27,7 @@ include_dir {folder}/conf.d
 """
 START_S = 10.0
 
-pytestmark = pytest.mark.broker
+pytestmark = pytest.mark.needs("mosquitto", "openssl")
 
 
 def adapted(folder: Path, port: int, tls_port: int) -> str:

@@ -21,6 +21,7 @@ def settings(text: str) -> dict[str, list[str]]:
     return found
 
 
+@pytest.mark.needs("systemd")
 def test_systemd_understands_every_line_of_the_unit(tmp_path: Path) -> None:
     analyze = program("systemd-analyze")
     text = UNIT.read_text("utf-8").replace("/usr/bin/traverse", "/bin/true")
@@ -32,6 +33,7 @@ def test_systemd_understands_every_line_of_the_unit(tmp_path: Path) -> None:
     assert said(analyze, "--man=no", "verify", unit) == ""
 
 
+@pytest.mark.needs("systemd")
 def test_the_unit_is_shut_as_tightly_as_it_shall_be(tmp_path: Path) -> None:
     analyze = program("systemd-analyze")
     shutil.copy(UNIT, tmp_path)
@@ -57,6 +59,7 @@ def test_secrets_may_be_missing() -> None:
     assert all(one.endswith(r":\n") for one in found["SetCredential"])
 
 
+@pytest.mark.needs("systemd")
 def test_user_and_groups_can_be_made(tmp_path: Path) -> None:
     sysusers = program("systemd-sysusers")
     (tmp_path / "etc").mkdir()
@@ -70,6 +73,7 @@ def test_user_and_groups_can_be_made(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="owners are set by root alone")
+@pytest.mark.needs("systemd")
 def test_folders_can_be_made(tmp_path: Path) -> None:
     tmpfiles = program("systemd-tmpfiles")
     (tmp_path / "etc").mkdir()

@@ -20,7 +20,7 @@ RUN: Final = {
     "docs/mqtt.md": "tests/docs/test_bench_guides.py",
     "docs/how-to/arm-file-from-dh-or-urdf.md": "tests/docs/test_office_guides.py",
     "docs/how-to/secure-the-broker.md": "tests/docs/test_office_guides.py",
-    "docs/how-to/campaign-from-a-table.md": "tests/traverse/test_identify_table.py",
+    "docs/how-to/campaign-from-a-table.md": "tests/cli/identify/test_table.py",
     "docs/tutorial/old-microscribe.md": "tests/docs/test_old_microscribe.py",
 }
 """Pages of which a test runs every command but those named below."""
@@ -29,28 +29,31 @@ _VM = "deploy/vm/system.sh"
 ELSEWHERE: Final = {
     r"traverse microscribe arm-file --port /dev/ttyUSB0 ": _MICROSCRIBE,
     r"traverse run --config traverse.toml --embedded-broker": _MICROSCRIBE,
-    r"traverse diagnose ": "tests/traverse/test_diagnose.py",
-    r"traverse verify ": "tests/traverse/test_verify.py",
-    r"traverse check limits.toml": "tests/traverse/test_check.py",
-    r"python -m simulator.campaigns.dense ": "tests/simulator/test_dense_scans.py",
-    r"traverse align ": "tests/traverse/test_align.py",
-    r"traverse interim ": "tests/traverse/test_interim_command.py",
-    r"traverse points (list|export) ": "tests/traverse/test_points_command.py",
-    r"traverse amt21 ": "tests/traverse/test_amt21_command.py",
-    r"traverse can ": "tests/traverse/test_can_command.py",
-    r"traverse check bad.toml": "tests/traverse/test_check.py",
-    r"traverse collect ": "tests/end_to_end/test_collect.py",
+    r"traverse diagnose ": "tests/cli/test_diagnose.py",
+    r"traverse verify ": "tests/cli/test_verify.py",
+    r"traverse check limits.toml": "tests/cli/test_check.py",
+    r"python -m traverse\.simulator\.campaigns\.dense ": (
+        "tests/simulator/campaigns/test_dense.py"
+    ),
+    r"traverse align ": "tests/cli/test_align.py",
+    r"traverse interim ": "tests/cli/test_daily_check.py",
+    r"traverse points (list|export) ": "tests/cli/test_points.py",
+    r"traverse amt21 ": "tests/cli/test_amt21.py",
+    r"traverse can ": "tests/cli/test_can.py",
+    r"traverse check bad.toml": "tests/cli/test_check.py",
+    r"traverse collect ": "tests/end_to_end/cli/test_collect.py",
     r"traverse page ": "tests/browser/test_operator_page.py",
-    r"(traverse|make) demo": "tests/end_to_end/test_demo.py",
-    r"mosquitto_(sub|pub) -h broker.lab": "tests/end_to_end/test_tls.py",
+    r"(traverse|make) demo": "tests/end_to_end/cli/test_demo.py",
+    r"mosquitto_(sub|pub) -h broker.lab": "tests/end_to_end/delivery/test_tls.py",
     r"mosquitto_passwd ": "tests/deploy/test_mosquitto_configuration.py",
-    r"sudo systemctl stop mosquitto; ": "tests/end_to_end/test_broker_outages.py",
+    r"sudo systemctl stop mosquitto; ": (
+        "tests/end_to_end/delivery/test_broker_outages.py"
+    ),
     r"sudo apt-get (install|remove|purge) ": _VM,
     r"make deb": _VM,
 }
 _ROOT = "changes a computer; `make test-vm` installs, starts, upgrades and removes"
 NOT_RUN: Final = {
-    r"git clone ": "there is no address yet; the tests run in a checkout",
     r"(mkdir|CHECKOUT=|export PATH=)": "the reader's folder; tests have their own",
     r"ls -l /dev/serial/": "no adapter here",
     r"cat /sys/bus/usb-serial/": "no adapter here",

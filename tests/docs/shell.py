@@ -48,7 +48,6 @@ class Shell(AbstractContextManager["Shell"]):
                 env={
                     **os.environ,
                     "CHECKOUT": str(CHECKOUT),
-                    "PYTHONPATH": str(CHECKOUT),
                     "PYTHONUNBUFFERED": "1",
                     "OPENBLAS_NUM_THREADS": "1",
                 },

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from simulator.campaigns.__main__ import main as make_campaign
 from tests.docs.pages import text_of
-from traverse.__main__ import app
+from traverse.cli.__main__ import app
+from traverse.simulator.campaigns.__main__ import main as make_campaign
 
 END_S = 120.0
 # Of figures that are shown: other processors round sums otherwise.
@@ -55,7 +55,7 @@ def output_of(command: str, folder: Path, status: int = 0) -> str:
             ran = CliRunner().invoke(app, words[1:])
             assert ran.exit_code == status, (command, ran.output, ran.exception)
             return ran.stdout
-        if words[:3] == ["python", "-m", "simulator.campaigns"]:
+        if words[:3] == ["python", "-m", "traverse.simulator.campaigns"]:
             said = io.StringIO()
             with contextlib.redirect_stdout(said):
                 assert make_campaign(words[3:]) == 0, command

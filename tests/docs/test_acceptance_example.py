@@ -19,8 +19,8 @@ def test_the_arm_is_judged_as_told(tmp_path: Path) -> None:
     program, limits, said = (
         next(iter(blocks(PAGE, kind))) for kind in ("python", "toml", "text")
     )
-    arm = CHECKOUT / "traverse" / "demo_data" / "arm.toml"
-    program = program.replace("traverse/demo_data/arm.toml", str(arm))
+    arm = CHECKOUT / "cli" / "demo_data" / "arm.toml"
+    program = program.replace("cli/demo_data/arm.toml", str(arm))
     subprocess.run([sys.executable, "-c", program], cwd=tmp_path, check=True)
     (tmp_path / "limits.toml").write_text(limits, "utf-8")
     command = _VERIFY.search(text_of(PAGE))

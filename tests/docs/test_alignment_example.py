@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from kinematics.arm_file import read_strict
-from lab.acceptance.alignment_nominal import Nominal
 from tests.docs.pages import CHECKOUT, text_of
-from traverse.__main__ import app
+from traverse.cli.__main__ import app
+from traverse.kinematics.arm_file.arm import read_strict
+from traverse.lab.alignment.nominal import Nominal
 
 PAGE = "docs/alignment.md"
 LEFT_OUT = ("", "CDF", "CDEF")  # of each of the three outputs

@@ -57,7 +57,7 @@ def to_run(page: str, **names: str) -> list[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.broker
+@pytest.mark.needs("mosquitto", "jq")
 async def test_every_command_of_the_guides(
     make_mosquitto: Callable[..., Mosquitto], tmp_path: Path
 ) -> None:

@@ -11,7 +11,7 @@ import typer.main
 
 from tests.docs.accounts import ELSEWHERE, NOT_RUN, RUN, elsewhere, why_not_run
 from tests.docs.pages import CHECKOUT, PAGES, code_words, commands, name_of, tables
-from traverse.__main__ import app
+from traverse.cli.__main__ import app
 
 CHANGES = CHECKOUT / "CHANGELOG.md"  # tells of what was
 SHOWN = [(name_of(page), line) for page in PAGES for line in commands(name_of(page))]

@@ -14,7 +14,7 @@ PAGE = "docs/tutorial/a-detective-story.md"
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_detective_story_happens_as_told(tmp_path: Path) -> None:
-    design = CHECKOUT / "traverse" / "demo_data" / "arm.toml"
+    design = CHECKOUT / "cli" / "demo_data" / "arm.toml"
     shutil.copy(design, tmp_path / "design.toml")
     culprits, monday, tuesday = blocks(PAGE, "toml")
     suspect = design.read_text("utf-8") + "\n" + culprits

@@ -14,12 +14,12 @@ import numpy as np
 import paho.mqtt.publish
 import pytest
 
-from daemon.configuration import read_configuration
-from kinematics.arm_file import parse_arm, read_strict
-from simulator.config import SimulatorConfig, config_problems
 from tests.docs.pages import CHECKOUT, examples, kinds_of_examples, text_of
 from tests.mosquitto import Mosquitto
 from tests.protocol.message_examples import GOLDEN
+from traverse.daemon.config.schema import read_configuration
+from traverse.kinematics.arm_file.arm import parse_arm, read_strict
+from traverse.simulator.config import SimulatorConfig, config_problems
 
 END_S = 30.0
 
@@ -95,7 +95,7 @@ def running(program: str) -> Iterator[subprocess.Popen[str]]:
         process.communicate()
 
 
-@pytest.mark.broker
+@pytest.mark.needs("mosquitto")
 def test_point_reader_prints_a_point(mosquitto: Mosquitto) -> None:
     ((_, text),) = examples("points")
     assert "1883" in text

@@ -20,7 +20,7 @@ def skipped(line: str) -> bool:
 
 
 @pytest.mark.slow
-@pytest.mark.broker
+@pytest.mark.needs("mosquitto")
 async def test_every_part_by_hand(
     make_mosquitto: Callable[..., Mosquitto], tmp_path: Path
 ) -> None:

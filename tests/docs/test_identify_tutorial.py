@@ -14,7 +14,7 @@ PAGE = "docs/tutorial/identify-an-arm.md"
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_an_arm_is_identified_as_told(tmp_path: Path) -> None:
-    design = CHECKOUT / "traverse" / "demo_data" / "arm.toml"
+    design = CHECKOUT / "cli" / "demo_data" / "arm.toml"
     shutil.copy(design, tmp_path / "design.toml")
     bench, length = blocks(PAGE, "toml")
     (tmp_path / "bench.toml").write_text(bench, "utf-8")

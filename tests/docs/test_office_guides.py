@@ -47,6 +47,7 @@ async def test_arm_files_are_made_and_shown_as_told(tmp_path: Path) -> None:
     assert (tmp_path / "table.toml").exists()
 
 
+@pytest.mark.needs("openssl")
 async def test_certificates_are_made_as_told(tmp_path: Path) -> None:
     lines = [line for line in commands(SECURE) if line.startswith(("openssl", "echo"))]
     assert len(lines) == 6

@@ -10,48 +10,49 @@ import typer.main
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
-from daemon import configuration, probes
-from daemon.broker_section import BrokerSection
-from daemon.command_limits import Limit
-from daemon.device_section import DeviceSection
-from daemon.filters import section_class
-from daemon.outbox_section import OutboxSection
-from daemon.quality_section import EndStopSection
-from daemon.recording_section import RecordingSection
-from drivers.registry import DRIVERS, driver_class
-from kinematics import arm_file
-from kinematics.arm_file import EFFECT_KINDS
-from kinematics.filters import FILTERS
 from tests.docs.pages import code_words, tables, text_of
-from traverse.__main__ import app
+from traverse.cli.__main__ import app
+from traverse.daemon.commands.rate_limit import Limit
+from traverse.daemon.config import schema
+from traverse.daemon.config.broker import BrokerSection
+from traverse.daemon.config.devices import DeviceSection
+from traverse.daemon.config.filters import section_class
+from traverse.daemon.config.outbox import OutboxSection
+from traverse.daemon.config.quality import EndStopSection
+from traverse.daemon.config.recording import RecordingSection
+from traverse.daemon.pose import probe_library
+from traverse.drivers.base.registry import DRIVERS, driver_class
+from traverse.kinematics.arm_file import arm
+from traverse.kinematics.arm_file.arm import EFFECT_KINDS
+from traverse.kinematics.filters import FILTERS
 
 SECTIONS: dict[str, list[tuple[str, type[BaseModel]]]] = {
     "docs/reference/configuration.md": [
-        ("`[arm]`", configuration.ArmSection),
+        ("`[arm]`", schema.ArmSection),
         ("`[broker]`", BrokerSection),
         ("`[[device]]`", DeviceSection),
         *((f'`driver = "{name}"`', driver_class(name).options) for name in DRIVERS),
-        ("`[capture]`", configuration.CaptureSection),
-        ("`[[capture.inputs]]`", configuration.InputSection),
-        ("`[uncertainty]`", configuration.UncertaintySection),
-        ("`[scan]`", configuration.ScanSection),
+        ("`[capture]`", schema.CaptureSection),
+        ("`[[capture.inputs]]`", schema.InputSection),
+        ("`[uncertainty]`", schema.UncertaintySection),
+        ("`[scan]`", schema.ScanSection),
         *((f'`kind = "{kind}"`', section_class(kind)) for kind in FILTERS),
-        ("`[quality]`", configuration.QualitySection),
+        ("`[quality]`", schema.QualitySection),
         ("`[[quality.end_stops]]`", EndStopSection),
-        ("`[health]`", configuration.HealthSection),
-        ("`[realtime]`", configuration.RealtimeSection),
-        ("`[metrics]`", configuration.MetricsSection),
+        ("`[health]`", schema.HealthSection),
+        ("`[realtime]`", schema.RealtimeSection),
+        ("`[metrics]`", schema.MetricsSection),
         ("`[outbox]`", OutboxSection),
         ("`[recording]`", RecordingSection),
     ],
-    "docs/reference/probe-library.md": [("Probe library", probes.LibraryProbe)],
+    "docs/reference/probe-library.md": [("Probe library", probe_library.LibraryProbe)],
     "docs/reference/arm-file.md": [
-        ("Top level", arm_file.Arm),
-        ("`[[joints]]`", arm_file.Joint),
-        ("`[joints.encoder]`", arm_file.Encoder),
-        ("`[probe]`", arm_file.Probe),
-        ("`[reference]`", arm_file.Reference),
-        ("`[identification]`", arm_file.Identification),
+        ("Top level", arm.Arm),
+        ("`[[joints]]`", arm.Joint),
+        ("`[joints.encoder]`", arm.Encoder),
+        ("`[probe]`", arm.Probe),
+        ("`[reference]`", arm.Reference),
+        ("`[identification]`", arm.Identification),
     ],
 }
 DEFAULT_COLUMN = 3

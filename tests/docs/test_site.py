@@ -15,7 +15,6 @@ from playwright.async_api import async_playwright, expect
 from tests.docs.pages import CHECKOUT, PAGES
 
 END_S = 100.0
-CHROMIUM = shutil.which("chromium")
 
 
 class Parts(HTMLParser):
@@ -91,13 +90,12 @@ def test_lists_have_become_lists(site: Path) -> None:
             assert "```" not in paragraph, page
 
 
+@pytest.mark.needs("chromium")
 async def test_search_works_from_files_and_asks_nobody(site: Path) -> None:
-    if CHROMIUM is None:
-        pytest.skip("needs chromium: apt-get install chromium")
     asked: list[str] = []
     async with async_playwright() as playwright:
         browser = await playwright.chromium.launch(
-            executable_path=CHROMIUM, args=["--no-sandbox"]
+            executable_path=shutil.which("chromium"), args=["--no-sandbox"]
         )
         page = await browser.new_page()
         page.on("request", lambda request: asked.append(request.url))
@@ -109,12 +107,11 @@ async def test_search_works_from_files_and_asks_nobody(site: Path) -> None:
     assert all(url.startswith(("file:", "data:", "blob:")) for url in asked), asked
 
 
+@pytest.mark.needs("chromium")
 async def test_a_console_is_copied_without_prompts_and_answers(site: Path) -> None:
-    if CHROMIUM is None:
-        pytest.skip("needs chromium: apt-get install chromium")
     async with async_playwright() as playwright:
         browser = await playwright.chromium.launch(
-            executable_path=CHROMIUM, args=["--no-sandbox"]
+            executable_path=shutil.which("chromium"), args=["--no-sandbox"]
         )
         page = await browser.new_page()
         await page.goto((site / "tutorial" / "first-light.html").as_uri())

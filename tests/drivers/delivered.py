@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.values import STATUS_MISSING, CountSamples, DeviceCounters
+from traverse.drivers.base.values import STATUS_MISSING, CountSamples, DeviceCounters
 
 
 class Delivered:

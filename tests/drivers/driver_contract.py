@@ -17,9 +17,10 @@ from typing import Protocol
 import numpy as np
 import pytest
 
-from drivers.crossing import Crossing
-from drivers.driver import Driver
-from drivers.values import (
+from tests.drivers.taken import Taken, until
+from traverse.drivers.base.delivery_queue import DeliveryQueue
+from traverse.drivers.base.driver import Driver
+from traverse.drivers.base.values import (
     STATUS_MISSING,
     CountSamples,
     DeviceAlarm,
@@ -29,13 +30,12 @@ from drivers.values import (
     LatchedCounts,
     StreamStarted,
 )
-from tests.drivers.taken import Taken, until
 
 
 class Rig(Protocol):
     """A driver and the device that it reads."""
 
-    crossing: Crossing
+    delivery_queue: DeliveryQueue
     driver: Driver
     port: str  # as it must stand in the text of a loss
 
@@ -87,7 +87,7 @@ def driver_threads(rig: Rig) -> list[threading.Thread]:
 
 async def up(rig: Rig, rate_hz: float = 500.0) -> Taken:
     """The device is there and has been asked to stream, if it ever does."""
-    taken = Taken(rig.crossing)
+    taken = Taken(rig.delivery_queue)
     await taken.until(lambda: taken.of(DeviceUp), "the device is up")
     rig.driver.request_stream(rate_hz)
     return taken
@@ -138,7 +138,7 @@ class DriverContract:
     async def test_a_missing_port_is_told_once_with_its_name(self, rig: Rig):
         rig.unplug()
         with rig.driver:
-            taken = Taken(rig.crossing)
+            taken = Taken(rig.delivery_queue)
             await taken.until(lambda: taken.of(DeviceLost), "the loss")
             rig.plug()
             await taken.until(lambda: taken.of(DeviceUp), "the device")

@@ -3,9 +3,9 @@
 import threading
 from collections.abc import Callable
 
-from simulator.clock import MonotonicClock
-from simulator.devices.device import Mounting, SimulatedDevice
-from simulator.pacing import live_real
+from traverse.simulator.clock import MonotonicClock
+from traverse.simulator.devices.device import Mounting, SimulatedDevice
+from traverse.simulator.pacing import live_real
 
 
 class SimulatedRig:

@@ -4,8 +4,8 @@ import asyncio
 from collections.abc import Callable
 from typing import TypeVar
 
-from drivers.crossing import Crossing
-from drivers.values import CountSamples, Delivery
+from traverse.drivers.base.delivery_queue import DeliveryQueue
+from traverse.drivers.base.values import CountSamples, Delivery
 
 LIMIT_S = 8.0
 
@@ -23,10 +23,10 @@ async def until(condition: Callable[[], object], what: str) -> None:
 
 
 class Taken:
-    """Deliveries of one crossing, in order."""
+    """Deliveries of one delivery_queue, in order."""
 
-    def __init__(self, crossing: Crossing) -> None:
-        self._crossing = crossing
+    def __init__(self, delivery_queue: DeliveryQueue) -> None:
+        self._delivery_queue = delivery_queue
         self.all: list[Delivery] = []
 
     def of(self, kind: type[Kind]) -> list[Kind]:
@@ -40,7 +40,7 @@ class Taken:
         try:
             async with asyncio.timeout(LIMIT_S):
                 while not condition():
-                    self.all += await self._crossing.take()
+                    self.all += await self._delivery_queue.take()
         except TimeoutError:
             raise AssertionError(
                 f"not delivered within {LIMIT_S} s: {what}; there came {self.all}"

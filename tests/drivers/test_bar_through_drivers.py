@@ -2,10 +2,10 @@
 
 import pytest
 
-from benchmarks.bar_devices import BY_NAME
-from benchmarks.drivers_bar import measured_virtually
+from benchmarks.drivers.bar import measured_virtually
+from benchmarks.drivers.bar_devices import BY_NAME
 
-# A bus has no virtual time; tests/end_to_end/test_canopen_arm.py reads one.
+# A bus has no virtual time; tests/end_to_end/devices/test_canopen_arm.py reads one.
 NAMES = [name for name in BY_NAME if name != "canopen"]
 
 

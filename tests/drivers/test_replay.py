@@ -6,10 +6,9 @@ import time
 import numpy as np
 import pytest
 
-from drivers.crossing import Crossing
-from drivers.delivery_maps import delivery_of, map_of
-from drivers.replay import Replay
-from drivers.values import (
+from traverse.drivers.base.delivery_maps import delivery_from_map, delivery_to_map
+from traverse.drivers.base.delivery_queue import DeliveryQueue
+from traverse.drivers.base.values import (
     CountSamples,
     DeviceAlarm,
     DeviceCounters,
@@ -21,8 +20,9 @@ from drivers.values import (
     LatchedCounts,
     StreamStarted,
 )
-from recording.maps import bytes_to_map, map_to_bytes
-from recording.run_writer import Entry, RunHead, RunWriter
+from traverse.drivers.replay import Replay
+from traverse.recording.maps import bytes_to_map, map_to_bytes
+from traverse.recording.run_writer import Entry, RunHead, RunWriter
 
 BOARD = Identity("board 1", "7", (1 << 20, 1 << 16), 2, 1000.0, True, (None, 65536), 9)
 BEGIN_NS = 5 * 10**12
@@ -76,7 +76,7 @@ DELIVERIES = (
 
 def same(one, other):
     """Equal, arrays bit by bit."""
-    tables = [map_of(delivery) for delivery in (one, other)]
+    tables = [delivery_to_map(delivery) for delivery in (one, other)]
     return all(
         np.array_equal(value, tables[1][name])
         and getattr(value, "dtype", None) == getattr(tables[1][name], "dtype", None)
@@ -88,7 +88,7 @@ def same(one, other):
 
 @pytest.mark.parametrize("delivery", DELIVERIES, ids=lambda d: type(d).__name__)
 def test_deliveries_come_back_from_their_bytes(delivery):
-    found = delivery_of(bytes_to_map(map_to_bytes(map_of(delivery))))
+    found = delivery_from_map(bytes_to_map(map_to_bytes(delivery_to_map(delivery))))
     assert type(found) is type(delivery)
     assert same(found, delivery)
 
@@ -107,18 +107,23 @@ def test_deliveries_come_back_from_their_bytes(delivery):
 )
 def test_maps_that_tell_of_no_delivery_are_refused(changes, told):
     with pytest.raises(ValueError, match=told):
-        delivery_of({**map_of(samples(0)), **changes})
+        delivery_from_map({**delivery_to_map(samples(0)), **changes})
     with pytest.raises(ValueError, match="that is none"):
-        delivery_of({"kind": "latch", "device": "base"})
+        delivery_from_map({"kind": "latch", "device": "base"})
 
 
 def recording(path):
     with RunWriter(path, RunHead({})) as writer:
-        state = {"devices": [map_of(DELIVERIES[0]), map_of(DELIVERIES[1])]}
+        state = {
+            "devices": [delivery_to_map(DELIVERIES[0]), delivery_to_map(DELIVERIES[1])]
+        }
         table = {"is": "state", "at_ns": BEGIN_NS, "value": state}
         writer.add(Entry("steps", 1, map_to_bytes(table)))
         for number, delivery in enumerate(DELIVERIES[2:]):
-            table = {"at_ns": BEGIN_NS + number * 10_000_000, **map_of(delivery)}
+            table = {
+                "at_ns": BEGIN_NS + number * 10_000_000,
+                **delivery_to_map(delivery),
+            }
             topic = f"device/base/{table['kind']}"
             writer.add(Entry(topic, 1, map_to_bytes(table)))
             other = {**table, "device": "other"}
@@ -126,21 +131,21 @@ def recording(path):
     return path
 
 
-async def taken(driver, crossing, n_lost):
+async def taken(driver, delivery_queue, n_lost):
     found = []
     with driver:
         async with asyncio.timeout(10):
             while sum(isinstance(d, DeviceLost) for d in found) < n_lost:
-                found += await crossing.take()
+                found += await delivery_queue.take()
     return found
 
 
 async def test_a_device_delivers_what_it_did_then_at_the_times_of_now(tmp_path):
-    crossing = Crossing(asyncio.get_running_loop())
+    delivery_queue = DeliveryQueue(asyncio.get_running_loop())
     path = recording(tmp_path / "a.mcap")
-    driver = Replay("arm", crossing, file=str(path), source="base", speed=2.0)
+    driver = Replay("arm", delivery_queue, file=str(path), source="base", speed=2.0)
     begun_ns = time.monotonic_ns()
-    found = await taken(driver, crossing, 2)
+    found = await taken(driver, delivery_queue, 2)
     ended_ns = time.monotonic_ns()
     assert {d.device for d in found} == {"arm"}
     up, stream = (d for d in found[:3] if not isinstance(d, DeviceCounters))
@@ -163,10 +168,10 @@ async def test_a_device_delivers_what_it_did_then_at_the_times_of_now(tmp_path):
 
 
 async def test_it_begins_anew_where_it_is_wanted(tmp_path):
-    crossing = Crossing(asyncio.get_running_loop())
+    delivery_queue = DeliveryQueue(asyncio.get_running_loop())
     path = recording(tmp_path / "a.mcap")
-    driver = Replay("base", crossing, file=str(path), speed=100.0, repeat=True)
-    found = await taken(driver, crossing, 4)
+    driver = Replay("base", delivery_queue, file=str(path), speed=100.0, repeat=True)
+    found = await taken(driver, delivery_queue, 4)
     assert sum(isinstance(d, DeviceUp) for d in found) >= 2
 
 
@@ -178,6 +183,8 @@ async def test_a_file_that_cannot_be_played_is_told(tmp_path, content, told):
     path = tmp_path / "a.mcap"
     if content is not None:
         path.write_bytes(content)
-    crossing = Crossing(asyncio.get_running_loop())
-    (lost,) = await taken(Replay("base", crossing, file=str(path)), crossing, 1)
+    delivery_queue = DeliveryQueue(asyncio.get_running_loop())
+    (lost,) = await taken(
+        Replay("base", delivery_queue, file=str(path)), delivery_queue, 1
+    )
     assert told in lost.reason

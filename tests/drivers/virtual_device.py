@@ -10,18 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.virtual_time import (
+from benchmarks.tools.virtual_time import (
     Cable,
     Straight,
     VirtualTime,
     lines_through,
     played,
 )
-from drivers.driver import Driver
-from drivers.values import DeviceAlarm
-from simulator.devices.device import make_device
 from tests.drivers.delivered import Delivered
 from tests.simulator.one_hinge import mounted
+from traverse.drivers.base.driver import Driver
+from traverse.drivers.base.values import DeviceAlarm
+from traverse.simulator.devices.device import make_device
 
 FIRST_NS = 10**12
 

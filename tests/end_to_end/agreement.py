@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from protocol.messages import Point
 from tests.end_to_end.arm_matrices import MatrixArm
 from tests.end_to_end.workbench import Workbench
+from traverse.protocol.messages import Point
 
 
 def assert_one_point_an_edge(

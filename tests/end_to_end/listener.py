@@ -8,13 +8,22 @@ from typing import Any
 import aiomqtt
 import numpy as np
 
-from clients.address import BrokerAddress
-from clients.ending import end
-from clients.subscription import KINDS, connection, received, subscribe
-from protocol import topics
-from protocol.encoding import encode
-from protocol.messages import Args, Command, Event, Health, Point, Reply, Scan, Status
 from tests.end_to_end.programs import PATIENCE_S, until
+from traverse.client.cancel_tasks import end
+from traverse.client.mqtt.address import BrokerAddress
+from traverse.client.mqtt.subscription import KINDS, connection, received, subscribe
+from traverse.protocol import topics
+from traverse.protocol.encoding import encode
+from traverse.protocol.messages import (
+    Args,
+    Command,
+    Event,
+    Health,
+    Point,
+    Reply,
+    Scan,
+    Status,
+)
 
 
 class Listener:

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import traverse
+import traverse.cli
 from tests.end_to_end.programs import Program
 
-DEMO_ARM = Path(traverse.__file__).parent / "demo_data" / "arm.toml"
+DEMO_ARM = Path(traverse.cli.__file__).parent / "demo_data" / "arm.toml"
 QUICK = (
     "move_s = 0.1\napproach_s = 0.05\ndwell_s = 0.06\npress_s = 0.03\n"
     "switch_speed_mm_s = 150.0"

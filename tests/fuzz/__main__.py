@@ -44,7 +44,7 @@ def fuzz(name: str | None, limits: list[str]) -> None:
     """Fuzz in this process, which ends with it."""
     import atheris  # noqa: PLC0415 - slow, and only here
 
-    with atheris.instrument_imports(include=["protocol", "pymodbus.framer"]):
+    with atheris.instrument_imports(include=["traverse", "pymodbus.framer"]):
         seeds, check = together() if name is None else target(name)
     KEPT.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as corpus:

@@ -1,7 +1,7 @@
 """Replies of AMT21 encoders: at most one value, and with its check bits."""
 
-from protocol import amt21
 from tests.fuzz.chunks import chunks
+from traverse.protocol import amt21
 
 SEEDS = tuple(
     bytes.fromhex(text)

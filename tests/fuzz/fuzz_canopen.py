@@ -1,6 +1,6 @@
 """Frames of CANopen nodes: values are the bytes of the frame and nothing else."""
 
-from protocol import canopen, canopen_objects
+from traverse.protocol.canopen import frames, objects
 
 SEEDS = tuple(
     bytes.fromhex(text)
@@ -18,17 +18,17 @@ SEEDS = tuple(
 def check(data: bytes) -> None:
     """Two bytes of identifier, then what the frame carries."""
     can_id, carried = int.from_bytes(data[:2]) & 0x7FF, data[2:10]
-    found = canopen.decode(can_id, carried)
-    assert canopen.decode(can_id, bytearray(carried)) == found
-    if found is None or isinstance(found, canopen.Sync):
+    found = frames.decode(can_id, carried)
+    assert frames.decode(can_id, bytearray(carried)) == found
+    if found is None or isinstance(found, frames.Sync):
         return
     assert 1 <= found.node <= 127
     assert can_id % 128 == found.node
-    if isinstance(found, canopen.Position):
+    if isinstance(found, frames.Position):
         assert found.count == int.from_bytes(carried[:4], "little")
-    if isinstance(found, canopen.Emergency):
+    if isinstance(found, frames.Emergency):
         assert found.code == int.from_bytes(carried[:2], "little")
-        assert isinstance(canopen_objects.emergency_text(found.code), str)
+        assert isinstance(objects.emergency_text(found.code), str)
     number = int.from_bytes(carried[:4], "little")
-    assert isinstance(canopen_objects.alarm_text(number & 0xFFFF), str)
-    assert isinstance(canopen_objects.warning_text(number & 0xFFFF), str)
+    assert isinstance(objects.alarm_text(number & 0xFFFF), str)
+    assert isinstance(objects.warning_text(number & 0xFFFF), str)

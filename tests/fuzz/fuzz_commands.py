@@ -3,11 +3,11 @@
 import contextlib
 from pathlib import Path
 
-from daemon.commands import MAX_COMMAND_BYTES
-from protocol.encoding import decode, encode, parse_args
-from protocol.message_error import MessageError
-from protocol.messages import COMMANDS, Command
-from protocol.topics import parse_topic
+from traverse.daemon.commands.dispatcher import MAX_COMMAND_BYTES
+from traverse.protocol.encoding import decode, encode, parse_args
+from traverse.protocol.message_error import MessageError
+from traverse.protocol.messages import COMMANDS, Command
+from traverse.protocol.topics import parse_topic
 
 GOLDEN = Path(__file__).parent.parent / "protocol" / "golden"
 NAMES = sorted(COMMANDS)

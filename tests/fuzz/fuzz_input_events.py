@@ -1,7 +1,7 @@
 """Events of the kernel's input devices: each is 24 bytes of what came."""
 
-from protocol.input_events import EVENT_BYTES, InputEventDecoder
 from tests.fuzz.chunks import chunks
+from traverse.protocol.input_events import EVENT_BYTES, InputEventDecoder
 
 PRESS = bytes.fromhex("3930000000000000 15CD070000000000 0100 3000 01000000")
 SEEDS = (b"\x00" + PRESS, b"\x17" + PRESS + PRESS, b"\x04" + PRESS[:-1])

@@ -3,9 +3,9 @@
 import contextlib
 import math
 
-from protocol import microscribe, microscribe_set_up
-from protocol.microscribe import Framing, Packet, PacketDecoder
 from tests.fuzz.chunks import chunks
+from traverse.protocol.microscribe import packets, session
+from traverse.protocol.microscribe.packets import Framing, Packet, PacketDecoder
 
 GOLDEN = "83 00 00 00 1F 7F 10 00 07 68 7F 7F 01 00"
 TIMED = "A3 01 09 52 00 00 1F 7F 10 00 07 68 7F 7F 01 00"
@@ -35,7 +35,7 @@ def check(data: bytes) -> None:
     chosen = data[0] if data else 0
     framing = Framing.HCI3 if chosen & 1 else Framing.HCI2
     timer = bool(chosen & 2)
-    size = microscribe.packet_size(framing, timer=timer)
+    size = packets.packet_size(framing, timer=timer)
     decoder = PacketDecoder(framing, timer=timer)
     found = [p for chunk in chunks(data[1:]) for p in decoder.feed(chunk)]
     heard = data[2:]
@@ -49,18 +49,18 @@ def check(data: bytes) -> None:
 
 def check_answers(heard: bytes) -> None:
     """What the arm says of itself."""
-    for command in microscribe_set_up.TEXTS.values():
-        text = microscribe_set_up.text_reply(command, heard)
+    for command in session.TEXTS.values():
+        text = session.text_reply(command, heard)
         assert text is None or text.isprintable()
-    maxes = microscribe_set_up.maxes_reply(heard)
+    maxes = session.maxes_reply(heard)
     if maxes is not None:
         assert len(maxes.encoders) == maxes.framing.n_encoders
-    block = microscribe_set_up.counted_reply(microscribe_set_up.GEOMETRY, heard)
+    block = session.counted_reply(session.GEOMETRY, heard)
     for comment in ("", "Beta"):
         with contextlib.suppress(ValueError):
-            found = microscribe_set_up.kinematics_of(block or b"", comment)
+            found = session.kinematics_of(block or b"", comment)
             assert max(map(abs, found.alpha_rad)) <= math.pi
             assert len(found.a_mm) == len(found.d_mm) == 6
-    home = microscribe_set_up.fixed_reply(microscribe_set_up.HOME, 12, heard)
+    home = session.fixed_reply(session.HOME, 12, heard)
     if home is not None:
-        assert len(microscribe_set_up.home_counts(home)) == 6
+        assert len(session.home_counts(home)) == 6

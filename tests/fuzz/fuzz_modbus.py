@@ -2,9 +2,9 @@
 
 from pymodbus.exceptions import ModbusException
 
-from drivers.modbus_client import PortClient
-from protocol.modbus import PositionRegisters
 from tests.fuzz.chunks import chunks
+from traverse.drivers.modbus.line import ModbusClient
+from traverse.protocol.modbus import PositionRegisters
 
 LONGEST = 48  # all frames that may be in it are looked at
 SEEDS = tuple(
@@ -64,7 +64,7 @@ class Clock:
 def check(data: bytes) -> None:
     """Ask encoder 1 for two input registers; the bytes are what comes back."""
     data = data[:LONGEST]
-    client = PortClient(
+    client = ModbusClient(
         Said(data),
         Clock(),
         lambda _seconds: None,

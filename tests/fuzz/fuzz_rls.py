@@ -1,7 +1,7 @@
 """Replies of RLS encoders: every one stands in the bytes, and cuts do not matter."""
 
-from protocol import rls
 from tests.fuzz.chunks import chunks
+from traverse.protocol import rls
 
 REQUESTS = (rls.POSITION, rls.DETAILED, rls.TEMPERATURE, rls.SHORT)
 SEEDS = tuple(

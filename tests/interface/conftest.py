@@ -10,10 +10,11 @@ PACKAGES = ROOT / "build" / "node" / "node_modules"
 
 
 @pytest.fixture
-def node_modules() -> Path:
-    """Packages of npm, as `make build/node/.ready` has put them there."""
-    if shutil.which("node") is None or not PACKAGES.is_dir():
-        pytest.skip("needs node, and `make node` once")
+def node_modules(pytestconfig: pytest.Config) -> Path:
+    """Packages of npm, as `make node` puts them there."""
+    if not PACKAGES.is_dir():
+        required = "node" in pytestconfig.getoption("--required").split()
+        (pytest.fail if required else pytest.skip)("needs `make node` once")
     return PACKAGES
 
 

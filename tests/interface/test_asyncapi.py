@@ -9,9 +9,9 @@ import pytest
 import referencing
 import referencing.jsonschema
 
-from protocol import topics
-from protocol.messages import COMMANDS
 from tests.interface.conftest import ROOT
+from traverse.protocol import topics
+from traverse.protocol.messages import COMMANDS
 
 REFERENCE = ROOT / "docs" / "reference"
 DOCUMENT: dict[str, Any] = json.loads((REFERENCE / "asyncapi.json").read_text("utf-8"))

@@ -11,15 +11,15 @@ from pathlib import Path
 import aiomqtt
 import pytest
 
-from protocol.messages import ScanArgs
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import PATIENCE_S, until
 from tests.end_to_end.workbench import SPHERE, Workbench
 from tests.interface.conftest import ROOT
 from tests.interface.test_asyncapi import validator
 from tests.mosquitto import Mosquitto
+from traverse.protocol.messages import ScanArgs
 
-pytestmark = pytest.mark.broker
+pytestmark = pytest.mark.needs("mosquitto", "node")
 
 GOLDEN = ROOT / "tests" / "protocol" / "golden"
 

@@ -3,7 +3,7 @@
 import numpy as np
 from hypothesis import strategies as st
 
-from kinematics.geometry import Geometry, unit_vectors
+from traverse.kinematics.model.geometry import Geometry, unit_vectors
 
 ARM_TEXT = """\
 schema = "traverse/arm/1"

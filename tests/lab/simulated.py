@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from kinematics.arm_file import Arm, parse_arm
-from kinematics.geometry import Geometry
-from lab.campaign import Campaign, Poses
-from lab.identification.artefacts import artefact_from_table
+from traverse.kinematics.arm_file.arm import Arm, parse_arm
+from traverse.kinematics.model.geometry import Geometry
+from traverse.lab.artefacts import artefact_from_table
+from traverse.lab.campaign.campaign import Campaign, Poses
 
 PROBE_RADIUS_MM = 3.0
 

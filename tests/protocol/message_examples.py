@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from protocol.encoding import encode
-from protocol.messages import (
+from traverse.protocol.encoding import encode
+from traverse.protocol.messages import (
     AlignArgs,
     BrokerHealth,
     Command,

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays_of
 
-from protocol.messages import (
+from traverse.protocol.messages import (
     Command,
     Event,
     Label,

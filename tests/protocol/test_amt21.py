@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol import amt21
+from traverse.protocol import amt21
 
 addresses = st.integers(1, 63).map(lambda number: 4 * number)
 values = st.integers(0, 0x3FFF)

@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol import canopen as wire
-from protocol import canopen_objects as objects
-from protocol.canopen_errors import BusCondition, decode_error
+from traverse.protocol.canopen import frames as wire
+from traverse.protocol.canopen import objects
+from traverse.protocol.canopen.errors import BusCondition, decode_error
 
 GOLDEN = [
     (0x705, "00", wire.Heartbeat(5, wire.BOOT_UP)),

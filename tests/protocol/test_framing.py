@@ -4,8 +4,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol.framing import MAX_BODY, MAX_SEGMENT, FrameSplitter, encode_frame
 from tests.protocol.latch_board_frames import crc_bit_by_bit, cut, framed
+from traverse.protocol.latch_board.framing import (
+    MAX_BODY,
+    MAX_SEGMENT,
+    FrameSplitter,
+    encode_frame,
+)
 
 bodies = st.binary(min_size=1, max_size=MAX_BODY)
 

@@ -4,7 +4,7 @@ import sys
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol.input_events import EVENT_BYTES, InputEvent, InputEventDecoder
+from traverse.protocol.input_events import EVENT_BYTES, InputEvent, InputEventDecoder
 
 shorts = st.integers(0, 0xFFFF)
 events = st.tuples(

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol import latch_board as wire
 from tests.protocol import latch_board_frames as golden
 from tests.protocol.latch_board_frames import cut, frame, framed
+from traverse.protocol import latch_board as wire
 
 
 def plain(message: wire.Message) -> list[tuple]:

@@ -9,8 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from protocol.arrays import array_to_bytes
-from protocol.encoding import (
+from tests.protocol.message_examples import EVENT, EXAMPLES, HEALTH, POINT, SCAN
+from tests.protocol.message_strategies import messages
+from traverse.protocol.arrays import array_to_bytes
+from traverse.protocol.encoding import (
     MAX_DEPTH,
     MAX_ELEMENTS,
     MessageError,
@@ -19,10 +21,16 @@ from protocol.encoding import (
     encode,
     parse_args,
 )
-from protocol.messages import MESSAGES, Command, Event, Health, Message, Point, Scan
-from protocol.messages.plain import MAX_LEVELS
-from tests.protocol.message_examples import EVENT, EXAMPLES, HEALTH, POINT, SCAN
-from tests.protocol.message_strategies import messages
+from traverse.protocol.messages import (
+    MESSAGES,
+    Command,
+    Event,
+    Health,
+    Message,
+    Point,
+    Scan,
+)
+from traverse.protocol.messages.plain import MAX_LEVELS
 
 COMMAND = Command(request="r", args={})
 

@@ -4,8 +4,6 @@ import json
 
 import pytest
 
-from protocol.encoding import decode, encode, parse_args
-from protocol.messages import COMMANDS, MESSAGES, Event, Point, Reply
 from tests.protocol.message_examples import (
     ARGS,
     EVENT,
@@ -15,6 +13,8 @@ from tests.protocol.message_examples import (
     REFUSAL,
     json_text,
 )
+from traverse.protocol.encoding import decode, encode, parse_args
+from traverse.protocol.messages import COMMANDS, MESSAGES, Event, Point, Reply
 
 # MessagePack: 8n map of n pairs, An text of n bytes (to BF: 31), 9n array of n,
 # C0 nil, C2 false, C3 true, CF uint 64, CB float 64, 00 to 7F themselves.

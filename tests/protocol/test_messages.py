@@ -4,20 +4,6 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from protocol.encoding import MessageError, parse_args
-from protocol.messages import (
-    FLAG_MEANINGS,
-    MESSAGES,
-    AlignArgs,
-    Command,
-    Message,
-    Quality,
-    QualityFlag,
-    Scan,
-    ScanArgs,
-    Value,
-    flag_names,
-)
 from tests.protocol.message_examples import (
     EVENT,
     EXAMPLES,
@@ -29,6 +15,20 @@ from tests.protocol.message_examples import (
     RETRACTION,
     SCAN,
     STATUS,
+)
+from traverse.protocol.encoding import MessageError, parse_args
+from traverse.protocol.messages import (
+    FLAG_MEANINGS,
+    MESSAGES,
+    AlignArgs,
+    Command,
+    Message,
+    Quality,
+    QualityFlag,
+    Scan,
+    ScanArgs,
+    Value,
+    flag_names,
 )
 
 

@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol import rls
+from traverse.protocol import rls
 
 ORBIS = rls.Layout(14)
 AKSIM_17 = rls.Layout(17)

@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol import topics
-from protocol.encoding import MessageError
-from protocol.topics import CHANNELS, Topic, parse_topic
+from traverse.protocol import topics
+from traverse.protocol.encoding import MessageError
+from traverse.protocol.topics import CHANNELS, Topic, parse_topic
 
 levels = st.text(
     st.characters(exclude_categories=["Cs", "Cc"], exclude_characters="/+#"),

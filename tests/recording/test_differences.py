@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from recording.differences import bytes_to_differences, differences_to_bytes
-from recording.maps import bytes_to_map, map_to_bytes
+from traverse.recording.differences import bytes_to_differences, differences_to_bytes
+from traverse.recording.maps import bytes_to_map, map_to_bytes
 
 KINDS = [f"{kind}{size}" for kind in "iu" for size in (1, 2, 4, 8)]
 SHAPES = array_shapes(min_dims=1, max_dims=2, min_side=0, max_side=12)

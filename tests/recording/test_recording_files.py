@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from kinematics.file_problems import FileError
-from recording.reader import read_recording
-from recording.values import TIMES, Conditions, Samples, Touching
-from recording.writer import RecordingWriter
+from traverse.recording.reader import read_recording
+from traverse.recording.values import TIMES, Conditions, Samples, Touching
+from traverse.recording.writer import RecordingWriter
+from traverse.strict_toml.problems import FileError
 
 JOINTS = ("J1", "J2", "J3")
 ARM = 'schema = "traverse/arm/1"\nname = "été"\n'

@@ -8,10 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from protocol.messages import Scan
-from recording.run_reader import RunReader
-from recording.run_writer import Entry, RunHead, RunWriter
-from recording.views import (
+from tests.protocol.message_examples import EVENT, POINT, SCAN
+from traverse.protocol.messages import Scan
+from traverse.recording.run_reader import RunReader
+from traverse.recording.run_writer import Entry, RunHead, RunWriter
+from traverse.recording.views import (
     CLOUD_FIELDS,
     VIEW_SCHEMAS,
     bytes_to_cloud,
@@ -20,7 +21,6 @@ from recording.views import (
     point_to_bytes,
     pose_to_bytes,
 )
-from tests.protocol.message_examples import EVENT, POINT, SCAN
 
 HEAD = RunHead({"arm": "bench-7", "version": "1"}, {"arm.toml": b"name", "b": b""})
 ENTRIES = [Entry("steps", 10**18 + i, bytes([i]) * (i % 7 + 1)) for i in range(60)]
@@ -103,7 +103,7 @@ def test_a_file_cut_within_its_head_says_so(tmp_path):
         assert entries == []
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.data())
 def test_no_changed_byte_crashes_the_reader_or_changes_a_message(
     tmp_path_factory, data

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import numpy as np
 
-from simulator.climate import ClimateTable
-from simulator.devices.device import Mounting
-from simulator.encoder import EncoderSet
-from simulator.faults import fault_from_table
-from simulator.script import Script
-from simulator.trajectory import Trajectory, rest_pieces
-from simulator.wiring import ScriptClock
+from traverse.simulator.arm.encoder import EncoderSet
+from traverse.simulator.arm.trajectory import Trajectory, rest_pieces
+from traverse.simulator.devices.device import Mounting
+from traverse.simulator.scenario.climate import ClimateTable
+from traverse.simulator.scenario.faults import fault_from_table
+from traverse.simulator.scenario.script import Script
+from traverse.simulator.scenario.wiring import ScriptClock
 
 COUNTS_PER_S = 1000.0
 

@@ -4,7 +4,7 @@ import subprocess
 import sys
 from contextlib import contextmanager
 
-PROGRAM = "import sys; from simulator.run import run_simulator; "
+PROGRAM = "import sys; from traverse.simulator.run import run_simulator; "
 PROGRAM += "sys.exit(run_simulator(sys.argv[1]))"
 SPHERE = """
 [[motion]]

@@ -11,18 +11,19 @@ from typing import Any
 
 import numpy as np
 
-from protocol.canopen import HEARTBEAT, identifiers
-from protocol.messages import Event, PointArgs
+from tests import programs
 from tests.end_to_end.arm_matrices import MatrixArm
 from tests.end_to_end.listener import Listener, listening
 from tests.end_to_end.programs import Program, until
 from tests.end_to_end.workbench import Workbench
-from tests.mosquitto import Mosquitto, find_mosquitto
+from tests.mosquitto import Mosquitto
 from tests.vm import can_interface
 from tests.vm.bus_checks import NODES
 from tests.vm.can_arm import N_POINTS, TRACKING_HZ, write_files
 from tests.vm.can_interface import NAME, open_raw, send
 from tests.vm.table import Table
+from traverse.protocol.canopen.frames import HEARTBEAT, identifiers
+from traverse.protocol.messages import Event, PointArgs
 
 START_S = 120.0
 SOON_S = 40.0
@@ -179,9 +180,9 @@ def scan() -> str:
 
 async def check_arm(table: Table, folder: Path) -> None:
     """All of them, on one run of the programs, which end in order."""
-    program = find_mosquitto()
+    program = programs.find("mosquitto")
     assert program is not None, "there is no mosquitto"
-    broker = Mosquitto(program, folder)
+    broker = Mosquitto(folder, program=program)
     broker.start()
     bench = Workbench(folder, broker.host, broker.port)
     write_files(bench)

@@ -5,13 +5,13 @@ import time
 import can
 import numpy as np
 
-from drivers.can_bus import CanBus, Frame
-from drivers.can_socket import FRAMES_LOST
-from drivers.values import DeviceError
-from protocol.canopen import SYNC, identifiers
 from tests.vm import can_interface
 from tests.vm.can_interface import NAME, open_raw, send
 from tests.vm.table import Table
+from traverse.drivers.base.values import DeviceError
+from traverse.drivers.io.can_bus import CanBus, Frame
+from traverse.drivers.io.can_socket import FRAMES_LOST
+from traverse.protocol.canopen.frames import SYNC, identifiers
 
 NODES = (11, 12, 13, 14, 15, 16, 17)
 N_FRAMES = 300

@@ -9,7 +9,7 @@ import sys
 import time
 from collections import deque
 
-from tests.drivers.fake_canopen import FakeNode, u32
+from tests.drivers.canopen.fake_nodes import FakeNode, u32
 from tests.vm.can_interface import FRAME, listen
 
 BEAT_S = 0.3

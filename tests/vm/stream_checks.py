@@ -10,18 +10,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.canopen import CanOpen
-from drivers.crossing import Crossing
-from drivers.values import (
+from tests.vm.bus_checks import NODES
+from tests.vm.can_interface import NAME
+from tests.vm.table import Table
+from traverse.drivers.base.delivery_queue import DeliveryQueue
+from traverse.drivers.base.values import (
     STATUS_LATE,
     STATUS_MISSING,
     CountSamples,
     DeviceUp,
     StreamStarted,
 )
-from tests.vm.bus_checks import NODES
-from tests.vm.can_interface import NAME
-from tests.vm.table import Table
+from traverse.drivers.canopen.driver import CanOpenDriver
 
 RATES_HZ = (200.0, 100.0, 50.0, 20.0, 10.0)
 STEADY_S, START_S = 20.0, 60.0
@@ -32,10 +32,10 @@ class Stream:
     """A driver, and what it has handed over."""
 
     def __init__(self, sync: str) -> None:
-        self._crossing = Crossing(asyncio.get_running_loop())
-        self._driver = CanOpen(
+        self._delivery_queue = DeliveryQueue(asyncio.get_running_loop())
+        self._driver = CanOpenDriver(
             "arm",
-            self._crossing,
+            self._delivery_queue,
             interface="socketcan",
             channel=NAME,
             nodes=NODES,
@@ -81,12 +81,12 @@ class Stream:
     async def _until(self, is_it: Callable[[object], bool]) -> None:
         async with asyncio.timeout(START_S):
             while not any(map(is_it, self._taken)):
-                self._taken += await self._crossing.take()
+                self._taken += await self._delivery_queue.take()
 
     async def _take(self, seconds: float) -> None:
         end_s = time.monotonic() + seconds
         while time.monotonic() < end_s:
-            self._taken += await self._crossing.take()
+            self._taken += await self._delivery_queue.take()
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,16 +1,16 @@
 """The sections of the page about what was not found, what was left out, and how."""
 
-from lab.diagnosis.candidate import BankName
-from lab.diagnosis.diagnosis import Diagnosis
-from lab.diagnosis.report.detectable_table import (
+from traverse.lab.diagnosis.model.candidate import BankName
+from traverse.lab.diagnosis.model.result import Diagnosis
+from traverse.lab.diagnosis.report.detectable_table import (
     joint_rows,
     reasons,
     whole_arm_rows,
 )
-from lab.diagnosis.report.names import name_in_words, quantity
-from lab.diagnosis.report.plots import Plots
-from lab.diagnosis.report.words import excluded_sentence, noise_sentences
-from lab.identification.report.markup import note, paragraph, section, table
+from traverse.lab.diagnosis.report.names import candidate_label, quantity
+from traverse.lab.diagnosis.report.plots import Plots
+from traverse.lab.diagnosis.report.words import excluded_sentence, noise_sentences
+from traverse.lab.report.html import note, paragraph, section, table
 
 _MOST_EXCLUDED = 200
 _BANKS = {
@@ -26,7 +26,7 @@ def leftover_section(diagnosis: Diagnosis) -> str:
     rows = [
         [
             _BANKS[left.bank],
-            name_in_words(left.candidate),
+            candidate_label(left.candidate),
             f"{left.log10_p:.1f}",
             f"{left.threshold_log10_p:.1f}",
         ]

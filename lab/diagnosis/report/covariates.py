@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.campaign import Campaign, Poses
-from lab.diagnosis.diagnosis import Term
+from traverse.lab.campaign.campaign import Campaign, Poses
+from traverse.lab.diagnosis.model.result import Term
 
 Floats = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ _TEMPERATURE = ("encoder_temperature", "thermal_expansion")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Covariate:
+class DrawnCovariate:
     """A quantity that poses are drawn over.
 
     Attributes:
@@ -45,7 +45,7 @@ class Covariate:
 
 def covariate_of(
     term: Term, campaign: Campaign, amounts: Floats, reference_c: float
-) -> Covariate:
+) -> DrawnCovariate:
     """Choose what a term is drawn over.
 
     Args:
@@ -64,22 +64,22 @@ def covariate_of(
     if kind == "joint_compliance" and compliance != 0.0:
         # The joint turns further: as if it had read too little.
         label = f"gravity torque about {joint} [N m]"
-        return Covariate(label, -amounts / compliance, True, plain)
+        return DrawnCovariate(label, -amounts / compliance, True, plain)
     if name is None:
         size = float(np.nanmax(np.abs(amounts), initial=0.0))
         label = "what the effect does to the pose, of the largest"
-        return Covariate(label, amounts / (size or 1.0), True, plain)
+        return DrawnCovariate(label, amounts / (size or 1.0), True, plain)
     label, values = column(campaign, name)
     if kind in _TEMPERATURE:
         away = np.nan_to_num(values - reference_c)
-        return Covariate(label, values, joint is not None, away)
+        return DrawnCovariate(label, values, joint is not None, away)
     periods = _periods(term)
     if periods > _MOST_PERIODS and name == f"{joint}_rad":
         label = f"reading of {joint} within one of {periods} periods [degrees]"
         values = np.mod(values, 360.0 / periods)
     is_function = kind not in ("axis_wobble", "axis_runout")
     one_direction = kind in _TIME and joint is None
-    return Covariate(label, values, is_function, plain, one_direction)
+    return DrawnCovariate(label, values, is_function, plain, one_direction)
 
 
 def _periods(term: Term) -> int:

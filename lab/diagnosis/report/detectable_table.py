@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 
-from lab.diagnosis.candidate import Candidate
-from lab.diagnosis.diagnosis import Detectable
-from lab.diagnosis.report.names import (
-    minimum_in_words,
-    name_in_words,
+from traverse.lab.diagnosis.model.candidate import Candidate
+from traverse.lab.diagnosis.model.result import Detectable
+from traverse.lab.diagnosis.report.names import (
+    candidate_label,
+    minimal_size_text,
     quantity,
     shown_unit,
 )
@@ -46,8 +46,8 @@ def whole_arm_rows(detectable: Sequence[Detectable]) -> list[list[str]]:
     """List the effects of the whole arm: what, from which size on, at the probe."""
     return [
         [
-            name_in_words(entry.candidate),
-            NOT_SEEN if entry.minimum is None else minimum_in_words(entry),
+            candidate_label(entry.candidate),
+            NOT_SEEN if entry.minimum is None else minimal_size_text(entry),
             "" if entry.minimum is None else quantity(entry.probe_mm, None, "mm"),
         ]
         for entry in detectable
@@ -61,13 +61,13 @@ def reasons(detectable: Sequence[Detectable]) -> list[str]:
     for entry in detectable:
         if entry.minimum is None:
             names = by_reason.setdefault(entry.why or "no reason given", [])
-            names.append(name_in_words(entry.candidate))
+            names.append(candidate_label(entry.candidate))
     return [f"{why}: {'; '.join(names)}" for why, names in by_reason.items()]
 
 
 def detectable_lines(detectable: Sequence[Detectable]) -> list[str]:
     """List everything, a line an effect, for terminals."""
-    names = [name_in_words(entry.candidate) for entry in detectable]
+    names = [candidate_label(entry.candidate) for entry in detectable]
     width = max((len(name) for name in names), default=0)
     lines = []
     for name, entry in zip(names, detectable, strict=True):
@@ -75,11 +75,11 @@ def detectable_lines(detectable: Sequence[Detectable]) -> list[str]:
             lines.append(f"{name:<{width}}  cannot be seen: {entry.why}")
         else:
             lines.append(
-                f"{name:<{width}}  from {minimum_in_words(entry)} on "
+                f"{name:<{width}}  from {minimal_size_text(entry)} on "
                 f"({quantity(entry.probe_mm, None, 'mm')} at the probe)"
             )
     return lines
 
 
 def _without_joint(candidate: Candidate) -> str:
-    return name_in_words(candidate).removesuffix(f", joint {candidate.joint}")
+    return candidate_label(candidate).removesuffix(f", joint {candidate.joint}")

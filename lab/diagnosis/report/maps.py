@@ -7,10 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from lab.campaign import Campaign
-from lab.diagnosis.compare import Discrepancies
-from lab.diagnosis.report.binning import binned
-from lab.identification.report.pictures import (
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.diagnosis.report.binning import binned
+from traverse.lab.diagnosis.report.discrepancies import Discrepancies
+from traverse.lab.report.figures import (
     BLUE,
     GREY,
     VERMILION,

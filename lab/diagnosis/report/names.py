@@ -4,9 +4,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from lab.diagnosis.candidate import Candidate
-from lab.diagnosis.clusters import Cluster
-from lab.diagnosis.diagnosis import Detectable, Diagnosis, Estimate, Term
+from traverse.lab.diagnosis.model.candidate import Candidate
+from traverse.lab.diagnosis.model.outlier_clusters import Cluster
+from traverse.lab.diagnosis.model.result import Detectable, Diagnosis, Estimate, Term
 
 _KINDS = {
     "encoder_eccentricity": "encoder eccentricity",
@@ -53,7 +53,7 @@ _LENGTHS = [(1.0, "mm"), (1e3, "µm"), (1e6, "nm"), (1e9, "pm")]
 _BARE = {"ppm": "ppm"}
 
 
-def name_in_words(candidate: Candidate) -> str:
+def candidate_label(candidate: Candidate) -> str:
     """Say what a candidate is, for example `encoder eccentricity, joint J3`."""
     if candidate.kind == "empirical":
         return _curve(candidate)
@@ -85,7 +85,7 @@ def _curve(candidate: Candidate) -> str:
     return f"something over {over} that changes joint {candidate.joint} ({moved})"
 
 
-def place_in_words(place: Cluster) -> str:
+def cluster_text(place: Cluster) -> str:
     """Say where poses lie together."""
     if place.artefact is not None:
         return f"on {place.artefact}"
@@ -121,12 +121,12 @@ def step_names(diagnosis: Diagnosis) -> list[str]:
         known = len(diagnosis.terms) == len(diagnosis.ledger) - 1
         words = step.effect
         if known:
-            words = name_in_words(diagnosis.terms[number].candidate)
+            words = candidate_label(diagnosis.terms[number].candidate)
         found.append(f"+ {words}")
     return found
 
 
-def size_in_words(term: Term) -> str:
+def term_size_text(term: Term) -> str:
     """Say how large a term is, with its standard deviation."""
     found = term_size(term.estimates)
     if found is None:
@@ -197,7 +197,7 @@ def shown_unit(largest: float, unit: str) -> tuple[float, str]:
     return factor, f"{name}{slash}{per}"
 
 
-def minimum_in_words(entry: Detectable) -> str:
+def minimal_size_text(entry: Detectable) -> str:
     """Say the smallest size that would have been seen."""
     if entry.minimum is None:
         return "cannot be seen"
@@ -216,7 +216,7 @@ def odds(log_factor: float) -> str:
     return f"1:10^{decades:.0f}"
 
 
-def p_in_words(log10_p: float) -> str:
+def p_value_text(log10_p: float) -> str:
     """Write a p-value that may be too small for a number."""
     if log10_p > -4.0:
         return f"p = {10.0**log10_p:.2g}"

@@ -2,18 +2,22 @@
 
 import numpy as np
 
-from lab.diagnosis.diagnosis import Diagnosis
-from lab.diagnosis.report.closing_sections import (
+from traverse.lab.diagnosis.model.result import Diagnosis
+from traverse.lab.diagnosis.report.closing_sections import (
     detectable_section,
     excluded_section,
     leftover_section,
     method_section,
 )
-from lab.diagnosis.report.plots import Plots
-from lab.diagnosis.report.sections import ledger_section, map_section, term_section
-from lab.diagnosis.report.words import verdict_sentences
-from lab.identification.report.frame import framed, navigation
-from lab.identification.report.markup import note, paragraph, section
+from traverse.lab.diagnosis.report.plots import Plots
+from traverse.lab.diagnosis.report.sections import (
+    ledger_section,
+    map_section,
+    term_section,
+)
+from traverse.lab.diagnosis.report.words import verdict_sentences
+from traverse.lab.report.html import note, paragraph, section
+from traverse.lab.report.page_frame import framed, navigation
 
 _STYLE = """
 h3 { font-size: 1rem; margin: 1.6rem 0 0; }

@@ -5,11 +5,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from lab.diagnosis.diagnosis import Diagnosis
-from lab.diagnosis.report.binning import Bins, binned
-from lab.diagnosis.report.names import name_in_words, step_names
-from lab.diagnosis.report.term_curve import TermCurve
-from lab.identification.report.pictures import (
+from traverse.lab.diagnosis.model.result import Diagnosis
+from traverse.lab.diagnosis.report.binning import Bins, binned
+from traverse.lab.diagnosis.report.names import candidate_label, step_names
+from traverse.lab.diagnosis.report.term_curve import TermCurve
+from traverse.lab.report.figures import (
     BLUE,
     GREY,
     ORANGE,
@@ -177,4 +177,4 @@ def _means(axes: Axes, found: Bins, look: tuple[str, str, str]) -> None:
 def term_caption(diagnosis: Diagnosis, number: int) -> str:
     """Describe the picture of a term for who cannot see it."""
     term = diagnosis.terms[number]
-    return f"{name_in_words(term.candidate)}: the data and the term"
+    return f"{candidate_label(term.candidate)}: the data and the term"

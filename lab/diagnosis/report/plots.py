@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.diagnosis.compare import Discrepancies, discrepancies
-from lab.diagnosis.diagnosis import Diagnosis
-from lab.diagnosis.gap import believable
-from lab.diagnosis.report.maps import artefact_map, condition_map, joint_map
-from lab.diagnosis.report.pictures import ledger_picture, term_picture
-from lab.diagnosis.report.term_curve import term_curve
+from traverse.lab.diagnosis.holdout.comparison import uncontradicted
+from traverse.lab.diagnosis.model.result import Diagnosis
+from traverse.lab.diagnosis.report.discrepancies import Discrepancies, discrepancies
+from traverse.lab.diagnosis.report.maps import artefact_map, condition_map, joint_map
+from traverse.lab.diagnosis.report.pictures import ledger_picture, term_picture
+from traverse.lab.diagnosis.report.term_curve import term_curve
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +56,7 @@ def contradicting_held_out(diagnosis: Diagnosis) -> NDArray[np.bool_]:
     """Find held-out poses that contradict the final model: blunders, (n_poses,)."""
     radius_mm = diagnosis.arm.probe.radius_mm
     held_out = diagnosis.held_out
-    return held_out & ~believable(diagnosis.after, held_out, radius_mm)
+    return held_out & ~uncontradicted(diagnosis.after, held_out, radius_mm)
 
 
 def plots_of(diagnosis: Diagnosis) -> Plots:

@@ -2,22 +2,28 @@
 
 from html import escape
 
-from lab.diagnosis.diagnosis import Diagnosis, Term
-from lab.diagnosis.report.names import (
-    name_in_words,
+from traverse.lab.diagnosis.model.result import Diagnosis, Term
+from traverse.lab.diagnosis.report.names import (
+    candidate_label,
     odds,
-    p_in_words,
-    size_in_words,
+    p_value_text,
     step_names,
+    term_size_text,
 )
-from lab.diagnosis.report.pictures import term_caption
-from lab.diagnosis.report.plots import Plots
-from lab.diagnosis.report.words import (
+from traverse.lab.diagnosis.report.pictures import term_caption
+from traverse.lab.diagnosis.report.plots import Plots
+from traverse.lab.diagnosis.report.words import (
     cluster_sentence,
     held_out_sentence,
     rival_sentences,
 )
-from lab.identification.report.markup import image, note, paragraph, section, table
+from traverse.lab.report.html import (
+    image,
+    note,
+    paragraph,
+    section,
+    table,
+)
 
 
 def ledger_section(diagnosis: Diagnosis, plots: Plots) -> str:
@@ -60,7 +66,7 @@ def term_section(diagnosis: Diagnosis, plots: Plots) -> str:
     for number, (term, png) in enumerate(
         zip(diagnosis.terms, plots.terms, strict=True), start=1
     ):
-        parts.append(f"<h3>{number}. {escape(name_in_words(term.candidate))}</h3>")
+        parts.append(f"<h3>{number}. {escape(candidate_label(term.candidate))}</h3>")
         parts.append(paragraph(_evidence(term)))
         parts += [paragraph(sentence) for sentence in rival_sentences(term)]
         if png is not None:
@@ -93,12 +99,12 @@ def _why_no_picture(term: Term) -> str:
 
 
 def _evidence(term: Term) -> str:
-    size = size_in_words(term)
+    size = term_size_text(term)
     said = f"Status: {term.status}. " + (f"Size: {size}. " if size else "")
     against = odds(term.log_bayes_factor)
     return (
         f"{said}Evidence against nothing missing {against} "
-        f"({p_in_words(term.log10_p)} beside all other terms)."
+        f"({p_value_text(term.log10_p)} beside all other terms)."
     )
 
 
@@ -119,7 +125,7 @@ def _estimates(term: Term) -> str:
 def _rivals(term: Term) -> str:
     rows = [
         [
-            name_in_words(one.candidate),
+            candidate_label(one.candidate),
             "structural alias" if one.alias else "cannot be excluded",
             odds(term.log_bayes_factor - one.log_bayes_factor),
             f"{one.correlation:.4f}",

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.effects.arm_effects import ArmEffects
-from lab.diagnosis.diagnosis import Diagnosis, Term
+from traverse.kinematics.effects.arm_effects import ArmEffects
+from traverse.lab.diagnosis.model.result import Diagnosis, Term
 
 Floats = NDArray[np.float64]
 

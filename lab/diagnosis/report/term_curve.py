@@ -10,19 +10,22 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kinematics.arm_file import Arm, Effect
-from kinematics.effects.arm_effects import ArmEffects, effects_of
-from kinematics.effects.block import Block
-from kinematics.effects.pose import angle_corrections, corrected_pose
-from kinematics.effects.setting import utc_ns
-from kinematics.geometry import Geometry, geometry_from_arm
-from lab.campaign import Campaign
-from lab.diagnosis.compare import Discrepancies
-from lab.diagnosis.diagnosis import Diagnosis, Term
-from lab.diagnosis.report.covariates import Covariate, covariate_of
-from lab.diagnosis.report.term_covariance import value_covariance
-from lab.identification.effect_model import block_of
-from lab.identification.plausible import campaign_span, campaign_start
+from traverse.kinematics.arm_file.arm import Arm, Effect
+from traverse.kinematics.effects.arm_effects import ArmEffects, effects_of
+from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.base.context import utc_ns
+from traverse.kinematics.effects.pose import angle_corrections, corrected_pose
+from traverse.kinematics.model.geometry import Geometry, geometry_from_arm
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.diagnosis.model.result import Diagnosis, Term
+from traverse.lab.diagnosis.report.covariates import DrawnCovariate, covariate_of
+from traverse.lab.diagnosis.report.discrepancies import Discrepancies
+from traverse.lab.diagnosis.report.term_covariance import value_covariance
+from traverse.lab.identification.equations.effect_model import block_of
+from traverse.lab.identification.equations.plausible_sizes import (
+    campaign_span,
+    campaign_start,
+)
 
 Floats = NDArray[np.float64]
 
@@ -58,7 +61,7 @@ class TermCurve:
         band: Its standard deviation, (n_poses,).
     """
 
-    covariate: Covariate
+    covariate: DrawnCovariate
     unit: str
     what: str
     before: Floats
@@ -173,7 +176,7 @@ def _block(campaign: Campaign) -> Block:
     )
 
 
-def _directions(moves_mm: Floats, covariate: Covariate) -> Floats:
+def _directions(moves_mm: Floats, covariate: DrawnCovariate) -> Floats:
     """Choose the way along which to look at each pose, unit vectors or zero."""
     if covariate.one_direction:
         total = moves_mm.sum(axis=0)

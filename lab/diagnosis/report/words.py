@@ -2,18 +2,18 @@
 
 import numpy as np
 
-from lab.diagnosis.adapted_arm import terms_without_epoch
-from lab.diagnosis.clusters import Cluster
-from lab.diagnosis.diagnosis import Alternative, Diagnosis, Term
-from lab.diagnosis.report.names import (
-    name_in_words,
+from traverse.lab.diagnosis.model.outlier_clusters import Cluster
+from traverse.lab.diagnosis.model.result import Alternative, Diagnosis, Term
+from traverse.lab.diagnosis.report.adapted_arm import terms_without_epoch
+from traverse.lab.diagnosis.report.names import (
+    candidate_label,
+    cluster_text,
     odds,
     often,
-    place_in_words,
     quantity,
-    size_in_words,
+    term_size_text,
 )
-from lab.identification.report.words import length_mm
+from traverse.lab.identification.report.words import length_mm
 
 _MOST_RIVALS = 4
 _MOST_LINES = 12
@@ -55,7 +55,7 @@ def missing_sentences(diagnosis: Diagnosis) -> list[str]:
 def _missing(term: Term) -> str:
     if term.cluster is not None:
         return cluster_sentence(term.cluster)
-    name, size = name_in_words(term.candidate), size_in_words(term)
+    name, size = candidate_label(term.candidate), term_size_text(term)
     told = f"{name} ({size})" if size else name
     if term.status == "named":
         said = f"Missing effect: {told}."
@@ -79,7 +79,7 @@ def cluster_sentence(place: Cluster) -> str:
     """Say where poses that were left out lie together."""
     said = (
         f"Missing, and no known effect explains it: {place.n_excluded} poses that "
-        f"contradict all others lie together {place_in_words(place)}, where there are "
+        f"contradict all others lie together {cluster_text(place)}, where there are "
         f"{place.n_poses} poses in all; blunders would lie anywhere. "
     )
     if place.artefact is not None:
@@ -98,7 +98,7 @@ def rival_sentences(term: Term) -> list[str]:
         rest = f"; and {more} more" if more > 0 else ""
         found.append(f"Cannot be excluded: {told}{rest}.")
     if aliases:
-        told = "; ".join(name_in_words(one.candidate) for one in aliases)
+        told = "; ".join(candidate_label(one.candidate) for one in aliases)
         found.append(
             f"The same thing to any poses of this kind (structural alias): {told}."
         )
@@ -109,7 +109,7 @@ def rival_sentences(term: Term) -> list[str]:
 
 def _rival(term: Term, rival: Alternative) -> str:
     evidence = odds(term.log_bayes_factor - rival.log_bayes_factor)
-    return f"{name_in_words(rival.candidate)} (evidence {evidence})"
+    return f"{candidate_label(rival.candidate)} (evidence {evidence})"
 
 
 def held_out_sentence(diagnosis: Diagnosis) -> str:
@@ -188,8 +188,8 @@ def excluded_sentence(diagnosis: Diagnosis) -> str:
 
 def _no_epoch(term: Term) -> str:
     return (
-        f"{name_in_words(term.candidate).capitalize()} is not written to the arm file: "
-        "it is bound to time, and the campaign does not say when it began. Give "
+        f"{candidate_label(term.candidate).capitalize()} is not written to the arm "
+        "file: it is bound to time, and the campaign does not say when it began. Give "
         "start_utc in campaign.toml."
     )
 

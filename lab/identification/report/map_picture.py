@@ -3,8 +3,8 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from lab.identification.report.pictures import picture, shown_unit
-from lab.identification.uncertainty_map import UncertaintyMap
+from traverse.lab.identification.volume.uncertainty_map import UncertaintyMap
+from traverse.lab.report.figures import picture, shown_unit
 
 
 def map_picture(found: UncertaintyMap) -> bytes:

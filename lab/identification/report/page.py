@@ -4,24 +4,20 @@ from pathlib import Path
 
 import numpy as np
 
-from kinematics.arm_text import write_whole
-from lab.identification.distance_deviations import known_arm, noise_deviations_mm
-from lab.identification.report.frame import framed, navigation
-from lab.identification.report.markup import note, paragraph, section
-from lab.identification.report.parameter_sections import (
+from traverse.lab.identification.report.parameter_sections import (
     correlation_section,
     map_section,
     parameter_section,
     weakness_section,
 )
-from lab.identification.report.sections import (
+from traverse.lab.identification.report.sections import (
     advice_section,
     artefact_section,
     excluded_section,
     joint_section,
     normal_section,
 )
-from lab.identification.report.words import (
+from traverse.lab.identification.report.words import (
     counted,
     determined_sentence,
     excluded_sentence,
@@ -32,8 +28,18 @@ from lab.identification.report.words import (
     sigma0_sentences,
     zeros_sentence,
 )
-from lab.identification.result import Identification
-from lab.identification.uncertainty_map import UncertaintyMap, uncertainty_map
+from traverse.lab.identification.results.result import Identification
+from traverse.lab.identification.volume.distance_deviations import (
+    arm_uncertainty,
+    noise_deviations_mm,
+)
+from traverse.lab.identification.volume.uncertainty_map import (
+    UncertaintyMap,
+    uncertainty_map,
+)
+from traverse.lab.report.html import note, paragraph, section
+from traverse.lab.report.page_frame import framed, navigation
+from traverse.strict_toml.writing import write_atomically
 
 _CONTENTS = {
     "artefacts": "artefacts",
@@ -53,7 +59,7 @@ _N_PAIRS = 200
 def result_map(result: Identification) -> UncertaintyMap:
     """Draw up the uncertainty map of a result."""
     adjustment = result.adjustment
-    arm = known_arm(
+    arm = arm_uncertainty(
         adjustment.state.arm, adjustment.network.parameters, result.covariance
     )
     return uncertainty_map(arm, result.campaign.poses.angles_rad[result.included])
@@ -61,7 +67,7 @@ def result_map(result: Identification) -> UncertaintyMap:
 
 def write_report(result: Identification, found: UncertaintyMap, path: Path) -> None:
     """Write the page in place of an old one, whole or not at all."""
-    write_whole(path, report_page(result, found))
+    write_atomically(path, report_page(result, found))
 
 
 def report_page(result: Identification, found: UncertaintyMap) -> str:

@@ -3,8 +3,8 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from lab.identification.report.pictures import picture
-from lab.identification.result import Identification
+from traverse.lab.identification.results.result import Identification
+from traverse.lab.report.figures import picture
 
 _N_SECTORS = 36
 

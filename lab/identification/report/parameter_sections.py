@@ -2,14 +2,26 @@
 
 import numpy as np
 
-from lab.identification.probe_effect import probe_effects_mm
-from lab.identification.report.map_picture import map_picture
-from lab.identification.report.markup import image, note, paragraph, section, table
-from lab.identification.report.parameter_pictures import correlation_picture
-from lab.identification.report.undetermined_effects import undetermined_effects_mm
-from lab.identification.report.words import combination, length_mm, map_sentence
-from lab.identification.result import Identification, ParameterEstimate
-from lab.identification.uncertainty_map import UncertaintyMap
+from traverse.lab.identification.equations.probe_effect import probe_effects_mm
+from traverse.lab.identification.report.map_picture import map_picture
+from traverse.lab.identification.report.parameter_pictures import correlation_picture
+from traverse.lab.identification.report.undetermined_effects import (
+    undetermined_effects_mm,
+)
+from traverse.lab.identification.report.words import (
+    combination,
+    length_mm,
+    map_sentence,
+)
+from traverse.lab.identification.results.result import Identification, ParameterEstimate
+from traverse.lab.identification.volume.uncertainty_map import UncertaintyMap
+from traverse.lab.report.html import (
+    image,
+    note,
+    paragraph,
+    section,
+    table,
+)
 
 _MOST_PAIRS = 12
 _CLOSE = 0.9

@@ -5,8 +5,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from lab.identification.distributions import equivalent_normal, normal_quantile
-from lab.identification.report.pictures import (
+from traverse.lab.identification.results.result import Identification
+from traverse.lab.report.figures import (
     BLUE,
     GREY,
     ORANGE,
@@ -18,7 +18,7 @@ from lab.identification.report.pictures import (
     thinned,
     zero_line,
 )
-from lab.identification.result import Identification
+from traverse.lab.statistics.distributions import equivalent_normal, normal_quantile
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

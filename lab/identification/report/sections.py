@@ -2,15 +2,21 @@
 
 import numpy as np
 
-from lab.identification.report.markup import image, note, paragraph, section, table
-from lab.identification.report.parameter_pictures import coverage_picture
-from lab.identification.report.residual_pictures import (
+from traverse.lab.identification.report.parameter_pictures import coverage_picture
+from traverse.lab.identification.report.residual_pictures import (
     against_normal,
     by_artefact,
     by_joint,
 )
-from lab.identification.report.words import excluded_sentence, length_mm
-from lab.identification.result import ArtefactResult, Identification
+from traverse.lab.identification.report.words import excluded_sentence, length_mm
+from traverse.lab.identification.results.result import ArtefactResult, Identification
+from traverse.lab.report.html import (
+    image,
+    note,
+    paragraph,
+    section,
+    table,
+)
 
 _MOST_ROWS = 200
 _SMALL_CONTROLLABILITY = 0.1

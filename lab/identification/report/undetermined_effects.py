@@ -5,8 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.identification.probe_effect import probe_effects_mm
-from lab.identification.result import Identification
+from traverse.lab.identification.equations.probe_effect import probe_effects_mm
+from traverse.lab.identification.results.result import Identification
 
 Floats = NDArray[np.float64]
 

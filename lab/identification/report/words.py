@@ -4,9 +4,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from lab.identification.report.undetermined_effects import undetermined_effects_mm
-from lab.identification.result import Identification
-from lab.identification.uncertainty_map import UncertaintyMap
+from traverse.lab.identification.report.undetermined_effects import (
+    undetermined_effects_mm,
+)
+from traverse.lab.identification.results.result import Identification
+from traverse.lab.identification.volume.uncertainty_map import UncertaintyMap
 
 # Ordinary standard deviations between which 95 % of a normal lie.
 _TWO_SIDED = 1.96

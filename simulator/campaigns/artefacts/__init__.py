@@ -1,12 +1,12 @@
 """Artefacts that campaigns touch: one file each."""
 
-from simulator.campaigns.artefacts.artefact import KINDS, AnyArtefact, Artefact
-from simulator.campaigns.artefacts.ball_bar import BallBar
-from simulator.campaigns.artefacts.cone import Cone
-from simulator.campaigns.artefacts.parallel_planes import ParallelPlanes
-from simulator.campaigns.artefacts.plane import Plane
-from simulator.campaigns.artefacts.points import Points
-from simulator.campaigns.artefacts.sphere import Sphere
+from traverse.simulator.campaigns.artefacts.artefact import KINDS, AnyArtefact, Artefact
+from traverse.simulator.campaigns.artefacts.ball_bar import BallBar
+from traverse.simulator.campaigns.artefacts.cone import Cone
+from traverse.simulator.campaigns.artefacts.parallel_planes import ParallelPlanes
+from traverse.simulator.campaigns.artefacts.plane import Plane
+from traverse.simulator.campaigns.artefacts.points import Points
+from traverse.simulator.campaigns.artefacts.sphere import Sphere
 
 __all__ = [
     "AnyArtefact",

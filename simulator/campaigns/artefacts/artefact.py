@@ -14,15 +14,17 @@ from pydantic import (
     field_validator,
 )
 
-from kinematics.arm_file import StrictModel
-from simulator.campaigns.placement import Placement
-from simulator.physics import Floats
+from traverse.kinematics.arm_file.arm import StrictModel
+from traverse.simulator.arm.physics import Floats
+from traverse.simulator.campaigns.artefacts.placement import Placement
 
 Indices = NDArray[np.intp]
 Table = dict[str, Any]  # what a campaign.toml or truth.json says of an artefact
 
 REFERENCE_C = 20.0  # where the standards have their lengths
-KINDS: dict[str, type["Artefact"]] = {}  # filled by simulator.campaigns.artefacts
+KINDS: dict[
+    str, type["Artefact"]
+] = {}  # filled by traverse.simulator.campaigns.artefacts
 
 
 @dataclass(frozen=True, slots=True)

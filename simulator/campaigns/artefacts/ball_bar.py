@@ -5,7 +5,8 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from simulator.campaigns.artefacts.artefact import (
+from traverse.simulator.arm.physics import Floats
+from traverse.simulator.campaigns.artefacts.artefact import (
     Artefact,
     Contacts,
     Indices,
@@ -13,8 +14,7 @@ from simulator.campaigns.artefacts.artefact import (
     stated_expansion,
     stated_length,
 )
-from simulator.campaigns.placement import Placement, drawn_directions
-from simulator.physics import Floats
+from traverse.simulator.campaigns.artefacts.placement import Placement, drawn_directions
 
 BAR_RAD = 0.6  # around the bar the spheres cannot be touched
 

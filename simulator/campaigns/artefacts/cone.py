@@ -4,15 +4,15 @@ from typing import Literal
 
 import numpy as np
 
-from simulator.campaigns.artefacts.artefact import (
+from traverse.simulator.arm.physics import Floats
+from traverse.simulator.campaigns.artefacts.artefact import (
     Artefact,
     Contacts,
     Indices,
     Table,
     no_directions,
 )
-from simulator.campaigns.placement import Placement
-from simulator.physics import Floats
+from traverse.simulator.campaigns.artefacts.placement import Placement
 
 
 class Cone(Artefact):

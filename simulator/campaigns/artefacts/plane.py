@@ -5,9 +5,14 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from simulator.campaigns.artefacts.artefact import Artefact, Contacts, Indices, Table
-from simulator.campaigns.placement import Placement
-from simulator.physics import Floats
+from traverse.simulator.arm.physics import Floats
+from traverse.simulator.campaigns.artefacts.artefact import (
+    Artefact,
+    Contacts,
+    Indices,
+    Table,
+)
+from traverse.simulator.campaigns.artefacts.placement import Placement
 
 
 class Plane(Artefact):

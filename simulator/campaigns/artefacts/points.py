@@ -5,7 +5,8 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from simulator.campaigns.artefacts.artefact import (
+from traverse.simulator.arm.physics import Floats
+from traverse.simulator.campaigns.artefacts.artefact import (
     Artefact,
     Contacts,
     Indices,
@@ -13,8 +14,7 @@ from simulator.campaigns.artefacts.artefact import (
     no_directions,
     stated_expansion,
 )
-from simulator.campaigns.placement import Placement
-from simulator.physics import Floats
+from traverse.simulator.campaigns.artefacts.placement import Placement
 
 PLASTIC = 1.2207440846057596  # root of x^4 = x + 1: its powers spread points evenly
 

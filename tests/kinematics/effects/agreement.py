@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from kinematics.effects.arm_effects import effects_of
-from kinematics.effects.block import Block
-from kinematics.effects.pose import corrected_pose
-from kinematics.geometry import geometry_from_arm
 from tests.kinematics.effects.reference import Rigid
+from traverse.kinematics.effects.arm_effects import effects_of
+from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.pose import corrected_pose
+from traverse.kinematics.model.geometry import geometry_from_arm
 
 SEEDS = range(6)
 GRAVITY = np.array([0.3, -0.8, -9.7])

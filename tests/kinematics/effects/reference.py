@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from kinematics.arm_file import effect_from_table, parse_arm
+from traverse.kinematics.arm_file.arm import effect_from_table, parse_arm
 
 N_JOINTS = 6
 NAMES = [f"J{k}" for k in range(1, N_JOINTS + 1)]

@@ -2,8 +2,6 @@
 
 import numpy as np
 
-from kinematics.effects.block import Block
-from kinematics.geometry import geometry_from_arm
 from tests.kinematics.effects.reference import (
     EPOCH,
     EPOCH_NS,
@@ -13,6 +11,8 @@ from tests.kinematics.effects.reference import (
     random_arm,
     random_readings,
 )
+from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.model.geometry import geometry_from_arm
 
 ARM = random_arm(31)
 GEOMETRY = geometry_from_arm(ARM)

@@ -9,15 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kinematics.effects.arm_effects import effects_of
-from kinematics.effects.block import Block
-from kinematics.effects.compiled import compiled_pose
-from kinematics.effects.pose import (
-    contact_shifts,
-    corrected_pose,
-    numpy_corrected_pose,
-)
-from kinematics.kernel.terms import Form, Quantity, Source, Term
 from tests.kinematics.arms import size_mm
 from tests.kinematics.effects.reference import N_JOINTS
 from tests.kinematics.effects.samples import (
@@ -27,8 +18,17 @@ from tests.kinematics.effects.samples import (
     GEOMETRY,
     full_block,
 )
+from traverse.kinematics.effects.arm_effects import effects_of
+from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.compiled import compiled_pose
+from traverse.kinematics.effects.pose import (
+    contact_shifts,
+    corrected_pose,
+    numpy_corrected_pose,
+)
+from traverse.kinematics.kernel.terms import Form, Quantity, Source, Term
 
-compiled = pytest.importorskip("kinematics.kernel.compiled")
+compiled = pytest.importorskip("traverse.kinematics.kernel.compiled")
 VARIANTS = compiled.runnable_variants()
 ROOT = Path(__file__).parents[3]
 ALL = effects_of(ARM, EVERY_KIND, CAMPAIGN)

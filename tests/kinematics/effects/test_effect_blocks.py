@@ -8,16 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kinematics.arm_file import effect_from_table
-from kinematics.effect_kinds import EFFECT_KINDS
-from kinematics.effects import EFFECTS
-from kinematics.effects.arm_effects import effects_from_arm, effects_of
-from kinematics.effects.artefact_length import ArtefactLength
-from kinematics.effects.block import Block
-from kinematics.effects.columns import columns
-from kinematics.effects.covariate import Covariate, Need
-from kinematics.effects.pose import corrected_pose
-from kinematics.forward import probe_pose
 from tests.kinematics.effects.reference import NAMES, effect, random_readings
 from tests.kinematics.effects.samples import (
     ARM,
@@ -26,6 +16,16 @@ from tests.kinematics.effects.samples import (
     GEOMETRY,
     full_block,
 )
+from traverse.kinematics.arm_file.arm import effect_from_table
+from traverse.kinematics.effect_table import EFFECT_KINDS
+from traverse.kinematics.effects import EFFECTS
+from traverse.kinematics.effects.arm_effects import effects_from_arm, effects_of
+from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.base.covariate import Covariate, Need
+from traverse.kinematics.effects.columns import columns
+from traverse.kinematics.effects.contacts.artefact_length import ArtefactLength
+from traverse.kinematics.effects.pose import corrected_pose
+from traverse.kinematics.model.forward import probe_pose
 
 ALL = effects_of(ARM, EVERY_KIND, CAMPAIGN)
 
@@ -41,7 +41,7 @@ def joined(parts):
     return b"".join(array.tobytes() for array in (centres, shanks, *flags))
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.lists(st.integers(0, 1300), max_size=6))
 def test_cutting_a_stream_with_all_effects_keeps_every_bit(cuts):
     block = full_block(seed=3, n_samples=1300)

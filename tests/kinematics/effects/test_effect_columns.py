@@ -3,10 +3,6 @@
 import numpy as np
 import pytest
 
-from kinematics.effect_kinds import EFFECT_KINDS
-from kinematics.effects.arm_effects import effects_of
-from kinematics.effects.columns import columns
-from kinematics.effects.pose import corrected_pose
 from tests.kinematics.effects.samples import (
     ARM,
     CAMPAIGN,
@@ -14,6 +10,10 @@ from tests.kinematics.effects.samples import (
     GEOMETRY,
     full_block,
 )
+from traverse.kinematics.effect_table import EFFECT_KINDS
+from traverse.kinematics.effects.arm_effects import effects_of
+from traverse.kinematics.effects.columns import columns
+from traverse.kinematics.effects.pose import corrected_pose
 
 BLOCK = full_block(seed=7, n_samples=9)
 

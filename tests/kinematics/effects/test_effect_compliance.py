@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from kinematics.arm_file import parse_arm
 from tests.kinematics.effects.agreement import GRAVITY, SEEDS, agree, poses
 from tests.kinematics.effects.reference import (
     N_JOINTS,
@@ -13,6 +12,7 @@ from tests.kinematics.effects.reference import (
     random_arm,
     random_readings,
 )
+from traverse.kinematics.arm_file.arm import parse_arm
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -3,11 +3,6 @@
 import numpy as np
 import pytest
 
-from kinematics.effects.arm_effects import effects_of
-from kinematics.effects.block import Block
-from kinematics.effects.pose import contact_shifts, corrected_pose
-from kinematics.forward import probe_pose
-from kinematics.geometry import geometry_from_arm
 from tests.kinematics.effects.reference import (
     Rigid,
     effect,
@@ -15,6 +10,11 @@ from tests.kinematics.effects.reference import (
     random_readings,
     rotation,
 )
+from traverse.kinematics.effects.arm_effects import effects_of
+from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.pose import contact_shifts, corrected_pose
+from traverse.kinematics.model.forward import probe_pose
+from traverse.kinematics.model.geometry import geometry_from_arm
 
 ARM = random_arm(21)
 GEOMETRY = geometry_from_arm(ARM)

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-from kinematics.arm_file import Identification
-from kinematics.geometry import geometry_from_arm
 from tests.kinematics.effects.agreement import SEEDS, across_axis, agree
 from tests.kinematics.effects.reference import (
     EPOCH,
@@ -18,6 +16,8 @@ from tests.kinematics.effects.reference import (
     random_readings,
     shifted,
 )
+from traverse.kinematics.arm_file.arm import Identification
+from traverse.kinematics.model.geometry import geometry_from_arm
 
 
 @pytest.mark.parametrize("order", [2, 5])

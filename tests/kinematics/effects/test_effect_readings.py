@@ -5,12 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from kinematics.arm_file import Identification
-from kinematics.effects.arm_effects import effects_of
-from kinematics.effects.block import Block
-from kinematics.effects.pose import angle_corrections, corrected_pose
-from kinematics.forward import probe_pose
-from kinematics.geometry import geometry_from_arm
 from tests.kinematics.effects.reference import (
     EPOCH,
     EPOCH_NS,
@@ -20,6 +14,12 @@ from tests.kinematics.effects.reference import (
     random_arm,
     random_readings,
 )
+from traverse.kinematics.arm_file.arm import Identification
+from traverse.kinematics.effects.arm_effects import effects_of
+from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.pose import angle_corrections, corrected_pose
+from traverse.kinematics.model.forward import probe_pose
+from traverse.kinematics.model.geometry import geometry_from_arm
 
 ARM = random_arm(11)
 GEOMETRY = geometry_from_arm(ARM)

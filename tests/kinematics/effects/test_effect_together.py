@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from kinematics.geometry import geometry_from_arm
 from tests.kinematics.effects.agreement import GRAVITY, SEEDS, across_axis, agree
 from tests.kinematics.effects.reference import (
     N_JOINTS,
@@ -14,6 +13,7 @@ from tests.kinematics.effects.reference import (
     random_readings,
     shifted,
 )
+from traverse.kinematics.model.geometry import geometry_from_arm
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -4,10 +4,10 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cache
 
-from kinematics.arm_file import effect_from_table
-from lab.diagnosis.diagnose import DiagnosisOptions, diagnose
-from lab.diagnosis.diagnosis import Diagnosis
-from tests.lab.diagnosis.bank_rows import Measured, measured
+from tests.lab.diagnosis.fitted_rows import Measurement, measured
+from traverse.kinematics.arm_file.arm import effect_from_table
+from traverse.lab.diagnosis.diagnose import DiagnosisOptions, diagnose
+from traverse.lab.diagnosis.model.result import Diagnosis
 
 START = datetime(2026, 11, 20, 9, tzinfo=UTC)
 OPTIONS = DiagnosisOptions(seed=3, n_draws=200)
@@ -22,7 +22,7 @@ ECCENTRIC = {
 }
 
 
-def eccentric_campaign() -> Measured:
+def eccentric_campaign() -> Measurement:
     """Readings of J3 are wrong, one pose is a blunder."""
     found = measured().with_effect(effect_from_table(ECCENTRIC))
     angles_rad = found.campaign.poses.angles_rad.copy()

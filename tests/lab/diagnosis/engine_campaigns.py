@@ -5,10 +5,12 @@ from functools import cache
 import numpy as np
 
 from benchmarks.proofs.campaigns import demo_arm
-from lab.campaign import Campaign
-from lab.diagnosis.diagnose import DiagnosisOptions
-from lab.diagnosis.holdout import split
-from simulator.campaigns import (
+from traverse.cli.blind_campaign import campaign_from_simulation
+from traverse.cli.blind_sizes import SizeScale, noise_free_campaign, ruler
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.diagnosis.diagnose import DiagnosisOptions
+from traverse.lab.diagnosis.holdout.holdout import split
+from traverse.simulator.campaigns import (
     BallBar,
     CampaignSpec,
     Cone,
@@ -18,10 +20,8 @@ from simulator.campaigns import (
     draw_noise,
     make_poses,
 )
-from simulator.campaigns.blind import Hidden, drawn, played
-from simulator.campaigns.blind_poses import campaign_spec, weighed
-from traverse.blind_campaign import handed_over
-from traverse.blind_sizes import Ruler, exact_campaign, ruler
+from traverse.simulator.campaigns.blind.hidden import Hidden, drawn, played
+from traverse.simulator.campaigns.blind.poses import campaign_spec, weighed
 
 SEED = 1
 OPTIONS = DiagnosisOptions(seed=SEED, n_draws=200)
@@ -58,9 +58,9 @@ def poses(two_bars: bool = False) -> PoseSet:
 
 
 @cache
-def measure(two_bars: bool = False) -> Ruler:
+def measure(two_bars: bool = False) -> SizeScale:
     of = poses(two_bars)
-    choosing, _ = split(exact_campaign(of), SEED)
+    choosing, _ = split(noise_free_campaign(of), SEED)
     return ruler(of, of.arm, choosing)
 
 
@@ -83,4 +83,6 @@ def measured_with(*wrong: Hidden, seed: int = 11, **noise: float) -> Campaign:
     """Measure with an arm that has these effects."""
     two_bars = any(one.kind == "artefact_length" for one in wrong)
     table = NOISE.model_copy(update=noise)
-    return handed_over(draw_noise(played(poses(two_bars), wrong), seed, table).campaign)
+    return campaign_from_simulation(
+        draw_noise(played(poses(two_bars), wrong), seed, table).campaign
+    )

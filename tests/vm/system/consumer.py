@@ -6,11 +6,11 @@ from collections.abc import AsyncIterator
 
 import aiomqtt
 
-from clients.subscription import received, subscribe
 from tests.end_to_end.listener import Listener
 from tests.end_to_end.programs import until
 from tests.vm.system.preparation import OPERATOR, PASSWORDS
 from tests.vm.system.unit import ARM
+from traverse.client.mqtt.subscription import received, subscribe
 
 START_S = 60.0
 

@@ -7,11 +7,11 @@ import re
 from collections.abc import Callable
 from functools import partial
 
-from protocol.messages import Args, PointArgs, Reply, ResendArgs
 from tests.end_to_end.listener import Listener
 from tests.end_to_end.programs import until
 from tests.vm.system import unit
 from tests.vm.system.pedal import Pedal
+from traverse.protocol.messages import Args, PointArgs, Reply, ResendArgs
 
 SOON_S = 150.0
 N_POINTS = 3

@@ -6,11 +6,11 @@ import re
 import signal
 import time
 
-from protocol.messages import Status
 from tests.end_to_end.listener import Listener
 from tests.end_to_end.programs import until
 from tests.vm.system import unit
 from tests.vm.system.preparation import FOLDER
+from traverse.protocol.messages import Status
 
 SOON_S = 150.0
 

@@ -1,0 +1,244 @@
+"""Simulated arms that are tested by ISO 10360-12, and what is true of them."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.arm_file.arm import Arm, read_arm
+from traverse.kinematics.model.forward import probe_centre
+from traverse.kinematics.model.geometry import geometry_from_arm
+from traverse.lab.acceptance.conformity.decision import Verdict, decision_of
+from traverse.lab.acceptance.conformity.figure import Figure, LengthError
+from traverse.lab.acceptance.conformity.limits import Limits, Mpe, Standards
+from traverse.lab.acceptance.procedures.length_tests import (
+    AGAIN,
+    MOST_SETS,
+    length_names,
+    length_test,
+)
+from traverse.lab.acceptance.procedures.lengths import SET
+from traverse.lab.acceptance.standards import verified
+from traverse.lab.artefacts import artefact_from_table
+from traverse.lab.measured_points.measurement import (
+    ArtefactTouches,
+    Measurement,
+    reach_of,
+)
+from traverse.simulator.arm.truth import Deviations, true_arm
+from traverse.simulator.campaigns import NoiseTable
+from traverse.simulator.campaigns.acceptance.poses import (
+    acceptance_poses,
+    drawn_acceptance,
+    touched_by,
+)
+from traverse.simulator.campaigns.campaign import SimulatedCampaign, StatedArtefact
+from traverse.simulator.campaigns.pose_set import PoseSet
+
+Floats = NDArray[np.float64]
+
+ARM = Path(__file__).parent.parent.parent / "cli" / "demo_data" / "arm.toml"
+STANDARD = "iso10360-12"
+STD_MM = 0.0007
+EXPANSION_PER_C = 11.5e-6
+TEMPERATURE_STD_C = 0.1
+NOISE = NoiseTable(encoder_rad=3e-6, contact_mm=0.003)
+LINKS_MM, AXES_RAD = 0.004, 3e-6
+NEAR_U = 3.0  # how far a limit is from the true figure, at most
+N_AGAIN = 200
+FIGURES = ("p_size", "e_uni")
+RULES = ("simple", "1.65", "2.0")
+
+
+@dataclass(frozen=True, slots=True)
+class Tested:
+    """One arm.
+
+    Attributes:
+        true_mm: Its figures by exact standards, by key.
+        found_mm: Its figures as measured.
+        standard_mm: Their stated standard uncertainties.
+        limit_mm: A limit near each, by key.
+        procedure: Verdict on E_UNI with the ten repeats that it asks for, by rule.
+        lengths: Every measured length: true error, found error, uncertainty.
+    """
+
+    true_mm: dict[str, float]
+    found_mm: dict[str, float]
+    standard_mm: dict[str, float]
+    limit_mm: dict[str, float]
+    procedure: dict[str, Verdict]
+    lengths: tuple[tuple[float, float, float], ...]
+
+
+def tested_arm(seed: int) -> Tested:
+    """Test one arm; its errors are half to one and a half of the usual ones."""
+    arm, poses, exact = _prepared()
+    rng = np.random.default_rng([seed, 0xACC])
+    scale = rng.uniform(0.5, 1.5)
+    deviations = Deviations(scale * LINKS_MM, scale * AXES_RAD, 0.0)
+    mine = touched_by(poses, true_arm(arm, deviations, seed))
+    drawn = drawn_acceptance(mine, seed)
+    warm_c = 20.0 + TEMPERATURE_STD_C * float(rng.standard_normal())
+    true = verified(_measured(arm, drawn, exact, 20.0), STANDARD, limits_of("1.65"))
+    measured = _measured(arm, drawn, drawn.campaign.artefacts, warm_c)
+    found = verified(measured, STANDARD, limits_of("1.65"))
+    true_mm, standard_mm = (
+        _values(true.figures),
+        {figure.key: figure.budget.standard_mm for figure in found.figures},
+    )
+    limit_mm = {
+        key: true_mm[key] + standard_mm[key] * float(rng.uniform(-NEAR_U, NEAR_U))
+        for key in FIGURES
+    }
+    return Tested(
+        true_mm,
+        _values(found.figures),
+        standard_mm,
+        limit_mm,
+        {rule: _procedure(mine, measured, seed, rule, limit_mm) for rule in RULES},
+        tuple(_paired(true.lengths, found.lengths)),
+    )
+
+
+def _procedure(
+    poses: PoseSet,
+    measured: Measurement,
+    seed: int,
+    rule: str,
+    limit_mm: dict[str, float],
+) -> Verdict:
+    """Decide on E_UNI, with ten repeats of single errors outside if they may cure."""
+    limits = limits_of(rule, e_uni_mm=limit_mm["e_uni"])
+    verdict, lengths = _e_uni(measured, limits)
+    bad = {
+        name: sum(
+            decision_of(e.error_mm, e.limit_mm or 0.0, e.standard_mm, limits).verdict
+            != "accept"
+            for e in lengths
+            if e.artefact == name
+        )
+        for name in length_names("uni")
+    }
+    outside = [name for name, count in bad.items() if count]
+    if not outside or len(outside) > MOST_SETS or max(bad.values()) > 1:
+        return verdict
+    touched = dict(measured.touched)
+    geometry = geometry_from_arm(poses.arm)
+    for draw in range(-(-AGAIN // SET)):
+        campaign = drawn_acceptance(poses, 1_000_000 + 10 * seed + draw).campaign
+        places_mm = probe_centre(geometry, campaign.readings_rad)
+        for name in outside:
+            rows = np.flatnonzero(campaign.artefact == name)
+            before = touched[name]
+            room = 2 * (SET + AGAIN) - len(before)
+            touched[name] = ArtefactTouches(
+                np.concatenate([before.places_mm, places_mm[rows][:room]]),
+                (*before.features, *campaign.feature[rows].tolist()[:room]),
+                np.full(len(before) + min(room, len(rows)), before.temperature_c[0]),
+                np.full(len(before) + min(room, len(rows)), before.tip_mm[0]),
+            )
+    return _e_uni(replace(measured, touched=touched), limits)[0]
+
+
+def _e_uni(measured: Measurement, limits: Limits) -> tuple[Verdict, list[LengthError]]:
+    parts = list(length_test(measured, "e_uni", "uni", limits))
+    (figure,) = [part for part in parts if isinstance(part, Figure)]
+    if figure.decision is None:
+        raise ValueError("E_UNI without a limit")
+    return figure.decision.verdict, [p for p in parts if isinstance(p, LengthError)]
+
+
+_PREPARED: list[tuple[Arm, PoseSet, tuple[StatedArtefact, ...]]] = []
+
+
+def _prepared() -> tuple[Arm, PoseSet, tuple[StatedArtefact, ...]]:
+    """Find places and postures once a process."""
+    if not _PREPARED:
+        arm = read_arm(ARM)
+        poses = acceptance_poses(arm, STANDARD, 1, noise=NOISE, std_mm=STD_MM)
+        exact = acceptance_poses(arm, STANDARD, 1, noise=NOISE, std_mm=0.0)
+        exact_artefacts = drawn_acceptance(exact, 1).campaign.artefacts
+        _PREPARED.append((arm, poses, exact_artefacts))
+    return _PREPARED[0]
+
+
+def limits_of(rule: str, **mpe: float) -> Limits:
+    """Limits with one of `RULES`."""
+    return Limits(
+        schema="traverse/acceptance-limits/1",
+        decision="simple" if rule == "simple" else "iso14253-1",
+        guard_factor=1.65 if rule == "simple" else float(rule),
+        standards=Standards(temperature_std_c=TEMPERATURE_STD_C),
+        mpe=Mpe(**mpe),
+    )
+
+
+def _measured(
+    arm: Arm,
+    drawn: SimulatedCampaign,
+    artefacts: Sequence[StatedArtefact],
+    warm_c: float,
+) -> Measurement:
+    """Compute places with the arm file; standards are of steel."""
+    campaign = drawn.campaign
+    places_mm = probe_centre(geometry_from_arm(arm), campaign.readings_rad)
+    tables = {
+        entry.id: artefact_from_table(
+            {
+                "id": entry.id,
+                "kind": entry.kind,
+                **entry.table,
+                "expansion_per_c": EXPANSION_PER_C,
+            }
+        )
+        for entry in artefacts
+    }
+    touched = {}
+    for name in tables:
+        rows = np.flatnonzero(campaign.artefact == name)
+        touched[name] = ArtefactTouches(
+            places_mm[rows],
+            tuple(campaign.feature[rows].tolist()),
+            np.full(len(rows), warm_c),
+            np.full(len(rows), arm.probe.radius_mm),
+        )
+    shoulder_mm, reach_mm = reach_of(arm)
+    return Measurement(tables, touched, arm.name, shoulder_mm, reach_mm)  # type: ignore[arg-type] # made from tables
+
+
+def _values(figures: Sequence[Figure]) -> dict[str, float]:
+    return {figure.key: abs(figure.value_mm) for figure in figures}
+
+
+def _paired(
+    true: Sequence[LengthError], found: Sequence[LengthError]
+) -> Iterator[tuple[float, float, float]]:
+    for one, other in zip(true, found, strict=True):
+        yield one.error_mm, other.error_mm, other.standard_mm
+
+
+def again(seed: int) -> dict[str, Any]:
+    """Test one and the same arm many times, with exact standards."""
+    arm, poses, exact = _prepared()
+    mine = touched_by(poses, true_arm(arm, Deviations(LINKS_MM, AXES_RAD, 0.0), seed))
+    values: dict[str, list[float]] = {}
+    for test in range(N_AGAIN):
+        drawn = drawn_acceptance(mine, 10_000 + test)
+        found = verified(
+            _measured(arm, drawn, exact, 20.0), STANDARD, limits_of("1.65")
+        )
+        for figure in found.figures:
+            values.setdefault(figure.key, []).append(abs(figure.value_mm))
+    return {
+        key: {
+            "mean_mm": float(np.mean(own)),
+            "std_mm": float(np.std(own, ddof=1)),
+            "least_mm": min(own),
+            "largest_mm": max(own),
+        }
+        for key, own in values.items()
+    }

@@ -1,0 +1,1 @@
+"""Predicted errors of alignments against true ones."""

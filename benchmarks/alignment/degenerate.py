@@ -1,0 +1,71 @@
+"""Common points that determine nothing, or hardly: what is said of each kind."""
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.alignment.point_distributions import STD_MM, drawn_rotation
+from traverse.kinematics.helmert.adjustment import HelmertError
+from traverse.kinematics.helmert.transformation import Helmert
+from traverse.kinematics.helmert.volume import Box
+from traverse.lab.alignment.best_fit import best_fit_alignment
+from traverse.lab.alignment.common_points import CommonPoints, Place
+from traverse.lab.alignment.volume import fixed_volume
+
+Floats = NDArray[np.float64]
+
+VOLUME = Box(np.array([-500.0, -300.0, -200.0]), np.array([500.0, 300.0, 200.0]))
+KINDS = {
+    "one point": (1, (0.0, 0.0)),
+    "two points": (2, (0.0, 0.0)),
+    "on a line": (5, (0.0, 0.0)),
+    "on a line within the errors": (5, (0.1, 0.1)),
+    "nearly collinear": (5, (20.0, 20.0)),
+    "coplanar": (6, (600.0, 0.0)),
+    "three points": (3, (600.0, 400.0)),
+    "mirrored": (6, (600.0, 400.0)),
+    "wide": (6, (600.0, 400.0)),
+}
+NO_FLAG = "without a flag"
+REFUSED = "refused"
+
+
+def degenerate(n_each: int) -> dict[str, dict[str, Any]]:
+    """Count what is said of every kind."""
+    rng = np.random.default_rng(7)
+    found = {}
+    for kind, (n, widths_mm) in KINDS.items():
+        said: Counter[str] = Counter()
+        example = ""
+        for _ in range(n_each):
+            codes, text = _said(rng, kind, n, widths_mm)
+            said.update(codes)
+            example = example or text
+        found[kind] = {"said": dict(said), "of": n_each, "example": example}
+    return found
+
+
+def _said(
+    rng: np.random.Generator, kind: str, n: int, widths_mm: tuple[float, float]
+) -> tuple[list[str], str]:
+    sides_mm = np.array([1000.0, *widths_mm])
+    to_mm = rng.uniform(-0.5, 0.5, (n, 3)) * sides_mm @ drawn_rotation(rng).T
+    true = Helmert(drawn_rotation(rng), rng.uniform(-1000.0, 1000.0, 3))
+    from_mm = true.inverse().places_mm(to_mm) + rng.normal(0.0, STD_MM, (n, 3))
+    if kind == "mirrored":
+        from_mm[:, 1] *= -1.0
+    covariance = STD_MM**2 * np.eye(3)
+    common = CommonPoints(
+        tuple(f"P{row}" for row in range(n)),
+        tuple(Place(place, covariance) for place in from_mm),
+        tuple(Place(place, 0.0 * covariance) for place in to_mm),
+    )
+    try:
+        found = best_fit_alignment(common, fixed_volume(VOLUME), "drawn")
+    except HelmertError as error:
+        return [REFUSED], str(error)
+    codes = [flag.code for flag in found.flags]
+    texts = [flag.text for flag in found.flags]
+    return codes or [NO_FLAG], texts[0] if texts else ""

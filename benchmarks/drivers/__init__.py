@@ -1,0 +1,1 @@
+"""Drivers, clocks and decoders."""

@@ -1,0 +1,197 @@
+"""`python -m benchmarks.drivers.touch`: three ways to place a probe at its contact.
+
+One run of simulator, broker and daemon: the ball approaches a sphere at 50 mm/s, and at
+each contact
+
+    latched        is the daemon's point, of the counts latched at the edge
+    interpolated   is the daemon's own interpolation of the stream at the edge's instant
+    naive          is the last sample of the stream before the message has come
+
+each against the simulator's truth at the edge. The stream comes at 100 Hz, 1 kHz and so
+on; the message comes after the debounce time.
+"""
+
+import asyncio
+import json
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.service.stream import ARM, order_scan
+from benchmarks.tools import rig
+from traverse.client.mqtt.address import BrokerAddress
+from traverse.client.mqtt.subscription import connection, received, subscribe
+from traverse.daemon.acquisition.interpolation import Limits, Readings, brought
+from traverse.daemon.pose.arm_model import ArmModel, read_model
+from traverse.kinematics.model.forward import probe_centre
+from traverse.kinematics.model.readings import counts_to_angles
+from traverse.protocol.messages import Point, Scan
+
+SPEED_MM_S = 50.0
+N_POINTS = 15
+SIMULATION = """\
+schema = "traverse/simulator/1"
+seed = 5
+repeat = true
+truth_log = "truth.jsonl"
+[arm]
+file = "arm.toml"
+[operator]
+move_s = 0.15
+approach_s = 0.3
+dwell_s = 0.1
+switch_speed_mm_s = {speed}
+[[device]]
+id = "base"
+port = "board.pty"
+[[motion]]
+kind = "sphere"
+centre_mm = [700.0, 100.0, 120.0]
+radius_mm = 50.8
+points = {points}
+"""
+SWITCH = '{ source = "base/1", trigger = "switch" }'
+
+Floats = NDArray[np.float64]
+
+
+class Followed:
+    """Points and the stream as they came, with the instants at which points came."""
+
+    def __init__(self) -> None:
+        self.points: list[Point] = []
+        self.came_ns: list[int] = []
+        self.times_ns: list[NDArray[np.int64]] = []
+        self.counts: list[NDArray[np.int64]] = []
+        self.xyz_mm: list[Floats] = []
+
+    def add(self, message: object) -> None:
+        """Keep one message."""
+        if isinstance(message, Point) and self.times_ns:
+            self.points.append(message)
+            self.came_ns.append(time.time_ns())
+        elif isinstance(message, Scan) and message.counts is not None:
+            self.times_ns.append(message.time_ns + message.dtime_ns)
+            self.counts.append(message.counts)
+            self.xyz_mm.append(message.xyz_mm)
+
+    def reaches(self) -> bool:
+        """Whether the stream has come to the instant of the last message."""
+        return bool(self.times_ns) and self.times_ns[-1][-1] > self.came_ns[-1]
+
+
+async def followed(port: int, rate_hz: float) -> Followed:
+    """Scan until all points have come, and a little longer."""
+    found = Followed()
+    async with connection(BrokerAddress("127.0.0.1", port)) as client:
+        await subscribe(client, ARM, ("point", "scan"))
+        await order_scan(client, "start", rate_hz)
+        async for item in received(client):
+            found.add(item.message)
+            if len(found.points) >= N_POINTS and found.reaches():
+                break
+        await order_scan(client, "stop", rate_hz)
+    return found
+
+
+def interpolated_mm(
+    model: ArmModel, found: Followed, instants_ns: NDArray[np.int64]
+) -> Floats:
+    """The daemon's interpolation of the stream at some instants, (n, 3)."""
+    times_ns, first = np.unique(np.concatenate(found.times_ns), return_index=True)
+    counts = np.concatenate(found.counts)[first]
+    limits = Limits(max_gap_ns=50_000_000, late_ns=0, jitter_ns=0)
+    columns = [
+        brought(
+            Readings(
+                times_ns,
+                column,
+                np.zeros(len(column), np.uint8),
+                np.arange(len(column)),
+            ),
+            instants_ns,
+            limits,
+        )
+        for column in counts.T
+    ]
+    whole = np.column_stack([column.counts for column in columns])
+    angles_rad = counts_to_angles(model.encoders, whole)
+    fractions = np.column_stack([column.fractions for column in columns])
+    angles_rad += fractions * model.per_count_rad
+    return np.asarray(probe_centre(model.geometry, angles_rad))
+
+
+def figures(folder: Path, found: Followed) -> Iterator[str]:
+    """Errors of the three ways."""
+    model = read_model(folder / "arm.toml", {"base": None})
+    lines = (folder / "truth.jsonl").read_text("utf-8").splitlines()
+    edges = [line for line in map(json.loads, lines) if line["event"] == "edge"]
+    truth_mm = np.array([edge["centre_mm"] for edge in edges if edge["level"] == 1])
+    # An edge and its point have the same counts, within whole turns.
+    channels, turns = model.channels, model.encoders.counts_per_turn
+    own = np.array([edge["counts"] for edge in edges if edge["level"] == 1])
+    own = own[:, channels] % turns
+    rows = [
+        int(np.flatnonzero((own == np.array(point.counts) % turns).all(axis=1))[0])
+        for point in found.points
+    ]
+    truth_mm = truth_mm[rows]
+    times_ns = np.concatenate(found.times_ns)
+    last = np.searchsorted(times_ns, found.came_ns, side="right") - 1
+    instants_ns = np.array([point.time_ns for point in found.points], np.int64)
+    ways = {
+        "latched": np.array([point.xyz_mm for point in found.points]),
+        "interpolated": interpolated_mm(model, found, instants_ns),
+        "naive": np.concatenate(found.xyz_mm)[last],
+    }
+    for name, xyz_mm in ways.items():
+        errors_um = 1e3 * np.linalg.norm(xyz_mm - truth_mm, axis=1)
+        yield (
+            f"{name:13} rms {np.sqrt(np.mean(errors_um**2)):9.3f} um, "
+            f"largest {errors_um.max():9.3f} um, {len(errors_um)} points"
+        )
+
+
+def run(folder: Path, rate_hz: float) -> list[str]:
+    """The figures of one run."""
+    port = rig.free_port()
+    arm = rig.ARM.read_text("utf-8").replace('kind = "hard"', 'kind = "switching"')
+    (folder / "arm.toml").write_text(arm, "utf-8")
+    text = SIMULATION.format(speed=SPEED_MM_S, points=N_POINTS)
+    (folder / "simulator.toml").write_text(text)
+    text = rig.DAEMON.format(folder=folder, port=port)
+    text = text.replace('{ source = "base/0", trigger = "button" }', SWITCH)
+    text = text.replace("debounce_us = 0\n", "")  # as it comes
+    text = text.replace("[capture]\n", "[capture]\nscan_block_s = 0.01\n")
+    (folder / "daemon.toml").write_text(text)
+    traverse = (sys.executable, "-m", "traverse")
+    simulate = (*traverse, "simulate", "--config", str(folder / "simulator.toml"))
+    measure = (*traverse, "run", "--config", str(folder / "daemon.toml"))
+    log = folder / "daemon.log"
+    with (
+        rig.mosquitto(folder, port),
+        rig.program(folder / "simulator.log", *simulate),
+    ):
+        rig.wait_for((folder / "board.pty").exists, "the simulated board")
+        with rig.program(log, *measure):
+            rig.wait_for(lambda: b"arm demo-7" in log.read_bytes(), "the daemon")
+            found = asyncio.run(followed(port, rate_hz))
+    return list(figures(folder, found))
+
+
+def main() -> None:
+    """Print every figure."""
+    for rate_hz in (100.0, 1000.0):
+        with tempfile.TemporaryDirectory() as folder:
+            print(f"contact at {SPEED_MM_S:g} mm/s, stream of {rate_hz:g} Hz")
+            for line in run(Path(folder), rate_hz):
+                print(f"  {line}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,165 @@
+"""`python -m benchmarks.identification.__main__`: the adjustment's time and memory.
+
+Beside scipy's least squares on the same problem, in one run, each in a process of its
+own with one thread of linear algebra, so that peak memory is its own. Seconds are of
+the processor: what else the machine does meanwhile counts little.
+
+Numerical derivatives are differences of hundreds of forward computations, which our
+kernel speeds up tenfold. So this peer comes twice: with the kernel, as ours has it
+too, and with the vectorised NumPy that one would write without it.
+"""
+
+import argparse
+import json
+import os
+import pickle
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.identification.peers import DensePeer
+from benchmarks.identification.problem import large_campaign, problem
+from benchmarks.proofs.campaigns import demo_arm
+from traverse.kinematics.model.forward import probe_centre
+from traverse.kinematics.model.geometry import Geometry
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.identification.identify import identify
+from traverse.lab.identification.solve.adjustment import adjust
+
+SIZES = (500, 5_000, 50_000, 500_000)
+# Beyond these a peer takes more minutes or memory than it is worth.
+MOST_POSES = {"2-point": 50_000, "2-point-numpy": 50_000, "dense": 50_000}
+METHODS = ("adjust", "identify", "2-point", "2-point-numpy", "dense")
+SCAN_POSES = 1_000_000
+REPEATS = 3  # of the small ones; the best counts
+
+
+def measured(method: str, campaign: Campaign) -> dict[str, Any]:
+    """Time one method."""
+    arm = demo_arm()
+    given = problem(campaign, arm)
+    before_kb = _peak_kb()
+    times_s: list[float] = []
+    geometry, n_iterations = given.start.arm.geometry, 0
+    n_repeats = REPEATS if len(campaign.poses) <= 5_000 else 1
+    while len(times_s) < n_repeats:
+        begun_s = time.process_time()
+        if method == "adjust":
+            adjusted = adjust(given.network, given.start, given.start.arm)
+            geometry = adjusted.state.arm.geometry
+            n_iterations = len(adjusted.iterations)
+        elif method == "identify":
+            result = identify(campaign, arm)
+            geometry = result.adjustment.state.arm.geometry
+            n_iterations = len(result.iterations)
+        else:
+            found = DensePeer(given).solve(numerical=method != "dense")
+            geometry, n_iterations = found.state.arm.geometry, found.n_jacobians
+        times_s.append(time.process_time() - begun_s)
+    return {
+        "seconds": min(times_s),
+        "iterations": n_iterations,
+        "peak_mb": _peak_kb() / 1024.0,
+        "own_mb": (_peak_kb() - before_kb) / 1024.0,
+        "distances_mm": _distances(geometry),
+    }
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.identification.__main__"
+    )
+    parser.add_argument("--method", choices=METHODS)
+    parser.add_argument("--campaign", type=Path, help="one that was made before")
+    parser.add_argument("--sizes", type=int, nargs="*", default=SIZES)
+    parser.add_argument("--scan", type=int, default=SCAN_POSES)
+    given = parser.parse_args(arguments)
+    if given.method is not None:
+        # What is read here was written a moment ago by this program.
+        campaign = pickle.loads(given.campaign.read_bytes())
+        print(json.dumps(measured(given.method, campaign)))
+        return
+    print(f"load of the machine: {os.getloadavg()[0]:.2f}, cores: {os.cpu_count()}")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "campaign.pickle"
+        _compare(given.sizes, path)
+        if given.scan:
+            path.write_bytes(pickle.dumps(large_campaign("scan", given.scan)))
+            for method in ("adjust", "identify"):
+                found = _in_a_process(method, path)
+                print(
+                    f"scan of one sphere, {given.scan} poses: {_shown(method, found)}"
+                )
+    print(f"load afterwards: {os.getloadavg()[0]:.2f}")
+
+
+def _compare(sizes: Sequence[int], path: Path) -> None:
+    times_s: dict[str, list[tuple[int, float]]] = {method: [] for method in METHODS}
+    for n_poses in sizes:
+        path.write_bytes(pickle.dumps(large_campaign("mixed", n_poses)))
+        ours: dict[str, Any] | None = None
+        for method in METHODS:
+            if n_poses > MOST_POSES.get(method, n_poses):
+                continue
+            found = _in_a_process(method, path)
+            times_s[method].append((n_poses, found["seconds"]))
+            ours = ours or found
+            ratio = found["seconds"] / ours["seconds"]
+            gaps_mm = np.subtract(found["distances_mm"], ours["distances_mm"])
+            print(
+                f"{n_poses:>7} poses  {_shown(method, found)}, {ratio:6.2f} x adjust, "
+                f"distances differ by {np.max(np.abs(gaps_mm)):.1e} mm",
+                flush=True,
+            )
+    for method, points in times_s.items():
+        large = [point for point in points if point[0] >= 5_000]
+        if len(large) > 1:
+            logs = np.log(np.array(large))
+            exponent = np.polyfit(logs[:, 0], logs[:, 1], 1)[0]
+            print(f"{method}: time grows with poses to the power {exponent:.2f}")
+
+
+def _in_a_process(method: str, path: Path) -> dict[str, Any]:
+    command = [sys.executable, "-m", "benchmarks.identification.__main__"]
+    kernel = {"TRAVERSE_KERNEL": "numpy"} if method.endswith("-numpy") else {}
+    done = subprocess.run(
+        [*command, "--method", method, "--campaign", str(path)],
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1", **kernel},
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    found: dict[str, Any] = json.loads(done.stdout)
+    return found
+
+
+def _shown(method: str, found: dict[str, Any]) -> str:
+    return (
+        f"{method:<13} {found['seconds']:8.3f} s, {found['iterations']:>2} iterations, "
+        f"peak {found['peak_mb']:6.0f} MB (of it {found['own_mb']:.0f} MB beyond the "
+        "campaign)"
+    )
+
+
+def _distances(geometry: Geometry) -> list[float]:
+    """Distances between random postures: what does not depend on the datum."""
+    turns_rad = np.random.default_rng(5).uniform(-1.2, 1.2, (40, geometry.n_joints))
+    centres_mm = probe_centre(geometry, geometry.zeros_rad + turns_rad)
+    distances_mm = np.linalg.norm(centres_mm[::2] - centres_mm[1::2], axis=1)
+    return [float(distance_mm) for distance_mm in distances_mm]
+
+
+def _peak_kb() -> int:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,229 @@
+"""`python -m benchmarks.service.effects [SECONDS] [FILE]`: what effects cost."""
+
+import asyncio
+import contextlib
+import json
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from benchmarks.service.stream import follow_scan
+from benchmarks.tools import rig
+from benchmarks.tools.rounds import load
+from traverse.kinematics.arm_file.arm import (
+    Arm,
+    Identification,
+    effect_from_table,
+    read_arm,
+    write_arm,
+)
+from traverse.kinematics.effects.arm_effects import effects_from_arm
+from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.pose import corrected_pose
+from traverse.kinematics.model.geometry import geometry_from_arm
+
+if TYPE_CHECKING:
+    import subprocess
+
+RATE_HZ = 10_000.0
+SECONDS = 20.0
+ROUNDS = 3
+NOW = datetime.now(tz=UTC)
+BEFORE = NOW - timedelta(hours=1)
+
+FIVE: tuple[dict[str, Any], ...] = (
+    {
+        "kind": "encoder_eccentricity",
+        "joint": "J3",
+        "cos_rad": 3e-5,
+        "sin_rad": -1e-5,
+    },
+    {
+        "kind": "encoder_harmonic",
+        "joint": "J5",
+        "order": 2,
+        "cos_rad": 1e-5,
+        "sin_rad": 1e-5,
+    },
+    {"kind": "backlash", "joint": "J2", "half_width_rad": 1e-5},
+    {"kind": "joint_compliance", "joint": "J2", "compliance_rad_nm": 1e-5},
+    {"kind": "thermal_expansion", "expansion_per_c": 1.2e-5},
+)
+OTHERS: tuple[dict[str, Any], ...] = (
+    {"kind": "encoder_scale", "joint": "J1", "scale_ppm": 10.0},
+    {"kind": "encoder_temperature", "joint": "J1", "rate_rad_c": 1e-6},
+    {
+        "kind": "encoder_drift",
+        "joint": "J4",
+        "rate_rad_s": 1e-9,
+        "epoch_utc": BEFORE,
+    },
+    {
+        "kind": "count_slip",
+        "joint": "J6",
+        "at_s": 9.0,
+        "step_rad": 1e-5,
+        "epoch_utc": BEFORE,
+    },
+    {"kind": "encoder_latency", "latency_s": 1e-4},
+    {"kind": "bearing_compliance", "joint": "J4", "compliance_rad_nm": 1e-5},
+    {"kind": "mount_compliance", "compliance_rad_nm": 1e-6},
+    {
+        "kind": "axis_wobble",
+        "joint": "J2",
+        "order": 2,
+        "cos_rad": [1e-5, 0.0, 0.0],
+        "sin_rad": [0.0, 0.0, 1e-5],
+    },
+    {
+        "kind": "axis_runout",
+        "joint": "J2",
+        "component": "radial",
+        "order": 2,
+        "cos_mm": [0.005, 0.0, 0.0],
+        "sin_mm": [0.0, 0.0, 0.005],
+    },
+    {"kind": "probe_radius", "radius_error_mm": 0.002},
+    {"kind": "probe_lobing", "amplitude_mm": 0.002, "phase_rad": 0.3},
+    {"kind": "stylus_bending", "compliance_mm_n": 0.001},
+    {"kind": "base_drift", "rate_mm_s": [1e-6, 0.0, 0.0], "epoch_utc": BEFORE},
+    {
+        "kind": "base_step",
+        "at_s": 9.0,
+        "step_mm": [0.01, 0.0, 0.0],
+        "epoch_utc": BEFORE,
+    },
+    {
+        "kind": "empirical",
+        "joint": "J7",
+        "covariate": "J7_rad",
+        "knots": [-2.0, -1.0, 0.0, 1.0, 2.0],
+        "values_rad": [0.0, 1e-5, 0.0, -1e-5, 0.0],
+    },
+)
+SETS = {"none": (), "five": FIVE, "all 20": (*FIVE, *OTHERS)}
+
+
+def arm_with(tables: tuple[dict[str, Any], ...]) -> Arm:
+    """The arm of the demonstration with masses and these effects."""
+    arm = read_arm(rig.ARM)
+    joints = tuple(j.model_copy(update={"mass_kg": 1.0}) for j in arm.joints)
+    changes = {
+        "joints": joints,
+        "effects": tuple(effect_from_table(table) for table in tables),
+        "identification": Identification(date=NOW + timedelta(days=1)),
+    }
+    return arm.model_copy(update=changes)
+
+
+def block_of(n_samples: int) -> Block:
+    """Samples of such an arm with everything that effects may need."""
+    rng = np.random.default_rng(1)
+    start_ns = time.time_ns()
+    return Block(
+        angles_rad=rng.uniform(-2.0, 2.0, (n_samples, 7)),
+        speeds_rad_s=rng.normal(size=(n_samples, 7)),
+        approaches=np.sign(rng.normal(size=(n_samples, 7))),
+        temperature_c=np.full(n_samples, 24.0),
+        utc_ns=start_ns + np.arange(n_samples) * 100_000,
+    )
+
+
+def stage(found: dict[str, float]) -> Iterator[str]:
+    """Lines on the correction alone, by set of effects and length of the block.
+
+    Args:
+        found: seconds a block are put in here.
+    """
+    calls = 50
+    for name, tables in SETS.items():
+        arm = arm_with(tables)
+        geometry, effects = geometry_from_arm(arm), effects_from_arm(arm)
+        for n_samples in (20, 200):
+            block, taken_s = block_of(n_samples), []
+            for _ in range(15):
+                begun_s = time.process_time()
+                for _ in range(calls):
+                    corrected_pose(geometry, effects, block)
+                taken_s.append((time.process_time() - begun_s) / calls)
+            call_s = statistics.median(taken_s)
+            found[f"{name}, {n_samples}"] = call_s
+            yield (
+                f"effects {name}, blocks of {n_samples}: {call_s * 1e6:.0f} us a "
+                f"block, {call_s * RATE_HZ / n_samples:.2%} of a core at 10 kHz"
+            )
+
+
+@contextlib.contextmanager
+def daemon(folder: Path, port: int, arm: Arm) -> Iterator["subprocess.Popen[bytes]"]:
+    """A daemon with an arm file of its own on the board that is in ``folder``."""
+    own = Path(tempfile.mkdtemp(dir=folder))
+    write_arm(own / "arm.toml", arm)
+    config = own / "daemon.toml"
+    config.write_text(rig.DAEMON.format(folder=folder, port=port))
+    log = own / "daemon.log"
+    run = (sys.executable, "-m", "traverse", "run", "--config", str(config))
+    with rig.program(log, *run) as process:
+        rig.wait_for(lambda: b"arm demo-7" in log.read_bytes(), "the daemon measuring")
+        yield process
+
+
+def streams(
+    folder: Path, seconds: float, shares: dict[str, list[float]]
+) -> Iterator[str]:
+    """Lines on whole daemons, one after the other, several rounds.
+
+    Args:
+        folder: for their files.
+        seconds: of each stream.
+        shares: of a core are put in here, by set of effects.
+    """
+    port = rig.free_port()
+    n_samples = round(RATE_HZ * seconds)
+    with rig.mosquitto(folder, port), rig.simulator(folder):
+        for _ in range(ROUNDS):
+            for name, tables in SETS.items():
+                with daemon(folder, port, arm_with(tables)) as process:
+                    found, share, _ = asyncio.run(
+                        follow_scan(port, RATE_HZ, n_samples, process)
+                    )
+                shares.setdefault(name, []).append(share)
+                yield (
+                    f"effects {name}: {found.samples} samples, {len(found.gaps)} "
+                    f"gaps, {found.lost} lost, {found.dropped} dropped; daemon "
+                    f"{share:.1%} of a core"
+                )
+    for name, found_shares in shares.items():
+        yield f"effects {name}: median {statistics.median(found_shares):.1%} of a core"
+
+
+def main(seconds: float, path: Path | None) -> None:
+    """Print every figure, and keep them in a file where one is named."""
+    before = load()
+    print(before)
+    blocks_s: dict[str, float] = {}
+    shares: dict[str, list[float]] = {}
+    for line in stage(blocks_s):
+        print(line, flush=True)
+    with tempfile.TemporaryDirectory() as folder:
+        for line in streams(Path(folder), seconds, shares):
+            print(line, flush=True)
+    print(load())
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        values = {"load": before, "blocks_s": blocks_s, "shares": shares}
+        path.write_text(json.dumps(values, indent=1))
+
+
+if __name__ == "__main__":
+    main(
+        float(sys.argv[1]) if len(sys.argv) > 1 else SECONDS,
+        Path(sys.argv[2]) if len(sys.argv) > 2 else None,
+    )

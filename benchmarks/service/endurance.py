@@ -1,0 +1,192 @@
+"""`make endurance`: `python -m benchmarks.service.endurance [MINUTES] [FILE]`.
+
+A scan for an hour: resident memory at five minutes and at the end, file descriptors,
+threads, samples lost. Exit status 1 where memory grew by more than 5 %, descriptors or
+threads by any, or the daemon lost samples. A run of less than ten minutes compares with
+half its time.
+
+The simulated board keeps what the daemon does not read for 1.3 s. Where it drops
+samples because its own program had not run for a second, on a busy computer, that is
+told, and is not the daemon's fault.
+"""
+
+import asyncio
+import json
+import math
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from benchmarks.tools import rig
+from benchmarks.tools.rounds import load
+from traverse.client import Arm
+from traverse.protocol.messages import Scan
+
+ARM = "demo-7"
+TRUTH = "truth.jsonl"
+STOOD_S = 1.0
+RATE_HZ = 1000.0
+EARLY_S = 300.0
+MAX_GROWTH = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Size:
+    """What the daemon holds at a time."""
+
+    after_s: float
+    rss_mb: float
+    own_mb: float
+    descriptors: int
+    threads: int
+
+    @classmethod
+    def of(cls, process: "subprocess.Popen[bytes]", after_s: float) -> "Size":
+        """Of a program now."""
+        proc = Path(f"/proc/{process.pid}")
+        return cls(
+            after_s,
+            rig.rss_mb(process),
+            _own_mb(proc),
+            len(list((proc / "fd").iterdir())),
+            len(list((proc / "task").iterdir())),
+        )
+
+    def line(self) -> str:
+        """It for people."""
+        return (
+            f"{self.after_s:6.0f} s  {self.rss_mb:7.1f} MB, "
+            f"{self.own_mb:.1f} of them its own  "
+            f"{self.descriptors:3d} descriptors  {self.threads:2d} threads"
+        )
+
+
+def _own_mb(proc: Path) -> float:
+    """Resident memory but for files, which other programs share."""
+    for line in (proc / "status").read_text("ascii").splitlines():
+        if line.startswith("RssAnon:"):
+            return int(line.split()[1]) * 1024 / 1e6
+    return math.nan
+
+
+@dataclass
+class Followed:
+    """What came of the scan.
+
+    Attributes:
+        lost: by the line, of which ``excused`` because the board's program stood still.
+        dropped: by the daemon.
+        missing: here.
+    """
+
+    points: int = 0
+    lost: int = 0
+    excused: int = 0
+    dropped: int = 0
+    missing: int = 0
+
+    def add(self, block: Scan) -> None:
+        """A block has come."""
+        self.points += len(block.dtime_ns)
+        self.lost, self.dropped = block.lost, block.dropped
+
+
+async def follow(
+    port: int, seconds: float, process: "subprocess.Popen[bytes]"
+) -> tuple[list[Size], Followed]:
+    """Scan, and look at the daemon ten times and at five minutes."""
+    followed, sizes = Followed(), []
+    early_s = min(EARLY_S, seconds / 2)
+    looks = sorted({early_s, *(seconds * i / 10 for i in range(1, 11))})
+    async with Arm(ARM, f"127.0.0.1:{port}") as arm:
+        async with arm.scan(rate_hz=RATE_HZ) as blocks:
+            begun_s = time.monotonic()
+            async for block in blocks:
+                followed.add(block)
+                after_s = time.monotonic() - begun_s
+                if after_s >= looks[0]:
+                    looks.pop(0)
+                    sizes.append(Size.of(process, after_s))
+                    print(sizes[-1].line(), flush=True)
+                if not looks:
+                    break
+        followed.missing = blocks.missing
+    return sizes, followed
+
+
+def drops(truth: Path) -> list[dict[str, Any]]:
+    """Each time that the board dropped samples."""
+    lines = map(json.loads, truth.read_text("utf-8").splitlines())
+    return [line for line in lines if line["event"] == "dropped"]
+
+
+def faults(sizes: list[Size], followed: Followed) -> list[str]:
+    """What must not be."""
+    end = sizes[-1]
+    early = next(one for one in sizes if one.after_s >= min(EARLY_S, end.after_s / 2))
+    found = []
+    if end.rss_mb > early.rss_mb * (1 + MAX_GROWTH):
+        found.append(f"memory grew from {early.rss_mb:.1f} to {end.rss_mb:.1f} MB")
+    if end.descriptors > early.descriptors:
+        found.append(f"{end.descriptors - early.descriptors} more descriptors")
+    if end.threads > early.threads:
+        found.append(f"{end.threads - early.threads} more threads")
+    losses = {
+        "lost": followed.lost - followed.excused,
+        "dropped": followed.dropped,
+        "missing": followed.missing - followed.excused,
+    }
+    return found + [f"{n} points {name}" for name, n in losses.items() if n > 0]
+
+
+def main(minutes: float, path: Path | None) -> int:
+    """Run it; the exit status."""
+    print(load())
+    with tempfile.TemporaryDirectory() as name:
+        folder, port = Path(name), rig.free_port()
+        with (
+            rig.mosquitto(folder, port),
+            rig.simulator(folder, top=f'truth_log = "{TRUTH}"'),
+            rig.daemon(folder, port) as process,
+        ):
+            sizes, followed = asyncio.run(follow(port, 60.0 * minutes, process))
+        dropped = drops(folder / TRUTH)
+    for one in dropped:
+        is_excused = one["stood_s"] >= STOOD_S
+        followed.excused += one["samples"] * is_excused
+        print(
+            f"the board dropped {one['samples']} samples {one['time_s']:.0f} s after "
+            "its start: "
+            + (
+                f"its program had not run for {one['stood_s']:.1f} s"
+                if is_excused
+                else "the daemon did not read"
+            )
+        )
+    found = faults(sizes, followed)
+    print(
+        f"{followed.points} points; lost by the line {followed.lost} "
+        f"({followed.excused} excused), dropped by the daemon {followed.dropped}, "
+        f"missing here {followed.missing}; {load()}"
+    )
+    for fault in found:
+        print(f"FAULT: {fault}")
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figures = {"sizes": [asdict(one) for one in sizes], "scan": asdict(followed)}
+        path.write_text(json.dumps(figures, indent=1))
+    return 1 if found else 0
+
+
+if __name__ == "__main__":
+    given = sys.argv[1:]
+    sys.exit(
+        main(
+            float(given[0]) if given else 60.0,
+            Path(given[1]) if len(given) > 1 else None,
+        )
+    )

@@ -1,0 +1,188 @@
+"""`python -m benchmarks.service.gil [FILE]`: how long a reader waits for the GIL.
+
+A reader thread waits on a pipe, as that of a serial port does, into which a program of
+its own writes the time every 2 ms. What passes from there until the thread has read it
+is the system's wake-up and the wait for the lock that the main thread holds or not.
+"""
+
+import contextlib
+import json
+import os
+import select
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.path.line import RATE_HZ, cut, line_bytes
+from benchmarks.path.plain_loop import PlainLoop
+from benchmarks.path.whole import LIKE_A_LINE, Timing, scanner
+from benchmarks.service.effects import SETS, arm_with, block_of
+from benchmarks.tools.rig import ARM
+from benchmarks.tools.rounds import load
+from traverse.daemon.clock import HostClock
+from traverse.daemon.pose.arm_model import ArmModel, read_model
+from traverse.daemon.pose.pipeline import Pipeline
+from traverse.drivers.base.values import CountSamples
+from traverse.kinematics.effects.arm_effects import effects_from_arm
+from traverse.kinematics.effects.pose import corrected_pose
+from traverse.kinematics.model.forward import numpy_pose, probe_pose
+from traverse.kinematics.model.geometry import geometry_from_arm
+from traverse.protocol.encoding import encode
+from traverse.protocol.latch_board import Decoder, SampleBlock
+
+N_POSES = 100_000
+N_PLAIN = 200
+SECONDS = 1.0
+ROUNDS = 3
+BLOCK_S = 0.02
+# Of the reader's program: a time in ns every 2 ms.
+WRITER = """
+import sys, time
+while True:
+    time.sleep(0.002)
+    sys.stdout.buffer.write(time.monotonic_ns().to_bytes(8, "little"))
+    sys.stdout.buffer.flush()
+"""
+
+
+class Reader:
+    """The thread that waits; `delays_ns` is what it has seen."""
+
+    def __init__(self, pipe: int) -> None:
+        self._pipe = pipe
+        self.delays_ns: list[int] = []
+        self._stopping = False
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the thread."""
+        self._stopping = True
+        self._thread.join()
+
+    def _run(self) -> None:
+        while not self._stopping:
+            select.select([self._pipe], [], [])
+            stamps = os.read(self._pipe, 4096)
+            now_ns = time.monotonic_ns()
+            # The first of those that have come together has waited longest.
+            self.delays_ns.append(now_ns - int.from_bytes(stamps[:8], "little"))
+
+
+@contextlib.contextmanager
+def stamps() -> Iterator[int]:
+    """The pipe into which times are written."""
+    command = (sys.executable, "-c", WRITER)
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as writer:
+        try:
+            if writer.stdout is None:
+                raise RuntimeError("the writer has no pipe")
+            yield writer.stdout.fileno()
+        finally:
+            writer.kill()
+
+
+def delays(turn: Callable[[], object], seconds: float) -> dict[str, float]:
+    """What a reader waits while ``turn`` is called again and again: us."""
+    with stamps() as pipe:
+        select.select([pipe], [], [])
+        reader = Reader(pipe)
+        until_s = time.monotonic() + seconds
+        try:
+            while time.monotonic() < until_s:
+                turn()
+        finally:
+            reader.stop()
+    p50, p99, longest = np.percentile(reader.delays_ns, (50, 99, 100)) * 1e-3
+    return {"p50_us": p50, "p99_us": p99, "longest_us": longest}
+
+
+def loads() -> dict[str, Callable[[], object]]:
+    """What the main thread may be busy with."""
+    model = read_model(ARM, {"base": None})
+    effective = arm_with(SETS["all 20"])
+    angles_rad = np.random.default_rng(1).uniform(-3.0, 3.0, (N_POSES, 7))
+    plain, some = PlainLoop(model), line_bytes(N_PLAIN, model)
+    return {
+        "nothing": partial(time.sleep, BLOCK_S),
+        "kernel, 100 000 poses": partial(probe_pose, model.geometry, angles_rad),
+        "kernel, 100 000 poses with 20 effects": partial(
+            corrected_pose,
+            geometry_from_arm(effective),
+            effects_from_arm(effective),
+            block_of(N_POSES),
+        ),
+        "NumPy, 100 000 poses": partial(numpy_pose, model.geometry, angles_rad),
+        "path of 10 kHz": partial(paced, follow(model)),
+        "path without a pause": follow(model),
+        "plain loop": partial(plain.run, some),
+        "Python that never calls": partial(count, 1_000_000),
+    }
+
+
+def follow(model: ArmModel) -> Callable[[], object]:
+    """What the event loop does with 200 samples each 20 ms, from one to the next."""
+    timing, decoder = Timing(), Decoder()
+    reads = cut(line_bytes(100_000, model), LIKE_A_LINE.read_bytes)
+    timed = [
+        timing.samples(block)
+        for data in reads
+        for block in decoder.feed(data)
+        if isinstance(block, SampleBlock)
+    ]
+    n, k = len(timed), LIKE_A_LINE.reads
+    return partial(next, _turns(model, [timed[at : at + k] for at in range(0, n, k)]))
+
+
+def _turns(model: ArmModel, blocks: list[list[CountSamples]]) -> Iterator[None]:
+    while True:  # scan after scan of the same samples
+        pipeline = Pipeline(model, HostClock())
+        scanning = scanner(model, RATE_HZ, lambda scan: bool(encode(scan, "msgpack")))
+        for block in blocks:
+            samples = CountSamples.joined(block)
+            scanning.take(model, pipeline.poses(samples))
+            yield
+
+
+def paced(turn: Callable[[], object]) -> None:
+    """Once in 20 ms."""
+    begun_s = time.monotonic()
+    turn()
+    time.sleep(max(0.0, BLOCK_S - (time.monotonic() - begun_s)))
+
+
+def count(n: int) -> int:
+    """Pure Python: it lets go of the lock only when it is made to."""
+    total = 0
+    for k in range(n):
+        total += k
+    return total
+
+
+def main(path: Path | None) -> None:
+    """Print what the reader waits, in rounds, and keep it where a file is named."""
+    print(f"{load()}; switch interval {1e3 * sys.getswitchinterval():g} ms")
+    found: dict[str, list[dict[str, float]]] = {}
+    for _ in range(ROUNDS):
+        for name, turn in loads().items():
+            found.setdefault(name, []).append(delays(turn, SECONDS))
+    for name, seen in found.items():
+        ranges = [sorted(one[key] for one in seen) for key in seen[0]]
+        print(
+            f"{name:40} p50 {ranges[0][1]:6.0f} us, p99 {ranges[1][1]:6.0f} us, "
+            f"longest {ranges[2][1]:6.0f} us ({ranges[2][0]:.0f} to {ranges[2][2]:.0f})"
+        )
+    print(load())
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(found, indent=1))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else None)

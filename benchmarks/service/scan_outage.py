@@ -1,0 +1,140 @@
+"""`python -m benchmarks.service.scan_outage [SECONDS]`: scans without a broker.
+
+A real daemon scans the simulated arm at 1 kHz; mosquitto is killed, stays away for 20
+seconds and comes back. Once with each delivery: which points does a consumer have in
+the end, are gaps told, and were all encoders read meanwhile?
+"""
+
+import asyncio
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.tools.rounds import load
+from tests import programs
+from tests.end_to_end.listener import numbers
+from tests.end_to_end.measuring import measuring
+from tests.end_to_end.programs import until
+from tests.end_to_end.workbench import SWEEP, Workbench
+from tests.mosquitto import Mosquitto
+from traverse.protocol.messages import Scan, ScanArgs
+
+SECONDS = 20.0
+RATE_HZ = 1000.0
+BEFORE_POINTS = 2000
+BLOCKS = "scan_block_s = 0.02"  # 1000 in the outage: more than wait in memory
+PATIENCE_S = 120.0
+
+
+@dataclass(frozen=True, slots=True)
+class Outage:
+    """What came of one scan.
+
+    Attributes:
+        total: points of the scan, by its last block.
+        arrived, twice: points that a consumer has, and those that came more than once.
+        gaps: stretches of numbers that are missing.
+        told: points of these that the blocks tell of as dropped or lost.
+        blocks_in_order: first sight of each block, in the order of its numbers.
+        samples_lost: between device and daemon.
+        after_s: from the broker's return until nothing more was missing, or came.
+    """
+
+    delivery: str
+    total: int
+    arrived: int
+    twice: int
+    gaps: int
+    told: int
+    blocks_in_order: bool
+    samples_lost: int
+    after_s: float
+
+    def line(self) -> str:
+        """For people."""
+        order = "in order" if self.blocks_in_order else "NOT in order"
+        return (
+            f"{self.delivery:8}: {self.arrived} of {self.total} points, {order}, "
+            f"{self.total - self.arrived} missing in {self.gaps} gaps ({self.told} "
+            f"told as dropped), {self.twice} came twice; {self.samples_lost} samples "
+            "lost between board and daemon; settled "
+            f"{self.after_s:.1f} s after the return"
+        )
+
+
+async def outage(folder: Path, delivery: str, seconds: float) -> Outage:
+    """One scan with an outage of the broker."""
+    program = programs.find("mosquitto")
+    if program is None:
+        raise SystemExit("benchmarks.service.scan_outage: mosquitto is not installed")
+    broker = Mosquitto(folder, program=program)
+    broker.start()
+    bench = Workbench(folder, broker.host, broker.port)
+    bench.write_simulator(SWEEP, top="repeat = true")
+    bench.write_daemon(scan=f'delivery = "{delivery}"', capture=BLOCKS)
+    loop = asyncio.get_running_loop()
+    try:
+        async with measuring(bench) as (listener, _, _):
+            started = await listener.command(ScanArgs(action="start", rate_hz=RATE_HZ))
+            scan = str((started.result or {})["scan"])
+            await listener.scan_points(scan, BEFORE_POINTS)
+            broker.kill()
+            await asyncio.sleep(seconds)
+            listener.statuses.clear()
+            broker.start()
+            back_s = loop.time()
+            await until(lambda: listener.connected, "a connection")
+            await listener.ready()
+            await listener.scan_points(
+                scan, int((seconds + 5) * RATE_HZ) + BEFORE_POINTS, PATIENCE_S
+            )
+            stopped = await listener.command(ScanArgs(action="stop"))
+            total = int((stopped.result or {})["total"])
+            await until(
+                lambda: any(block.last for block in listener.scans), "the end", 60
+            )
+            after_s = loop.time() - back_s
+            health = listener.healths[-1]
+    finally:
+        broker.kill()
+    return _judged(
+        delivery, listener.scans, total, health.counters["samples_lost"], after_s
+    )
+
+
+def _judged(
+    delivery: str, blocks: list[Scan], total: int, samples_lost: int, after_s: float
+) -> Outage:
+    firsts = list(dict.fromkeys(block.seq for block in blocks))
+    seq, counts = np.unique(numbers(blocks), return_counts=True)
+    return Outage(
+        delivery,
+        total,
+        len(seq),
+        int((counts > 1).sum()),
+        int((np.diff([-1, *seq.tolist(), total]) > 1).sum()),
+        blocks[-1].dropped + blocks[-1].lost,
+        firsts == sorted(firsts),
+        samples_lost,
+        after_s,
+    )
+
+
+def main(seconds: float) -> int:
+    """Print what came of both; 1 where a complete scan was not."""
+    print(load())
+    found = []
+    for delivery in ("complete", "live"):
+        with tempfile.TemporaryDirectory() as folder:
+            found.append(asyncio.run(outage(Path(folder), delivery, seconds)))
+        print(found[-1].line(), flush=True)
+    print(load())
+    complete = found[0]
+    return int(complete.arrived != complete.total or not complete.blocks_in_order)
+
+
+if __name__ == "__main__":
+    sys.exit(main(float(sys.argv[1]) if len(sys.argv) > 1 else SECONDS))

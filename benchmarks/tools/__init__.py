@@ -1,0 +1,1 @@
+"""What benchmarks share: programs, networks, turns, sockets."""

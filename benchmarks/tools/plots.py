@@ -1,0 +1,111 @@
+"""`python -m benchmarks.tools.plots FOLDER`: pictures of docs/performance.md.
+
+FOLDER holds what the benchmarks wrote: kinematics.json, path.json, latency.json.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+
+mpl.use("Agg")
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+
+DOCS = Path(__file__).parent.parent.parent / "docs"
+OURS, THEIRS = "#1f6f8b", "#c8963e"
+Tables = dict[str, dict[str, tuple[list[float], bool]]]
+
+
+def tables(path: Path) -> Tables:
+    """What pyperf's file holds: by table and name the times [s], and whose they are."""
+    found: Tables = {}
+    for benchmark in json.loads(path.read_text("utf-8"))["benchmarks"]:
+        metadata = benchmark.get("metadata") or benchmark["runs"][0]["metadata"]
+        values = [value for run in benchmark["runs"] for value in run["values"]]
+        names = found.setdefault(metadata["table"], {})
+        names[metadata["who"]] = values, bool(metadata["peer"])
+    return found
+
+
+def bars(axes: Axes, names: dict[str, tuple[list[float], bool]], title: str) -> None:
+    """Medians in nanoseconds on a logarithmic scale, with their 10th to 90th parts."""
+    entries = sorted(names.items(), key=lambda entry: -np.median(entry[1][0]))
+    for place, (name, (times_s, is_peer)) in enumerate(entries):
+        low, middle, high = np.percentile(times_s, (10, 50, 90)) * 1e9
+        axes.barh(place, middle, color=THEIRS if is_peer else OURS)
+        axes.plot((low, high), (place, place), color="black", linewidth=1)
+        axes.text(high * 1.06, place, f"{middle:,.0f}", va="center", fontsize=8)
+        axes.text(
+            0.0,
+            place,
+            f"{name} ",
+            ha="right",
+            va="center",
+            fontsize=8,
+            transform=axes.get_yaxis_transform(),
+        )
+    axes.set_yticks([])
+    axes.set_xscale("log")
+    axes.set_xlim(right=axes.get_xlim()[1] * 3)
+    axes.set_title(title, fontsize=9, loc="left")
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.tick_params(labelsize=8)
+
+
+def kernel(found: Tables, path: Path) -> None:
+    """The kernel beside other libraries."""
+    figure, places = plt.subplots(
+        len(found), 1, figsize=(7.5, 9.5), layout="constrained"
+    )
+    for axes, (title, names) in zip(places, found.items(), strict=True):
+        bars(axes, names, f"{title}: ns a pose")
+    figure.suptitle("blue: Traverse; ochre: others; lines: 10 to 90 %", fontsize=9)
+    figure.savefig(path, dpi=110)
+
+
+def stages(found: Tables, path: Path) -> None:
+    """Where the time goes from bytes to payload."""
+    figure, places = plt.subplots(
+        len(found), 1, figsize=(7.5, 8.0), layout="constrained"
+    )
+    for axes, (title, names) in zip(places, found.items(), strict=True):
+        bars(axes, names, f"{title}: ns a sample")
+    figure.savefig(path, dpi=110)
+
+
+def latency(found: dict[str, list[dict]], path: Path) -> None:
+    """Bare sockets and points, median and 99th percentile."""
+    rates = found["latency"]
+    figure, places = plt.subplots(
+        1, len(rates), figsize=(7.5, 3.2), layout="constrained", sharey=True
+    )
+    for axes, rate in zip(np.atleast_1d(places), rates, strict=True):
+        for place, (who, colour) in enumerate((("raw", THEIRS), ("point", OURS))):
+            for name, shift in (("p50_us", -0.18), ("p99_us", 0.18)):
+                values = [one[who][name] for one in rate["rounds"]]
+                at = np.full(len(values), place + shift)
+                marker = "o" if name == "p50_us" else "^"
+                axes.plot(at, values, marker, color=colour, linestyle="none")
+        axes.set_xticks((0, 1), ("bare sockets", "points"))
+        beside = f", beside {rate['stream_hz']:.0f} Hz" if rate["stream_hz"] else ""
+        title = f"{rate['rate_hz']:.0f} a second{beside}"
+        axes.set_title(title, fontsize=8, loc="left")
+        axes.set_yscale("log")
+        axes.spines[["top", "right"]].set_visible(False)
+    np.atleast_1d(places)[0].set_ylabel("us; dots median, triangles 99 %", fontsize=8)
+    figure.savefig(path, dpi=110)
+
+
+def main(folder: Path) -> None:
+    """Draw all that there is."""
+    kernel(tables(folder / "kinematics.json"), DOCS / "performance-kernel.png")
+    stages(tables(folder / "path.json"), DOCS / "performance-path.png")
+    measured = json.loads((folder / "latency.json").read_text("utf-8"))
+    latency(measured, DOCS / "performance-latency.png")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

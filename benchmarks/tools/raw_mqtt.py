@@ -1,0 +1,122 @@
+"""MQTT 3.1.1 on a bare socket: as quick as a client can be.
+
+`python -m benchmarks.tools.raw_mqtt PORT TOPIC RATE N` publishes that many messages of
+500 B at quality of service 1 and prints the monotonic time right before each is sent.
+"""
+
+import socket
+import struct
+import sys
+import time
+from collections.abc import Iterator
+
+CONNECT, PUBLISH, SUBSCRIBE, SUBACK = 1, 3, 8, 9
+AT_LEAST_ONCE = 2  # quality of service 1, as it stands in the first byte
+PAYLOAD_BYTES = 500
+READ_BYTES = 65_536
+
+
+def packet(kind: int, flags: int, content: bytes) -> bytes:
+    """A control packet: its first byte, the length in sevens of bits, the content."""
+    length, head = len(content), bytearray([kind << 4 | flags])
+    while True:
+        length, low = divmod(length, 128)
+        head.append(low | (0x80 if length else 0))
+        if not length:
+            return bytes(head) + content
+
+
+def text(value: str) -> bytes:
+    """A string with its length in front."""
+    return struct.pack(">H", len(value)) + value.encode()
+
+
+class RawClient:
+    """A connection to a broker on loopback, without Nagle's delay."""
+
+    def __init__(self, port: int, name: str) -> None:
+        self._socket = socket.create_connection(("127.0.0.1", port))
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._rest = b""
+        begin = text("MQTT") + b"\x04\x02" + struct.pack(">H", 0) + text(name)
+        self._socket.sendall(packet(CONNECT, 0, begin))
+        next(self._packets())
+
+    def close(self) -> None:
+        """Leave."""
+        self._socket.close()
+
+    def subscribe(self, topic: str) -> None:
+        """Ask for a topic at quality of service 1."""
+        asked = struct.pack(">H", 1) + text(topic) + b"\x01"
+        self._socket.sendall(packet(SUBSCRIBE, 2, asked))
+        for kind, _ in self._packets():
+            if kind >> 4 == SUBACK:
+                return
+
+    def publish(self, topic: str, number: int, payload: bytes) -> None:
+        """Send at quality of service 1, without waiting for the answer."""
+        content = text(topic) + struct.pack(">H", number % 65_535 + 1) + payload
+        self._socket.sendall(packet(PUBLISH, AT_LEAST_ONCE, content))
+
+    def eat(self) -> None:
+        """Read answers that have come."""
+        self._socket.setblocking(False)
+        try:
+            self._socket.recv(READ_BYTES)
+        except BlockingIOError:
+            pass
+        finally:
+            self._socket.setblocking(True)
+
+    def payloads(self) -> Iterator[tuple[int, bytes]]:
+        """What comes on the topics asked for, with the time right after its read."""
+        for kind, content in self._packets():
+            now_ns = time.monotonic_ns()
+            if kind >> 4 == PUBLISH:
+                start = 2 + struct.unpack_from(">H", content)[0]
+                if kind & 6:  # it has a number, which is acknowledged
+                    self._socket.sendall(b"\x40\x02" + content[start : start + 2])
+                    start += 2
+                yield now_ns, content[start:]
+
+    def _packets(self) -> Iterator[tuple[int, bytes]]:
+        while True:
+            data = self._rest
+            at, length, shift = 1, 0, 0
+            while at < len(data):
+                length |= (data[at] & 127) << shift
+                shift += 7
+                at += 1
+                if data[at - 1] < 128:
+                    break
+            if at > 1 and data[at - 1] < 128 and len(data) >= at + length:
+                self._rest = data[at + length :]
+                yield data[0], data[at : at + length]
+                continue
+            more = self._socket.recv(READ_BYTES)
+            if not more:
+                raise ConnectionError("the broker has closed the connection")
+            self._rest += more
+
+
+def main(port: int, topic: str, rate_hz: float, n: int) -> None:
+    """Publish, and print when."""
+    client = RawClient(port, "raw-sender")
+    sent_ns = []
+    due_s = time.monotonic()
+    for number in range(n):
+        due_s += 1.0 / rate_hz
+        time.sleep(max(0.0, due_s - time.monotonic()))
+        payload = number.to_bytes(8, "little").ljust(PAYLOAD_BYTES, b"\0")
+        sent_ns.append(time.monotonic_ns())
+        client.publish(topic, number, payload)
+        client.eat()
+    sys.stdout.write("\n".join(map(str, sent_ns)) + "\n")
+    sys.stdout.flush()
+    time.sleep(0.5)  # so that the broker has passed on the last one
+    client.close()
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), sys.argv[2], float(sys.argv[3]), int(sys.argv[4]))

@@ -1,0 +1,159 @@
+"""The whole chain as programs of their own: mosquitto, simulated board, daemon."""
+
+import contextlib
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+ARM = Path(__file__).parent.parent.parent / "cli" / "demo_data" / "arm.toml"
+READY_S = 20.0
+
+SIMULATION = """\
+schema = "traverse/simulator/1"
+seed = 3
+repeat = true
+{top}
+[arm]
+file = "arm.toml"
+{arm}
+[[device]]
+id = "base"
+port = "board.pty"
+{device}
+[[motion]]
+kind = "sweep"
+over = "sphere"
+centre_mm = [700.0, 0.0, 100.0]
+radius_mm = 60.0
+{faults}
+"""
+
+DAEMON = """\
+[arm]
+file = "arm.toml"
+[[device]]
+id = "base"
+driver = "latch-board"
+port = "{folder}/board.pty"
+debounce_us = 0
+[broker]
+host = "127.0.0.1"
+port = {port}
+[capture]
+inputs = [{{ source = "base/0", trigger = "button" }}]
+[health]
+period_s = 1.0
+"""
+
+
+def free_port() -> int:
+    """A port on loopback that nobody uses at this moment."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def wait_for(
+    condition: Callable[[], bool], what: str, seconds: float = READY_S
+) -> None:
+    """Wait until the condition holds; raises TimeoutError."""
+    until = time.monotonic() + seconds
+    while not condition():
+        if time.monotonic() > until:
+            raise TimeoutError(f"{what} not within {seconds:g} s")
+        time.sleep(0.02)
+
+
+def listens(port: int) -> bool:
+    """Whether something listens on a port of loopback."""
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
+@contextlib.contextmanager
+def program(log: Path, *arguments: str) -> Iterator["subprocess.Popen[bytes]"]:
+    """Run a program; it ends with the block."""
+    with log.open("ab") as output:
+        process = subprocess.Popen(
+            arguments, stdin=subprocess.DEVNULL, stdout=output, stderr=output
+        )
+    try:
+        yield process
+    finally:
+        stop(process)
+
+
+def stop(process: "subprocess.Popen[bytes]", number: int = signal.SIGTERM) -> None:
+    """End a program and wait for it."""
+    if process.poll() is None:
+        process.send_signal(number)
+        try:
+            process.wait(10)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+@contextlib.contextmanager
+def mosquitto(folder: Path, port: int) -> Iterator["subprocess.Popen[bytes]"]:
+    """A real broker, as deploy/ configures it for latency."""
+    path = shutil.which("mosquitto", path=f"{os.environ['PATH']}:/usr/sbin")
+    if path is None:
+        raise FileNotFoundError("mosquitto is not installed; try `make system`")
+    config = folder / "mosquitto.conf"
+    config.write_text(
+        f"listener {port} 127.0.0.1\nallow_anonymous true\nset_tcp_nodelay true\n"
+        "max_queued_messages 100000\n"
+    )
+    with program(folder / "mosquitto.log", path, "-c", str(config)) as process:
+        wait_for(lambda: listens(port), "mosquitto listening")
+        yield process
+
+
+@contextlib.contextmanager
+def simulator(
+    folder: Path, device: str = "", faults: str = "", arm: str = "", top: str = ""
+) -> Iterator["subprocess.Popen[bytes]"]:
+    """The simulated board on ``folder``/board.pty."""
+    shutil.copy(ARM, folder / "arm.toml")
+    config = folder / "simulator.toml"
+    text = SIMULATION.format(top=top, arm=arm, device=device, faults=faults)
+    config.write_text(text)
+    run = (sys.executable, "-m", "traverse", "simulate", "--config", str(config))
+    with program(folder / "simulator.log", *run) as process:
+        wait_for((folder / "board.pty").exists, "the simulated board")
+        yield process
+
+
+@contextlib.contextmanager
+def daemon(
+    folder: Path, port: int, more: str = ""
+) -> Iterator["subprocess.Popen[bytes]"]:
+    """The daemon on that board and a broker; ``more`` tables of its configuration."""
+    shutil.copy(ARM, folder / "arm.toml")
+    config = folder / "daemon.toml"
+    config.write_text(DAEMON.format(folder=folder, port=port) + more)
+    run = (sys.executable, "-m", "traverse", "run", "--config", str(config))
+    log = folder / "daemon.log"
+    with program(log, *run) as process:
+        wait_for(lambda: b"arm demo-7" in log.read_bytes(), "the daemon measuring")
+        yield process
+
+
+def cpu_s(process: "subprocess.Popen[bytes]") -> float:
+    """CPU time that a running program has used."""
+    fields = Path(f"/proc/{process.pid}/stat").read_text("ascii").rsplit(")", 1)[1]
+    user, system = fields.split()[11:13]
+    return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
+
+
+def rss_mb(process: "subprocess.Popen[bytes]") -> float:
+    """Resident memory of a running program."""
+    pages = int(Path(f"/proc/{process.pid}/statm").read_text("ascii").split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6

@@ -1,0 +1,95 @@
+"""Entry point: the console script `traverse`, and `python -m traverse`."""
+
+import sys
+from collections.abc import Callable
+from importlib.metadata import version
+from typing import Annotated
+
+import typer
+
+try:  # before everything else that computes
+    from traverse.kinematics.kernel.choice import KERNEL
+except ValueError as error:
+    sys.stderr.write(f"traverse: {error}\n")
+    sys.exit(2)
+from traverse.cli.align.command import align
+from traverse.cli.amt21 import amt21
+from traverse.cli.arm.command import arm
+from traverse.cli.blind import blind
+from traverse.cli.can import can
+from traverse.cli.check import check
+from traverse.cli.collect.command import collect
+from traverse.cli.daily_check.command import interim
+from traverse.cli.demo import demo
+from traverse.cli.diagnose import diagnose
+from traverse.cli.export.command import export
+from traverse.cli.identify.command import identify
+from traverse.cli.microscribe.command import microscribe
+from traverse.cli.page import page
+from traverse.cli.points.command import points
+from traverse.cli.probe.command import probe
+from traverse.cli.record import record
+from traverse.cli.refusals import REFUSED, missing_library
+from traverse.cli.replay.command import replay
+from traverse.cli.run import run
+from traverse.cli.simulate import simulate
+from traverse.cli.verify import verify
+from traverse.cli.watch.command import watch
+
+app = typer.Typer(
+    name="traverse",
+    help="Measurement daemon of an articulated-arm coordinate measuring machine.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+COMMANDS: tuple[Callable[..., None], ...] = (
+    *(demo, run, simulate, watch, page, check, collect, identify, diagnose, blind),
+    *(verify, interim, align, record, replay, export),
+)
+for command in COMMANDS:
+    app.command()(command)
+app.add_typer(arm, name="arm")
+app.add_typer(amt21, name="amt21")
+app.add_typer(can, name="can")
+app.add_typer(microscribe, name="microscribe")
+app.add_typer(points, name="points")
+app.add_typer(probe, name="probe")
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"traverse {version('traverse-cmm')} (kernel: {KERNEL})")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    _version: Annotated[
+        bool,
+        typer.Option(
+            "--version",
+            callback=_show_version,
+            is_eager=True,
+            help="Show the version and which kernel computes, then exit.",
+        ),
+    ] = False,
+) -> None:
+    """Measurement daemon of an articulated-arm coordinate measuring machine."""
+
+
+def main() -> None:
+    """Run the command line; a library that is not installed is said in a sentence."""
+    try:
+        app()
+    except ModuleNotFoundError as error:
+        words = (word for word in sys.argv[1:] if not word.startswith("-"))
+        told = missing_library(next(words, "command"), error)
+        if told is None:
+            raise
+        sys.stderr.write(f"{told}\n")
+        sys.exit(REFUSED)
+
+
+if __name__ == "__main__":
+    main()

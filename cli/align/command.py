@@ -1,0 +1,180 @@
+"""`traverse align`: where the part is, how well that is known, and its use."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.cli.refusals import refusals, refuse
+
+if TYPE_CHECKING:
+    from traverse.client.mqtt.address import BrokerAddress
+
+NO, UNREACHABLE = 1, 3
+COMMAND = "align"
+
+
+@with_broker
+def align(
+    points: Annotated[
+        Path,
+        typer.Argument(
+            help="Points (JSON lines, CSV, recording, outbox), a campaign's folder; or "
+            "an alignment.json to send."
+        ),
+    ],
+    *,
+    nominal: Annotated[
+        Path | None,
+        typer.Option(
+            help="Where they should be, CSV or TOML; the first station's points with "
+            "leapfrog."
+        ),
+    ] = None,
+    method: Annotated[
+        str, typer.Option(help="best-fit, 3-2-1 or leapfrog.")
+    ] = "best-fit",
+    scale: Annotated[
+        bool, typer.Option("--scale", help="Adjust a scale, too.")
+    ] = False,
+    std: Annotated[
+        float | None,
+        typer.Option(help="Standard deviation of a coordinate [mm]; else the points'."),
+    ] = None,
+    coordinates: Annotated[
+        str, typer.Option(help="centre of the ball, or touched surface.")
+    ] = "centre",
+    spheres: Annotated[
+        bool, typer.Option("--spheres", help="Names are spheres; their centres count.")
+    ] = False,
+    arm: Annotated[
+        Path | None, typer.Option(help="The arm file, of a campaign or for its reach.")
+    ] = None,
+    volume: Annotated[
+        str | None,
+        typer.Option(help="x,y,z,x,y,z (box), x,y,z,r (ball), mm in the part; reach."),
+    ] = None,
+    onto: Annotated[
+        Path | None,
+        typer.Option(
+            help="Alignment of the first station, to be joined to a leapfrog."
+        ),
+    ] = None,
+    name: Annotated[str | None, typer.Option(help="What to call it.")] = None,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Exit status 1 where anything is flagged.")
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Folder for alignment.json and .html."),
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Report as JSON on standard output.")
+    ] = False,
+    send: Annotated[
+        bool, typer.Option("--send", help="Have the daemon use it from now on.")
+    ] = False,
+    arm_name: Annotated[
+        str | None, typer.Option(help="To which arm to send; else that of the points.")
+    ] = None,
+    broker: BrokerOptions,
+) -> None:
+    """Compute where the part is from common points, and say what that is worth.
+
+    Exit status 1: a test failed, nothing is sent then; 2: refused, among others where
+    the points do not determine it; 3: daemon or broker could not be reached.
+    """
+    if coordinates not in ("centre", "surface"):
+        refuse(COMMAND, f"--coordinates {coordinates}: centre or surface")
+    if std is not None and not std > 0.0:
+        refuse(COMMAND, f"--std {std:g}: expected a length above zero")
+    with refusals(COMMAND):
+        from traverse.cli.align.computing import (  # noqa: PLC0415 - keeps --help quick
+            METHODS,
+            AlignmentOptions,
+        )
+
+        if method not in METHODS:
+            refuse(COMMAND, f"--method {method}: one of {', '.join(METHODS)}")
+        if method == "3-2-1" and (scale or spheres):
+            refuse(COMMAND, "--scale and --spheres do not go with --method 3-2-1")
+        if onto is not None and method != "leapfrog":
+            refuse(COMMAND, "--onto goes with --method leapfrog only")
+        if nominal is None:
+            values = _read(points, send=send)
+        else:
+            options = AlignmentOptions(
+                points=points,
+                nominal=nominal,
+                method=method,
+                scale=scale,
+                std_mm=std,
+                coordinates="surface" if coordinates == "surface" else "centre",
+                spheres=spheres,
+                arm=arm,
+                volume=volume,
+                onto=onto,
+                name=name,
+            )
+            values = _computed(options)
+        if out is not None:
+            from traverse.lab.alignment.files import write_alignment  # noqa: PLC0415
+
+            write_alignment(values, out)
+    _tell(values, out, as_json=as_json)
+    if not values["passed"] or (strict and values["flags"]):
+        raise typer.Exit(NO)
+    if send:
+        to = arm_name or values["arm"]
+        if to is None:
+            refuse(COMMAND, "the points do not tell their arm; give --arm-name")
+        address = broker.address(COMMAND)
+        _send(values, to, address)
+
+
+def _read(file: Path, *, send: bool) -> dict[str, Any]:
+    """An alignment that was computed before."""
+    if not send:
+        refuse(COMMAND, "--nominal missing; or give an alignment.json and --send")
+    from traverse.lab.alignment.files import read_alignment  # noqa: PLC0415
+
+    return read_alignment(file)
+
+
+def _computed(options: Any) -> dict[str, Any]:  # noqa: ANN401 - imported late
+    from traverse.cli.align.computing import compute_alignment  # noqa: PLC0415
+    from traverse.kinematics.arm_file.arm import FileError  # noqa: PLC0415
+
+    try:
+        return compute_alignment(options)
+    except FileError:
+        raise
+    except ValueError as error:
+        refuse(COMMAND, str(error))
+
+
+def _tell(values: dict[str, Any], out: Path | None, *, as_json: bool) -> None:
+    if as_json:
+        typer.echo(json.dumps(values, indent=1, ensure_ascii=False))
+        return
+    from traverse.lab.alignment.words import alignment_lines  # noqa: PLC0415
+
+    typer.echo("\n".join(alignment_lines(values)))
+    if out is not None:
+        typer.echo(f"wrote {out}: alignment.json, alignment.html")
+
+
+def _send(values: dict[str, Any], arm: str, broker: "BrokerAddress") -> None:
+    from traverse.cli.align.sending import send_alignment  # noqa: PLC0415
+    from traverse.client.errors import ClientError, CommandRefused  # noqa: PLC0415
+
+    try:
+        send_alignment(values, arm, broker)
+    except (CommandRefused, ValueError) as error:
+        refuse(COMMAND, str(error))
+    except ClientError as error:
+        typer.echo(f"traverse {COMMAND}: {error}", err=True)
+        raise typer.Exit(UNREACHABLE) from error
+    typer.echo(f"{arm} uses it from now on", err=True)

@@ -1,0 +1,151 @@
+"""From files to an alignment's values: what `traverse align` computes."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from traverse.cli.align.sources import arm_of, read_touches
+from traverse.kinematics.arm_file.arm import Arm, read_arm
+from traverse.lab.alignment.best_fit import best_fit_alignment
+from traverse.lab.alignment.chained_alignment import chained_values
+from traverse.lab.alignment.common_points import (
+    Place,
+    common_points,
+    places_by_name,
+)
+from traverse.lab.alignment.files import read_alignment
+from traverse.lab.alignment.nominal import Nominal, read_nominal
+from traverse.lab.alignment.plane_line_point import align_plane_line_point
+from traverse.lab.alignment.result import AlignmentResult
+from traverse.lab.alignment.touches import Touch
+from traverse.lab.alignment.values import alignment_values
+from traverse.lab.alignment.volume import (
+    VolumeFunction,
+    box_around,
+    fixed_volume,
+    volume_from_text,
+)
+
+METHODS = ("best-fit", "3-2-1", "leapfrog")
+
+
+@dataclass(frozen=True, slots=True)
+class AlignmentOptions:
+    """What was asked for; the names are those of the command's options."""
+
+    points: Path
+    nominal: Path
+    method: str = "best-fit"
+    scale: bool = False
+    std_mm: float | None = None
+    coordinates: Literal["centre", "surface"] = "centre"
+    spheres: bool = False
+    arm: Path | None = None
+    volume: str | None = None
+    onto: Path | None = None
+    name: str | None = None
+
+
+def compute_alignment(options: AlignmentOptions) -> dict[str, Any]:
+    """Read everything, compute everything; gives the values of alignment.json.
+
+    Raises:
+        FileError: A file was refused.
+        HelmertError: The points do not determine the alignment.
+        ValueError: Something else cannot be used.
+        OSError: A file cannot be read.
+    """
+    arm = None if options.arm is None else read_arm(options.arm)
+    touches = read_touches(options.points, options.coordinates, arm)
+    arm_name = arm_of(touches) or (None if arm is None else arm.name)
+    name = options.name or options.nominal.stem
+    if options.method == "leapfrog":
+        result = _leapfrog(options, touches, arm)
+    else:
+        nominal = read_nominal(options.nominal)
+        name = options.name or nominal.name or options.nominal.stem
+        result = _onto_nominal(options, touches, nominal, arm)
+    values = alignment_values(
+        result,
+        name=name,
+        arm=arm_name,
+        measured=str(options.points),
+        nominal=str(options.nominal),
+    )
+    if options.onto is None:
+        return values
+    return chained_values(values, read_alignment(options.onto), str(options.onto))
+
+
+def _onto_nominal(
+    options: AlignmentOptions,
+    touches: Sequence[Touch],
+    nominal: Nominal,
+    arm: Arm | None,
+) -> AlignmentResult:
+    volume_of, source = _volume(options, nominal, arm)
+    if options.method == "3-2-1":
+        return align_plane_line_point(
+            touches, nominal, volume_of, source, std_mm=options.std_mm
+        )
+    known = [point.name for point in nominal.points]
+    measured, remarks = places_by_name(
+        touches, known, std_mm=options.std_mm, spheres=options.spheres
+    )
+    places = {
+        point.name: Place(place, point.std_mm**2 * np.eye(3))
+        for point, place in zip(nominal.points, nominal.places_mm(), strict=True)
+    }
+    return best_fit_alignment(
+        common_points(measured, places),
+        volume_of,
+        source,
+        with_scale=options.scale,
+        remarks=remarks,
+    )
+
+
+def _leapfrog(
+    options: AlignmentOptions, touches: Sequence[Touch], arm: Arm | None
+) -> AlignmentResult:
+    before = read_touches(options.nominal, options.coordinates, arm)
+    given = {"std_mm": options.std_mm}
+    first, first_remarks = places_by_name(
+        before, None, spheres=options.spheres, **given
+    )
+    second, remarks = places_by_name(
+        touches, list(first), spheres=options.spheres, **given
+    )
+    if options.volume is None:
+        places_mm = np.array([touch.place_mm for touch in before])
+        volume_of = fixed_volume(box_around(places_mm))
+        source = "around all that the first station touched"
+    else:
+        volume_of, source = volume_from_text(options.volume, arm), "--volume"
+    return best_fit_alignment(
+        common_points(second, first),
+        volume_of,
+        source,
+        method="leapfrog",
+        with_scale=options.scale,
+        remarks=[*remarks, *(f"first station: {one}" for one in first_remarks)],
+    )
+
+
+def _volume(
+    options: AlignmentOptions, nominal: Nominal, arm: Arm | None
+) -> tuple[VolumeFunction, str]:
+    if options.volume is not None:
+        return volume_from_text(options.volume, arm), "--volume"
+    if nominal.volume is not None:
+        return fixed_volume(nominal.volume.volume()), "of the nominal file"
+    places_mm = nominal.places_mm()
+    if not len(places_mm) or not np.any(np.ptp(places_mm, axis=0)):
+        raise ValueError(
+            "nothing tells the volume in which the alignment is used; give --volume, "
+            "or [volume] in the nominal file"
+        )
+    return fixed_volume(box_around(places_mm)), "around all nominal points"

@@ -1,0 +1,217 @@
+"""`traverse amt21`: encoders on an RS-485 line, looked for and set up by hand."""
+
+import json
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from traverse.drivers.amt21.line import Amt21Line
+
+UNREACHABLE = 3
+TRIES = 3  # for each address of a scan
+
+amt21 = typer.Typer(
+    help="AMT21 encoders on an RS-485 line: scan, zero, reset. "
+    "The daemon must not be using the port.",
+    no_args_is_help=True,
+)
+
+Port = Annotated[str, typer.Option("--port", help="Serial port of the adapter.")]
+Baud = Annotated[
+    int, typer.Option("--baud-rate", min=9600, max=2_000_000, help="Of the line.")
+]
+Address = Annotated[
+    str, typer.Option("--address", help="Of the encoder, as 0x54 or 84.")
+]
+Timeout = Annotated[
+    float,
+    typer.Option(
+        "--timeout", min=0.001, max=1.0, help="Seconds within which a reply comes."
+    ),
+]
+Yes = Annotated[bool, typer.Option("--yes", help="Do not ask whether to do it.")]
+Json = Annotated[
+    bool, typer.Option("--json", help="Report as JSON on standard output.")
+]
+
+
+@amt21.command()
+def scan(
+    port: Port,
+    baud_rate: Baud = 2_000_000,
+    timeout_s: Timeout = 0.01,
+    as_json: Json = False,
+) -> None:
+    """List the addresses that answer, with position and, where they have it, turns.
+
+    Exit status 3 if the port cannot be opened or nothing answers.
+    """
+    with _line(port, baud_rate, timeout_s) as line:
+        found = _answering(line, range(4, 253, 4))
+    if as_json:
+        report = {"port": port, "echo": line.echoed, "encoders": found}
+        typer.echo(json.dumps(report, indent=1))
+        return
+    for encoder in found:
+        turns = "" if encoder["turns"] is None else f", turns {encoder['turns']}"
+        typer.echo(f"0x{encoder['address']:02X}: position {encoder['position']}{turns}")
+    echo = "echoes what is sent" if line.echoed else "does not echo"
+    typer.echo(f"{len(found)} encoders; the adapter {echo}")
+
+
+@amt21.command()
+def zero(
+    *,
+    port: Port,
+    address: Address,
+    baud_rate: Baud = 2_000_000,
+    timeout_s: Timeout = 0.01,
+    yes: Yes = False,
+    as_json: Json = False,
+) -> None:
+    """Make the present position of a single-turn encoder its 0; the shaft must rest.
+
+    An arm file and an identification made before no longer fit: their zero_rad belongs
+    to the old 0.
+    """
+    from traverse.protocol.amt21 import zero_request  # noqa: PLC0415 - keeps --help quick
+
+    where = (port, baud_rate, timeout_s)
+    _command("zero", zero_request, where, address, yes=yes, as_json=as_json)
+
+
+@amt21.command()
+def reset(
+    *,
+    port: Port,
+    address: Address,
+    baud_rate: Baud = 2_000_000,
+    timeout_s: Timeout = 0.01,
+    yes: Yes = False,
+    as_json: Json = False,
+) -> None:
+    """Let an encoder start afresh, as after power-up; the shaft must rest."""
+    from traverse.protocol.amt21 import reset_request  # noqa: PLC0415 - keeps --help quick
+
+    where = (port, baud_rate, timeout_s)
+    _command("reset", reset_request, where, address, yes=yes, as_json=as_json)
+
+
+def _command(
+    name: str,
+    request: Callable[[int], bytes],
+    where: tuple[str, int, float],
+    address: str,
+    *,
+    yes: bool,
+    as_json: bool,
+) -> None:
+    """Show where an encoder stands, do something to it, and show it again."""
+    from traverse.protocol.amt21 import START_UP_S  # noqa: PLC0415
+
+    number = _address(name, address)
+    with _line(*where) as line:
+        before = _present(line, number)
+        # With --json what is asked about goes where the question goes.
+        typer.echo(f"{number:#04x} stands at {before['position']}", err=as_json)
+        if not yes:
+            typer.confirm(f"{name} this encoder?", abort=True, err=as_json)
+        line.command(request(number))
+        time.sleep(2 * START_UP_S)
+        after = _present(line, number)
+    if as_json:
+        report = {"address": number, "before": before["position"]}
+        typer.echo(json.dumps(report | {"after": after["position"]}))
+    else:
+        typer.echo(f"{number:#04x} stands at {after['position']}")
+
+
+def _address(name: str, text: str) -> int:
+    from traverse.protocol.amt21 import is_address  # noqa: PLC0415
+
+    try:
+        number = int(text, 0)
+    except ValueError:
+        number = -1
+    if not is_address(number):
+        typer.echo(
+            f"traverse amt21 {name}: --address {text} is none; expected a multiple "
+            "of 4, from 0x04 to 0xFC",
+            err=True,
+        )
+        raise typer.Exit(2)
+    return number
+
+
+@contextmanager
+def _line(port: str, baud_rate: int, timeout_s: float) -> Iterator["Amt21Line"]:
+    """The line, opened; ends the command where a device cannot be reached."""
+    from traverse.drivers.amt21.line import Amt21Line  # noqa: PLC0415
+    from traverse.drivers.base.values import DeviceError  # noqa: PLC0415
+    from traverse.drivers.io.serial_port import SerialPort  # noqa: PLC0415
+
+    wake_read, wake_write = os.pipe2(os.O_NONBLOCK)
+    try:
+        serial = SerialPort(port, baud_rate, wake_read)
+        try:
+            yield Amt21Line(serial, time.monotonic_ns, timeout_s)
+        finally:
+            serial.close()
+    except DeviceError as error:
+        typer.echo(f"{error}; {error.remedy}", err=True)
+        raise typer.Exit(UNREACHABLE) from error
+    finally:
+        os.close(wake_read)
+        os.close(wake_write)
+
+
+def _present(line: "Amt21Line", address: int) -> dict[str, Any]:
+    return _answering(line, [address])[0]
+
+
+def _answering(line: "Amt21Line", addresses: Sequence[int]) -> list[dict[str, Any]]:
+    """Which of these addresses answer, and what.
+
+    Raises:
+        DeviceError: none.
+    """
+    from traverse.drivers.amt21.line import Answer  # noqa: PLC0415
+    from traverse.drivers.base.values import DeviceError  # noqa: PLC0415
+    from traverse.protocol.amt21 import (  # noqa: PLC0415
+        position_request,
+        turns_of,
+        turns_request,
+    )
+
+    line.find_echo(addresses)
+    found = []
+    for address in addresses:
+        position = _value(line, position_request(address))
+        if position is None:
+            continue
+        turns = line.ask(turns_request(address))
+        found.append(
+            {
+                "address": address,
+                "position": position,
+                "turns": turns_of(turns.value) if isinstance(turns, Answer) else None,
+            }
+        )
+    if not found:
+        raise DeviceError(
+            "nothing answers there; the adapter only echoes what is sent",
+            "check power, wires A and B, addresses and baud rate",
+        )
+    return found
+
+
+def _value(line: "Amt21Line", request: bytes) -> int | None:
+    from traverse.drivers.amt21.line import Answer  # noqa: PLC0415
+
+    answers = (line.ask(request) for _ in range(TRIES))
+    return next((a.value for a in answers if isinstance(a, Answer)), None)

@@ -1,0 +1,244 @@
+"""`traverse arm`: arm files shown, made of tables and descriptions, and back."""
+
+import json
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from traverse.cli.arm.options import (
+    Counts,
+    Device,
+    Name,
+    Out,
+    PostureDeg,
+    PostureRad,
+    Radius,
+    Signs,
+    Switching,
+    ToolRpy,
+    ToolXyz,
+)
+from traverse.cli.refusals import refusals
+
+if TYPE_CHECKING:
+    from traverse.kinematics.arm_file.arm import Arm
+
+arm = typer.Typer(
+    help="Arm files: show one, make one of a DH table or a URDF, find its DH table.",
+    no_args_is_help=True,
+)
+
+Json = Annotated[
+    bool, typer.Option("--json", help="Report as JSON on standard output.")
+]
+
+
+class Convention(StrEnum):
+    """Order of the motions in a row of a table."""
+
+    CLASSIC = "classic"
+    MODIFIED = "modified"
+
+
+class Lengths(StrEnum):
+    """Units of lengths."""
+
+    MM = "mm"
+    M = "m"
+
+
+class Angles(StrEnum):
+    """Units of angles."""
+
+    RAD = "rad"
+    DEG = "deg"
+
+
+@arm.command()
+def show(
+    file: Annotated[Path, typer.Argument(help="An arm file.")],
+    *,
+    png: Annotated[
+        Path | None,
+        typer.Option(help="Draw the base posture from three sides (extra `lab`)."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Show an arm: axes, links, reach, encoder steps, effects, identification."""
+    from traverse.cli.arm.summary import arm_summary, summary_lines  # noqa: PLC0415
+    from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415 - keeps --help quick
+
+    with refusals("arm"):
+        values = read_arm(file)
+        if png is not None:
+            from traverse.lab.report.arm_picture import draw_base_posture  # noqa: PLC0415 - extra `lab`
+
+            draw_base_posture(values, png)
+    summary = arm_summary(values)
+    if as_json:
+        typer.echo(json.dumps(summary, indent=1, default=str))
+    else:
+        typer.echo("\n".join(summary_lines(summary)))
+
+
+@arm.command("from-dh")
+def from_dh(
+    table: Annotated[Path, typer.Argument(help="The table: CSV, or TOML (.toml).")],
+    out: Out,
+    *,
+    convention: Annotated[
+        Convention | None,
+        typer.Option(help="Denavit-Hartenberg's or Craig's (modified) rows."),
+    ] = None,
+    lengths: Annotated[
+        Lengths | None, typer.Option(help="Unit of columns named a and d.")
+    ] = None,
+    angles: Annotated[
+        Angles | None, typer.Option(help="Unit of columns named alpha, theta, base.")
+    ] = None,
+    name: Name = None,
+    posture_rad: PostureRad = None,
+    posture_deg: PostureDeg = None,
+    counts_per_turn: Counts = None,
+    signs: Signs = None,
+    device: Device = "base",
+    base_xyz_mm: Annotated[
+        str | None, typer.Option(help="The first frame in the arm's system: x,y,z.")
+    ] = None,
+    base_rpy_rad: Annotated[
+        str | None, typer.Option(help="Its attitude there: roll,pitch,yaw.")
+    ] = None,
+    tool_xyz_mm: ToolXyz = None,
+    tool_rpy_rad: ToolRpy = None,
+    radius_mm: Radius = 0.0,
+    switching: Switching = False,
+    as_json: Json = False,
+) -> None:
+    """Make an arm file of a Denavit-Hartenberg table.
+
+    Columns: a_mm, d_mm, alpha_rad and, if wanted, theta_rad (the offset at a reading of
+    zero), base_rad, name, counts_per_turn, sign, source; _m and _deg also.
+    """
+    from traverse.cli.arm.making import ArmOptions, arm_from_dh_file  # noqa: PLC0415
+    from traverse.kinematics.arm_file.arm import write_arm  # noqa: PLC0415 - keeps --help quick
+    from traverse.kinematics.importers.arm_values import ProbeParts  # noqa: PLC0415
+    from traverse.kinematics.importers.dh_rows import Units  # noqa: PLC0415
+
+    wishes = ArmOptions(
+        name=name,
+        counts_per_turn=counts_per_turn,
+        signs=signs,
+        device=device,
+        posture_rad=posture_rad,
+        posture_deg=posture_deg,
+        tool_xyz_mm=tool_xyz_mm,
+        tool_rpy_rad=tool_rpy_rad,
+        probe=ProbeParts(radius_mm, "switching" if switching else "hard"),
+    )
+    units = Units(lengths and lengths.value, angles and angles.value)
+    with refusals("arm"):
+        made = arm_from_dh_file(
+            table,
+            units,
+            wishes,
+            convention=convention and convention.value,
+            base_xyz_mm=base_xyz_mm,
+            base_rpy_rad=base_rpy_rad,
+        )
+        write_arm(out, made)
+    _tell_made(out, made, as_json=as_json)
+
+
+@arm.command("from-urdf")
+def from_urdf(
+    file: Annotated[Path, typer.Argument(help="The robot description, plain URDF.")],
+    out: Out,
+    *,
+    root: Annotated[
+        str | None, typer.Option(help="Link that stands still; default the root.")
+    ] = None,
+    tip: Annotated[
+        str | None, typer.Option(help="Link with the probe; default the only end.")
+    ] = None,
+    name: Name = None,
+    posture_rad: PostureRad = None,
+    posture_deg: PostureDeg = None,
+    counts_per_turn: Counts = None,
+    signs: Signs = None,
+    device: Device = "base",
+    tool_xyz_mm: ToolXyz = None,
+    tool_rpy_rad: ToolRpy = None,
+    radius_mm: Radius = 0.0,
+    switching: Switching = False,
+    as_json: Json = False,
+) -> None:
+    """Make an arm file of a robot description (URDF).
+
+    Revolute and continuous joints become joints, fixed ones are merged, masses go
+    along. The shank is the tip's z axis unless --tool-rpy-rad turns it.
+    """
+    from traverse.cli.arm.making import ArmOptions, arm_from_urdf_file  # noqa: PLC0415
+    from traverse.kinematics.arm_file.arm import write_arm  # noqa: PLC0415 - keeps --help quick
+    from traverse.kinematics.importers.arm_values import ProbeParts  # noqa: PLC0415
+
+    wishes = ArmOptions(
+        name=name,
+        counts_per_turn=counts_per_turn,
+        signs=signs,
+        device=device,
+        posture_rad=posture_rad,
+        posture_deg=posture_deg,
+        tool_xyz_mm=tool_xyz_mm,
+        tool_rpy_rad=tool_rpy_rad,
+        probe=ProbeParts(radius_mm, "switching" if switching else "hard"),
+    )
+    with refusals("arm"):
+        made = arm_from_urdf_file(file, root, tip, wishes)
+        write_arm(out, made)
+    _tell_made(out, made, as_json=as_json)
+
+
+@arm.command("to-dh")
+def to_dh(
+    file: Annotated[Path, typer.Argument(help="An arm file.")],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Write the table: TOML (.toml), else CSV."),
+    ] = None,
+    *,
+    parallel_below_rad: Annotated[
+        float,
+        typer.Option(min=1e-12, max=0.1, help="Hinges nearer than this are parallel."),
+    ] = 1e-6,
+    postures: Annotated[int, typer.Option(min=1, max=100_000)] = 1000,
+    seed: Annotated[int, typer.Option(min=0)] = 1,
+    as_json: Json = False,
+) -> None:
+    """Find the nearest classic Denavit-Hartenberg table and its misfit at the probe."""
+    from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415 - keeps --help quick
+    from traverse.kinematics.importers.dh_file import dh_toml  # noqa: PLC0415
+    from traverse.kinematics.importers.dh_report import dh_report, remark_lines  # noqa: PLC0415
+    from traverse.strict_toml.writing import write_atomically  # noqa: PLC0415
+
+    with refusals("arm"):
+        report, csv_text = dh_report(read_arm(file), parallel_below_rad, postures, seed)
+        if out is not None:
+            as_toml = out.suffix.lower() == ".toml"
+            write_atomically(out, dh_toml(report["table"]) if as_toml else csv_text)
+    if as_json:
+        typer.echo(json.dumps(report, indent=1))
+    elif out is None:
+        typer.echo(csv_text, nl=False)
+    else:
+        typer.echo("\n".join([f"{out}: classic table", *remark_lines(report)]))
+
+
+def _tell_made(file: Path, made: "Arm", *, as_json: bool) -> None:
+    if as_json:
+        names = [joint.name for joint in made.joints]
+        report = {"file": str(file), "arm": made.name, "joints": names}
+        typer.echo(json.dumps(report, indent=1))
+    else:
+        typer.echo(f"{file}: arm {made.name} with {len(made.joints)} joints")

@@ -1,0 +1,180 @@
+"""Arms from tables and descriptions: files and options in, an arm's values out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from traverse.cli.arm.options import integers_of, numbers_of, posture_of
+from traverse.kinematics.arm_file.arm import Arm, FileError, Problem
+from traverse.kinematics.importers.arm_values import (
+    JointParts,
+    ProbeParts,
+    assemble_arm,
+)
+from traverse.kinematics.importers.dh import DHTable, geometry_from_dh
+from traverse.kinematics.importers.dh_file import (
+    Convention,
+    DHFile,
+    Placement,
+    read_dh_file,
+)
+from traverse.kinematics.importers.dh_rows import Units
+from traverse.kinematics.importers.urdf import Body, Floats, arm_from_chain, transform
+from traverse.kinematics.importers.urdf_chain import chain_of
+from traverse.kinematics.importers.urdf_file import read_urdf
+
+
+@dataclass(frozen=True, slots=True)
+class ArmOptions:
+    """What the options of both commands say; None where nothing is said."""
+
+    name: str | None
+    counts_per_turn: str | None
+    signs: str | None
+    device: str
+    posture_rad: str | None
+    posture_deg: str | None
+    tool_xyz_mm: str | None
+    tool_rpy_rad: str | None
+    probe: ProbeParts
+
+
+def arm_from_dh_file(
+    path: Path,
+    units: Units,
+    wishes: ArmOptions,
+    *,
+    convention: str | None,
+    base_xyz_mm: str | None,
+    base_rpy_rad: str | None,
+) -> Arm:
+    """Make an arm of a Denavit-Hartenberg table; options go before the file's words.
+
+    Raises:
+        FileError: With everything that is wrong with the table.
+        typer.BadParameter: With what is wrong with an option.
+    """
+    file = read_dh_file(path, units)
+    rows = file.rows
+    table = DHTable(
+        convention=_convention(path, file, convention),
+        a_mm=np.array([row.a_mm for row in rows]),
+        d_mm=np.array([row.d_mm for row in rows]),
+        alpha_rad=np.array([row.alpha_rad for row in rows]),
+        theta_rad=np.array([row.theta_rad for row in rows]),
+        base=_placed("base", file.base, base_xyz_mm, base_rpy_rad),
+        tool=_placed("tool", file.tool, wishes.tool_xyz_mm, wishes.tool_rpy_rad),
+    )
+    posture_rad = posture_of(
+        wishes.posture_rad, wishes.posture_deg, [row.base_rad for row in rows]
+    )
+    joints = _joints(
+        path,
+        wishes,
+        names=[row.name or f"J{k}" for k, row in enumerate(rows, start=1)],
+        counts=[row.counts_per_turn for row in rows],
+        signs=[row.sign for row in rows],
+        sources=[row.source for row in rows],
+        bodies=[None] * len(rows),
+    )
+    return assemble_arm(
+        wishes.name or file.name or path.stem,
+        geometry_from_dh(table, np.array(posture_rad)),
+        joints,
+        wishes.probe,
+        str(path),
+    )
+
+
+def arm_from_urdf_file(
+    path: Path, root: str | None, tip: str | None, wishes: ArmOptions
+) -> Arm:
+    """Make an arm of a robot description.
+
+    Raises:
+        FileError: With everything that is wrong with the description.
+        typer.BadParameter: With what is wrong with an option.
+    """
+    robot = read_urdf(path)
+    chain = chain_of(robot, root, tip)
+    count = sum(joint.axis is not None for joint in chain)
+    posture_rad = posture_of(wishes.posture_rad, wishes.posture_deg, [0.0] * count)
+    tool = _placed("tool", None, wishes.tool_xyz_mm, wishes.tool_rpy_rad)
+    arm = arm_from_chain(chain, tool, np.array(posture_rad))
+    nothing = [None] * count
+    joints = _joints(
+        path,
+        wishes,
+        names=arm.names,
+        counts=nothing,
+        signs=nothing,
+        sources=nothing,
+        bodies=arm.bodies,
+    )
+    return assemble_arm(
+        wishes.name or robot.name or path.stem,
+        arm.geometry,
+        joints,
+        wishes.probe,
+        str(path),
+    )
+
+
+def _convention(path: Path, file: DHFile, wished: str | None) -> Convention:
+    said = file.convention
+    if said is None and wished is None:
+        what = "is not said; give --convention classic or --convention modified"
+        raise FileError(str(path), [Problem("convention", what)])
+    if said is not None and wished is not None and said != wished:
+        what = f"is {said} in the file, but --convention says {wished}; drop one"
+        raise FileError(str(path), [Problem("convention", what)])
+    return "modified" if (said or wished) == "modified" else "classic"
+
+
+def _placed(
+    which: str, said: Placement | None, xyz_mm: str | None, rpy_rad: str | None
+) -> Floats:
+    said = said or Placement()
+    return transform(
+        numbers_of(f"--{which}-xyz-mm", xyz_mm, 3) if xyz_mm else said.xyz_mm,
+        numbers_of(f"--{which}-rpy-rad", rpy_rad, 3) if rpy_rad else said.rpy_rad,
+    )
+
+
+def _joints(
+    path: Path,
+    wishes: ArmOptions,
+    *,
+    names: Sequence[str],
+    counts: Sequence[int | None],
+    signs: Sequence[int | None],
+    sources: Sequence[str | None],
+    bodies: Sequence[Body | None],
+) -> list[JointParts]:
+    n = len(names)
+    if wishes.counts_per_turn:
+        counts = integers_of("--counts-per-turn", wishes.counts_per_turn, n)
+    if wishes.signs:
+        signs = integers_of("--signs", wishes.signs, n)
+    idle = [
+        names[k]
+        for k in range(n)
+        if counts[k] is None and (signs[k], sources[k]) != (None, None)
+    ]
+    if idle:
+        what = (
+            f"{', '.join(idle)}: a sign or source, but no encoder; give counts per turn"
+        )
+        raise FileError(str(path), [Problem("", what)])
+    return [
+        JointParts(
+            name=names[k],
+            counts_per_turn=counts[k],
+            sign=sign if (sign := signs[k]) is not None else 1,
+            source=sources[k] or f"{wishes.device}/{k}",
+            body=bodies[k],
+        )
+        for k in range(n)
+    ]

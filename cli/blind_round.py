@@ -1,0 +1,216 @@
+"""One round of the blind test: hide, let diagnosis find, compare."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from traverse.cli.blind_campaign import campaign_from_simulation
+from traverse.cli.blind_sizes import SizeScale, noise_free_campaign, ruler
+from traverse.kinematics.arm_file.arm import Arm
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.diagnosis.diagnose import diagnose
+from traverse.lab.diagnosis.holdout.comparison import holdout_result, uncontradicted
+from traverse.lab.diagnosis.holdout.holdout import split
+from traverse.lab.diagnosis.model.fit import fitted, with_effects
+from traverse.lab.diagnosis.model.options import DiagnosisOptions
+from traverse.lab.diagnosis.model.result import Diagnosis
+from traverse.lab.diagnosis.score import TrueTerm
+from traverse.simulator.campaigns import (
+    NoiseTable,
+    PoseSet,
+    SimulatedCampaign,
+    draw_noise,
+)
+from traverse.simulator.campaigns.blind.effects import EFFECT_KINDS, HiddenEffect
+from traverse.simulator.campaigns.blind.hidden import Hidden, drawn, drawn_round, played
+from traverse.simulator.campaigns.blind.poses import pose_set
+
+_TAG = 0x626C696E
+# Between the seeds of the noise of two streams.
+_APART = 1_000_000
+# Draws of a kind's joint and direction before another round is drawn.
+_DRAWS = 40
+# Half of all effects of this size are seen.
+_HARDLY_SEEN = 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """How it is hidden.
+
+    Attributes:
+        name: Of the scenario.
+        n_effects: How many; 0 on clean data.
+        size: Of each, in sqrt(lambda).
+        outside: They are none that an arm file could name.
+        blunder_share: Part of the poses that are spoilt.
+        serial_share: Part of the noise that is correlated from pose to pose.
+        stated_factor: The noise that the campaign states over the true one.
+        stream: Scenarios of the same one share effects and noise, seed by seed.
+    """
+
+    name: str
+    n_effects: int = 0
+    size: float = 0.0
+    outside: bool = False
+    blunder_share: float = 0.0
+    serial_share: float = 0.0
+    stated_factor: float = 1.0
+    stream: int = 0
+
+    def noise(self, plain: NoiseTable) -> NoiseTable:
+        """Change a plain noise."""
+        changes = {
+            "blunder_share": self.blunder_share,
+            "serial_share": self.serial_share,
+            "stated_factor": self.stated_factor,
+        }
+        return plain.model_copy(update=changes)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Case:
+    """What was hidden, and what the diagnosis gets to see.
+
+    Attributes:
+        scenario: How it was hidden.
+        seed: Of everything.
+        pose_seed: Of the poses and of the diagnosis.
+        hidden: The effects.
+        truths: The same, as the score takes them.
+        likeness: How much of each effect's signal the name of the library that is
+            most like it explains, 0 to 1.
+        arm: What the arm file says.
+        simulated: What was measured, and the truth about it.
+        campaign: What was measured, alone.
+    """
+
+    scenario: Scenario
+    seed: int
+    pose_seed: int
+    hidden: tuple[Hidden, ...]
+    truths: tuple[TrueTerm, ...]
+    likeness: tuple[float, ...]
+    arm: Arm
+    simulated: SimulatedCampaign
+    campaign: Campaign
+
+
+def hide(arm: Arm, scenario: Scenario, seed: int) -> Case:
+    """Draw effects, play them, measure.
+
+    Args:
+        arm: What the arm file says; masses are added where it tells none.
+        scenario: How to hide.
+        seed: Of everything.
+    """
+    rng = np.random.default_rng([seed, scenario.stream, _TAG])
+    while True:
+        found = drawn_round(rng, arm, scenario.n_effects, outside=scenario.outside)
+        n_lengths = 2 if len(found.poses.artefacts) > 5 else 1
+        measure = _ruler(arm, found.pose_seed, n_lengths)
+        hidden = _drawn_sizes(rng, measure, found.kinds, scenario)
+        if len(hidden) == len(found.kinds):
+            break
+    poses = played(found.poses, hidden)
+    noise = scenario.noise(poses.spec.noise)
+    simulated = draw_noise(poses, seed + _APART * scenario.stream, noise)
+    truths = tuple(_truth(measure, one) for one in hidden)
+    likeness = tuple(measure.likeness(one) for one in hidden)
+    return Case(
+        scenario,
+        seed,
+        found.pose_seed,
+        hidden,
+        truths,
+        likeness,
+        poses.arm,
+        simulated,
+        campaign_from_simulation(simulated.campaign),
+    )
+
+
+def find(
+    case: Case,
+    progress: Callable[[str, float], None] | None = None,
+    *,
+    details: bool = False,
+) -> Diagnosis:
+    """Let diagnosis find what was hidden.
+
+    Args:
+        case: Of which only the campaign and the arm file are looked at.
+        progress: Told what is done.
+        details: Whether to work out all that a report tells.
+    """
+    options = DiagnosisOptions(seed=case.pose_seed, details=details)
+    return diagnose(case.campaign, case.arm, options, progress)
+
+
+def gap_of(case: Case, diagnosis: Diagnosis) -> tuple[float, float, float] | None:
+    """Say the held-out mean squares before, after, and of the true effects' fit.
+
+    Returns:
+        None where no arm file can hold the true effects, or nothing was hidden.
+    """
+    entries = [one.entry for one in case.hidden if isinstance(one, HiddenEffect)]
+    if not entries or len(entries) < len(case.hidden):
+        return None
+    arm = with_effects(case.arm, tuple(entries))
+    adjustment = fitted(case.campaign, arm, diagnosis.choosing).adjustment
+    radius_mm, after = arm.probe.radius_mm, diagnosis.after
+    compared = uncontradicted(after, diagnosis.held_out, radius_mm)
+    oracle = holdout_result(adjustment, compared, radius_mm, after.network.noise)
+    first, last = diagnosis.ledger[0].held_out, diagnosis.ledger[-1].held_out
+    return first.chi2, last.chi2, oracle.chi2
+
+
+@lru_cache(maxsize=16)
+def _ruler(arm: Arm, pose_seed: int, n_lengths: int) -> SizeScale:
+    poses: PoseSet = pose_set(arm, pose_seed, n_lengths)
+    choosing, _ = split(noise_free_campaign(poses), pose_seed)
+    return ruler(poses, poses.arm, choosing)
+
+
+def _drawn_sizes(
+    rng: np.random.Generator,
+    measure: SizeScale,
+    kinds: tuple[str, ...],
+    scenario: Scenario,
+) -> tuple[Hidden, ...]:
+    """Draw one effect of each kind that the campaign sees; fewer: it sees none."""
+    hidden: list[Hidden] = []
+    for kind in kinds:
+        for _ in range(_DRAWS):
+            one = measure.sized(drawn(rng, measure.poses, kind), scenario.size)
+            if one is None or (scenario.outside and _has_a_name(measure, one)):
+                continue
+            hidden.append(one)
+            break
+    return tuple(hidden)
+
+
+def _has_a_name(measure: SizeScale, hidden: Hidden) -> bool:
+    """Say whether a name fits so well that what it leaves over is not seen."""
+    size = float(np.linalg.norm(measure.signal((hidden,))))
+    left = size * np.sqrt(max(1.0 - measure.likeness(hidden) ** 2, 0.0))
+    return bool(left < _HARDLY_SEEN)
+
+
+def _truth(measure: SizeScale, hidden: Hidden) -> TrueTerm:
+    keys = hidden.keys
+    runout = keys["component"] if hidden.kind == "axis_runout" else None
+    return TrueTerm(
+        identity=(
+            hidden.kind,
+            hidden.joint,
+            keys.get("order"),
+            runout,
+            keys.get("artefact"),
+        ),
+        sizes=hidden.told if isinstance(hidden, HiddenEffect) else {},
+        aliases=measure.names_like(hidden),
+        in_library=hidden.kind in EFFECT_KINDS,
+    )

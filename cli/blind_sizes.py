@@ -1,0 +1,154 @@
+"""How large an effect is for a campaign: sqrt(lambda), everything re-estimated.
+
+The effect is played without noise, at a set of poses where the arm without it is
+fitted. What its readings change in the rows of that fit, whitened and free of what the
+unknowns absorb, has the length sqrt(lambda): the mean of the best possible test in
+standard deviations. No code of the effect itself takes part in that.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.cli.blind_campaign import campaign_from_simulation
+from traverse.kinematics.arm_file.arm import Arm
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.diagnosis.candidates.aliases import ALIAS
+from traverse.lab.diagnosis.candidates.harmonics import harmonic_bank
+from traverse.lab.diagnosis.candidates.library import library_bank
+from traverse.lab.diagnosis.candidates.scoring import ProjectedCandidate, project
+from traverse.lab.diagnosis.model.observation_equations import (
+    ObservationEquations,
+    equations_of,
+)
+from traverse.lab.diagnosis.score import Identity
+from traverse.lab.identification.equations.network import Network, stations
+from traverse.lab.identification.equations.noise import a_priori_noise
+from traverse.lab.identification.equations.station_equations import start_state
+from traverse.lab.identification.identify import prepared
+from traverse.lab.identification.solve.adjustment import adjust
+from traverse.lab.identification.solve.options import Options
+from traverse.simulator.campaigns import Campaign as Columns
+from traverse.simulator.campaigns import NoiseTable, PoseSet, draw_noise
+from traverse.simulator.campaigns.blind.hidden import Hidden, played
+
+Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
+
+# Beyond so many plausible sizes nobody would believe an effect.
+MOST_PLAUSIBLE = 30.0
+# A signal that moves the data by less than that at the plausible size is not seen.
+_LEAST = 1e-3
+_SILENT = NoiseTable(encoder_rad=0.0, contact_mm=0.0, direction_rad=0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SizeScale:
+    """Measures effects on a set of poses.
+
+    Attributes:
+        poses: Without effects.
+        exact: Their campaign without noise.
+        rows: Of a fit to these, of the poses that are used for choosing.
+        library: All names but steps, to find aliases.
+    """
+
+    poses: PoseSet
+    exact: Columns
+    rows: ObservationEquations
+    library: tuple[ProjectedCandidate, ...]
+
+    def signal(self, hidden: tuple[Hidden, ...]) -> Floats:
+        """Compute what effects do to the rows beyond what is absorbed, (n_rows,)."""
+        rows, found = self.rows, exact_columns(played(self.poses, hidden))
+        changes_rad = found.readings_rad - self.exact.readings_rad
+        change = np.einsum("rk,rk->r", rows.by_readings, changes_rad[rows.poses])
+        lengths, stated = _lengths_mm(self.exact), _lengths_mm(found)
+        for row, artefact, by_part in rows.certificates:
+            # What is longer than its certificate says has a certificate that is short.
+            change[row] += by_part * (lengths[artefact] / stated[artefact] - 1.0)
+        return rows.project(change[:, np.newaxis])[:, 0]
+
+    def sized(self, hidden: Hidden, size: float) -> Hidden | None:
+        """Scale an effect to a size in sqrt(lambda).
+
+        Returns:
+            The effect, or None where the campaign does not see it at a size that
+            anybody would believe.
+        """
+        factor = 1.0
+        for _ in range(2):
+            found = float(np.linalg.norm(self.signal((hidden.scaled(factor),))))
+            if found < _LEAST * factor:
+                return None
+            factor *= size / found
+            if factor > MOST_PLAUSIBLE:
+                return None
+        return hidden.scaled(factor)
+
+    def names_like(self, hidden: Hidden) -> frozenset[Identity]:
+        """Find the names of the library within whose columns an effect's signal lies.
+
+        Nothing that is measured at poses like these tells them apart.
+        """
+        return frozenset(
+            identity for identity, part in self._explained(hidden) if part > ALIAS
+        )
+
+    def likeness(self, hidden: Hidden) -> float:
+        """Say how much of an effect's signal the best name explains, 0 to 1."""
+        return max(part for _, part in self._explained(hidden))
+
+    def _explained(self, hidden: Hidden) -> list[tuple[Identity, float]]:
+        signal = self.signal((hidden,))
+        signal = signal / np.linalg.norm(signal)
+        return [
+            (one.candidate.identity, float(np.linalg.norm(one.directions.T @ signal)))
+            for one in self.library
+        ]
+
+
+def ruler(poses: PoseSet, arm: Arm, choosing: Booleans) -> SizeScale:
+    """Fit an arm without effects to poses without noise.
+
+    Args:
+        poses: Without effects.
+        arm: What the arm file says.
+        choosing: Which poses are used for choosing, (n_poses,).
+    """
+    campaign = noise_free_campaign(poses)
+    design, parameters = prepared(campaign, arm, Options(coarse_start=False))
+    network = Network(
+        campaign,
+        stations(campaign, arm.probe.radius_mm, choosing),
+        parameters,
+        a_priori_noise(campaign),
+        np.ones(len(campaign.poses)),
+    )
+    # No tests: nothing contradicts anything where there is no noise.
+    rows = equations_of(adjust(network, start_state(network, design), design))
+    banks = (library_bank(rows, arm), harmonic_bank(rows))
+    library = tuple(one for bank in banks for one in project(rows, bank))
+    return SizeScale(poses, exact_columns(poses), rows, library)
+
+
+def noise_free_campaign(poses: PoseSet) -> Campaign:
+    """Make a campaign without noise, which states the noise that there could be."""
+    stated = poses.spec.noise
+    exact = campaign_from_simulation(exact_columns(poses))
+    return replace(exact, encoder_rad=stated.encoder_rad, contact_mm=stated.contact_mm)
+
+
+def exact_columns(poses: PoseSet) -> Columns:
+    """Measure without noise."""
+    return draw_noise(poses, 0, _SILENT).campaign
+
+
+def _lengths_mm(columns: Columns) -> dict[str, float]:
+    """Say the lengths that certificates tell, by artefact."""
+    return {
+        stated.id: float(stated.table["distance_mm"])
+        for stated in columns.artefacts
+        if "distance_mm" in stated.table
+    }

@@ -1,0 +1,77 @@
+"""Options of commands that go to a broker, and the address that they make."""
+
+import functools
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from traverse.cli.refusals import refuse
+
+if TYPE_CHECKING:
+    from traverse.client.mqtt.address import BrokerAddress
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BrokerOptions:
+    """The options, in the order of `--help`; `with_broker` gives them to a command."""
+
+    broker: Annotated[
+        str, typer.Option(help="MQTT broker: host, host:port or mqtts://host:port.")
+    ] = "localhost"
+    username: Annotated[str | None, typer.Option(help="For the broker.")] = None
+    password_file: Annotated[
+        Path | None, typer.Option(help="File with the broker's password.")
+    ] = None
+    ca_file: Annotated[
+        Path | None, typer.Option(help="Certificates that the broker's come from.")
+    ] = None
+    client_certificate: Annotated[
+        Path | None, typer.Option(help="Shown to the broker, PEM.")
+    ] = None
+    client_key: Annotated[
+        Path | None, typer.Option(help="Key of that certificate, PEM.")
+    ] = None
+
+    def address(self, command: str) -> "BrokerAddress":
+        """What they say; ends the command where they or their files are bad."""
+        from traverse.client.mqtt.address import BrokerAddress  # noqa: PLC0415
+
+        try:
+            address = replace(
+                BrokerAddress.parse(self.broker),
+                username=self.username,
+                password_file=self.password_file,
+                ca_file=self.ca_file,
+                certificate_file=self.client_certificate,
+                key_file=self.client_key,
+            )
+            address.options()  # its files can be read
+        except (OSError, ValueError) as error:
+            refuse(command, str(error))
+        return address
+
+
+def with_broker(command: Callable[..., None]) -> Callable[..., None]:
+    """Put the options in the place of a command's parameter `broker`."""
+    ours = inspect.signature(BrokerOptions).parameters
+    own = inspect.signature(command, eval_str=True)
+    parameters = [
+        parameter
+        for name, one in own.parameters.items()
+        for parameter in (ours.values() if name == "broker" else (one,))
+    ]
+
+    @functools.wraps(command)
+    def called(**given: Any) -> None:  # noqa: ANN401 - options of all kinds
+        options = BrokerOptions(**{name: given.pop(name) for name in ours})
+        command(**given, broker=options)
+
+    # What typer reads.
+    called.__annotations__ = {one.name: one.annotation for one in parameters}
+    signature = own.replace(parameters=parameters)
+    called.__signature__ = signature  # type: ignore[attr-defined]  # of PEP 362
+    return called

@@ -1,0 +1,196 @@
+"""`traverse can`: who is on a CAN bus, and presets of encoders by hand."""
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+
+import typer
+
+if TYPE_CHECKING:
+    from traverse.drivers.canopen.commissioning import Commissioning, FoundNode
+
+REFUSED, UNREACHABLE = 2, 3
+
+can = typer.Typer(
+    help="CANopen encoders on a CAN bus: scan, preset. "
+    "The daemon must not be using the bus.",
+    no_args_is_help=True,
+)
+
+Interface = Annotated[
+    str, typer.Option("--interface", help="Of python-can: socketcan, slcan, ...")
+]
+Channel = Annotated[
+    str, typer.Option("--channel", help="Of the interface: can0, /dev/ttyACM0, ...")
+]
+BitRate = Annotated[
+    int, typer.Option("--bitrate", min=10_000, max=1_000_000, help="Of the bus.")
+]
+Timeout = Annotated[
+    float,
+    typer.Option(
+        "--timeout", min=0.01, max=10.0, help="Seconds within which an answer comes."
+    ),
+]
+
+Json = Annotated[
+    bool, typer.Option("--json", help="Report as JSON on standard output.")
+]
+
+
+@can.command()
+def scan(
+    channel: Channel,
+    interface: Interface = "socketcan",
+    bitrate: BitRate = 1_000_000,
+    timeout_s: Timeout = 0.5,
+    as_json: Json = False,
+) -> None:
+    """List the nodes that answer: identity, profile, resolution, alarms.
+
+    It asks and changes nothing. Exit status 3 if the bus cannot be opened or nothing
+    answers.
+    """
+    with _bus(interface, channel, bitrate, timeout_s) as tool:
+        found = [_report(one) for one in tool.scan()]
+        name = tool.name
+    if as_json:
+        typer.echo(json.dumps({"bus": name, "nodes": found}, indent=1))
+        return
+    for one in found:
+        typer.echo(_line(one))
+    typer.echo(f"{len(found)} nodes on {name}")
+
+
+@can.command()
+def preset(
+    *,
+    channel: Channel,
+    node: Annotated[
+        int, typer.Option("--node", min=1, max=127, help="Number of the encoder.")
+    ],
+    value: Annotated[
+        int, typer.Option("--value", min=0, help="What its position shall be, counts.")
+    ],
+    interface: Interface = "socketcan",
+    bitrate: BitRate = 1_000_000,
+    timeout_s: Timeout = 0.5,
+    store: Annotated[
+        bool, typer.Option("--store", help="Keep it in the encoder for ever.")
+    ] = False,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Do not ask whether to do it.")
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """Make the present position of an encoder a number; the shaft must rest.
+
+    An arm file and an identification made before no longer fit: their zero_rad belongs
+    to the old numbers. Exit status 2 if the number is beyond the encoder's range, 3 if
+    it does not answer.
+    """
+    with _bus(interface, channel, bitrate, timeout_s) as tool:
+        facts = tool.facts(node)
+        # With --json what is asked about goes where the question goes.
+        text = f"node {node} stands at {facts.position} of {facts.modulus}"
+        typer.echo(text, err=as_json)
+        if value >= facts.modulus:
+            _refuse(
+                f"--value {value} is beyond its range, expected 0 to "
+                f"{facts.modulus - 1}"
+            )
+        if not yes:
+            kept = " and store it" if store else ""
+            text = f"preset this encoder to {value}{kept}?"
+            typer.confirm(text, abort=True, err=as_json)
+        position = tool.preset(node, value, store)
+    if as_json:
+        report = {"node": node, "before": facts.position, "after": position}
+        typer.echo(json.dumps(report | {"stored": store}))
+    else:
+        typer.echo(f"node {node} stands at {position}{', stored' if store else ''}")
+
+
+def _refuse(text: str) -> NoReturn:
+    typer.echo(f"traverse can preset: {text}", err=True)
+    raise typer.Exit(REFUSED)
+
+
+@contextmanager
+def _bus(
+    interface: str, channel: str, bit_rate: int, timeout_s: float
+) -> Iterator["Commissioning"]:
+    """The bus, opened; ends the command where a device cannot be reached."""
+    try:
+        from traverse.drivers.canopen.commissioning import Commissioning  # noqa: PLC0415 - an extra; quick help
+    except ModuleNotFoundError as error:
+        typer.echo(
+            f"traverse can needs {error.name}, which is not installed; install the "
+            "extra `can`: pip install 'traverse-cmm[can]'",
+            err=True,
+        )
+        raise typer.Exit(REFUSED) from error
+    from traverse.drivers.base.values import DeviceError  # noqa: PLC0415
+
+    try:
+        with Commissioning(interface, channel, bit_rate, timeout_s) as tool:
+            yield tool
+    except DeviceError as error:
+        typer.echo(f"{error}; {error.remedy}", err=True)
+        raise typer.Exit(UNREACHABLE) from error
+
+
+def _report(found: "FoundNode") -> dict[str, Any]:
+    """A node for JSON; what it does not tell is null."""
+    from traverse.protocol.canopen.frames import STATES  # noqa: PLC0415
+
+    heard, facts, kind = found.heard, found.facts, found.device_type
+    vendor, product, revision, serial = (None,) * 4 if facts is None else facts.identity
+    state = None if heard.state is None else STATES.get(heard.state, str(heard.state))
+    return {
+        "node": found.node,
+        "answers": heard.answers,
+        "state": state,
+        "profile": None if kind is None else kind & 0xFFFF,
+        "kind": None if facts is None else facts.kind,
+        "vendor": vendor,
+        "product": product,
+        "revision": revision,
+        "serial": serial,
+        "version": None if facts is None else facts.profile,
+        "counts_per_turn": None if facts is None else facts.counts_per_turn,
+        "modulus": None if facts is None else facts.modulus,
+        "position": None if facts is None else facts.position,
+        "alarms": None if facts is None else facts.alarms,
+        "warnings": None if facts is None else facts.warnings,
+        "emergencies": heard.emergencies,
+        "problem": found.problem or None,
+    }
+
+
+def _line(one: dict[str, Any]) -> str:
+    """A node for people."""
+    from traverse.protocol.canopen.objects import alarm_text, warning_text  # noqa: PLC0415
+
+    text = f"node {one['node']:3d}: "
+    if one["problem"]:
+        text += one["problem"]
+    else:
+        turns = one["modulus"] / one["counts_per_turn"]
+        text += (
+            f"{one['kind']} encoder, {one['counts_per_turn']} counts per turn, "
+            f"{turns:g} turns, position {one['position']}; vendor {_hex(one['vendor'])}"
+            f", product {_hex(one['product'])}, serial number {_hex(one['serial'])}"
+        )
+        if one["alarms"]:
+            text += f"; ALARM: {alarm_text(one['alarms'])}"
+        if one["warnings"]:
+            text += f"; warning: {warning_text(one['warnings'])}"
+    if one["answers"] > 1:
+        text += f"; {one['answers']} answers to one question: several have this number"
+    return text
+
+
+def _hex(number: int | None) -> str:
+    return "unknown" if number is None else f"{number:X}"

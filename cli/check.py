@@ -1,0 +1,124 @@
+"""`traverse check`: everything that is wrong with a file."""
+
+import contextlib
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def check(
+    file: Annotated[
+        Path, typer.Argument(help="An arm file, a configuration, a campaign, ...")
+    ],
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Report as JSON on standard output.")
+    ] = False,
+) -> None:
+    """Check an arm file, a configuration, a campaign, limits, a plan, a probe library.
+
+    A campaign is given by its folder or its campaign.toml; its poses are checked too,
+    and with a configuration the arm file and the probe library that it names.
+    Says everything that is wrong with it, at once. Exit status 2 if anything is.
+    """
+    from traverse.daemon.inputs import StartupError  # noqa: PLC0415 - keeps --help quick
+    from traverse.kinematics.arm_file.arm import FileError  # noqa: PLC0415
+
+    if (file / "campaign.toml").is_file():
+        file /= "campaign.toml"
+    kind, read = _reader(file)
+    try:
+        read(file)
+    except (FileError, StartupError) as error:
+        wrong = error.files if isinstance(error, StartupError) else [error]
+        if as_json:
+            problems = [
+                {"file": one.source, "where": p.where, "message": p.message}
+                for one in wrong
+                for p in one.problems
+            ]
+            report = {"file": str(file), "kind": kind, "problems": problems}
+            typer.echo(json.dumps(report, indent=1))
+        else:
+            typer.echo("\n".join(str(one) for one in wrong), err=True)
+        raise typer.Exit(2) from error
+    if as_json:
+        typer.echo(json.dumps({"file": str(file), "kind": kind, "problems": []}))
+    else:
+        typer.echo(f"{file}: a good {kind}")
+
+
+def _reader(file: Path) -> tuple[str, Callable[[Path], object]]:
+    """What the file is, by its schema or its tables, and what reads it."""
+    import tomllib  # noqa: PLC0415
+
+    from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
+
+    try:
+        tables = tomllib.loads(file.read_text("utf-8"))
+    except (OSError, ValueError):
+        return "arm file", read_arm  # whose reader says what is wrong
+    schema = str(tables.get("schema", ""))
+    for prefix, names, kind, reader in _KINDS:
+        if schema.startswith(f"traverse/{prefix}/") or any(n in tables for n in names):
+            return kind, reader
+    return "arm file", read_arm
+
+
+def _read_simulator(path: Path) -> object:
+    from traverse.kinematics.arm_file.arm import read_strict  # noqa: PLC0415
+    from traverse.simulator.config import SimulatorConfig, config_problems  # noqa: PLC0415
+
+    return read_strict(path, SimulatorConfig, config_problems)
+
+
+def _read_probes(path: Path) -> object:
+    from traverse.daemon.pose.probe_library import read_probes  # noqa: PLC0415
+
+    return read_probes(path)
+
+
+def _read_limits(path: Path) -> object:
+    from traverse.lab.acceptance.conformity.limits import read_limits  # noqa: PLC0415
+
+    return read_limits(path)
+
+
+def _read_plan(path: Path) -> object:
+    from traverse.lab.collection.plan import read_plan  # noqa: PLC0415
+
+    return read_plan(path)
+
+
+def _read_daemon(path: Path) -> object:
+    from traverse.daemon.inputs import read_inputs  # noqa: PLC0415
+
+    # Who has no broker yet may run with one that is embedded.
+    return read_inputs(path, True)
+
+
+def _read_campaign(path: Path) -> object:
+    """Read a campaign with whatever joints its poses have."""
+    from traverse.lab.campaign.campaign import read_campaign  # noqa: PLC0415
+    from traverse.lab.campaign.campaign_file import read_campaign_file  # noqa: PLC0415
+
+    poses = path.parent / read_campaign_file(path).poses
+    header = ""
+    with contextlib.suppress(OSError, ValueError), poses.open(encoding="utf-8") as file:
+        header = file.readline()
+    columns = (column.strip() for column in header.split(","))
+    joints = [c.removesuffix("_rad") for c in columns if c.endswith("_rad")]
+    return read_campaign(path.parent, joints)
+
+
+# Part of the schema, tables that tell it too, what to call it, what reads it.
+_KINDS: tuple[tuple[str, tuple[str, ...], str, Callable[[Path], object]], ...] = (
+    ("simulator", ("motion",), "simulator's configuration", _read_simulator),
+    ("probes", ("probes",), "probe library", _read_probes),
+    ("acceptance-limits", ("mpe",), "file of acceptance limits", _read_limits),
+    ("collection-plan", ("steps",), "collection plan", _read_plan),
+    ("campaign", ("poses",), "campaign", _read_campaign),
+    ("daemon", ("arm", "broker", "device"), "daemon's configuration", _read_daemon),
+)

@@ -1,0 +1,100 @@
+"""`traverse collect`: a campaign collected at the terminal, point by point."""
+
+import asyncio
+import json
+import sys
+from contextlib import nullcontext, redirect_stdout
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.cli.refusals import refusals, refuse
+
+INCOMPLETE, UNREACHABLE = 1, 3
+
+
+@with_broker
+def collect(
+    campaign: Annotated[
+        Path, typer.Argument(help="The campaign.toml; poses are put beside it.")
+    ],
+    *,
+    arm: Annotated[Path, typer.Option(help="The arm file that the daemon uses.")],
+    each: Annotated[
+        int, typer.Option(min=1, max=100_000, help="Touches of every feature.")
+    ] = 25,
+    allow: Annotated[
+        str, typer.Option(help="Quality flags that a point may have, with commas.")
+    ] = "surface_unknown,empirical",
+    broker: BrokerOptions,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Report as JSON at the end.")
+    ] = False,
+) -> None:
+    """Collect the poses of a campaign, guided: what to touch, and how often.
+
+    Where a plan.toml lies beside the campaign (`traverse verify --plan` writes one) it
+    is followed step by step, and --each does not count.
+
+    Points that the daemon captures count for the artefact that is shown, or for the
+    one in their label. Each is on the disk before it counts, and a collection that
+    was ended goes on where it was. Keys, or lines on standard input: n (next),
+    p (previous), u (undo), q (quit).
+
+    Exit status 1: ended before everything was touched; 2: a file was refused; 3: the
+    broker could not be reached.
+    """
+    from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415 - keeps --help quick
+
+    flags = frozenset(flag.strip() for flag in allow.split(",") if flag.strip())
+    address = broker.address("collect")
+    with refusals("collect"):
+        from traverse.cli.collect.session import collected  # noqa: PLC0415
+        from traverse.lab.campaign.campaign_file import read_campaign_file  # noqa: PLC0415
+        from traverse.lab.collection.collection import Collection  # noqa: PLC0415
+        from traverse.lab.collection.plan import PLAN, read_plan  # noqa: PLC0415
+        from traverse.lab.collection.report import collection_report  # noqa: PLC0415
+        from traverse.lab.collection.targets import (  # noqa: PLC0415
+            planned_targets,
+            targets_of,
+        )
+        from traverse.protocol.messages.quality import FLAG_MEANINGS  # noqa: PLC0415
+
+        known = {str(flag.name).lower() for flag in FLAG_MEANINGS}
+        if unknown := sorted(flags - known):
+            refuse(
+                "collect",
+                f"--allow: no quality flag {', '.join(unknown)}; there are: "
+                f"{', '.join(sorted(known))}",
+            )
+        file = read_campaign_file(campaign)
+        if not file.poses.endswith(".csv"):
+            refuse(
+                "collect",
+                f"{campaign}: poses is {file.poses!r}; what is collected point by "
+                'point is a table: poses = "poses.csv"',
+            )
+        model = read_arm(arm)
+        beside = campaign.parent / PLAN
+        plan = read_plan(beside) if beside.is_file() else None
+        collection = Collection(
+            file,
+            campaign.parent,
+            [joint.name for joint in model.joints],
+            targets_of(file, each)
+            if plan is None
+            else planned_targets(plan, file, str(beside)),
+            plan,
+        )
+        collection.resume()
+        # Standard output is the report's, where that is JSON.
+        with redirect_stdout(sys.stderr) if as_json else nullcontext():
+            reached = asyncio.run(collected(collection, model.name, address, flags))
+    if not reached:
+        raise typer.Exit(UNREACHABLE)
+    if as_json:
+        typer.echo(json.dumps(collection_report(collection), indent=1))
+    if collection.unfinished():
+        raise typer.Exit(INCOMPLETE)

@@ -1,0 +1,249 @@
+"""The running collection: messages of the arm, keys of the operator, the picture."""
+
+import asyncio
+import contextlib
+import os
+import sys
+import termios
+import tty
+from collections import deque
+from collections.abc import AsyncIterator, Iterator
+
+import aiomqtt
+import numpy as np
+import typer
+from rich.console import Console, RenderableType
+from rich.live import Live as LivePicture
+
+from traverse.cli.collect.view import instruction, shown, summary
+from traverse.client.cancel_tasks import end
+from traverse.client.mqtt.address import BrokerAddress
+from traverse.client.mqtt.subscription import connection, received, subscribe
+from traverse.daemon.pose.joint_motion import JointMotionTracker
+from traverse.lab.collection.collection import Collection, touch_of
+from traverse.lab.collection.targets import Target
+from traverse.protocol.messages import Live, Point
+
+APPROACH_BAND_RAD = 5e-4  # hands that rest tremble less
+RETRY_S = 1.0
+LINES_SHOWN = 6
+
+
+async def collected(
+    collection: Collection, arm: str, broker: BrokerAddress, allowed: frozenset[str]
+) -> bool:
+    """Collect until the operator quits, or all is done and nobody is at a terminal.
+
+    Returns:
+        False where the broker could not be reached at the start.
+    """
+    session = _Session(collection, allowed)
+    with session.picture():
+        listening = asyncio.ensure_future(session.listen(arm, broker))
+        operating = asyncio.ensure_future(session.operate())
+        done, _ = await asyncio.wait(
+            (listening, operating), return_when=asyncio.FIRST_COMPLETED
+        )
+        await end((listening, operating))
+        for task in done:
+            if task.exception() is not None:
+                raise task.exception() or RuntimeError
+    for line in summary(collection):
+        typer.echo(line)
+    return session.reached
+
+
+class _Session:
+    def __init__(self, collection: Collection, allowed: frozenset[str]) -> None:
+        self._collection = collection
+        self._allowed = allowed
+        self._said: deque[str] = deque(maxlen=LINES_SHOWN)
+        self._live: LivePicture | None = None
+        self._trail = JointMotionTracker(
+            np.full(len(collection.joint_names), APPROACH_BAND_RAD)
+        )
+        self._next_seq: dict[str, int] = {}
+        self._ended = asyncio.Event()
+        self._current: Target | None = None
+        self._go_on()
+        self.reached = False
+
+    @contextlib.contextmanager
+    def picture(self) -> Iterator[None]:
+        """Show the picture where there is a terminal, else lines."""
+        if not sys.stdout.isatty():
+            self._say(instruction(self._collection, self._current))
+            yield
+            return
+        with LivePicture(
+            self._shown(), console=Console(), auto_refresh=False, screen=False
+        ) as self._live:
+            yield
+        self._live = None
+
+    async def listen(self, arm: str, broker: BrokerAddress) -> None:
+        """Take the arm's points; comes back when the broker has been away."""
+        while not self._ended.is_set():
+            try:
+                async with connection(broker) as client:
+                    self.reached = True
+                    await subscribe(client, arm, ("point", "live"))
+                    self._say(f"following {arm} on {broker}")
+                    async for item in received(client):
+                        if isinstance(item.message, Live):
+                            self._follow(item.message)
+                        elif isinstance(item.message, Point):
+                            self._take(item.message)
+                        else:
+                            self._say(f"{item.kind}: {item.error}")
+                        if self._ended.is_set():
+                            return
+            except (aiomqtt.MqttError, OSError) as error:
+                typer.echo(f"broker {broker}: {error}", err=True)
+                if not self.reached:
+                    return
+                await asyncio.sleep(RETRY_S)
+
+    async def operate(self) -> None:
+        """Obey keys, or lines where standard input is no terminal."""
+        async for key in _keys():
+            match key:
+                case "n":
+                    self._step(1)
+                case "p":
+                    self._step(-1)
+                case "u":
+                    self._undo()
+                case "q":
+                    self._ended.set()
+                    return
+                case _:
+                    self._say(f"{key!r} is none of n, p, u, q")
+        await self._ended.wait()  # nobody there: until all is done
+
+    def _follow(self, live: Live) -> None:
+        if len(live.angles_rad) == len(self._collection.joint_names):
+            times_ns = np.array([live.time_ns], dtype=np.int64)
+            self._trail.follow(
+                times_ns, np.array([live.angles_rad]), np.ones(1, np.bool_)
+            )
+
+    def _take(self, point: Point) -> None:
+        self._watch_numbers(point)
+        number = f"point {point.seq}"
+        if point.retracts is not None:
+            if self._collection.retract(point.retracts):
+                self._say(f"{number} takes one back")
+                self._go_on()
+            return
+        if len(point.angles_rad) != len(self._collection.joint_names):
+            self._say(f"{number} has {len(point.angles_rad)} joints: left out")
+            return
+        target = self._current
+        if point.label.artefact is not None:
+            label = point.label
+            target = self._collection.target(str(label.artefact), label.feature or "")
+            if target is None:
+                self._say(f"{number} is labelled {label.artefact}: not in the campaign")
+                return
+        bad = [flag for flag in point.quality.flags if flag not in self._allowed]
+        if target is None or bad:
+            why = f"flagged {', '.join(bad)}" if bad else "nothing is left to touch"
+            self._say(f"{number} left out: {why}")
+            return
+        motion = self._trail.beside(point.time_ns, np.array(point.angles_rad))
+        known = bool(motion.are_speeds_known[0])
+        touch = touch_of(
+            point,
+            target,
+            motion.approaches[0] if known else None,
+            motion.speeds_rad_s[0] if known else None,
+        )
+        if self._collection.take(touch):
+            done = self._collection.count(target)
+            self._say(f"{number} on {target}: {done} of {target.wanted}")
+            self._go_on()
+
+    def _watch_numbers(self, point: Point) -> None:
+        expected = self._next_seq.get(point.session)
+        if expected is not None and point.seq > expected:
+            self._say(
+                f"points {expected} to {point.seq - 1} did not arrive: touch again, "
+                "or ask for them once more"
+            )
+        self._next_seq[point.session] = max(point.seq + 1, expected or 0)
+
+    def _undo(self) -> None:
+        if not self._collection.touches:
+            self._say("nothing to undo")
+            return
+        last = max(self._collection.touches.values(), key=lambda touch: touch.time_ns)
+        self._collection.retract(last.id)
+        self._current = self._collection.target(last.artefact, last.feature)
+        self._say(f"point {last.seq} on {self._current} is left out again")
+
+    def _step(self, by: int) -> None:
+        targets = self._collection.targets
+        if self._current is None:
+            self._current = targets[0 if by > 0 else -1]
+        else:
+            self._current = targets[(targets.index(self._current) + by) % len(targets)]
+        self._say(instruction(self._collection, self._current))
+
+    def _go_on(self) -> None:
+        """To the next unfinished target once this one is done."""
+        now = self._current
+        unfinished = self._collection.unfinished()
+        if now is None or now not in unfinished:
+            self._current = unfinished[0] if unfinished else None
+            if self._current is not None and now is not None:
+                self._say(instruction(self._collection, self._current))
+        if not unfinished and not sys.stdin.isatty():
+            self._ended.set()
+        self._refresh()
+
+    def _say(self, line: str) -> None:
+        self._said.append(line)
+        if self._live is None and not sys.stdout.isatty():
+            typer.echo(line)
+        self._refresh()
+
+    def _refresh(self) -> None:
+        if self._live is not None:
+            self._live.update(self._shown(), refresh=True)
+
+    def _shown(self) -> RenderableType:
+        return shown(self._collection, self._current, self._said)
+
+
+async def _keys() -> AsyncIterator[str]:
+    """Keys pressed at a terminal, or the first letters of lines."""
+    loop, descriptor = asyncio.get_running_loop(), sys.stdin.fileno()
+    at_terminal = sys.stdin.isatty()
+    before = termios.tcgetattr(descriptor) if at_terminal else None
+    ready = asyncio.Event()
+    try:
+        # Not as a pipe of asyncio's: that would make the terminal non-blocking, for
+        # what is written to it too.
+        loop.add_reader(descriptor, ready.set)
+    except PermissionError:
+        return  # a file, not somebody
+    if at_terminal:
+        tty.setcbreak(descriptor)
+    waiting = b""
+    try:
+        while True:
+            await ready.wait()
+            ready.clear()
+            if not (data := os.read(descriptor, 1 if at_terminal else 4096)):
+                return
+            *lines, waiting = (waiting + data).split(b"\n")
+            if at_terminal:
+                lines, waiting = [data], b""
+            for line in lines:
+                if text := line.decode(errors="replace").strip():
+                    yield text[0].lower()
+    finally:
+        loop.remove_reader(descriptor)
+        if before is not None:
+            termios.tcsetattr(descriptor, termios.TCSADRAIN, before)

@@ -1,0 +1,1 @@
+"""`traverse interim`: the daily check."""

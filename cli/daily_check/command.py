@@ -1,0 +1,229 @@
+"""`traverse interim`: the daily two-minute check with a cone and a sphere."""
+
+import asyncio
+import hashlib
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.cli.refusals import refusals, refuse
+
+if TYPE_CHECKING:
+    from traverse.client.mqtt.address import BrokerAddress
+    from traverse.kinematics.arm_file.arm import Arm
+    from traverse.lab.daily_check.history import Check
+    from traverse.lab.daily_check.report import DailyCheckReport
+
+NO, UNREACHABLE = 1, 3
+HISTORY = "interim.db"
+ALLOWED = frozenset({"surface_unknown", "empirical"})
+
+
+@with_broker
+def interim(
+    *,
+    arm: Annotated[Path, typer.Option(help="The arm file that the daemon uses.")],
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            help="The daemon's configuration: its state folder has the history."
+        ),
+    ] = None,
+    history: Annotated[
+        Path | None, typer.Option(help="The history instead, a file (SQLite).")
+    ] = None,
+    radius: Annotated[
+        float | None,
+        typer.Option(help="Calibrated radius of the sphere in mm; else as last time."),
+    ] = None,
+    campaign: Annotated[
+        Path | None,
+        typer.Option(help="Folder of a check that has been collected already."),
+    ] = None,
+    show: Annotated[
+        bool, typer.Option("--show", help="Check nothing; show the history.")
+    ] = False,
+    new_base: Annotated[
+        str | None,
+        typer.Option(help="Why the charts begin anew with this check, in words."),
+    ] = None,
+    acceptance: Annotated[
+        Path | None, typer.Option(help="certificate.json of the last acceptance.")
+    ] = None,
+    limits: Annotated[
+        Path | None, typer.Option(help="Permitted errors, as for `verify`.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder for chart.png, .html.")
+    ] = None,
+    broker: BrokerOptions,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Report as JSON on standard output.")
+    ] = False,
+) -> None:
+    """Check the arm with a cone and a calibrated sphere, and look at the trend.
+
+    Guided as `traverse collect` is; figures go into a history, and control charts of
+    it warn when the arm drifts.
+
+    Exit status 1: out of control, beyond a limit, or not everything was touched; 2: a
+    file was refused; 3: the broker could not be reached.
+    """
+    import sqlite3  # noqa: PLC0415 - keeps --help quick
+
+    from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
+
+    with refusals("interim"):
+        from traverse.lab.daily_check.history import (  # noqa: PLC0415
+            HistoryRefusedError,
+            add_check,
+            checks_of,
+        )
+
+        address = broker.address("interim")
+        model = read_arm(arm)
+        path = _history(config, history)
+        try:
+            before = checks_of(path, model.name)
+            if not show:
+                folder = campaign
+                if folder is None:
+                    mm = radius or (
+                        before[-1].figures.sphere_radius_mm if before else 0
+                    )
+                    folder = _collected(path, model, mm, address, quiet=as_json)
+                check = _checked(folder, model, new_base or "")
+                if not add_check(path, check):
+                    typer.echo(f"{folder}: had been counted before", err=True)
+            checks = checks_of(path, model.name)
+        except (HistoryRefusedError, sqlite3.Error) as error:
+            refuse("interim", str(error))
+        if not checks:
+            refuse("interim", f"{path}: has no check of arm {model.name} yet")
+        report = _report(checks, model.name, limits, acceptance)
+        if out is not None:
+            from traverse.lab.daily_check.chart_pictures import (  # noqa: PLC0415
+                write_charts,
+            )
+
+            write_charts(report, out)
+    _tell(report, as_json=as_json)
+    if not report.is_in_control:
+        raise typer.Exit(NO)
+
+
+def _history(config: Path | None, history: Path | None) -> Path:
+    from traverse.daemon.state_dir import state_folder  # noqa: PLC0415 - quick help
+
+    if (config is None) == (history is None):
+        refuse("interim", "give --history FILE or --config FILE, one of them")
+    try:
+        if history is not None:
+            history.parent.mkdir(parents=True, exist_ok=True)
+            return history
+        return state_folder(config or Path()) / HISTORY
+    except OSError as error:
+        refuse("interim", f"the history's folder cannot be made: {error}")
+
+
+def _collected(
+    path: Path, arm: "Arm", radius_mm: float, broker: "BrokerAddress", *, quiet: bool
+) -> Path:
+    """Have a check collected, guided; gives its folder."""
+    import contextlib  # noqa: PLC0415 - keeps --help quick
+    import sys  # noqa: PLC0415
+
+    from traverse.cli.collect.session import collected  # noqa: PLC0415
+    from traverse.lab.acceptance.plan_files import CAMPAIGN  # noqa: PLC0415
+    from traverse.lab.campaign.campaign_file import read_campaign_file  # noqa: PLC0415
+    from traverse.lab.collection.collection import Collection  # noqa: PLC0415
+    from traverse.lab.collection.plan import PLAN, read_plan  # noqa: PLC0415
+    from traverse.lab.collection.targets import planned_targets  # noqa: PLC0415
+    from traverse.lab.daily_check.campaign import write_check  # noqa: PLC0415
+
+    if not radius_mm > 0.0:
+        refuse("interim", "--radius missing: the sphere's calibrated radius in mm")
+    folder = path.parent / "interim" / f"{datetime.now(UTC):%Y%m%dT%H%M%S.%fZ}"
+    write_check(folder, arm, radius_mm)
+    file, plan = read_campaign_file(folder / CAMPAIGN), read_plan(folder / PLAN)
+    collection = Collection(
+        file,
+        folder,
+        [joint.name for joint in arm.joints],
+        planned_targets(plan, file, str(folder / PLAN)),
+        plan,
+    )
+    # Standard output is the report's, where that is JSON.
+    where = (
+        contextlib.redirect_stdout(sys.stderr) if quiet else contextlib.nullcontext()
+    )
+    with where:
+        reached = asyncio.run(collected(collection, arm.name, broker, ALLOWED))
+    if not reached:
+        raise typer.Exit(UNREACHABLE)
+    if unfinished := collection.unfinished():
+        typer.echo(
+            f"not touched as often as wanted: {', '.join(map(str, unfinished))}; "
+            f"nothing is added to the history; {folder} has what was touched",
+            err=True,
+        )
+        raise typer.Exit(NO)
+    return folder
+
+
+def _checked(folder: Path, arm: "Arm", begins: str) -> "Check":
+    """The figures of a folder, as they go into the history."""
+    from traverse.kinematics.arm_file.arm import arm_digest  # noqa: PLC0415 - quick help
+    from traverse.lab.campaign.campaign_file import read_campaign_file  # noqa: PLC0415
+    from traverse.lab.daily_check.figures import daily_check_figures  # noqa: PLC0415
+    from traverse.lab.daily_check.history import Check  # noqa: PLC0415
+    from traverse.lab.measured_points.certified_values import IncompleteError  # noqa: PLC0415
+    from traverse.lab.measured_points.reading import files_read, read_measured  # noqa: PLC0415
+
+    try:
+        figures = daily_check_figures(read_measured(folder, arm))
+    except IncompleteError as error:
+        typer.echo(f"traverse interim: {folder}: {error}", err=True)
+        raise typer.Exit(NO) from error
+    start = read_campaign_file(folder / "campaign.toml").start_utc
+    when = (start or datetime.now(UTC)).astimezone(UTC).replace(microsecond=0)
+    content = b"".join(path.read_bytes() for path in files_read(folder))
+    return Check(
+        when.isoformat().replace("+00:00", "Z"),
+        arm.name,
+        arm_digest(arm),
+        hashlib.sha256(content).hexdigest(),
+        begins,
+        figures,
+    )
+
+
+def _report(
+    checks: "list[Check]", arm: str, limits: Path | None, acceptance: Path | None
+) -> "DailyCheckReport":
+    from traverse.lab.acceptance.conformity.limits import NO_LIMITS, read_limits  # noqa: PLC0415
+    from traverse.lab.daily_check.report import (  # noqa: PLC0415 - quick help
+        read_certificate,
+        report_of,
+    )
+
+    permitted = NO_LIMITS if limits is None else read_limits(limits)
+    beside: dict[str, Any] | None = None
+    if acceptance is not None:
+        beside = read_certificate(acceptance, arm)
+    return report_of(checks, permitted, beside)
+
+
+def _tell(report: "DailyCheckReport", *, as_json: bool) -> None:
+    if as_json:
+        from traverse.lab.daily_check.report import report_values  # noqa: PLC0415
+
+        typer.echo(json.dumps(report_values(report), indent=1))
+        return
+    from traverse.cli.daily_check.view import report_lines  # noqa: PLC0415 - quick help
+
+    typer.echo("\n".join(report_lines(report)))

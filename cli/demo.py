@@ -1,0 +1,244 @@
+"""`traverse demo`: a whole measuring arm on this machine, nothing to configure.
+
+Starts the simulated arm and the daemon as programs of their own, follows them over
+MQTT like any client, and judges what it received against the certificates.
+"""
+
+import asyncio
+import contextlib
+import socket
+import sys
+import tempfile
+from collections.abc import AsyncIterator
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    import aiomqtt
+
+    from traverse.cli.demo_round import Round
+    from traverse.client.mqtt.address import BrokerAddress
+
+READY_S = 30.0
+PAGE_PORT = 8080
+STOP_S = 10.0
+ARM = "demo-7"
+
+
+class DemoError(Exception):
+    """The demonstration cannot go on; text says why."""
+
+
+def demo(
+    *,
+    once: Annotated[
+        bool, typer.Option("--once", help="End after one round of measurements.")
+    ] = False,
+    for_s: Annotated[
+        float | None,
+        typer.Option("--for", min=1.0, help="End after so many seconds."),
+    ] = None,
+    broker: Annotated[
+        str | None,
+        typer.Option(help="This MQTT broker, host or host:port, in place of an own."),
+    ] = None,
+    rate_hz: Annotated[
+        float,
+        typer.Option("--rate", min=1.0, max=10_000.0, help="Rate of the scan in Hz."),
+    ] = 1000.0,
+    page: Annotated[
+        bool, typer.Option(help="The page in a browser, too, if its extra is there.")
+    ] = True,
+) -> None:
+    """Watch a simulated arm measure a ball bar, a sphere and a cone.
+
+    Prints the points as they come, then length, form and spread beside the
+    certificates; without --once the operator's page shows the arm in a browser. Ends
+    on Ctrl-C, after --for seconds, or after one round with --once.
+    Exit status 3: the simulated arm or the broker did not start.
+    """
+    try:
+        _look_for_extra(with_broker=broker is None)
+        with_page = page and not once and find_spec("nicegui") is not None
+        asyncio.run(_demonstrate(once, for_s, broker, rate_hz, with_page=with_page))
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="--broker") from error
+    except DemoError as error:
+        typer.echo(str(error), err=True)
+        raise typer.Exit(3) from error
+
+
+def _look_for_extra(*, with_broker: bool) -> None:
+    """Say what is not installed before anything is started."""
+    for library in ("serial", "cobs", "mcap", *(("amqtt",) if with_broker else ())):
+        if find_spec(library) is None:
+            raise DemoError(
+                f"traverse demo needs {library}, which is not installed; install the "
+                "extra `demo`: pip install 'traverse-cmm[demo]'"
+            )
+
+
+async def _demonstrate(
+    once: bool,
+    for_s: float | None,
+    broker: str | None,
+    rate_hz: float,
+    *,
+    with_page: bool,
+) -> None:
+    from traverse.cli.demo_round import Round, write_files  # noqa: PLC0415
+    from traverse.client.cancel_tasks import end  # noqa: PLC0415
+    from traverse.client.mqtt.address import BrokerAddress  # noqa: PLC0415 - quick --help
+    from traverse.daemon.mqtt.embedded_broker import HOST, free_port  # noqa: PLC0415
+
+    port = free_port()
+    own = [] if broker else ["--embedded-broker", "--embedded-port", str(port)]
+    address = BrokerAddress.parse(broker) if broker else BrokerAddress(HOST, port)
+    measured = Round()
+    with tempfile.TemporaryDirectory(prefix="traverse-demo-") as name:
+        folder = Path(name)
+        write_files(folder, address.host, address.tcp_port)
+        simulator = ["simulate", "--config", str(folder / "simulator.toml")]
+        daemon = ["run", "--config", str(folder / "daemon.toml"), *own]
+        async with (
+            _program(folder / "simulator.log", *simulator) as hardware,
+            _programs_line(hardware, b"ready", folder / "simulator.log"),
+            _program(folder / "daemon.log", *daemon) as service,
+            contextlib.AsyncExitStack() as stack,
+        ):
+            if with_page:
+                shown = PAGE_PORT if _is_free(PAGE_PORT) else free_port()
+                where = ("--arm", ARM, "--broker", str(address))
+                options = ("page", *where, "--port", str(shown))
+                await stack.enter_async_context(_program(folder / "page.log", *options))
+                typer.echo(f"The operator's page: http://127.0.0.1:{shown}")
+            following = asyncio.create_task(_follow(address, measured, once, rate_hz))
+            ended = asyncio.create_task(service.wait())
+            try:
+                await asyncio.wait(
+                    (following, ended),
+                    timeout=for_s,
+                    return_when=asyncio.FIRST_COMPLETED,
+                )
+                if ended.done():
+                    log = folder / "daemon.log"
+                    raise DemoError(f"the daemon ended:\n{_said_in(log)}")
+                if following.done():
+                    following.result()
+            except asyncio.CancelledError:
+                pass  # Ctrl-C: what was measured is still worth telling
+            finally:
+                await end((following, ended))
+    typer.echo("")
+    for text in measured.summary():
+        typer.echo(text)
+
+
+def _is_free(port: int) -> bool:
+    """Whether nobody listens on a port of this machine."""
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) != 0
+
+
+@contextlib.asynccontextmanager
+async def _program(
+    log: Path, *arguments: str
+) -> AsyncIterator[asyncio.subprocess.Process]:
+    """Run a command of this program beside us; it ends with the block."""
+    with log.open("wb") as errors:
+        process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "traverse", *arguments),
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=errors,
+            start_new_session=True,  # Ctrl-C is ours to pass on
+        )
+    try:
+        yield process
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            process.terminate()
+        try:
+            async with asyncio.timeout(STOP_S):
+                await process.communicate()
+        except TimeoutError:
+            process.kill()
+            await process.communicate()
+
+
+@contextlib.asynccontextmanager
+async def _programs_line(
+    process: asyncio.subprocess.Process, beginning: bytes, log: Path
+) -> AsyncIterator[None]:
+    """Wait until the program has printed a line with this beginning."""
+    line = b""
+    if process.stdout is not None:
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(READY_S):
+                line = await process.stdout.readline()
+    if not line.startswith(beginning):
+        raise DemoError(f"the simulated arm did not start:\n{_said_in(log)}")
+    yield
+
+
+def _said_in(log: Path) -> str:
+    return log.read_text("utf-8", "replace")
+
+
+async def _follow(
+    broker: "BrokerAddress", measured: "Round", once: bool, rate_hz: float
+) -> None:
+    """Print and note what the arm says, until a round is complete."""
+    from traverse.cli.message_lines import line  # noqa: PLC0415
+    from traverse.client.mqtt.subscription import received, subscribe  # noqa: PLC0415
+    from traverse.protocol.encoding import encode  # noqa: PLC0415
+    from traverse.protocol.messages import Command, Event, Point, Scan, ScanArgs  # noqa: PLC0415
+    from traverse.protocol.topics import command_topic  # noqa: PLC0415
+
+    async with _patient_connection(broker) as client:
+        await subscribe(client, ARM, ("point", "scan", "event", "status"))
+        start = ScanArgs(action="start", rate_hz=rate_hz)
+        command = Command.carrying(start, request="demo-scan")
+        scanning = False
+        async for item in received(client):
+            message = item.message
+            if isinstance(message, Point):
+                on = measured.add_point(message, item.received_ns)
+                what = f"{on.artefact} {on.feature}".strip()
+                typer.echo(f"{line(item.arm, message)}   {what}")
+                if once and measured.rounds:
+                    return
+            elif isinstance(message, Scan):
+                measured.add_scan(message)
+            elif isinstance(message, Event) and message.severity != "info":
+                typer.echo(line(item.arm, message))
+            elif not scanning and message is not None:
+                scanning = True
+                topic = command_topic(ARM, "scan")
+                await client.publish(topic, encode(command, "msgpack"), qos=1)
+
+
+@contextlib.asynccontextmanager
+async def _patient_connection(
+    broker: "BrokerAddress",
+) -> "AsyncIterator[aiomqtt.Client]":
+    """A connection to a broker that may still be starting."""
+    import aiomqtt  # noqa: PLC0415
+
+    from traverse.client.mqtt.subscription import connection  # noqa: PLC0415
+
+    loop = asyncio.get_running_loop()
+    until = loop.time() + READY_S
+    async with contextlib.AsyncExitStack() as stack:
+        while True:
+            try:
+                client = await stack.enter_async_context(connection(broker))
+                break
+            except (aiomqtt.MqttError, OSError) as error:
+                if loop.time() > until:
+                    raise DemoError(f"broker {broker}: {error}") from error
+                await asyncio.sleep(0.1)
+        yield client

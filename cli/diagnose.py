@@ -1,0 +1,210 @@
+"""`traverse diagnose`: what the model of an arm lacks, from a campaign."""
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from traverse.cli.refusals import refusals, refuse
+
+if TYPE_CHECKING:
+    from traverse.kinematics.arm_file.arm import Arm
+    from traverse.lab.campaign.campaign import Campaign
+    from traverse.lab.diagnosis.model.options import DiagnosisOptions
+    from traverse.lab.diagnosis.model.result import Diagnosis
+    from traverse.lab.diagnosis.scans.scan_diagnosis import StreamDiagnosis
+
+NO = 1
+
+
+def diagnose(
+    campaign: Annotated[Path, typer.Argument(help="Folder with campaign.toml.")],
+    *,
+    arm: Annotated[
+        Path, typer.Option("--arm", help="Arm file: the design, or an identified arm.")
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Folder for the results; not with --plan."),
+    ] = None,
+    seed: Annotated[
+        int,
+        typer.Option(min=0, help="Of the split into poses and of the thresholds."),
+    ] = 1,
+    accept: Annotated[
+        bool, typer.Option("--accept", help="Write the adapted arm to ARM itself.")
+    ] = False,
+    accept_tentative: Annotated[
+        bool,
+        typer.Option(
+            "--accept-tentative", help="Tentative terms enter the adapted arm too."
+        ),
+    ] = False,
+    max_terms: Annotated[
+        int, typer.Option(min=1, max=10, help="Terms to add at most.")
+    ] = 4,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Exit status 1 if anything is missing.")
+    ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Report as JSON on standard output.")
+    ] = False,
+    plan: Annotated[
+        bool,
+        typer.Option(
+            "--plan",
+            help="Only say which effects this campaign could show, from which size on.",
+        ),
+    ] = False,
+) -> None:
+    """Find what the model of an arm lacks, name it, add it, show the gap shrink.
+
+    Writes arm.toml with the effects that were found, diagnosis.json,
+    discrepancies.csv, report.html and its pictures. Exit status 1: --strict and
+    something is missing, or the adjustment broke down.
+    """
+    with refusals("diagnose"):
+        if plan:
+            if accept or accept_tentative or out is not None:
+                refuse(
+                    "diagnose", "--plan writes nothing; leave out --out and --accept"
+                )
+            _plan(campaign, arm, as_json=as_json)
+            return
+        if out is None:
+            refuse(
+                "diagnose",
+                "--out missing: name a folder for the results, or give --plan",
+            )
+        from traverse.lab.diagnosis.model.options import DiagnosisOptions  # noqa: PLC0415
+
+        options = DiagnosisOptions(
+            seed=seed, most_terms=max_terms, accept_tentative=accept_tentative
+        )
+        result, stream = _diagnosed(campaign, arm, options)
+        lines = _written(result, arm, out, accept=accept)
+        if stream is not None:
+            lines = _with_stream(stream, lines, out)
+    if as_json:
+        from traverse.lab.diagnosis.report.files import diagnosis_json  # noqa: PLC0415
+
+        typer.echo(json.dumps(diagnosis_json(result), indent=1))
+    else:
+        typer.echo("\n".join(lines))
+    if strict and result.verdict != "clean":
+        raise typer.Exit(NO)
+
+
+def _diagnosed(
+    folder: Path, arm_file: Path, options: "DiagnosisOptions"
+) -> "tuple[Diagnosis, StreamDiagnosis | None]":
+    """Read, diagnose, and tell of it on a terminal."""
+    import numpy as np  # noqa: PLC0415
+
+    from traverse.lab.diagnosis.diagnose import diagnose as found_by  # noqa: PLC0415
+    from traverse.lab.diagnosis.scans.scan_diagnosis import diagnose_stream  # noqa: PLC0415
+    from traverse.lab.identification.identify import IdentificationError  # noqa: PLC0415
+
+    arm, campaign = _read(folder, arm_file)
+    progress = _Progress() if sys.stderr.isatty() else None
+    for note in campaign.notes:
+        typer.echo(f"{folder}: {note}", err=True)
+    try:
+        if campaign.is_stream:
+            stream = diagnose_stream(campaign, arm, options, progress)
+            return stream.diagnosis, stream
+        return found_by(campaign, arm, options, progress), None
+    except IdentificationError as error:
+        refuse("diagnose", str(error))
+    except np.linalg.LinAlgError as error:
+        typer.echo(
+            f"{folder}: the adjustment broke down ({error}); check units, signs and "
+            "zeros of the arm file, and the features of the poses; `traverse identify` "
+            "says more",
+            err=True,
+        )
+        raise typer.Exit(NO) from error
+    finally:
+        if progress is not None:
+            progress.close()
+
+
+def _written(
+    result: "Diagnosis", arm_file: Path, out: Path, *, accept: bool
+) -> list[str]:
+    """Write the results and say what there is."""
+    from traverse.lab.diagnosis.report import summary_lines  # noqa: PLC0415
+    from traverse.lab.diagnosis.report.adapted_arm import write_adapted  # noqa: PLC0415
+    from traverse.lab.diagnosis.report.files import write_diagnosis  # noqa: PLC0415
+
+    adapted = write_diagnosis(out, result, arm_file)
+    names = "arm.toml, diagnosis.json, discrepancies.csv, report.html, pictures"
+    lines = [*summary_lines(result), f"wrote {out}: {names}"]
+    if accept:
+        write_adapted(arm_file, adapted, arm_file)
+        lines.append(f"wrote {arm_file}: the adapted arm in place of the old one")
+    return lines
+
+
+def _with_stream(stream: "StreamDiagnosis", lines: list[str], out: Path) -> list[str]:
+    """Write what is special of a dense scan, and tell of it first."""
+    from traverse.lab.diagnosis.scans.figures import stream_json, stream_lines  # noqa: PLC0415
+
+    text = json.dumps(stream_json(stream), indent=1, allow_nan=False)
+    (out / "stream.json").write_text(text + "\n", encoding="utf-8")
+    return [*stream_lines(stream), *lines, f"wrote {out / 'stream.json'}"]
+
+
+class _Progress:
+    """Tells of each stage: one line that is written over."""
+
+    def __init__(self) -> None:
+        self._width = 0
+
+    def __call__(self, stage: str, part: float) -> None:
+        text = f"{100.0 * part:3.0f} % {stage}"
+        typer.echo(f"\r{text:<{self._width}}", nl=False, err=True)
+        self._width = max(self._width, len(text))
+
+    def close(self) -> None:
+        """Wipe the line."""
+        if self._width:
+            typer.echo(f"\r{'':<{self._width}}\r", nl=False, err=True)
+
+
+def _plan(folder: Path, arm_file: Path, *, as_json: bool) -> None:
+    """Say what a campaign could see; its measured misclosures are not looked at."""
+    from traverse.lab.diagnosis.advice.planned_campaign import planned  # noqa: PLC0415
+    from traverse.lab.diagnosis.report.detectable_table import (  # noqa: PLC0415
+        detectable_lines,
+    )
+    from traverse.lab.diagnosis.report.files import detectable_json  # noqa: PLC0415
+    from traverse.lab.diagnosis.scans.decimation import thinned  # noqa: PLC0415
+    from traverse.lab.identification.identify import IdentificationError  # noqa: PLC0415
+
+    arm, campaign = _read(folder, arm_file)
+    try:
+        if campaign.is_stream:
+            campaign, thinning = thinned(campaign, arm)
+            campaign = campaign.part(thinning.poses)
+        found = planned(campaign, arm)
+    except IdentificationError as error:
+        refuse("diagnose", str(error))
+    if as_json:
+        typer.echo(json.dumps({"detectable": detectable_json(found)}, indent=1))
+        return
+    typer.echo(
+        f"{arm.name}: what {len(campaign.poses)} poses could show, with a probability "
+        "of 95 %, in the worst phase or direction"
+    )
+    typer.echo("\n".join(detectable_lines(found)))
+
+
+def _read(folder: Path, arm_file: Path) -> "tuple[Arm, Campaign]":
+    from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
+    from traverse.lab.campaign.campaign import read_campaign  # noqa: PLC0415
+
+    arm = read_arm(arm_file)
+    return arm, read_campaign(folder, [joint.name for joint in arm.joints])

@@ -1,0 +1,76 @@
+"""Labelled points as a campaign that can be identified, and collected on."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from traverse.cli.export.file import selected_points
+from traverse.kinematics.arm_file.arm import read_arm
+from traverse.lab.campaign.campaign_file import read_campaign_file
+from traverse.lab.collection.collection import CollectedTouch, Collection, touch_of
+from traverse.lab.collection.targets import targets_of
+from traverse.protocol.messages import Point
+from traverse.strict_toml.writing import write_atomically
+
+
+def export_campaign(
+    source: Path, arm: Path, campaign: Path, folder: Path, session: str | None
+) -> dict[str, Any]:
+    """Write a campaign's folder; gives what is to be said about it.
+
+    Args:
+        source: of points with labels.
+        arm: file of the arm that took them.
+        campaign: campaign.toml with the artefacts; labels must name them.
+        folder: to be made, or empty.
+        session: only points of it, or None.
+
+    Raises:
+        ValueError: a file was refused, or a label names nothing of the campaign.
+        OSError: a file cannot be read or written.
+    """
+    file = read_campaign_file(campaign)
+    names = [joint.name for joint in read_arm(arm).joints]
+    if folder.exists() and any(folder.iterdir()):
+        raise ValueError(f"{folder} is not empty; name another with --out")
+    folder.mkdir(parents=True, exist_ok=True)
+    write_atomically(folder / "campaign.toml", campaign.read_text("utf-8"))
+    collection = Collection(file, folder, names, targets_of(file, 1))
+    left_out: list[str] = []
+    points = selected_points(source, session, retracted=False)
+    collection.take_all(_touches(collection, points, left_out))
+    poses = len(collection.touches)
+    return {"folder": str(folder), "poses": poses, "left_out": left_out}
+
+
+def campaign_words(report: dict[str, Any]) -> list[str]:
+    """What `export_campaign` did, for people."""
+    said = [f"{report['folder']}: {report['poses']} poses"]
+    if left_out := report["left_out"]:
+        said.append(f"{len(left_out)} points are left out, the first: {left_out[0]}")
+    return said
+
+
+def _touches(
+    collection: Collection, points: Iterator[Point], left_out: list[str]
+) -> Iterator[CollectedTouch]:
+    n_joints = len(collection.joint_names)
+    for point in points:
+        label = point.label
+        name = f"point {point.seq} of session {point.session}"
+        if label.artefact is None:
+            left_out.append(f"{name} has no label")
+            continue
+        target = collection.target(label.artefact, label.feature or "")
+        if target is None:
+            touched = f"{label.artefact} {label.feature or ''}".strip()
+            raise ValueError(
+                f"{name} is labelled {touched!r}, which is not in the campaign; there "
+                "are: " + ", ".join(str(t) for t in collection.targets)
+            )
+        if len(point.angles_rad) != n_joints:
+            raise ValueError(
+                f"{name} has {len(point.angles_rad)} angles, but the arm has "
+                f"{n_joints} joints; give the arm file that it was taken with"
+            )
+        yield touch_of(point, target, None, None)

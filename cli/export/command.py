@@ -1,0 +1,111 @@
+"""`traverse export`: points and scans as files that other software reads."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from traverse.cli.refusals import REFUSED, missing_library, refuse
+
+KINDS = ("points", "scans")
+
+
+def export(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            help="A recording (.mcap), an outbox (.db), or points (.jsonl)."
+        ),
+    ],
+    *,
+    to: Annotated[
+        str, typer.Option(help="csv, jsonl, npz, parquet, ply, text, xyz or campaign.")
+    ] = "csv",
+    out: Annotated[
+        Path | None,
+        typer.Option(help="File to write (campaign: folder); else SOURCE's name."),
+    ] = None,
+    kind: Annotated[
+        str, typer.Option(help="What of a recording: points, or scans.")
+    ] = "points",
+    coordinates: Annotated[
+        str, typer.Option(help="centre (of the ball), surface, or part.")
+    ] = "centre",
+    session: Annotated[
+        str | None, typer.Option(help="Only points of this session.")
+    ] = None,
+    filters: Annotated[
+        Path | None,
+        typer.Option(
+            help="TOML file with [[filters]], as [[scan.filters]] of a daemon."
+        ),
+    ] = None,
+    template: Annotated[
+        str, typer.Option(help="With --to text: such as '{seq};{x_mm:.3f}\\n'.")
+    ] = "",
+    arm: Annotated[
+        Path | None, typer.Option(help="With --to campaign: the arm file.")
+    ] = None,
+    campaign: Annotated[
+        Path | None, typer.Option(help="With --to campaign: a campaign.toml.")
+    ] = None,
+    retracted: Annotated[
+        bool,
+        typer.Option("--retracted", help="Retracted points and retractions, too."),
+    ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Report as JSON on standard output.")
+    ] = False,
+) -> None:
+    """Turn points, or the scans of a recording, into a file.
+
+    Points that were taken back are left out unless --retracted is given. The file
+    appears whole or not at all. Exit status 2: a file or an option was refused.
+    """
+    from traverse.cli.export.campaign import (  # noqa: PLC0415
+        campaign_words,
+        export_campaign,
+    )
+    from traverse.cli.export.file import (  # noqa: PLC0415
+        Wanted,
+        file_words,
+        write_file,
+    )
+    from traverse.client.exports.formats import FORMATS  # noqa: PLC0415 - keeps --help quick
+    from traverse.client.exports.point_table import COORDINATES  # noqa: PLC0415
+
+    for name, value, known in (
+        ("--to", to, (*FORMATS, "campaign")),
+        ("--kind", kind, KINDS),
+        ("--coordinates", coordinates, COORDINATES),
+    ):
+        if value not in known:
+            refuse("export", f"{name} {value}: one of {', '.join(known)}")
+    try:
+        if to == "campaign":
+            if arm is None or campaign is None:
+                refuse("export", "--to campaign needs --arm and --campaign")
+            folder = out or source.with_suffix("")
+            report = export_campaign(source, arm, campaign, folder, session)
+            said = campaign_words(report)
+        else:
+            path = out or source.with_suffix(f".{'txt' if to == 'text' else to}")
+            if path.exists() and path.samefile(source):
+                refuse("export", f"{path} is the source; name another with --out")
+            coordinate = next(c for c in COORDINATES if c == coordinates)
+            wanted = Wanted(to, kind, coordinate, session, filters, template, retracted)
+            report = write_file(source, path, wanted)
+            said = file_words(source, report)
+    except (ValueError, OSError) as error:
+        refuse("export", str(error))
+    except ModuleNotFoundError as error:
+        told = missing_library("export", error)
+        if told is None:
+            raise
+        typer.echo(told, err=True)
+        raise typer.Exit(REFUSED) from error
+    if as_json:
+        typer.echo(json.dumps(report, indent=1))
+    else:
+        typer.echo("\n".join(said), err=True)

@@ -1,0 +1,187 @@
+"""One file out of a source: points or scans, filtered, whole or not at all."""
+
+import contextlib
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from traverse.cli.export.sources import PIECE, points_of, scans_of, tear_of
+from traverse.client.exports.formats import FORMATS
+from traverse.client.exports.point_table import Coordinates, PointTable
+from traverse.client.exports.sink import Sink
+from traverse.daemon.config.filters import AnyFilter, filter_chain
+from traverse.kinematics.arm_file.arm import StrictModel, read_strict
+from traverse.kinematics.filters import FilterChain, PointBlock
+from traverse.protocol.messages import Point, QualityFlag
+
+BITS = {flag.name.lower(): flag.value for flag in QualityFlag if flag.name}
+
+
+class FiltersFile(StrictModel):
+    """A file of filters."""
+
+    filters: tuple[AnyFilter, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What is to be written."""
+
+    to: str
+    kind: str
+    coordinates: Coordinates
+    session: str | None
+    filters: Path | None
+    template: str
+    retracted: bool
+
+
+def write_file(source: Path, path: Path, wanted: Wanted) -> dict[str, Any]:
+    """Write a file; gives what is to be said about it.
+
+    Raises:
+        ValueError: source, filters or options do not go together.
+        OSError: a file cannot be read or written.
+    """
+    chain = None
+    if wanted.filters is not None:
+        chain = filter_chain(read_strict(wanted.filters, FiltersFile).filters)
+        if chain.interpolates and wanted.kind == "points":
+            raise ValueError(
+                f"{wanted.filters}: sections make points between samples; they go "
+                "with --kind scans"
+            )
+    options: dict[str, Any] = {"coordinates": wanted.coordinates}
+    if wanted.to == "text":
+        options["template"] = wanted.template
+    elif wanted.template:
+        raise ValueError("--template goes with --to text")
+    with _whole(path) as partial, partial.open("w+b") as file:
+        with FORMATS[wanted.to](file, **options) as sink:
+            if wanted.kind == "scans":
+                _write_scans(source, sink, chain, wanted)
+            else:
+                _write_points(source, sink, chain, wanted)
+        n = sink.n
+        file.flush()
+        os.fsync(file.fileno())
+    passed = [] if chain is None else zip(chain.filters, chain.removed, strict=True)
+    return {
+        "file": str(path),
+        "kind": wanted.kind,
+        "points": n,
+        "held_back": [
+            {"filter": one.kind, "points": removed}
+            for one, removed in passed
+            if not one.interpolates
+        ],
+        "tear": tear_of(source),
+    }
+
+
+def file_words(source: Path, report: dict[str, Any]) -> list[str]:
+    """What `write_file` did, for people."""
+    what = "points of scans" if report["kind"] == "scans" else "points"
+    said = [f"{report['file']}: {report['points']} {what}"]
+    said += [
+        f"filter {one['filter']}: {one['points']} held back"
+        for one in report["held_back"]
+    ]
+    if report["tear"] is not None:
+        said.append(f"{source}: read up to a tear: {report['tear']}")
+    return said
+
+
+def selected_points(
+    source: Path, session: str | None, *, retracted: bool
+) -> Iterator[Point]:
+    """Points of a source; without those that were taken back, unless wanted."""
+    gone: set[str] = set()
+    if not retracted:
+        # They are known only when all has been read: once for them, once for points.
+        gone = {p.retracts for p in points_of(source) if p.retracts is not None}
+    for point in points_of(source):
+        if session is not None and point.session != session:
+            continue
+        if retracted or (point.retracts is None and point.id not in gone):
+            yield point
+
+
+def _write_points(
+    source: Path, sink: Sink, chain: FilterChain | None, wanted: Wanted
+) -> None:
+    chosen = selected_points(source, wanted.session, retracted=wanted.retracted)
+    for piece in _pieces(chosen):
+        sink.points(piece if chain is None else _passing(piece, chain))
+
+
+def _pieces(points: Iterator[Point]) -> Iterator[list[Point]]:
+    piece: list[Point] = []
+    for point in points:
+        piece.append(point)
+        if len(piece) == PIECE:
+            yield piece
+            piece = []
+    yield piece
+
+
+def _passing(points: Sequence[Point], chain: FilterChain) -> list[Point]:
+    n = len(points)
+    bits = [sum(BITS.get(flag, 0) for flag in p.quality.flags) for p in points]
+    block = PointBlock(
+        np.arange(n),
+        np.array([p.time_ns for p in points], dtype=np.int64),
+        np.array([p.xyz_mm for p in points], dtype=np.float64).reshape(n, 3),
+        np.array([p.ijk for p in points], dtype=np.float64).reshape(n, 3),
+        np.zeros((n, 0)),
+        np.zeros((n, 0), dtype=np.int64),
+        np.array(bits, dtype=np.uint32),
+    )
+    return [points[row] for row in chain.apply(block).seq.tolist()]
+
+
+def _write_scans(
+    source: Path, sink: Sink, chain: FilterChain | None, wanted: Wanted
+) -> None:
+    if wanted.coordinates != "centre":
+        raise ValueError("scans of a recording have --coordinates centre only")
+    for _, table in scans_of(source):
+        sink.table(table if chain is None else _filtered(table, chain))
+
+
+def _filtered(table: PointTable, chain: FilterChain) -> PointTable:
+    n = len(table)
+    block = PointBlock(
+        table.seq,
+        table.time_ns,
+        table.xyz_mm,
+        table.ijk,
+        np.zeros((n, 0)),
+        np.zeros((n, 0), dtype=np.int64),
+        table.quality,
+    )
+    passed = chain.apply(block)
+    return replace(
+        table,
+        seq=passed.seq,
+        time_ns=passed.time_ns,
+        xyz_mm=passed.xyz_mm,
+        ijk=passed.ijk,
+        quality=passed.quality,
+        std_mm=np.full((len(passed), 3), np.nan),
+    )
+
+
+@contextlib.contextmanager
+def _whole(path: Path) -> Iterator[Path]:
+    """A file beside the wanted one, which takes its place when all went well."""
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        yield partial
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)

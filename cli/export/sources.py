@@ -1,0 +1,109 @@
+"""Where points and scans come from: outboxes, recordings, lines of JSON."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.cli.points.resend import LAST
+from traverse.client.exports.point_table import PointTable
+from traverse.daemon.store.queries import iter_messages, open_read_only, read_sessions
+from traverse.daemon.store.records import StoreRefusedError
+from traverse.protocol.encoding import decode
+from traverse.protocol.message_error import MessageError
+from traverse.protocol.messages import Point
+from traverse.recording.run_reader import RunReader
+from traverse.recording.views import bytes_to_timed_cloud
+
+SQLITE = b"SQLite format 3\x00"
+MCAP = b"\x89MCAP0\r\n"
+PIECE = 5000
+
+
+def points_of(source: Path) -> Iterator[Point]:
+    """All points and retractions of a file, in their order.
+
+    Raises:
+        ValueError: it is no such file, or a point in it cannot be read.
+        OSError: it cannot be read.
+    """
+    with source.open("rb") as file:
+        head = file.read(16)
+    if head == SQLITE:
+        yield from _of_outbox(source)
+    elif head.startswith(MCAP):
+        with RunReader(source) as run:
+            for entry in run:
+                if entry.topic == "point":
+                    yield Point.model_validate_json(entry.content)
+    elif head[:1] == b"{":
+        yield from _of_lines(source)
+    else:
+        raise ValueError(
+            f"{source}: is no recording (MCAP), no outbox (SQLite) and no points in "
+            "JSON lines"
+        )
+
+
+def scans_of(source: Path) -> Iterator[tuple[str, PointTable]]:
+    """Blocks of all scans of a recording, with the scan's id.
+
+    Raises:
+        ValueError: it is no recording.
+        OSError: it cannot be read.
+    """
+    with RunReader(source) as run:
+        for entry in run:
+            if entry.topic == "cloud":
+                scan, time_ns, cloud = bytes_to_timed_cloud(entry.content)
+                yield scan, _table(time_ns, cloud)
+
+
+def tear_of(source: Path) -> str | None:
+    """Why a recording ends before its file does; None of others and of whole ones."""
+    with source.open("rb") as file:
+        if not file.read(len(MCAP)).startswith(MCAP):
+            return None
+    with RunReader(source) as run:
+        for _ in run:
+            pass
+        return run.tear
+
+
+def _table(time_ns: int, cloud: NDArray[np.void]) -> PointTable:
+    after_ns = np.rint(cloud["after_s"] * 1e9).astype(np.int64)
+    return PointTable(
+        cloud["number"].astype(np.int64),
+        time_ns + after_ns,
+        np.stack([cloud[f"{axis}_mm"] for axis in "xyz"], axis=1),
+        np.stack([cloud[axis] for axis in "ijk"], axis=1),
+        np.full((len(cloud), 3), np.nan),
+        cloud["quality"].astype(np.uint32),
+    )
+
+
+def _of_outbox(source: Path) -> Iterator[Point]:
+    try:
+        connection = open_read_only(source)
+    except StoreRefusedError as error:
+        raise ValueError(str(error)) from error
+    try:
+        for session in read_sessions(connection, LAST):
+            for held in iter_messages(connection, session.session, 0, LAST):
+                yield decode(Point, held.payload, held.encoding)
+    except MessageError as error:
+        raise ValueError(f"{source}: {error}") from error
+    finally:
+        connection.close()
+
+
+def _of_lines(source: Path) -> Iterator[Point]:
+    with source.open("rb") as file:
+        for number, line in enumerate(file, start=1):
+            if not line.strip():
+                continue
+            try:
+                yield decode(Point, line.strip(), "json")
+            except MessageError as error:
+                raise ValueError(f"{source}, line {number}: {error}") from error

@@ -1,0 +1,208 @@
+"""`traverse identify`: an arm from a campaign, and two results compared."""
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from traverse.cli.refusals import refusals, refuse
+
+if TYPE_CHECKING:
+    from traverse.kinematics.arm_file.arm import Arm
+    from traverse.lab.campaign.campaign import Campaign
+    from traverse.lab.identification.identify import Options
+    from traverse.lab.identification.results.result import Identification
+    from traverse.lab.identification.solve.adjustment import Iteration
+
+NO = 1
+
+
+def identify(
+    campaign: Annotated[
+        Path | None, typer.Argument(help="Folder with campaign.toml.")
+    ] = None,
+    *,
+    arm: Annotated[
+        Path | None,
+        typer.Option("--arm", help="Arm file: the design, or an earlier result."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder for the results.")
+    ] = None,
+    hold: Annotated[
+        list[str] | None,
+        typer.Option(help="Hold parameters at their values, e.g. 'J7.*'. Repeatable."),
+    ] = None,
+    free: Annotated[
+        list[str] | None,
+        typer.Option(help="Free parameters, e.g. 'probe.vector.*'. Repeatable."),
+    ] = None,
+    masks: Annotated[
+        Path | None,
+        typer.Option(help="File with patterns to hold and to free, TOML."),
+    ] = None,
+    strict: Annotated[
+        bool,
+        typer.Option("--strict", help="Exit status 1 if anything is undetermined."),
+    ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Report as JSON on standard output.")
+    ] = False,
+    compare: Annotated[
+        tuple[Path, Path] | None,
+        typer.Option(
+            metavar="A B",
+            help="Compare two arm files or folders of results at the probe instead.",
+        ),
+    ] = None,
+) -> None:
+    """Find an arm's geometry from a campaign, by least squares.
+
+    Writes arm.toml, its covariance, identification.json, residuals.csv and report.html.
+    Exit status 1: no convergence, or --strict and something is undetermined.
+    """
+    with refusals("identify"):
+        if compare is not None:
+            _compare(*compare, campaign, as_json=as_json)
+            return
+        missing = [
+            name
+            for name, value in (("CAMPAIGN", campaign), ("--arm", arm), ("--out", out))
+            if value is None
+        ]
+        if campaign is None or arm is None or out is None:
+            refuse("identify", f"{', '.join(missing)} missing; or give --compare A B")
+        options = _options(hold or [], free or [], masks)
+        result = _identified(campaign, arm, options)
+        lines = _written(result, out)
+    undetermined = bool(result.undetermined)
+    if as_json:
+        from traverse.lab.identification.results.files import identification_json  # noqa: PLC0415
+
+        typer.echo(json.dumps(identification_json(result), indent=1))
+    else:
+        typer.echo("\n".join(lines))
+    if not result.converged or (strict and undetermined):
+        raise typer.Exit(NO)
+
+
+def _options(hold: list[str], free: list[str], masks: Path | None) -> "Options":
+    """The masks of the command line, and of a file."""
+    from traverse.lab.identification.mask_file import read_masks  # noqa: PLC0415
+    from traverse.lab.identification.solve.options import Options  # noqa: PLC0415
+
+    if masks is not None:
+        found = read_masks(masks)
+        hold, free = [*hold, *found.hold], [*free, *found.free]
+    return Options(hold=tuple(hold), free=tuple(free))
+
+
+def _identified(folder: Path, arm_file: Path, options: "Options") -> "Identification":
+    """Read, adjust, and tell of it on a terminal."""
+    import numpy as np  # noqa: PLC0415
+
+    from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
+    from traverse.lab.identification.identify import (  # noqa: PLC0415
+        IdentificationError,
+        identify,
+    )
+
+    arm = read_arm(arm_file)
+    campaign = _campaign(folder, arm)
+    progress = _Progress(campaign) if sys.stderr.isatty() else None
+    try:
+        return identify(campaign, arm, options, progress)
+    except IdentificationError as error:
+        refuse("identify", str(error))
+    except np.linalg.LinAlgError as error:
+        typer.echo(
+            f"{folder}: the adjustment broke down ({error}); check units, signs and "
+            "zeros of the arm file, and the features of the poses",
+            err=True,
+        )
+        raise typer.Exit(NO) from error
+
+
+def _written(result: "Identification", out: Path) -> list[str]:
+    """Write the results and say what there is."""
+    from traverse.lab.identification.report import (  # noqa: PLC0415
+        summary_lines,
+        write_report,
+    )
+    from traverse.lab.identification.report.page import result_map  # noqa: PLC0415
+    from traverse.lab.identification.results.files import (  # noqa: PLC0415
+        identification_json,
+        write_result,
+    )
+    from traverse.strict_toml.writing import write_atomically  # noqa: PLC0415
+
+    found = result_map(result)
+    lines = summary_lines(result, found)
+    if not result.converged:
+        # An arm file of it might be measured with.
+        out.mkdir(parents=True, exist_ok=True)
+        text = json.dumps(identification_json(result), indent=1) + "\n"
+        write_atomically(out / "identification.json", text)
+        write_report(result, found, out / "report.html")
+        return [*lines, f"wrote {out}: identification.json, report.html; no arm.toml"]
+    write_result(result, out)
+    write_report(result, found, out / "report.html")
+    names = "arm.toml, arm.cov.npz, identification.json, residuals.csv, report.html"
+    return [*lines, f"wrote {out}: {names}"]
+
+
+class _Progress:
+    """Tells of every iteration, a line each."""
+
+    def __init__(self, campaign: "Campaign") -> None:
+        rows = [artefact.rows_per_pose for artefact in campaign.artefacts]
+        self._n_rows = sum(rows[at] for at in campaign.poses.artefacts.tolist())
+        self._n_told = 0
+
+    def __call__(self, iteration: "Iteration") -> None:
+        self._n_told += 1
+        misfit = (iteration.sum_of_squares / self._n_rows) ** 0.5
+        shortened = "" if iteration.fraction == 1.0 else f" x {iteration.fraction:.3g}"
+        typer.echo(
+            f"iteration {self._n_told:3d}: misfit {misfit:.4g} sigma, "
+            f"{iteration.rms_mm:.4g} mm rms, "
+            f"step {iteration.step:.3g} sigma{shortened}, "
+            f"{iteration.n_determined} directions determined",
+            err=True,
+        )
+
+
+def _compare(first: Path, second: Path, folder: Path | None, *, as_json: bool) -> None:
+    """Compare two arms at the probe, within a campaign's ranges if there is one."""
+    from traverse.cli.identify.comparison import (  # noqa: PLC0415
+        comparison_lines,
+        comparison_values,
+    )
+    from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
+    from traverse.lab.identification.results.arm_comparison import (  # noqa: PLC0415
+        ComparisonError,
+        compare_arms,
+    )
+
+    files = [path / "arm.toml" if path.is_dir() else path for path in (first, second)]
+    arms = [read_arm(file) for file in files]
+    ranges = None
+    if folder is not None:
+        angles_rad = _campaign(folder, arms[0]).poses.angles_rad
+        ranges = (angles_rad.min(axis=0), angles_rad.max(axis=0))
+    try:
+        found = compare_arms(arms[0], arms[1], ranges)
+    except ComparisonError as error:
+        refuse("identify", str(error))
+    values = comparison_values(files, arms, found)
+    typer.echo(
+        json.dumps(values, indent=1) if as_json else "\n".join(comparison_lines(values))
+    )
+
+
+def _campaign(folder: Path, arm: "Arm") -> "Campaign":
+    from traverse.lab.campaign.campaign import read_campaign  # noqa: PLC0415
+
+    return read_campaign(folder, [joint.name for joint in arm.joints])

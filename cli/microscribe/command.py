@@ -1,0 +1,147 @@
+"""`traverse microscribe`: from an arm that knows its geometry to a running daemon."""
+
+import json
+import re
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from traverse.cli.refusals import refusals, refuse
+
+UNREACHABLE = 3
+CONFIGURATION = """\
+# Made by `traverse microscribe arm-file` of {name}. Measure with
+#     traverse run --config {file} --embedded-broker
+# or with a broker of your own.
+
+[arm]
+file = {arm}
+
+[broker]
+host = "localhost"
+
+[[device]]
+id = {device}
+driver = "microscribe"
+port = {port}
+baud_rate = {baud_rate}
+
+[capture]
+inputs = [
+    {{ source = "{id}/0", trigger = "button" }},  # the right pedal
+    {{ source = "{id}/1", trigger = "button" }},  # the left one
+]
+"""
+
+microscribe = typer.Typer(
+    help="MicroScribe arms: an arm file of what the arm says of itself. "
+    "The daemon must not be using the port.",
+    no_args_is_help=True,
+)
+
+
+@microscribe.callback()
+def _group() -> None:
+    """MicroScribe arms."""
+
+
+@microscribe.command("arm-file")
+def arm_file(
+    port: Annotated[str, typer.Option("--port", help="Serial port of the arm.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="The arm file to write.")],
+    *,
+    baud_rate: Annotated[
+        int | None, typer.Option("--baud-rate", help="Try this one only; default all.")
+    ] = None,
+    name: Annotated[
+        str | None, typer.Option(help="Name of the arm; default what it says.")
+    ] = None,
+    device: Annotated[
+        str, typer.Option(help="Its id in the daemon's configuration.")
+    ] = "microscribe",
+    radius_mm: Annotated[
+        float, typer.Option("--radius-mm", min=0.0, help="Of the ball; 0 for a point.")
+    ] = 0.0,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace files that exist.")
+    ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Report as JSON on standard output.")
+    ] = False,
+) -> None:
+    """Write an arm file and, beside it, `traverse.toml` to measure with at once.
+
+    The arm stands in its home position while it is switched on. Exit status 2 if what
+    it says makes no arm file, or a file exists already; 3 if it does not answer.
+    """
+    from traverse.cli.microscribe.arm_values import arm_from_microscribe  # noqa: PLC0415
+    from traverse.cli.microscribe.inquiry import query_microscribe  # noqa: PLC0415
+    from traverse.drivers.base.values import DeviceError  # noqa: PLC0415 - keeps --help quick
+    from traverse.kinematics.arm_file.arm import write_arm  # noqa: PLC0415
+    from traverse.strict_toml.writing import write_atomically  # noqa: PLC0415
+
+    config = out.with_name("traverse.toml")
+    _check_names(out, config, baud_rate, device, force=force)
+    with refusals("microscribe arm-file"):
+        try:
+            said, told = query_microscribe(port, baud_rate, name)
+        except DeviceError as error:
+            typer.echo(f"{error}; {error.remedy}", err=True)
+            raise typer.Exit(UNREACHABLE) from error
+        arm = arm_from_microscribe(told, device, radius_mm)
+        text = CONFIGURATION.format(
+            name=said.name,
+            file=config.name,
+            arm=json.dumps(out.name),
+            device=json.dumps(device),
+            port=json.dumps(port),
+            baud_rate=said.baud_rate,
+            id=device,
+        )
+        write_arm(out, arm)
+        write_atomically(config, text)
+    report = {
+        "arm_file": str(out),
+        "configuration": str(config),
+        "arm": arm.name,
+        "says": {
+            "box": said.box,
+            "product": said.product,
+            "model": said.model,
+            "serial": said.serial,
+            "version": said.version,
+        },
+        "protocol": said.framing.name,
+        "baud_rate": said.baud_rate,
+        "counts_per_turn": list(said.moduli),
+        "beta_rad": told.kinematics.beta_rad,
+    }
+    if as_json:
+        typer.echo(json.dumps(report, indent=1))
+        return
+    typer.echo(f"{said.name}, {said.framing.name} at {said.baud_rate} baud")
+    typer.echo(f"{out}: arm {arm.name} with {len(arm.joints)} joints")
+    typer.echo(f"{config}: measure with")
+    typer.echo(f"    traverse run --config {config} --embedded-broker")
+
+
+def _check_names(
+    out: Path, config: Path, baud_rate: int | None, device: str, *, force: bool
+) -> None:
+    """Refuse what could only fail later, before the arm is asked."""
+    from traverse.drivers.microscribe.session import BAUD_RATES  # noqa: PLC0415
+
+    command = "microscribe arm-file"
+    if baud_rate is not None and baud_rate not in BAUD_RATES:
+        rates = ", ".join(map(str, sorted(BAUD_RATES)))
+        refuse(command, f"--baud-rate {baud_rate}: expected one of {rates}")
+    if not re.fullmatch(r"[A-Za-z0-9_-]+", device):
+        refuse(command, f"--device {device!r}: expected letters, digits, _ and -")
+    if out.name == config.name:
+        refuse(command, f"--out {out}: the configuration beside it has this name")
+    if not out.parent.is_dir():
+        refuse(command, f"--out {out}: there is no folder {out.parent}; make it")
+    for path in (out, config):
+        if path.exists() and not force:
+            refuse(command, f"{path} exists; choose another folder, or add --force")

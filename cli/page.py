@@ -1,0 +1,104 @@
+"""`traverse page`: the operator's page in a browser."""
+
+import asyncio
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from traverse.cli.broker_options import BrokerOptions, with_broker
+
+if TYPE_CHECKING:
+    from traverse.client.mqtt.address import BrokerAddress
+
+LOOPBACK = ("127.0.0.1", "::1", "localhost")
+FIND_S = 5.0
+
+
+@with_broker
+def page(
+    *,
+    arm: Annotated[
+        str | None,
+        typer.Option(help="Name of the arm; without it the only one on the broker."),
+    ] = None,
+    broker: BrokerOptions,
+    host: Annotated[
+        str, typer.Option(help="Address to listen on; beyond this machine see below.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Port to listen on.")] = (
+        8080
+    ),
+    token_file: Annotated[
+        Path | None, typer.Option(help="File with the token that visitors must know.")
+    ] = None,
+    certificate: Annotated[
+        Path | None, typer.Option(help="Certificate of this page, PEM.")
+    ] = None,
+    key: Annotated[Path | None, typer.Option(help="Its key, PEM.")] = None,
+    show: Annotated[bool, typer.Option("--show", help="Open a browser.")] = False,
+) -> None:
+    """Show an arm in a browser: read-out, 3D view, points, scans, health.
+
+    Knows the arm through MQTT alone, so it runs on any machine. Listens on this machine
+    only; with another --host it wants --token-file, --certificate and --key, and
+    refuses to start without. Exit status 2: an option was refused; 3: the broker could
+    not be reached, or no arm was found there.
+    """
+    try:
+        # Imported when needed: keeps --help quick.
+        from traverse.client.display.follower import Follower  # noqa: PLC0415
+        from traverse.client.exports.formats import points_as  # noqa: PLC0415
+        from traverse.client.page.access import read_token  # noqa: PLC0415
+        from traverse.client.page.server import serve  # noqa: PLC0415
+    except ModuleNotFoundError as error:
+        typer.echo(
+            f"{error.name} is missing: pip install 'traverse-cmm[page]'", err=True
+        )
+        raise typer.Exit(2) from error
+    beyond = host not in LOOPBACK
+    if beyond and None in (token_file, certificate, key):
+        raise typer.BadParameter(
+            f"{host} can be reached from elsewhere: give --token-file, --certificate "
+            "and --key, or listen on 127.0.0.1",
+            param_hint="--host",
+        )
+    address = broker.address("page")
+    try:
+        token = None if token_file is None else read_token(token_file)
+        for file in (certificate, key):
+            if file is not None:
+                file.read_bytes()
+    except (OSError, ValueError) as error:
+        typer.echo(str(error), err=True)
+        raise typer.Exit(2) from error
+    name = arm or _only_arm(address)
+    scheme = "http" if certificate is None else "https"
+    typer.echo(f"{name} on {address}: {scheme}://{host}:{port}")
+    serve(
+        Follower(name, address),
+        points_as,
+        host=host,
+        port=port,
+        token=token,
+        certificate=certificate,
+        key=key,
+        show=show,
+    )
+
+
+def _only_arm(address: "BrokerAddress") -> str:
+    """The one arm that has said something to a broker."""
+    from traverse.client.errors import BrokerUnreachableError  # noqa: PLC0415
+    from traverse.client.mqtt.discovery import find_arms  # noqa: PLC0415
+
+    try:
+        arms = asyncio.run(find_arms(address, FIND_S))
+    except BrokerUnreachableError as error:
+        typer.echo(str(error), err=True)
+        raise typer.Exit(3) from error
+    if len(arms) != 1:
+        told = f"there are {', '.join(arms)}" if arms else "there is none yet"
+        typer.echo(f"which arm? {told} on {address}; name it with --arm", err=True)
+        raise typer.Exit(2 if arms else 3)
+    return arms[0]

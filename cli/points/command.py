@@ -1,0 +1,166 @@
+"""`traverse points`: what a daemon keeps on its disk."""
+
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Annotated
+
+import typer
+
+from traverse.cli.points.resend import LAST, FromOption, ToOption, resend
+from traverse.cli.refusals import refuse
+
+if TYPE_CHECKING:
+    from sqlite3 import Connection
+
+DbOption = Annotated[Path | None, typer.Option("--db", help="The outbox's file.")]
+ConfigOption = Annotated[
+    Path | None,
+    typer.Option("--config", help="The daemon's configuration, beside its state."),
+]
+
+points = typer.Typer(help="Points that a daemon keeps on disk.", no_args_is_help=True)
+points.command("resend")(resend)
+
+
+@points.callback()
+def _group() -> None:
+    """Points that a daemon keeps on disk."""
+
+
+@points.command("list")
+def list_points(
+    *,
+    db: DbOption = None,
+    config: ConfigOption = None,
+    session: Annotated[
+        str | None, typer.Option(help="List its points, not the sessions.")
+    ] = None,
+    from_seq: FromOption = 0,
+    to_seq: ToOption = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One object a line.")] = False,
+) -> None:
+    """List sessions, or the points of one; beside a running daemon or without one.
+
+    Exit status 2: the file cannot be read, or has no such session.
+    """
+    from traverse.cli.points.lines import point_line, session_line  # noqa: PLC0415
+    from traverse.daemon.store.queries import (  # noqa: PLC0415 - keeps --help quick
+        counts_of,
+        iter_messages,
+        read_sessions,
+    )
+
+    command = "points list"
+    with _opened(command, db, config) as connection:
+        if session is None:
+            for one in read_sessions(connection, LAST):
+                n, unsent = counts_of(connection, one.session)
+                typer.echo(session_line(one, n, unsent, as_json=as_json))
+            return
+        _check(command, connection, session)
+        last = LAST if to_seq is None else to_seq
+        for message in iter_messages(connection, session, from_seq, last):
+            typer.echo(point_line(message, as_json=as_json))
+
+
+@points.command("export")
+def export(
+    *,
+    db: DbOption = None,
+    config: ConfigOption = None,
+    session: Annotated[
+        str | None, typer.Option(help="Only this one; else all, oldest first.")
+    ] = None,
+    from_seq: FromOption = 0,
+    to_seq: ToOption = None,
+    as_format: Annotated[
+        str, typer.Option("--format", help="csv, or jsonl: one message a line.")
+    ] = "csv",
+    out: Annotated[
+        Path | None, typer.Option(help="File to write; else standard output.")
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="With --out: report as JSON.")
+    ] = False,
+) -> None:
+    """Write points with all that is known of them; retractions are rows, too.
+
+    Exit status 1: some could not be read; 2: the file cannot be read or written.
+    """
+    from traverse.cli.points.export import FORMATS, write_points  # noqa: PLC0415
+    from traverse.daemon.store.queries import iter_messages, read_sessions  # noqa: PLC0415
+
+    command = "points export"
+    if as_format not in FORMATS:
+        refuse(command, f"--format {as_format}: one of {', '.join(FORMATS)}")
+    if as_json and out is None:
+        refuse(command, "--json needs --out; without it --format jsonl is JSON")
+    last = LAST if to_seq is None else to_seq
+    with ExitStack() as stack:
+        connection = stack.enter_context(_opened(command, db, config))
+        if session is not None:
+            _check(command, connection, session)
+        file: IO[bytes] = sys.stdout.buffer
+        if out is not None:
+            try:
+                file = stack.enter_context(out.open("wb"))
+            except OSError as error:
+                refuse(command, f"{out}: {error.strerror}; name another file")
+        names = [s.session for s in read_sessions(connection, LAST)]
+        messages = (
+            message
+            for name in (names if session is None else [session])
+            for message in iter_messages(connection, name, from_seq, last)
+        )
+        n, unreadable = write_points(messages, file, as_format)
+    for text in unreadable:
+        typer.echo(text, err=True)
+    if as_json:
+        report = {"file": str(out), "points": n, "unreadable": unreadable}
+        typer.echo(json.dumps(report, indent=1))
+    elif out is not None:
+        typer.echo(f"{out}: {n} points", err=True)
+    if unreadable:
+        raise typer.Exit(1)
+
+
+@contextmanager
+def _opened(
+    command: str, db: Path | None, config: Path | None
+) -> Iterator["Connection"]:
+    """The outbox, open for reading."""
+    import sqlite3  # noqa: PLC0415 - keeps --help quick
+
+    from traverse.daemon.state_dir import OUTBOX, state_path  # noqa: PLC0415
+    from traverse.daemon.store.queries import open_read_only  # noqa: PLC0415
+    from traverse.daemon.store.records import StoreRefusedError  # noqa: PLC0415
+
+    if (db is None) == (config is None):
+        refuse(command, "give --db FILE or --config FILE, one of them")
+    path = db or state_path(config or Path()) / OUTBOX
+    connection = None
+    try:
+        connection = open_read_only(path)
+        yield connection
+    except StoreRefusedError as error:
+        refuse(command, str(error))
+    except sqlite3.Error as error:
+        refuse(command, f"{path}: cannot be read: {error}; check file and rights")
+    finally:
+        if connection is not None:
+            connection.close()
+
+
+def _check(command: str, connection: "Connection", session: str) -> None:
+    """End the command where the outbox has nothing of a session."""
+    from traverse.daemon.store.queries import read_messages  # noqa: PLC0415 - quick help
+
+    if not read_messages(connection, session, 0, LAST, 1):
+        refuse(
+            command,
+            f"there are no points of session {session!r}; `traverse points list` tells "
+            "which sessions there are",
+        )

@@ -1,0 +1,29 @@
+"""Points of an outbox as a table or as messages in JSON."""
+
+from collections.abc import Iterable
+from typing import IO
+
+from traverse.client.exports.text import Csv, JsonLines
+from traverse.daemon.store.records import Held
+from traverse.protocol.encoding import decode
+from traverse.protocol.message_error import MessageError
+from traverse.protocol.messages import Point
+
+FORMATS = {"csv": Csv, "jsonl": JsonLines}
+
+
+def write_points(
+    messages: Iterable[Held], file: IO[bytes], as_format: str
+) -> tuple[int, list[str]]:
+    """Write messages; gives how many were written, and what was wrong with others."""
+    unreadable = []
+    sink = FORMATS[as_format](file)
+    sink.points([])
+    for message in messages:
+        try:
+            point = decode(Point, message.payload, message.encoding)
+        except MessageError as error:
+            unreadable.append(f"{message.id}: cannot be read and is left out: {error}")
+            continue
+        sink.points([point])
+    return sink.n, unreadable

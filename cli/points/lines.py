@@ -1,0 +1,64 @@
+"""Sessions and points of an outbox as lines of text or JSON."""
+
+import json
+from datetime import UTC, datetime
+
+from traverse.daemon.store.records import Held, HeldSession
+from traverse.protocol.encoding import decode
+from traverse.protocol.message_error import MessageError
+from traverse.protocol.messages import Point
+
+
+def session_line(
+    session: HeldSession, points: int, unsent: int, *, as_json: bool
+) -> str:
+    """One session, with how many points there are and the broker lacks."""
+    if as_json:
+        return json.dumps(
+            {
+                "session": session.session,
+                "begun_ns": str(session.begun_ns),
+                "note": session.note,
+                "first_seq": session.first_seq,
+                "last_seq": session.last_seq,
+                "points": points,
+                "unsent": unsent,
+            }
+        )
+    begun = datetime.fromtimestamp(session.begun_ns // 10**9, UTC)
+    left = f", {unsent} not sent yet" if unsent else ""
+    note = f"  {session.note}" if session.note else ""
+    return (
+        f"{session.session}  {begun:%Y-%m-%d %H:%M:%S} UTC  {session.first_seq} to "
+        f"{session.last_seq}{left}{note}"
+    )
+
+
+def point_line(message: Held, *, as_json: bool) -> str:
+    """One point, or one retraction."""
+    if as_json:
+        return json.dumps(
+            {
+                "session": message.session,
+                "seq": message.seq,
+                "id": message.id,
+                "time_ns": str(message.time_ns),
+                "sent": message.is_sent,
+            }
+        )
+    moment = datetime.fromtimestamp(message.time_ns // 10**9, UTC)
+    sent = "sent    " if message.is_sent else "not sent"
+    return f"{message.seq:7d}  {moment:%Y-%m-%d %H:%M:%S} UTC  {sent}  {_said(message)}"
+
+
+def _said(message: Held) -> str:
+    try:
+        point = decode(Point, message.payload, message.encoding)
+    except MessageError as error:
+        return f"cannot be read: {error}"
+    if point.retracts is not None:
+        return f"retracts {point.retracts}"
+    x, y, z = point.xyz_mm
+    words = [w for w in (point.label.artefact, point.label.feature) if w is not None]
+    flags = "" if point.quality.ok else "  " + ",".join(point.quality.flags)
+    return f"{x:10.4f} {y:10.4f} {z:10.4f} mm  {' '.join(words)}{flags}".rstrip()

@@ -1,0 +1,110 @@
+"""`traverse points resend`: have a daemon publish points again."""
+
+import asyncio
+import json
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.cli.refusals import refuse
+
+if TYPE_CHECKING:
+    from traverse.client.mqtt.address import BrokerAddress
+    from traverse.protocol.messages import ResendArgs
+
+NO, UNREACHABLE = 1, 3
+PATIENCE_S = 3.0
+LAST = 2**53 - 1
+COMMAND = "points resend"
+
+FromOption = Annotated[int, typer.Option("--from", min=0, help="First number.")]
+ToOption = Annotated[
+    int | None, typer.Option("--to", min=0, help="Last number; else the newest.")
+]
+
+
+@with_broker
+def resend(
+    session: Annotated[
+        str | None, typer.Argument(help="Of the points; without it, list sessions.")
+    ] = None,
+    *,
+    scan: Annotated[
+        str | None, typer.Option(help="Blocks of this scan instead of points.")
+    ] = None,
+    arm: Annotated[str, typer.Option(help="Name of the arm.")],
+    broker: BrokerOptions,
+    from_seq: FromOption = 0,
+    to_seq: ToOption = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="The daemon's answer, as JSON.")
+    ] = False,
+) -> None:
+    """Have the daemon publish points again, with the same ids, to all who listen.
+
+    Or, with --scan, the blocks of a scan that points from --from to --to are in.
+
+    Exit status 1: it has none of them; 2: refused; 3: daemon or broker could
+    not be reached.
+    """
+    from traverse.client.errors import (  # noqa: PLC0415 - keeps --help quick
+        ClientError,
+        CommandRefused,
+    )
+    from traverse.protocol.messages import ResendArgs  # noqa: PLC0415
+
+    try:
+        args = ResendArgs(session=session, scan=scan, from_seq=from_seq, to_seq=to_seq)
+    except ValueError:
+        refuse(
+            COMMAND,
+            f"--to {to_seq} is below --from {from_seq}, --scan stands beside a "
+            "session, or an option is bad",
+        )
+    address = broker.address(COMMAND)
+    try:
+        answer = asyncio.run(_answer(address, arm, args))
+    except CommandRefused as error:
+        refuse(COMMAND, str(error))
+    except ClientError as error:
+        typer.echo(f"traverse {COMMAND}: {error}", err=True)
+        raise typer.Exit(UNREACHABLE) from error
+    typer.echo(json.dumps(answer) if as_json else "\n".join(_lines(answer)))
+    asked = "points" if session is not None else "blocks" if scan is not None else ""
+    if asked and not answer[asked]:
+        raise typer.Exit(NO)
+
+
+async def _answer(
+    address: "BrokerAddress", arm: str, args: "ResendArgs"
+) -> dict[str, Any]:
+    from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
+
+    async with Arm(arm, address, patience_s=PATIENCE_S) as there:
+        return dict(await there.result(args))
+
+
+def _lines(answer: dict[str, Any]) -> list[str]:
+    """The answer in words."""
+    if "sessions" in answer:
+        sessions = [
+            f"{one['session']}  {one['first_seq']} to {one['last_seq']}"
+            for one in answer["sessions"]
+        ]
+        return sessions + [
+            f"{one['session']}  scan {one['scan']}" for one in answer["scans"]
+        ]
+    if "scan" in answer:
+        if not answer["blocks"]:
+            return [f"the daemon has nothing of that of scan {answer['scan']}"]
+        return [
+            f"{answer['blocks']} blocks of scan {answer['scan']} are sent again; the "
+            f"daemon has points {answer['first_seq']} to {answer['last_seq']}"
+        ]
+    if answer["last_seq"] is None:
+        return [f"the outbox has no points of session {answer['session']}"]
+    return [
+        f"{answer['points']} points of session {answer['session']} are sent again; the "
+        f"outbox has {answer['first_seq']} to {answer['last_seq']}"
+    ]

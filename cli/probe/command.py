@@ -1,0 +1,104 @@
+"""`traverse probe`: probes of the library, checked."""
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from traverse.cli.refusals import refusals, refuse
+
+if TYPE_CHECKING:
+    from traverse.daemon.pose.probe_library import LibraryProbe, ProbeLibrary
+
+NO = 1
+COMMAND = "probe pivot"
+
+probe = typer.Typer(help="Probes of the library, checked.", no_args_is_help=True)
+
+
+@probe.callback()
+def _group() -> None:
+    """Probes."""
+
+
+@probe.command("pivot")
+def pivot(
+    campaign: Annotated[Path, typer.Argument(help="Folder with campaign.toml.")],
+    arm: Annotated[Path, typer.Option("--arm", help="Arm file, identified.")],
+    *,
+    library: Annotated[
+        Path | None, typer.Option("--library", help="Probe library to compare with.")
+    ] = None,
+    name: Annotated[
+        str | None, typer.Option("--name", help="Which probe of the library it is.")
+    ] = None,
+    cone: Annotated[
+        str | None, typer.Option("--cone", help="Artefact, where there are several.")
+    ] = None,
+    limit_mm: Annotated[
+        float, typer.Option("--limit-mm", min=0.0, help="A larger change is asked for.")
+    ] = 0.05,
+    write: Annotated[
+        bool, typer.Option("--write", help="Put what was found into the library.")
+    ] = False,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Do not ask beyond the limit.")
+    ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Report as JSON on standard output.")
+    ] = False,
+) -> None:
+    """Find a probe's vector from poses with its ball in a cone, and compare it.
+
+    Exit status 1 where it is beyond the limit and nobody has confirmed it.
+    """
+    with refusals(COMMAND):
+        from traverse.cli.probe.pivot import pivoted, write_vector  # noqa: PLC0415
+        from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415 - keeps --help quick
+
+        probes, chosen = _chosen(library, name, write=write)
+        try:
+            check = pivoted(campaign, read_arm(arm), chosen, cone)
+        except ValueError as error:
+            if type(error) is not ValueError:
+                raise
+            refuse(COMMAND, str(error))
+        if as_json:
+            typer.echo(json.dumps(check.report(), indent=1))
+        else:
+            typer.echo("\n".join(check.lines()))
+        if check.off_mm > limit_mm and not yes and not _confirmed(limit_mm, write):
+            raise typer.Exit(NO)
+        if write and library is not None and probes is not None and chosen is not None:
+            write_vector(library, probes, chosen.name, check.pivot)
+            typer.echo(f"{library}: {chosen.name} has the vector found", err=True)
+
+
+def _chosen(
+    library: Path | None, name: str | None, *, write: bool
+) -> tuple["ProbeLibrary | None", "LibraryProbe | None"]:
+    """The probe of the library, or none where the arm's own is meant."""
+    from traverse.daemon.pose.probe_library import read_probes  # noqa: PLC0415
+
+    if (library is None) != (name is None):
+        refuse(COMMAND, "--library and --name go together: give both, or neither")
+    if library is None or name is None:
+        if write:
+            refuse(COMMAND, "--write needs --library and --name")
+        return None, None
+    probes = read_probes(library)
+    chosen = probes.named(name)
+    if chosen is None:
+        refuse(COMMAND, f"{library} has no probe {name!r}; it has: {probes.names}")
+    return probes, chosen
+
+
+def _confirmed(limit_mm: float, write: bool) -> bool:
+    """Ask at a terminal; elsewhere nobody can answer."""
+    text = f"the vector has changed by more than {limit_mm:g} mm"
+    if write and sys.stdin.isatty():
+        return typer.confirm(f"{text}; write it all the same?", err=True)
+    typer.echo(f"{text}; check probe, cone and arm, or give --yes", err=True)
+    return False

@@ -1,0 +1,184 @@
+"""A probe checked by pivoting in a cone: what was found beside what was known."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.daemon.pose.probe_library import LibraryProbe, ProbeLibrary, with_probe
+from traverse.kinematics.arm_file.arm import Arm, FileError, Problem
+from traverse.kinematics.effects.arm_effects import ArmEffects, effects_from_arm
+from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.base.context import utc_ns
+from traverse.kinematics.effects.pose import corrected_pose
+from traverse.kinematics.model.geometry import Geometry, geometry_from_arm
+from traverse.kinematics.probing.pivot import Pivot, fit_pivot
+from traverse.lab.campaign.campaign import Campaign, read_campaign
+from traverse.lab.identification.equations.effect_model import block_of
+from traverse.lab.identification.equations.plausible_sizes import campaign_start
+from traverse.strict_toml.writing import arm_text, write_atomically
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Check:
+    """What pivoting found.
+
+    Attributes:
+        cone: the artefact in which the ball sat.
+        n: how many poses.
+        pivot: what was fitted.
+        known_mm: the vector that was known, (3,).
+        off_mm: how far the found one is from it.
+        off_sigma: the same in standard deviations of the found one (Mahalanobis).
+    """
+
+    cone: str
+    n: int
+    pivot: Pivot
+    known_mm: Floats
+    off_mm: float
+    off_sigma: float
+
+    def report(self) -> dict[str, Any]:
+        """As JSON."""
+        pivot = self.pivot
+        return {
+            "cone": self.cone,
+            "poses": self.n,
+            "vector_mm": pivot.vector_mm.tolist(),
+            "std_mm": np.sqrt(np.diag(pivot.covariance_mm2)).tolist(),
+            "covariance_mm2": six_of(pivot),
+            "seat_mm": pivot.seat_mm.tolist(),
+            "rms_mm": pivot.rms_mm,
+            "redundancy": pivot.redundancy,
+            "known_vector_mm": self.known_mm.tolist(),
+            "off_mm": self.off_mm,
+            "off_sigma": self.off_sigma,
+        }
+
+    def lines(self) -> list[str]:
+        """For people."""
+        pivot = self.pivot
+        std_mm = np.sqrt(np.diag(pivot.covariance_mm2))
+        shown = ", ".join(
+            f"{value:.4f} +- {std:.4f}"
+            for value, std in zip(pivot.vector_mm, std_mm, strict=True)
+        )
+        return [
+            f"{self.n} poses in {self.cone}: rms {pivot.rms_mm:.4f} mm (of the balls' "
+            f"distances from the seat), redundancy {pivot.redundancy}",
+            f"vector {shown} mm (standard deviations)",
+            f"known  {', '.join(f'{value:.4f}' for value in self.known_mm)} mm",
+            f"off by {self.off_mm:.4f} mm, {self.off_sigma:.1f} standard deviations",
+        ]
+
+
+def six_of(pivot: Pivot) -> list[float]:
+    """xx, xy, xz, yy, yz, zz of the vector's covariance."""
+    rows, columns = np.triu_indices(3)
+    return [float(value) for value in pivot.covariance_mm2[rows, columns]]
+
+
+def pivoted(
+    folder: Path, arm: Arm, probe: LibraryProbe | None, cone: str | None
+) -> Check:
+    """Fit the probe's vector to the poses of a cone.
+
+    Args:
+        folder: of the campaign.
+        arm: with its effects, which are corrected; none of the touch, in a cone.
+        probe: what is known; None: the arm's own.
+        cone: id of the artefact; None where there is only one cone.
+
+    Raises:
+        FileError: the campaign is wrong, or has no such cone.
+        ValueError: too few poses, or they hardly differ.
+    """
+    if probe is not None:
+        arm = with_probe(arm, probe)
+    campaign = read_campaign(folder, [joint.name for joint in arm.joints])
+    index = _cone(folder, campaign, cone)
+    rows = campaign.poses.artefacts == index
+    geometry = geometry_from_arm(arm)
+    start_ns = utc_ns(campaign_start(campaign))
+    gravity = campaign.gravity_m_s2
+    gravity_m_s2 = None if gravity is None else np.array(gravity)
+    block = block_of(campaign.part(rows).poses, start_ns, gravity_m_s2)
+    found = fit_pivot(
+        geometry.probe_vector_mm,
+        *_balls(geometry, effects_from_arm(arm), replace(block, directions=None)),
+    )
+    off_mm = found.vector_mm - geometry.probe_vector_mm
+    weighed = np.linalg.lstsq(found.covariance_mm2, off_mm, rcond=None)[0]
+    return Check(
+        campaign.artefacts[index].id,
+        len(block),
+        found,
+        geometry.probe_vector_mm,
+        float(np.linalg.norm(off_mm)),
+        float(np.sqrt(max(float(off_mm @ weighed), 0.0))),
+    )
+
+
+def _balls(
+    geometry: Geometry, effects: ArmEffects, block: Block
+) -> tuple[Floats, Floats]:
+    """Balls of poses, (n, 3), and how they change with the probe's vector, (n, 3, 3).
+
+    By differences, exact but for rounding: a ball moves with the vector linearly, of
+    a bending arm nearly so.
+    """
+    centres_mm, _, _ = corrected_pose(geometry, effects, block)
+    by_vector = np.empty((*centres_mm.shape, 3))
+    for axis, step_mm in enumerate(np.eye(3)):
+        longer_mm = geometry.probe_vector_mm + step_mm
+        longer = replace(geometry, probe_vector_mm=longer_mm)
+        by_vector[..., axis] = corrected_pose(longer, effects, block)[0] - centres_mm
+    return centres_mm, by_vector
+
+
+def write_vector(
+    path: Path, library: ProbeLibrary, name: str, pivot: Pivot
+) -> ProbeLibrary:
+    """Put a found vector into the library, with its covariance and today's date."""
+    changes = {
+        "vector_mm": tuple(round(float(value), 5) for value in pivot.vector_mm),
+        "vector_covariance_mm2": tuple(
+            float(f"{value:.4g}") for value in six_of(pivot)
+        ),
+        "date": datetime.now(tz=UTC).date(),
+    }
+    probes = tuple(
+        probe.model_copy(update=changes) if probe.name == name else probe
+        for probe in library.probes
+    )
+    changed = library.model_copy(update={"probes": probes})
+    text = arm_text(changed.model_dump(by_alias=True), path.read_text("utf-8"))
+    write_atomically(path, text)
+    return changed
+
+
+def _cone(folder: Path, campaign: Campaign, wanted: str | None) -> int:
+    """Which artefact is the cone."""
+    cones = {a.id: i for i, a in enumerate(campaign.artefacts) if a.kind == "cone"}
+    if wanted is None and len(cones) == 1:
+        return next(iter(cones.values()))
+    if wanted in cones:
+        return cones[wanted]
+    known = _listed(list(cones))
+    text = (
+        f"has the cones {known}; say which one with --cone"
+        if wanted is None
+        else f"has no cone {wanted!r}; it has: {known}"
+    )
+    raise FileError(str(folder / "campaign.toml"), [Problem("artefacts", text)])
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names) or "none"

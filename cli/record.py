@@ -1,0 +1,93 @@
+"""`traverse record`: have the daemon record, and wait."""
+
+import asyncio
+import json
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from traverse.cli.broker_options import BrokerOptions, with_broker
+
+if TYPE_CHECKING:
+    from traverse.client.mqtt.address import BrokerAddress
+
+REFUSED, UNREACHABLE = 2, 3
+
+
+@with_broker
+def record(
+    name: Annotated[str, typer.Argument(help="Of the recording, a new one.")],
+    *,
+    arm: Annotated[str, typer.Option(help="Name of the arm.")],
+    broker: BrokerOptions,
+    seconds: Annotated[
+        float | None,
+        typer.Option(min=0.1, help="How long; else until Ctrl-C."),
+    ] = None,
+    note: Annotated[str, typer.Option(help="Kept in the recording.")] = "",
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Report as JSON at the end.")
+    ] = False,
+) -> None:
+    """Record what an arm does, as an MCAP file on the daemon's disk.
+
+    The file begins some seconds before the command, where the flight recorder is on.
+    Exit status 2: the daemon refuses; 3: it or the broker could not be reached.
+    """
+    from traverse.client.errors import ClientError, CommandRefused  # noqa: PLC0415 - quick help
+
+    address = broker.address("record")
+    try:
+        recorded = asyncio.run(
+            _record(name, arm, address, seconds, note, quiet=as_json)
+        )
+    except CommandRefused as error:
+        typer.echo(f"traverse record: {error}", err=True)
+        raise typer.Exit(REFUSED) from error
+    except ValueError as error:
+        typer.echo(f"traverse record: {error}", err=True)
+        raise typer.Exit(REFUSED) from error
+    except ClientError as error:
+        typer.echo(f"traverse record: {error}", err=True)
+        raise typer.Exit(UNREACHABLE) from error
+    typer.echo(json.dumps(recorded) if as_json else _told(recorded))
+
+
+async def _record(
+    name: str,
+    arm: str,
+    broker: "BrokerAddress",
+    seconds: float | None,
+    note: str,
+    *,
+    quiet: bool,
+) -> dict[str, Any]:
+    import signal  # noqa: PLC0415 - keeps --help quick
+
+    from traverse.client.arm import Arm  # noqa: PLC0415
+    from traverse.protocol.messages import RecordArgs  # noqa: PLC0415
+
+    async with Arm(arm, broker) as there:
+        start = RecordArgs(action="start", name=name, note=note or None)
+        begun = await there.result(start)
+        typer.echo(f"recording {begun['file']}", err=quiet)
+        ended = asyncio.Event()
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(number, ended.set)
+        try:
+            async with asyncio.timeout(seconds):
+                await ended.wait()
+        except TimeoutError:
+            pass  # so long it was to be
+        return dict(await there.result(RecordArgs(action="stop")))
+
+
+def _told(recorded: Mapping[str, Any]) -> str:
+    gaps = recorded["gaps"]
+    lacking = f", {gaps} gaps: the disk did not keep up" if gaps else ""
+    return (
+        f"{recorded['file']}: {recorded['seconds']:.1f} s, {recorded['bytes']} bytes, "
+        f"{recorded['messages']} messages{lacking}"
+    )

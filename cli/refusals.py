@@ -1,0 +1,72 @@
+"""How commands refuse: exit status 2 and a sentence."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import NoReturn
+
+import typer
+
+REFUSED = 2
+
+_EXTRAS = {
+    "serial": "daemon",
+    "cobs": "daemon",
+    "mcap": "daemon",
+    "amqtt": "demo",
+    "scipy": "lab",
+    "matplotlib": "lab",
+    "nicegui": "page",
+    "fastapi": "page",
+    "pyarrow": "parquet",
+    "can": "can",
+    "canopen": "can",
+    "pymodbus": "modbus",
+    "gpiod": "gpio",
+}
+"""Extra of this package that brings a library, by the name that is imported."""
+
+_OF_THE_LAB = ("align", "diagnose", "identify", "interim", "probe", "verify")
+
+
+def missing_library(command: str, error: ModuleNotFoundError) -> str | None:
+    """A sentence about a library of an extra that is not installed; else None.
+
+    `command` is what stands behind `traverse`.
+    """
+    package = (error.name or "").partition(".")[0]
+    extra = _EXTRAS.get(package)
+    if extra is None:
+        return None
+    if extra == "daemon" and command.partition(" ")[0] in _OF_THE_LAB:
+        extra = "lab"  # which brings what these need of the other
+    return (
+        f"traverse {command} needs {package}, which is not installed; install the "
+        f"extra `{extra}`: pip install 'traverse-cmm[{extra}]'"
+    )
+
+
+def refuse(command: str, text: str) -> NoReturn:
+    """End a command with a sentence about what was wrong."""
+    typer.echo(f"traverse {command}: {text}", err=True)
+    raise typer.Exit(REFUSED)
+
+
+@contextmanager
+def refusals(command: str) -> Iterator[None]:
+    """End with exit status 2 where something is refused, missing or not writable."""
+    from traverse.kinematics.arm_file.arm import FileError  # noqa: PLC0415 - keeps --help quick
+
+    try:
+        yield
+    except FileError as error:
+        typer.echo(str(error), err=True)
+        raise typer.Exit(REFUSED) from error
+    except ModuleNotFoundError as error:
+        told = missing_library(command, error)
+        if told is None:
+            raise
+        typer.echo(told, err=True)
+        raise typer.Exit(REFUSED) from error
+    except OSError as error:
+        typer.echo(f"{error.filename}: {error.strerror}; check the path", err=True)
+        raise typer.Exit(REFUSED) from error

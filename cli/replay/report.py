@@ -1,0 +1,105 @@
+"""What a replay found, for people and as JSON."""
+
+import json
+from collections.abc import Mapping
+
+from traverse.daemon.replay.compare import Tally
+from traverse.daemon.replay.result import ReplayResult
+
+
+def report_of(about: Mapping[str, str], result: ReplayResult) -> str:
+    """All figures as one JSON object."""
+    table = {
+        "schema": "traverse/replay/1",
+        "about": dict(about),
+        "holds": result.holds,
+        "kernel": {"then": result.kernel_then, "now": result.kernel_now},
+        "points": _table(result.points),
+        "early_points": _table(result.early),
+        "scan_points": _table(result.scans),
+        "missing": {"points": result.missing, "scan_points": result.missing_scan},
+        "new_points": result.new,
+        "not_kept": result.not_kept,
+        "excused": result.excused,
+        "left_out_scan_points": result.left_out,
+        "samples": result.samples,
+        "gaps": result.gaps,
+        "tolerance_mm": result.tolerance_mm,
+        "tear": result.tear,
+    }
+    return json.dumps(table, indent=2)
+
+
+def report_text(about: Mapping[str, str], result: ReplayResult) -> str:
+    """A few lines."""
+    is_same = result.kernel_then == result.kernel_now
+    kernel = result.kernel_now
+    if not is_same:
+        kernel = (
+            f"{kernel} (recorded with {result.kernel_then}; "
+            f"TRAVERSE_KERNEL={result.kernel_then} takes that one)"
+        )
+    lines = [
+        f"arm {about.get('arm')}, {result.samples} samples, kernel {kernel}",
+        *_lines("points", result.points, result, is_same=is_same),
+        *_lines("points of scans", result.scans, result, is_same=is_same),
+    ]
+    early, told = result.early, []
+    if early.n:
+        lines.append(
+            f"first seconds of a recording that began in the middle, not judged: "
+            f"{early.same} of {early.n} points the same"
+        )
+    if result.excused:
+        lines.append(
+            f"{result.excused} interpolated points: another covariance, as blocks are "
+            "cut otherwise"
+        )
+    if result.left_out:
+        lines.append(f"{result.left_out} points of scans begun before: not compared")
+    if result.missing or result.missing_scan:
+        told.append(
+            f"missing: {result.missing} points, {result.missing_scan} points of scans"
+        )
+    if result.new:
+        told.append(
+            f"{result.new} points more than were published ({result.not_kept} could "
+            "not be kept then)"
+        )
+    if result.gaps:
+        told.append(f"{result.gaps} gaps: the disk did not keep up then")
+    if result.tear is not None:
+        told.append(f"the file is {result.tear}")
+    verdict = "the same" if is_same else "within the tolerance"
+    lines += [*told, verdict if result.holds else f"NOT {verdict}"]
+    return "\n".join(lines)
+
+
+def _lines(
+    what: str, tally: Tally, result: ReplayResult, *, is_same: bool
+) -> list[str]:
+    if not tally.n:
+        return [f"no {what} to compare"]
+    lines = [
+        f"{tally.same} of {tally.n} {what} the same to the last bit, greatest "
+        f"difference {tally.largest_mm:.3g} mm"
+    ]
+    if not is_same:
+        lines.append(
+            f"{tally.within} of {tally.n} within 4 ulp of the reach, "
+            f"{result.tolerance_mm:.3g} mm"
+        )
+    if tally.differing and is_same:
+        fields = ", ".join(f"{name} {n}" for name, n in tally.differing.most_common())
+        lines.append(f"differing: {fields}")
+    return lines
+
+
+def _table(tally: Tally) -> dict[str, object]:
+    return {
+        "compared": tally.n,
+        "same": tally.same,
+        "within": tally.within,
+        "largest_mm": tally.largest_mm,
+        "differing": dict(tally.differing),
+    }

@@ -1,0 +1,66 @@
+"""`traverse run`: the daemon."""
+
+import asyncio
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from traverse.daemon.system.log_setup import LogFormat, LogLevel, start_log
+
+
+def run(
+    *,
+    config: Annotated[
+        Path, typer.Option("--config", "-c", help="The daemon's configuration, TOML.")
+    ],
+    embedded_broker: Annotated[
+        bool,
+        typer.Option(
+            "--embedded-broker",
+            help="Bring an own MQTT broker on loopback (extra `demo`).",
+        ),
+    ] = False,
+    embedded_port: Annotated[
+        int,
+        typer.Option(
+            min=0, max=65535, help="Port of the embedded broker; 0 takes a free one."
+        ),
+    ] = 1883,
+    keep_trying: Annotated[
+        bool,
+        typer.Option(
+            "--keep-trying",
+            help="Begin also without a device or broker that cannot be reached, say "
+            "so, and go on trying; for a service.",
+        ),
+    ] = False,
+    log_format: Annotated[
+        LogFormat,
+        typer.Option(
+            "--log-format",
+            help="How the log is written; auto: to the journal under systemd, "
+            "else plain lines.",
+        ),
+    ] = LogFormat.AUTO,
+    log_level: Annotated[
+        LogLevel, typer.Option("--log-level", help="The least that is logged.")
+    ] = LogLevel.INFO,
+) -> None:
+    """Measure: read the arm's encoders and publish points over MQTT.
+
+    Ends in order on SIGTERM or Ctrl-C. Exit status 2: the configuration or arm file was
+    refused; 3: a device or the broker could not be reached.
+    """
+    from traverse.daemon.app import run_service  # noqa: PLC0415 - keeps --help quick
+
+    start_log(log_format, log_level)
+    status = asyncio.run(
+        run_service(
+            config,
+            embedded=embedded_broker,
+            embedded_port=embedded_port,
+            keep_trying=keep_trying,
+        )
+    )
+    raise typer.Exit(status)

@@ -1,0 +1,20 @@
+"""`traverse simulate`: the hardware, virtual."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def simulate(
+    config: Annotated[Path, typer.Option("--config", help="What to simulate (TOML).")],
+) -> None:
+    """Put virtual devices on ptys and CAN buses, with a virtual arm behind them.
+
+    Prints a line "ready <device> <path>" for each. Ends on SIGTERM or Ctrl-C, or at the
+    end of its script where the configuration says so. Exit status 2: the configuration
+    or the arm file was refused.
+    """
+    from traverse.simulator.run import run_simulator  # noqa: PLC0415 - heavy; not for --help
+
+    raise typer.Exit(run_simulator(config))

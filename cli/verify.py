@@ -1,0 +1,171 @@
+"""`traverse verify`: acceptance figures, their plan, and checking certificates."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from traverse.cli.refusals import refusals, refuse
+
+if TYPE_CHECKING:
+    from traverse.kinematics.arm_file.arm import Arm
+    from traverse.lab.acceptance.certificate.values import SealedCertificate
+
+NO = 1
+
+
+def verify(
+    data: Annotated[
+        Path | None,
+        typer.Argument(help="Folder with campaign.toml, or a recording (.mcap)."),
+    ] = None,
+    *,
+    standard: Annotated[
+        str | None,
+        typer.Option(help="iso10360-12, asme-b89.4.22 or vdi2617-9."),
+    ] = None,
+    arm: Annotated[
+        Path | None,
+        typer.Option(help="The arm file; a recording has its own."),
+    ] = None,
+    limits: Annotated[
+        Path | None,
+        typer.Option(help="Maximum permissible errors and how to decide, TOML."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder for the certificate.")
+    ] = None,
+    plan: Annotated[
+        str | None,
+        typer.Option(help="Write what to touch for a standard into --out instead."),
+    ] = None,
+    bidirectional: Annotated[
+        bool, typer.Option("--bidirectional", help="With --plan: plan E_BI too.")
+    ] = False,
+    check: Annotated[
+        Path | None, typer.Option(help="Check a certificate instead.")
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Report as JSON on standard output.")
+    ] = False,
+) -> None:
+    """Compute the acceptance figures of a standard, and decide on conformity.
+
+    Writes certificate.json, .html and .pdf with the raw data into --out.
+    Exit status 1: something is missing, or not everything is accepted.
+    """
+    with refusals("verify"):
+        if check is not None:
+            _checked(check, as_json=as_json)
+            return
+        if plan is not None:
+            known = _known(plan, "--plan")
+            report = _planned(known, arm, out, bidirectional=bidirectional)
+            _tell_planned(report, as_json=as_json)
+            return
+        missing = [
+            name
+            for name, value in (("DATA", data), ("--standard", standard))
+            if value is None
+        ]
+        if data is None or standard is None:
+            refuse(
+                "verify",
+                f"{', '.join(missing)} missing; or give --plan STANDARD, or --check",
+            )
+        certificate = _certificate(data, _known(standard, "--standard"), arm, limits)
+        values = certificate.values
+        if out is not None:
+            from traverse.lab.acceptance.certificate.files import write_certificate  # noqa: PLC0415
+
+            write_certificate(certificate, out)
+    if as_json:
+        typer.echo(json.dumps(values, indent=1, ensure_ascii=False))
+    else:
+        from traverse.lab.acceptance.certificate.words import figure_lines  # noqa: PLC0415
+
+        typer.echo("\n".join(figure_lines(values)))
+        if out is not None:
+            typer.echo(f"wrote {out}: certificate.json, .html, .pdf, data")
+    if not certificate.verification.is_good:
+        raise typer.Exit(NO)
+
+
+def _known(standard: str, option: str) -> str:
+    from traverse.lab.acceptance.standards import STANDARDS  # noqa: PLC0415
+
+    if standard not in STANDARDS:
+        names = ", ".join(STANDARDS)
+        refuse("verify", f"{option}: no standard {standard!r}; there are: {names}")
+    return standard
+
+
+def _certificate(
+    data: Path, standard: str, arm_file: Path | None, limits_file: Path | None
+) -> "SealedCertificate":
+    """Read everything, compute everything."""
+    from traverse.lab.acceptance.certificate.check import ARM, LIMITS  # noqa: PLC0415
+    from traverse.lab.acceptance.certificate.values import sealed  # noqa: PLC0415
+    from traverse.lab.acceptance.conformity.limits import NO_LIMITS, read_limits  # noqa: PLC0415
+    from traverse.lab.acceptance.standards import verified  # noqa: PLC0415
+    from traverse.lab.measured_points.reading import files_read, read_measured  # noqa: PLC0415
+
+    arm, text = _arm(data, arm_file)
+    permitted = NO_LIMITS if limits_file is None else read_limits(limits_file)
+    measured = read_measured(data, arm)
+    files = {path.name: path.read_bytes() for path in files_read(data)}
+    files[ARM] = text
+    if limits_file is not None:
+        files[LIMITS] = limits_file.read_bytes()
+    return sealed(verified(measured, standard, permitted), arm, permitted, files)
+
+
+def _arm(data: Path, file: Path | None) -> "tuple[Arm, bytes]":
+    """The arm, and its file as it is."""
+    from traverse.kinematics.arm_file.arm import parse_arm, read_arm  # noqa: PLC0415
+
+    if file is not None:
+        return read_arm(file), file.read_bytes()
+    if data.suffix != ".mcap":
+        refuse("verify", "--arm missing; the arm file with which it was measured")
+    from traverse.recording.reader import read_recording  # noqa: PLC0415
+
+    text = read_recording(data).arm_text
+    return parse_arm(text, f"{data}: arm.toml"), text.encode()
+
+
+def _planned(
+    standard: str, arm_file: Path | None, out: Path | None, *, bidirectional: bool
+) -> dict[str, Any]:
+    from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
+    from traverse.lab.acceptance.plan import plan_of  # noqa: PLC0415
+    from traverse.lab.acceptance.plan_files import write_plan  # noqa: PLC0415
+
+    if arm_file is None or out is None:
+        refuse("verify", "--plan needs --arm and --out")
+    found = plan_of(standard, read_arm(arm_file), bidirectional=bidirectional)
+    return write_plan(found, standard, out)
+
+
+def _tell_planned(report: dict[str, Any], *, as_json: bool) -> None:
+    from traverse.lab.acceptance.plan_files import plan_words  # noqa: PLC0415
+
+    words = "\n".join(plan_words(report))
+    typer.echo(json.dumps(report, indent=1) if as_json else words)
+
+
+def _checked(path: Path, *, as_json: bool) -> None:
+    from traverse.lab.acceptance.certificate.check import (  # noqa: PLC0415
+        certificate_problems,
+    )
+
+    problems = certificate_problems(path)
+    if as_json:
+        typer.echo(json.dumps({"certificate": str(path), "problems": problems}))
+    elif problems:
+        typer.echo("\n".join(f"{path}: {problem}" for problem in problems))
+    else:
+        typer.echo(f"{path}: digests agree, and the figures follow from the data")
+    if problems:
+        raise typer.Exit(NO)

@@ -1,0 +1,118 @@
+"""`traverse watch`: what an arm says, as a display or line by line."""
+
+import asyncio
+import contextlib
+import sys
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from traverse.cli.broker_options import BrokerOptions, with_broker
+
+if TYPE_CHECKING:
+    from traverse.client.mqtt.address import BrokerAddress
+
+FIND_S = 2.0
+DISPLAY_S = 0.1
+KINDS = ("status", "point", "scan", "event", "health", "live")
+
+
+@with_broker
+def watch(
+    *,
+    broker: BrokerOptions,
+    arm: Annotated[str, typer.Option(help="Name of the arm; + for all.")] = "+",
+    kinds: Annotated[
+        str, typer.Option(help=f"What to show, of: {', '.join(KINDS)}.")
+    ] = "status,point,scan,event,health",
+    as_json: Annotated[
+        bool, typer.Option("--json", help="One JSON message a line.")
+    ] = False,
+    lines: Annotated[
+        bool, typer.Option("--lines", help="Lines on a terminal, too.")
+    ] = False,
+) -> None:
+    """Follow an arm: a live display on a terminal, else a line a message.
+
+    The display is of one arm: the one of --arm, or the only one on the broker; of
+    several there are lines. Comes back by itself when the broker has been away. Ends
+    on Ctrl-C. Exit status 3: the broker could not be reached at the start.
+    """
+    wanted = [kind.strip() for kind in kinds.split(",") if kind.strip()]
+    unknown = [kind for kind in wanted if kind not in KINDS]
+    if unknown or not wanted:
+        raise typer.BadParameter(
+            f"{', '.join(unknown) or 'nothing'} is none of: {', '.join(KINDS)}",
+            param_hint="--kinds",
+        )
+    address = broker.address("watch")
+    try:
+        if sys.stdout.isatty() and not (lines or as_json):
+            name = _only_arm(address) if arm == "+" else arm
+            if name is not None:
+                asyncio.run(_display(address, name))
+                return
+        asyncio.run(_follow(address, arm, wanted, as_json))
+    except KeyboardInterrupt:
+        raise typer.Exit(0) from None
+
+
+def _only_arm(broker: "BrokerAddress") -> str | None:
+    """The one arm on a broker; None where there are several, or none."""
+    from traverse.client.errors import (  # noqa: PLC0415 - keeps --help quick
+        BrokerUnreachableError,
+    )
+    from traverse.client.mqtt.discovery import find_arms  # noqa: PLC0415
+
+    try:
+        arms = asyncio.run(find_arms(broker, FIND_S))
+    except BrokerUnreachableError as error:
+        typer.echo(str(error), err=True)
+        raise typer.Exit(3) from error
+    return arms[0] if len(arms) == 1 else None
+
+
+async def _display(broker: "BrokerAddress", arm: str) -> None:
+    from rich.live import Live  # noqa: PLC0415 - keeps --help quick
+
+    from traverse.cli.watch.view import picture  # noqa: PLC0415
+    from traverse.client.display.follower import Follower, following  # noqa: PLC0415
+
+    follower = Follower(arm, broker)
+    with contextlib.suppress(asyncio.CancelledError):  # Ctrl-C
+        async with following(follower):
+            with Live(picture(arm, follower.sight), auto_refresh=False) as display:
+                while True:
+                    await asyncio.sleep(DISPLAY_S)
+                    display.update(picture(arm, follower.sight), refresh=True)
+
+
+async def _follow(
+    broker: "BrokerAddress", arm: str, kinds: list[str], as_json: bool
+) -> None:
+    import aiomqtt  # noqa: PLC0415 - keeps --help quick
+
+    from traverse.cli.message_lines import line  # noqa: PLC0415
+    from traverse.client.mqtt.subscription import connection, received, subscribe  # noqa: PLC0415
+    from traverse.protocol.encoding import encode  # noqa: PLC0415
+
+    reached = False
+    while True:
+        try:
+            async with connection(broker) as client:
+                reached = True
+                await subscribe(client, arm, kinds)
+                async for item in received(client):
+                    if item.message is None:
+                        typer.echo(f"{item.kind}: {item.error}", err=True)
+                    elif as_json:
+                        typer.echo(encode(item.message, "json").decode())
+                    else:
+                        typer.echo(line(item.arm, item.message))
+        except BrokenPipeError:
+            raise  # nobody reads our lines any more; typer ends without a word
+        except (aiomqtt.MqttError, OSError) as error:
+            typer.echo(f"broker {broker}: {error}", err=True)
+            if not reached:
+                raise typer.Exit(3) from error
+            await asyncio.sleep(1.0)

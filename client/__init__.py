@@ -1,0 +1,30 @@
+"""What connects from outside over MQTT: the Python client of an arm."""
+
+from traverse.client.arm import Arm
+from traverse.client.blocking import BlockingArm
+from traverse.client.counters import Counters
+from traverse.client.errors import (
+    BrokerUnreachableError,
+    ClientError,
+    CommandRefused,
+    NoAnswerError,
+)
+from traverse.client.mqtt.address import BrokerAddress
+from traverse.client.points.session_points import Lost
+from traverse.client.results import HeldSession, Resent, ResentScan, StartedScan
+
+__all__ = [
+    "Arm",
+    "BlockingArm",
+    "BrokerAddress",
+    "BrokerUnreachableError",
+    "ClientError",
+    "CommandRefused",
+    "Counters",
+    "HeldSession",
+    "Lost",
+    "NoAnswerError",
+    "Resent",
+    "ResentScan",
+    "StartedScan",
+]

@@ -1,0 +1,239 @@
+"""An arm as a program sees it: `async with Arm("bench-7") as arm`."""
+
+import asyncio
+from collections.abc import Coroutine, Iterable, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, Self
+
+from traverse.client.cancel_tasks import end
+from traverse.client.commands import ArmCommands
+from traverse.client.counters import Counters
+from traverse.client.feeds import Feed
+from traverse.client.inbox import Inbox
+from traverse.client.mqtt.address import BrokerAddress
+from traverse.client.mqtt.reconnection import Link
+from traverse.client.points.cursor import read_cursor, write_cursor
+from traverse.client.points.index import PointIndex
+from traverse.client.points.reader import Points
+from traverse.client.points.reorder_buffer import ReorderBuffer
+from traverse.client.points.stream import PointStream
+from traverse.client.requests import Requests
+from traverse.client.scans import ScanBlocks
+from traverse.protocol.messages import Args, Event, Health, Live, Scan, Status
+from traverse.protocol.messages.scan import ScanMode
+
+CURSOR_PERIOD_S = 0.5
+BEGIN_S = 2.0
+
+
+class Arm(ArmCommands):
+    """An arm behind a broker; use with `async with`.
+
+    Args:
+        name: of the arm.
+        broker: "host", "host:port", "mqtts://host:port", or a BrokerAddress.
+        since: where points begin: "now"; "beginning", with all that the arm's outbox
+            holds; or next numbers by session as `place` gives them, the newest
+            session last.
+        place_file: where the consumer's place is kept; where this file is there it
+            counts instead of ``since``.
+        patience_s: so long the first connection may take.
+        answer_s: so long the answer to a command may take.
+        max_waiting: so many points may wait for their reader.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        broker: str | BrokerAddress = "localhost",
+        *,
+        since: Literal["now", "beginning"] | Mapping[str, int] = "now",
+        place_file: Path | str | None = None,
+        patience_s: float = 10.0,
+        answer_s: float = 10.0,
+        max_waiting: int = 1000,
+    ) -> None:
+        self.name = name
+        self._place_file = None if place_file is None else Path(place_file)
+        self._patience_s = patience_s
+        self._answer_s = answer_s
+        place: Mapping[str, int] | None = None
+        if self._place_file is not None:
+            place = read_cursor(self._place_file, name)
+        if place is None and since != "now":
+            place = {} if isinstance(since, str) else since
+        address = BrokerAddress.parse(broker) if isinstance(broker, str) else broker
+        self._inbox = Inbox(name)
+        self._link = Link(
+            address, take=self._inbox.take, came=self._came, went=self._went
+        )
+        self._requests = Requests(name, self._link)
+        self._order = ReorderBuffer(place)
+        self._stream = PointStream(
+            self._order, self._link, self._requests, max(2, max_waiting)
+        )
+        self._inbox.connect_consumers(self._link, self._requests, self._stream)
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    async def __aenter__(self) -> Self:
+        self._link.topics.update(self._inbox.topics)
+        self._run(self._link.run())
+        self._run(self._stream.follow())
+        try:
+            await self._link.first(self._patience_s)
+        except BaseException:
+            await self._end()
+            raise
+        if self._place_file is not None:
+            self._run(self._save_cursor_periodically(self._place_file))
+        try:
+            async with asyncio.timeout(BEGIN_S):
+                status = await self._inbox.statuses.first(BEGIN_S)
+                if status.online:
+                    await self._stream.begun()
+        except TimeoutError:
+            pass  # the arm is not there now; it is followed when it is
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if error is None:
+            self._stream.commit_current()
+        await self._end()
+        if self._place_file is not None:
+            write_cursor(self._place_file, self.name, self._stream.place)
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether there is a connection to the broker."""
+        return self._link.is_up
+
+    @property
+    def place(self) -> dict[str, int]:
+        """Next numbers by session; give it as ``since`` to go on from here.
+
+        A point counts when the one after it is asked for.
+        """
+        return self._stream.place
+
+    @property
+    def counters(self) -> Counters:
+        """What was met with so far."""
+        return Counters(
+            connections=self._link.connections,
+            points=self._order.n_taken,
+            duplicates=self._order.duplicates,
+            asked_again=self._order.asked,
+            lost=self._stream.lost,
+            undecodable=self._inbox.undecodable,
+        )
+
+    @property
+    def by_id(self) -> PointIndex:
+        """The latest points that came."""
+        return self._inbox.by_id
+
+    def points(self) -> Points:
+        """Points and retractions in order, none twice; for one reader at a time."""
+        return Points(self._stream)
+
+    def points_and_losses(self) -> PointStream:
+        """As `points`, with a `Lost` in the place of what cannot be had any more."""
+        return self._stream
+
+    def events(self) -> Feed[Event]:
+        """Events from now on."""
+        return self._inbox.events.open()
+
+    def live(self) -> Feed[Live]:
+        """The latest pose, again and again; a slow reader misses some."""
+        self._run(self._link.add_topic(*self._inbox.live_topic))
+        return self._inbox.lives.open()
+
+    async def scans(self) -> Feed[Scan]:
+        """Blocks of all scans from now on, whoever started them."""
+        await self._link.add_topic(*self._inbox.scan_topic)
+        return self._inbox.scans.open()
+
+    def scan(
+        self,
+        mode: ScanMode = "time",
+        *,
+        rate_hz: float | None = None,
+        spacing_mm: float | None = None,
+        normal: Iterable[float] | None = None,
+        offset_mm: float = 0.0,
+        held: bool = False,
+    ) -> ScanBlocks:
+        """A scan that runs while an `async with` does; use its blocks in `async for`.
+
+        The arguments are those of the command `scan`.
+        """
+        return ScanBlocks(
+            self.scans,
+            lambda: self.start_scan(
+                mode,
+                rate_hz=rate_hz,
+                spacing_mm=spacing_mm,
+                normal=normal,
+                offset_mm=offset_mm,
+                held=held,
+            ),
+            self.stop_scan,
+        )
+
+    async def status(self) -> Status:
+        """How the arm is; the latest that it told.
+
+        Raises:
+            TimeoutError: it has never told this broker.
+        """
+        return await self._inbox.statuses.first(self._answer_s)
+
+    async def health(self) -> Health:
+        """The daemon's latest figures.
+
+        Raises:
+            TimeoutError: it has never told this broker.
+        """
+        return await self._inbox.healths.first(self._answer_s)
+
+    async def result(self, args: Args, *, longer_s: float = 0.0) -> Mapping[str, Any]:
+        """Have any command carried out; gives what came of it."""
+        return await self._requests.result(args, self._answer_s + longer_s)
+
+    def _came(self) -> None:
+        self._requests.link_came()
+        self._stream.link_came()
+
+    def _went(self) -> None:
+        self._requests.link_lost()
+        self._stream.link_lost()
+
+    async def _save_cursor_periodically(self, path: Path) -> None:
+        kept: dict[str, int] | None = None
+        while True:
+            place = self._stream.place
+            if place != kept and self._order.has_begun:
+                await asyncio.to_thread(write_cursor, path, self.name, place)
+                kept = place
+            await asyncio.sleep(CURSOR_PERIOD_S)
+
+    def _run(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._done)
+
+    def _done(self, task: asyncio.Task[None]) -> None:
+        self._tasks.discard(task)
+        if not task.cancelled() and task.exception() is not None:
+            self._inbox.close(task.exception())
+
+    async def _end(self) -> None:
+        await end(self._tasks)
+        self._inbox.close()

@@ -1,0 +1,190 @@
+"""The commands of an arm as functions with typed answers."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from traverse.client.errors import NoAnswerError
+from traverse.client.points.index import PointIndex
+from traverse.client.results import HeldSession, Resent, ResentScan, StartedScan, Taken
+from traverse.protocol.messages import (
+    AlignArgs,
+    Args,
+    LabelArgs,
+    Point,
+    PointArgs,
+    ProbeArgs,
+    ReloadArgs,
+    ResendArgs,
+    ScanArgs,
+    SessionArgs,
+    UndoArgs,
+)
+from traverse.protocol.messages.fields import Vector
+from traverse.protocol.messages.scan import ScanMode
+
+ARRIVAL_S = 1.0
+MEAN_S = 60.0
+
+
+class ArmCommands(ABC):
+    """What an arm can be told.
+
+    Every command raises CommandRefused where the arm says no, and NoAnswerError where
+    nobody answers in time.
+    """
+
+    @abstractmethod
+    async def result(self, args: Args, *, longer_s: float = 0.0) -> Mapping[str, Any]:
+        """Have a command carried out; gives what came of it.
+
+        Args:
+            args: of the command.
+            longer_s: so much longer than usual it may take.
+        """
+
+    @property
+    @abstractmethod
+    def by_id(self) -> PointIndex:
+        """The points that came."""
+
+    async def capture(
+        self, samples: int | None = None, dwell_s: float | None = None
+    ) -> Point:
+        """Take a point now; the arm has it on disk when this returns.
+
+        Args:
+            samples: so many are averaged; or
+            dwell_s: all samples of this time are averaged.
+        """
+        given = {"samples": samples, "dwell_s": dwell_s}
+        args = PointArgs.model_validate({k: v for k, v in given.items() if v})
+        longest_s = dwell_s or (MEAN_S if (samples or 1) > 1 else 0.0)
+        return await self._point(await self.result(args, longer_s=longest_s))
+
+    async def undo(self, point_id: str | None = None) -> Point:
+        """Take the last point back; gives the retraction, which is a point too.
+
+        Args:
+            point_id: if given, it must be that point.
+        """
+        args = UndoArgs() if point_id is None else UndoArgs(id=point_id)
+        return await self._point(await self.result(args))
+
+    async def label(
+        self, artefact: str | None = None, feature: str | None = None
+    ) -> None:
+        """Say what the next points are taken on; nothing ends it."""
+        await self.result(LabelArgs(artefact=artefact, feature=feature))
+
+    async def probe(self, name: str) -> str:
+        """Change the probe; gives the digest of the arm with it."""
+        return str((await self.result(ProbeArgs(name=name)))["model"])
+
+    async def reload(self) -> str:
+        """Have arm file and configuration read again; gives the arm's digest."""
+        return str((await self.result(ReloadArgs()))["model"])
+
+    async def align(
+        self,
+        rotation: Iterable[Iterable[float]],
+        translation_mm: Iterable[float],
+        *,
+        scale: float = 1.0,
+        name: str | None = None,
+    ) -> None:
+        """Give points part coordinates: scale * rotation * arm + translation_mm.
+
+        Args:
+            rotation: its three rows.
+            translation_mm: the arm's origin in the part's system.
+            scale: of the part's system against the arm's.
+            name: what the alignment is called.
+        """
+        first, second, third = (_vector(row) for row in rotation)
+        args = AlignArgs(
+            action="set",
+            name=name,
+            rotation=(first, second, third),
+            translation_mm=_vector(translation_mm),
+            scale=float(scale),
+        )
+        await self.result(args)
+
+    async def clear_alignment(self) -> None:
+        """Points have no part coordinates any more."""
+        await self.result(AlignArgs(action="clear"))
+
+    async def new_session(self, note: str | None = None) -> str:
+        """Number from 0 again; gives the new session."""
+        args = SessionArgs(action="new", note=note)
+        return str((await self.result(args))["session"])
+
+    async def start_scan(
+        self,
+        mode: ScanMode = "time",
+        *,
+        rate_hz: float | None = None,
+        spacing_mm: float | None = None,
+        normal: Iterable[float] | None = None,
+        offset_mm: float = 0.0,
+        held: bool = False,
+    ) -> StartedScan:
+        """Start a scan; it replaces a running one."""
+        args = ScanArgs(
+            action="start",
+            mode=mode,
+            rate_hz=rate_hz,
+            spacing_mm=spacing_mm,
+            normal=None if normal is None else _vector(normal),
+            offset_mm=offset_mm,
+            held=held,
+        )
+        return StartedScan.read(await self.result(args))
+
+    async def stop_scan(self) -> None:
+        """End the running scan, if there is one."""
+        await self.result(ScanArgs(action="stop"))
+
+    async def sessions(self) -> tuple[HeldSession, ...]:
+        """Sessions that the arm's outbox holds, oldest first."""
+        return HeldSession.read_all(await self.result(ResendArgs()))
+
+    async def resend(
+        self, session: str, from_seq: int = 0, to_seq: int | None = None
+    ) -> Resent:
+        """Have points sent again, to everybody who follows the arm.
+
+        What was missed is asked for by itself: `points` needs no help.
+        """
+        args = ResendArgs(session=session, from_seq=from_seq, to_seq=to_seq)
+        return Resent.read(await self.result(args))
+
+    async def resend_scan(
+        self, scan: str, from_seq: int = 0, to_seq: int | None = None
+    ) -> ResentScan:
+        """Have blocks of a scan sent again, to everybody who follows the arm's scans.
+
+        The arm has them where its configuration delivers scans completely.
+        """
+        args = ResendArgs(scan=scan, from_seq=from_seq, to_seq=to_seq)
+        return ResentScan.read(await self.result(args))
+
+    async def _point(self, result: Mapping[str, Any]) -> Point:
+        """The point that an answer tells of; asked for again where it fails to come."""
+        taken = Taken.read(result)
+        for _ in range(3):
+            point = await self.by_id.get(taken.id, ARRIVAL_S)
+            if point is not None:
+                return point
+            await self.resend(taken.session, taken.seq, taken.seq)
+        raise NoAnswerError(
+            f"point {taken.seq} of session {taken.session} was taken, but it did not "
+            "arrive here; it is in the arm's outbox"
+        )
+
+
+def _vector(values: Iterable[float]) -> Vector:
+    """Three numbers of any kind, such as a row of an array."""
+    x, y, z = (float(value) for value in values)
+    return (x, y, z)

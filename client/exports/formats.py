@@ -1,0 +1,30 @@
+"""All formats by name."""
+
+import io
+from collections.abc import Sequence
+
+from traverse.client.exports.binary import Numpy, Parquet, Ply
+from traverse.client.exports.point_table import Coordinates, standing
+from traverse.client.exports.sink import Sink
+from traverse.client.exports.text import Csv, JsonLines, Template, Xyz
+from traverse.protocol.messages import Point
+
+FORMATS: dict[str, type[Sink]] = {
+    "csv": Csv,
+    "jsonl": JsonLines,
+    "npz": Numpy,
+    "parquet": Parquet,
+    "ply": Ply,
+    "text": Template,
+    "xyz": Xyz,
+}
+
+
+def points_as(
+    kind: str, points: Sequence[Point], coordinates: Coordinates = "centre"
+) -> tuple[str, bytes]:
+    """Points that stand as a file in memory: its name and content."""
+    file = io.BytesIO()
+    with FORMATS[kind](file, coordinates) as sink:
+        sink.points(standing(points))
+    return f"points.{kind}", file.getvalue()

@@ -1,0 +1,120 @@
+"""Messages that may be missed: live poses, blocks of scans, events, states.
+
+Each reader has a bounded queue of its own; what it has no room for is counted.
+"""
+
+import asyncio
+import weakref
+from collections import deque
+from typing import Generic, Self, TypeVar
+
+from traverse.client.change_signal import Pulse
+
+T = TypeVar("T")
+
+
+class Feed(Generic[T]):
+    """Messages of one kind as they come, for one reader: use with `async for`.
+
+    Args:
+        limit: so many may wait.
+        keep_newest: what goes where there is no room: the oldest, or else what comes.
+
+    Attributes:
+        missed: messages for which there was no room.
+    """
+
+    def __init__(self, limit: int, *, keep_newest: bool) -> None:
+        self._waiting: deque[T] = deque()
+        self._limit = limit
+        self._keep_newest = keep_newest
+        self._pulse = Pulse()
+        self._error: BaseException | None = None
+        self._is_closed = False
+        self.missed = 0
+
+    def put(self, message: T) -> None:
+        """A message has come."""
+        if len(self._waiting) >= self._limit:
+            self.missed += 1
+            if not self._keep_newest:
+                return
+            self._waiting.popleft()
+        self._waiting.append(message)
+        self._pulse.beat()
+
+    def close(self, error: BaseException | None = None) -> None:
+        """Nothing more will come; the reader hears why, if there is a reason."""
+        self._is_closed, self._error = True, error
+        self._pulse.beat()
+
+    def __aiter__(self) -> Self:
+        return self
+
+    async def __anext__(self) -> T:
+        while not self._waiting:
+            if self._error is not None:
+                raise self._error
+            if self._is_closed:
+                raise StopAsyncIteration
+            await self._pulse.wait()
+        return self._waiting.popleft()
+
+
+class Feeds(Generic[T]):
+    """All readers of one kind of message; those that nobody holds any more go away.
+
+    Args:
+        limit, keep_newest: as of `Feed`.
+
+    Attributes:
+        latest: the last message that came.
+    """
+
+    def __init__(self, limit: int, *, keep_newest: bool) -> None:
+        self._limit = limit
+        self._keep_newest = keep_newest
+        self._feeds: weakref.WeakSet[Feed[T]] = weakref.WeakSet()
+        self._pulse = Pulse()
+        self._end: tuple[BaseException | None] | None = None
+        self.latest: T | None = None
+
+    @property
+    def has_readers(self) -> bool:
+        """Whether somebody wants these messages."""
+        return len(self._feeds) > 0
+
+    def open(self) -> Feed[T]:
+        """A reader of what comes from now on."""
+        feed = Feed[T](self._limit, keep_newest=self._keep_newest)
+        if self._end is not None:
+            feed.close(*self._end)
+        self._feeds.add(feed)
+        return feed
+
+    def put(self, message: T) -> None:
+        """A message has come."""
+        self.latest = message
+        for feed in list(self._feeds):
+            feed.put(message)
+        self._pulse.beat()
+
+    def close(self, error: BaseException | None = None) -> None:
+        """Nothing more will come."""
+        self._end = (error,)
+        for feed in list(self._feeds):
+            feed.close(error)
+        self._pulse.beat()
+
+    async def first(self, seconds: float) -> T:
+        """The latest message, or the first one where none has come yet.
+
+        Raises:
+            TimeoutError: none came within this time.
+        """
+        async with asyncio.timeout(seconds):
+            while self.latest is None:
+                if self._end is not None and self._end[0] is not None:
+                    raise self._end[0]
+                await self._pulse.wait()
+        return self.latest

@@ -1,0 +1,1 @@
+"""Connection of a client to the MQTT broker."""

@@ -1,0 +1,74 @@
+"""The element that shows the arm in three dimensions; its drawing is in the browser."""
+
+import numpy as np
+from nicegui import ui
+from nicegui.element import Element
+from numpy.typing import NDArray
+
+from traverse.protocol.messages import Live, Point
+
+# Its module is where three.js comes from.
+assert ui.scene is not None  # noqa: S101 - imported for its registration
+
+SEEN_MM = 0.02  # less than a pixel, however near one looks
+
+
+class ArmScene(Element, component="arm_scene.js", default_classes="arm-scene-box"):
+    """Skeleton, probe, points and cloud.
+
+    Args:
+        cloud_url: where the browser fetches scanned points.
+    """
+
+    def __init__(self, cloud_url: str) -> None:
+        super().__init__()
+        self._props["cloudUrl"] = cloud_url
+        self._shown: tuple[NDArray[np.float64], float] | None = None
+
+    def show_pose(self, live: Live) -> None:
+        """The arm is now like this.
+
+        An arm at rest is not drawn again: a point that comes need not wait for that.
+        """
+        if live.skeleton_mm is None:
+            return
+        places_mm = np.array(live.skeleton_mm)
+        if self._shown is not None and live.probe_radius_mm == self._shown[1]:
+            was_mm = self._shown[0]
+            if (
+                places_mm.shape == was_mm.shape
+                and np.abs(places_mm - was_mm).max() < SEEN_MM
+            ):
+                return
+        self._shown = (places_mm, live.probe_radius_mm)
+        self.run_method("pose", places_mm.tolist(), live.probe_radius_mm)
+
+    def forget_pose(self) -> None:
+        """The browser has been opened anew: whatever pose comes is drawn."""
+        self._shown = None
+
+    def add_points(self, points: list[Point]) -> None:
+        """Points have come."""
+        rows = [[p.id, *p.xyz_mm, p.quality.ok] for p in points]
+        if rows:
+            self.run_method("add_points", rows)
+
+    def remove_point(self, point_id: str) -> None:
+        """A point was taken back."""
+        self.run_method("remove_point", point_id)
+
+    def clear_points(self) -> None:
+        """Another session has begun."""
+        self.run_method("clear_points")
+
+    def show_cloud(self, version: int, n_kept: int, n_seen: int) -> None:
+        """There is more of the cloud to be fetched."""
+        self.run_method("update_cloud", version, n_kept, n_seen)
+
+    def view(self, name: str) -> None:
+        """Look from a standard side: iso, top, front, right, or at the probe."""
+        self.run_method("view", name)
+
+    def theme(self, *, dark: bool) -> None:
+        """Colours for the light."""
+        self.run_method("theme", dark)

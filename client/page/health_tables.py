@@ -1,0 +1,109 @@
+"""Health and coverage as HTML."""
+
+import time
+from html import escape
+
+import numpy as np
+
+from traverse.client.display.arm_state import SECTORS, ArmSight
+
+WORDS = {"ready": "good", "connected": "good", "starting": "warning"}
+
+
+def health_table(sight: ArmSight) -> str:
+    """Devices, broker, disk, temperatures and delays."""
+    health = sight.health
+    if health is None:
+        return "<p>No figures yet.</p>"
+    rows = []
+    for device in health.devices:
+        age = (
+            "never heard" if device.age_s is None else f"heard {device.age_s:.1f} s ago"
+        )
+        rows.append(
+            _row(device.id, device.state, f"{device.rate_hz:.0f} samples/s, {age}")
+        )
+        rows += [
+            _row(f"{device.id} {name}", "", f"{value:.1f} °C")
+            for name, value in device.temperatures_c.items()
+        ]
+    broker, outbox = health.broker, health.outbox
+    rows.append(_row("broker", broker.state, f"{broker.host}:{broker.port}"))
+    waits = f"{outbox.points} points kept, {outbox.unsent} wait for the broker"
+    rows.append(_row("disk", outbox.state, waits))
+    names = {
+        "capture_to_publish": "trigger to handing over",
+        "point_to_disk": "point to disk",
+        "publish_to_ack": "broker's answer",
+        "sample_to_pose": "sample to pose",
+    }
+    for name, words in names.items():
+        delay = health.latencies.get(name)
+        if delay is not None:
+            told = f"{delay.p50_us / 1e3:.1f} ms, 99 % within {delay.p99_us / 1e3:.1f}"
+            rows.append(_row(words, "", told))
+    lost = {
+        words: health.counters.get(name, 0)
+        for name, words in (
+            ("samples_lost", "samples lost"),
+            ("scan_points_dropped", "scan points dropped"),
+            ("points_refused", "points refused"),
+        )
+    }
+    rows += [_row(words, "warning", str(n)) for words, n in lost.items() if n]
+    memory = f"{health.cpu_share:.0%} of a core, {health.rss_bytes / 1e6:.0f} MB"
+    rows.append(_row("daemon", "", memory))
+    return f'<table class="plain wrap"><tbody>{"".join(rows)}</tbody></table>'
+
+
+def alarm_list(sight: ArmSight) -> str:
+    """What lasts now, and the latest that passed."""
+    items = [
+        f'<p class="state {"bad" if e.severity == "error" else "warning"}">'
+        f"{escape(e.text)}<br><small>{escape(e.remedy)}</small></p>"
+        for e in sight.alarms.values()
+        if e.severity != "info"
+    ]
+    past = [e for e in sight.events if e.active is not True and e.severity != "info"]
+    for event in past[:-6:-1]:
+        at = time.strftime("%H:%M:%S", time.localtime(event.last_ns * 1e-9))
+        items.append(f"<p><small>{at} {escape(event.text)}</small></p>")
+    return "".join(items)
+
+
+def coverage_bars(sight: ArmSight) -> str:
+    """Where each joint has been: 36 sectors of a turn, and where it is."""
+    seen = sight.coverage
+    if seen is None or sight.live is None:
+        return "<p>No pose yet.</p>"
+    bars = []
+    for joint, own in enumerate(seen):
+        turn = np.mod(sight.live.angles_rad[joint] / (2.0 * np.pi), 1.0)
+        rects = "".join(
+            f'<rect class="seen" x="{i}" y="0" width="1" height="1"/>'
+            for i in np.flatnonzero(own)
+        )
+        here = turn * SECTORS
+        rects += (
+            f'<rect class="here" x="{here - 0.15:.2f}" y="0" width=".3" height="1"/>'
+        )
+        part = np.count_nonzero(own) / SECTORS
+        bars.append(
+            f'<div class="sectors"><span>J{joint + 1}</span>'
+            f'<svg viewBox="0 0 {SECTORS} 1" preserveAspectRatio="none" role="img" '
+            f'aria-label="joint {joint + 1} has been in {part:.0%} of a turn">'
+            f"{rects}</svg><span>{part:.0%}</span></div>"
+        )
+    return "".join(bars)
+
+
+def _row(name: str, state: str, told: str) -> str:
+    kind = WORDS.get(state, "bad" if state not in ("", "warning") else state)
+    shown = state if state not in ("", "warning") else ""
+    strong = "state warning" if kind == "warning" and not shown else ""
+    return (
+        f'<tr><td class="text">{escape(name)}</td>'
+        f'<td class="text state {kind}">{escape(shown)}</td>'
+        f'<td class="text {strong}">'
+        f"{escape(told)}</td></tr>"
+    )

@@ -1,0 +1,84 @@
+"""The page's server: one arm followed, any number of browsers."""
+
+import asyncio
+import logging
+from collections.abc import Callable
+from pathlib import Path
+
+from fastapi import Response
+from nicegui import app, ui
+
+from traverse.client.cancel_tasks import end
+from traverse.client.display.follower import Follower
+from traverse.client.page.access import Guard
+from traverse.client.page.operator_page import OperatorPage
+from traverse.protocol.messages import Point
+
+log = logging.getLogger(__name__)
+
+CLOUD_URL = "/cloud"
+RECONNECT_S = 10.0
+
+Export = Callable[[str, list[Point]], tuple[str, bytes]]
+
+
+def serve(
+    follower: Follower,
+    export: Export,
+    *,
+    host: str,
+    port: int,
+    token: str | None = None,
+    certificate: Path | None = None,
+    key: Path | None = None,
+    show: bool = False,
+) -> None:
+    """Serve the page until the process is told to end.
+
+    Args:
+        follower: of the arm.
+        export: gives points as a file of some kind: name and content.
+        host: to listen on.
+        port: likewise.
+        token: who has it may see the page; None: who is on this machine.
+        certificate: for TLS.
+        key: of the certificate.
+        show: open a browser.
+    """
+    tasks: list[asyncio.Task[None]] = []
+
+    async def begin() -> None:
+        tasks.append(asyncio.create_task(follower.run()))
+
+    async def leave() -> None:
+        await end(tasks)
+
+    app.on_startup(begin)
+    app.on_shutdown(leave)
+    app.add_middleware(Guard, token=token)
+
+    @app.get(CLOUD_URL)
+    def cloud(version: int, start: int) -> Response:
+        if version != follower.cloud.version or start < 0:
+            return Response(status_code=409)
+        content = follower.cloud.bytes_from(start)
+        return Response(
+            content,
+            media_type="application/octet-stream",
+            headers={"x-seen": str(follower.cloud.n_seen)},
+        )
+
+    @ui.page("/", title=f"{follower.name} - Traverse", reconnect_timeout=RECONNECT_S)
+    def page() -> None:
+        OperatorPage(follower, CLOUD_URL, export)
+
+    ui.run(
+        host=host,
+        port=port,
+        show=show,
+        reload=False,
+        title="Traverse",
+        show_welcome_message=False,
+        ssl_certfile=None if certificate is None else str(certificate),
+        ssl_keyfile=None if key is None else str(key),
+    )

@@ -1,0 +1,1 @@
+"""Points of an arm in order: reordering, gap filling, cursor."""

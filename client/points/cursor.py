@@ -1,0 +1,49 @@
+"""A consumer's place, kept in a file: it goes on there when it is started again."""
+
+import json
+import os
+from pathlib import Path
+
+from traverse.protocol.message_error import MessageError
+
+SCHEMA = "traverse/place/1"
+
+
+def read_cursor(path: Path, arm: str) -> dict[str, int] | None:
+    """Next numbers of the sessions, the newest last; None where there is no file.
+
+    Raises:
+        MessageError: it is not such a file, or belongs to another arm.
+        OSError: it cannot be read.
+    """
+    try:
+        text = path.read_text("utf-8")
+    except FileNotFoundError:
+        return None
+    try:
+        values = json.loads(text)
+    except ValueError as error:
+        raise MessageError.of(str(path), str(error), "JSON") from error
+    if not isinstance(values, dict) or values.get("schema") != SCHEMA:
+        raise MessageError.of(str(path), text[:80], f'a map with schema "{SCHEMA}"')
+    if values.get("arm") != arm:
+        found = repr(values.get("arm"))[:80]
+        raise MessageError.of(f"{path}: arm", found, f"{arm!r}; give it its own file")
+    sessions = values.get("sessions")
+    if not isinstance(sessions, dict) or not all(
+        type(seq) is int and seq >= 0 for seq in sessions.values()
+    ):
+        found = repr(sessions)[:80]
+        raise MessageError.of(f"{path}: sessions", found, "a map to integers from 0")
+    return sessions
+
+
+def write_cursor(path: Path, arm: str, place: dict[str, int]) -> None:
+    """Write it whole or not at all, also when the power fails."""
+    text = json.dumps({"schema": SCHEMA, "arm": arm, "sessions": place}, indent=1)
+    beside = path.with_name(f"{path.name}.new")
+    with beside.open("w", encoding="utf-8") as file:
+        file.write(text + "\n")
+        file.flush()
+        os.fsync(file.fileno())
+    beside.replace(path)

@@ -1,0 +1,139 @@
+"""Asks an arm's outbox for points that are missing, one question at a time."""
+
+import asyncio
+import logging
+from collections.abc import Callable
+
+from traverse.client.change_signal import Pulse
+from traverse.client.errors import ClientError, CommandRefused
+from traverse.client.mqtt.reconnection import Link
+from traverse.client.points.reorder_buffer import Ask, ReorderBuffer
+from traverse.client.requests import Requests
+from traverse.client.results import HeldSession, Resent
+from traverse.protocol.message_error import MessageError
+from traverse.protocol.messages import ResendArgs
+
+log = logging.getLogger(__name__)
+
+ASK_S = 5.0
+FIRST_WAIT_S = 0.2
+LAST_WAIT_S = 10.0
+ARRIVAL_S = 2.0
+TAIL_S = 30.0
+MAX_SILENCES = 2
+CANNOT = ("command.not_available", "command.bad_args")
+
+
+class Asking:
+    """Finds out what is missing, and has it sent again.
+
+    Args:
+        order: knows what is missing.
+        link: the connection.
+        requests: the way to the outbox.
+        room: how many points may be asked for now.
+        arrived: beats when points have come.
+    """
+
+    def __init__(
+        self,
+        order: ReorderBuffer,
+        link: Link,
+        requests: Requests,
+        room: Callable[[], int],
+        arrived: Pulse,
+    ) -> None:
+        self._order = order
+        self._link = link
+        self._requests = requests
+        self._room = room
+        self._arrived = arrived
+        self._questions = Pulse()
+        self._silences = 0
+
+    def look(self) -> None:
+        """Something may be missing, or there may be room for it now."""
+        self._questions.beat()
+
+    async def run(self) -> None:
+        """Ask for what is missing, until cancelled."""
+        wait_s = FIRST_WAIT_S
+        while True:
+            ask = await self._next_ask()
+            progress = self._order.next_seq_of(ask.session or "")
+            before = (self._order.n_taken, self._link.connections)
+            try:
+                await self._carry_out(ask, ARRIVAL_S + wait_s)
+                self._silences = 0
+                if ask.session and progress == self._order.next_seq_of(ask.session):
+                    wait_s = min(2 * wait_s, LAST_WAIT_S)
+                else:
+                    wait_s = FIRST_WAIT_S
+                continue
+            except CommandRefused as error:
+                if error.code in CANNOT:
+                    self._order.refuse(f"the arm cannot send points again: {error}")
+                    self._arrived.beat()
+                    continue
+                self._order.unanswered(ask)
+                log.warning("points are missing and cannot be had now: %s", error)
+            except (ClientError, MessageError) as error:
+                self._order.unanswered(ask)
+                log.info("points may be missing: %s", error)
+                self._count_unanswered(before, str(error))
+            await asyncio.sleep(wait_s)
+            wait_s = min(2 * wait_s, LAST_WAIT_S)
+
+    def _count_unanswered(self, before: tuple[int, int], reason: str) -> None:
+        """Points that come while nobody answers: this client may read, not command."""
+        n_taken, connections = before
+        is_speaking = self._order.n_taken > n_taken
+        if is_speaking and self._link.is_up and self._link.connections == connections:
+            self._silences += 1
+        else:
+            self._silences = 0
+        if self._silences >= MAX_SILENCES:
+            self._silences = 0
+            self._order.refuse(f"the arm does not answer this client: {reason}")
+            self._arrived.beat()
+
+    async def _next_ask(self) -> Ask:
+        """Wait until something is missing, or nothing has come for long."""
+        while True:
+            ask = self._order.next_request(self._room())
+            if ask is not None:
+                return ask
+            before = self._order.n_taken
+            if await self._questions.wait(TAIL_S) or before != self._order.n_taken:
+                continue
+            if self._order.can_request and self._room():
+                return self._order.tail_request()
+
+    async def _carry_out(self, ask: Ask, arrival_s: float) -> None:
+        if ask.session is None:
+            result = await self._requests.result(ResendArgs(), ASK_S)
+            self._order.listed(HeldSession.read_all(result))
+            self._arrived.beat()
+            return
+        args = ResendArgs(session=ask.session, from_seq=ask.from_seq, to_seq=ask.to_seq)
+        answer = Resent.read(await self._requests.result(args, ASK_S))
+        last = self._order.resent(ask, answer)
+        self._arrived.beat()
+        if last is not None:
+            await self._arrival(ask.session, last, arrival_s)
+
+    async def _arrival(self, session: str, last: int, seconds: float) -> None:
+        """Wait until points up to a number are here, or for so long none came."""
+        loop = asyncio.get_running_loop()
+        until_s, next_seq = loop.time() + seconds, self._order.next_seq_of(session)
+        while (
+            next_seq is not None
+            and next_seq <= last
+            and not self._order.needs_session_list
+        ):
+            left_s = until_s - loop.time()
+            if left_s <= 0:
+                return
+            await self._arrived.wait(left_s)
+            if next_seq != (now := self._order.next_seq_of(session)):
+                until_s, next_seq = loop.time() + seconds, now

@@ -1,0 +1,273 @@
+"""Points brought into order, without gap and without repeat, from what a broker brings.
+
+A broker brings points late, twice, or not at all (mosquitto forgets when it is killed).
+What is missing in (session, seq) is asked for again from the arm's outbox; what that
+holds no more is told as `Lost`. Sessions follow one another in the order in which they
+began. No clock and no connection here: `traverse.client.points.stream` has them.
+
+Law: what is handed on is in order of (session, seq), each number of a followed session
+once, as a point or within a `Lost`. Only points of a session that was taken for
+complete may come late, since that is better than never.
+"""
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from traverse.client.points.session_order import (
+    FORGOTTEN,
+    NEVER_FOLLOWED,
+    SessionSequence,
+)
+from traverse.client.points.session_points import Lost
+from traverse.client.results import HeldSession, Resent
+from traverse.protocol.messages import Point
+
+BATCH = 500
+"""Points asked for at once; brokers keep 1000 for a client that is slow."""
+MAX_HELD = 2000
+UNKNOWN = "the arm's outbox does not know this session any more"
+
+
+@dataclass(frozen=True, slots=True)
+class Ask:
+    """What is to be asked of the outbox.
+
+    Attributes:
+        session: None asks which sessions there are.
+        from_seq, to_seq: the range.
+        is_tail: nobody knows whether there are such points.
+    """
+
+    session: str | None
+    from_seq: int = 0
+    to_seq: int = 0
+    is_tail: bool = False
+
+
+class ReorderBuffer:
+    """Takes points as they come; `ready` holds those whose turn it is.
+
+    Args:
+        since: next numbers of sessions that were followed before; None begins with the
+            points of from now on, an empty map with everything that the outbox holds.
+
+    Attributes:
+        needs_session_list: whether it has to be asked which sessions there are.
+        ready: points and losses in their order, to be taken from the left.
+        n_taken: points that came, whatever became of them.
+        duplicates: points that came once more.
+        put_back: points for which there was no room; they are asked for again.
+        asked: points that were asked for again.
+    """
+
+    def __init__(self, since: Mapping[str, int] | None) -> None:
+        self._sessions = SessionSequence(since)
+        self._unknown_sessions: dict[str, dict[int, Point]] = {}
+        self._refusal: str | None = None
+        self.needs_session_list = True
+        self.ready: deque[Point | Lost] = deque()
+        self.n_taken = 0
+        self.duplicates = 0
+        self.put_back = 0
+        self.asked = 0
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether it is known where following begins."""
+        return self._sessions.has_begun
+
+    @property
+    def start(self) -> dict[str, int]:
+        """Next numbers where following began."""
+        return self._sessions.start
+
+    @property
+    def can_request(self) -> bool:
+        """Whether the arm sends points again, as far as is known."""
+        return self._refusal is None
+
+    @property
+    def needs_request(self) -> bool:
+        """Whether something may have to be asked for."""
+        head = self._sessions.head
+        return self.can_request and (
+            self.needs_session_list
+            or (
+                head is not None
+                and (head.next_seq <= head.known or head.needs_confirmation)
+            )
+        )
+
+    @property
+    def n_held(self) -> int:
+        """Points that came before their turn."""
+        followed = sum(len(one.held) for one in self._sessions)
+        return followed + sum(map(len, self._unknown_sessions.values()))
+
+    def take(self, point: Point, *, room: bool = True) -> None:
+        """A point has come; without room it only counts as seen."""
+        self.n_taken += 1
+        followed = self._sessions.get(point.session)
+        if followed is None:
+            self._buffer_unknown(point)
+            return
+        if point.seq < followed.next_seq or point.seq in followed.held:
+            self.duplicates += 1
+            return
+        followed.see(point.seq)
+        is_next = followed is self._sessions.head and point.seq == followed.next_seq
+        if not room or (not is_next and self.n_held >= MAX_HELD):
+            self.put_back += 1
+            return
+        followed.held[point.seq] = point
+        if is_next or self._refusal is not None:
+            self._hand_on()
+
+    def notice(self, session: str) -> None:
+        """The arm says that this is its session."""
+        self._sessions.anchor = self._sessions.anchor or session
+        if self._sessions.get(session) is None and self._sessions.past(session) is None:
+            self.needs_session_list = True
+
+    def connection_restored(self) -> None:
+        """There is a new connection: what was refused may be granted now."""
+        self._refusal = None
+        self.needs_session_list = True
+
+    def next_request(self, room: int) -> Ask | None:
+        """What is to be asked for now; None: nothing is known to be missing.
+
+        It counts as asked; say so with `unanswered` where no answer came.
+        """
+        if self._refusal is not None:
+            return None
+        if self.needs_session_list:
+            self.needs_session_list = (
+                False  # unless something new comes before the answer
+            )
+            return Ask(None)
+        head = self._sessions.head
+        if head is None or room < 1:
+            return None
+        gap = head.missing()
+        if gap is not None:
+            first, last = gap
+            return Ask(head.session, first, min(last, first + min(room, BATCH) - 1))
+        return self.tail_request() if head.needs_confirmation else None
+
+    def tail_request(self) -> Ask:
+        """Asks for what may have come after the last point that is known of."""
+        head = self._sessions.head
+        if head is None:
+            return Ask(None)
+        first = head.next_seq
+        return Ask(head.session, first, first + BATCH - 1, is_tail=True)
+
+    def next_seq_of(self, session: str) -> int | None:
+        """The number of a session that is handed on next; None: it is complete."""
+        followed = self._sessions.get(session)
+        return None if followed is None else followed.next_seq
+
+    def unanswered(self, ask: Ask) -> None:
+        """No answer came."""
+        self.needs_session_list = self.needs_session_list or ask.session is None
+
+    def resent(self, ask: Ask, answer: Resent) -> int | None:
+        """The outbox has answered.
+
+        Returns:
+            The last number that it will send; None where it sends none.
+        """
+        self.asked += answer.points
+        head = self._sessions.head
+        if head is None or head.session != ask.session:
+            return None
+        first, last = answer.first_seq, answer.last_seq
+        if head.needs_confirmation:
+            head.needs_confirmation, head.has_ended = False, True
+            head.cut = UNKNOWN if last is None else ""
+        if last is not None:
+            head.see(last)
+        if first is None or last is None or last < ask.from_seq:
+            if not ask.is_tail:
+                self.ready.extend(head.give_up(ask.to_seq, FORGOTTEN))
+            self._hand_on()
+            return None
+        self.ready.extend(head.give_up(first - 1, FORGOTTEN))
+        self._hand_on()
+        return min(last, ask.to_seq)
+
+    def refuse(self, reason: str) -> None:
+        """The arm cannot send points again: go on with what comes, and tell gaps."""
+        self._refusal = reason
+        self.needs_session_list = False
+        first_time = not self.has_begun
+        if first_time:
+            self._sessions.begin_without_list()
+        self._adopt_unknown_sessions(
+            from_lowest=first_time and self._sessions.begins_now
+        )
+        self._hand_on()
+
+    def listed(self, sessions: Sequence[HeldSession]) -> None:
+        """The outbox has told which sessions it holds, oldest first."""
+        lowest = {name: min(held) for name, held in self._unknown_sessions.items()}
+        self._sessions.list(sessions, lowest, is_old=self.needs_session_list)
+        self._adopt_unknown_sessions()
+        self._hand_on()
+
+    def _buffer_unknown(self, point: Point) -> None:
+        """Keep a point of a session that is not known yet."""
+        past = self._sessions.past(point.session)
+        held = self._unknown_sessions.get(point.session, {})
+        is_past = past is not None and (past == NEVER_FOLLOWED or point.seq < past)
+        if is_past or point.seq in held:
+            self.duplicates += 1
+            return
+        self.needs_session_list = True
+        if self.n_held >= MAX_HELD:
+            self.put_back += 1
+            return
+        self._unknown_sessions.setdefault(point.session, held)[point.seq] = point
+        if self._refusal is not None:
+            self.refuse(self._refusal)
+
+    def _adopt_unknown_sessions(self, *, from_lowest: bool = False) -> None:
+        """Sort in the points that waited for the list of sessions."""
+        unknown_sessions, self._unknown_sessions = self._unknown_sessions, {}
+        for session, held in unknown_sessions.items():
+            lowest = min(held)
+            past = self._sessions.past(session)
+            followed = self._sessions.get(session)
+            if followed is None and past is None and self.needs_session_list:
+                self._unknown_sessions[session] = held  # the next list may know it
+                continue
+            if followed is None and past == NEVER_FOLLOWED:
+                self.duplicates += len(held)
+                continue
+            if followed is None:
+                first = lowest if from_lowest else past or 0
+                begun_ns = held[lowest].time_ns if past is None else 0
+                followed = self._sessions.adopt(session, first, begun_ns)
+                followed.has_ended = self._refusal is None
+            for seq, point in held.items():
+                followed.see(seq)
+                if seq < followed.next_seq:
+                    self.duplicates += 1
+                else:
+                    followed.held[seq] = point
+
+    def _hand_on(self) -> None:
+        """Make ready what can be, session by session."""
+        while (head := self._sessions.head) is not None:
+            self.ready.extend(head.run())
+            if self._refusal is not None:
+                self.ready.extend(head.give_up(head.known, self._refusal))
+                head.has_ended = len(self._sessions) > 1
+            if not head.is_complete:
+                return
+            if head.cut:
+                lost = Lost(head.session, head.next_seq, None, head.cut)
+                self.ready.append(lost)
+            self._sessions.leave(head)

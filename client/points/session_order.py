@@ -1,0 +1,142 @@
+"""Sessions one after the other: which is followed now, which are past, which come."""
+
+from collections import OrderedDict
+from collections.abc import Iterator, Mapping, Sequence
+
+from traverse.client.points.session_points import Followed
+from traverse.client.results import HeldSession
+
+MAX_PAST = 2000
+NEVER_FOLLOWED = -1
+FORGOTTEN = "the arm's outbox holds them no more"
+
+
+class SessionSequence:
+    """Sessions in the order in which they began; the first is the head.
+
+    Args:
+        since: next numbers of sessions that were followed before; None begins now.
+
+    Attributes:
+        anchor: the arm's session when following began, where `since` is None.
+        has_begun: whether it is known which sessions there are.
+        start: next numbers where following began.
+    """
+
+    def __init__(self, since: Mapping[str, int] | None) -> None:
+        self._since = None if since is None else dict(since)
+        self._sessions: dict[str, Followed] = {}
+        self._past: OrderedDict[str, int] = OrderedDict()
+        self.anchor: str | None = None
+        self.has_begun = False
+        self.start: dict[str, int] = dict(since or {})
+
+    def __len__(self) -> int:
+        return len(self._sessions)
+
+    def __iter__(self) -> Iterator[Followed]:
+        return iter(self._sessions.values())
+
+    @property
+    def head(self) -> Followed | None:
+        """The session whose points are handed on now."""
+        return next(iter(self._sessions.values()), None)
+
+    @property
+    def begins_now(self) -> bool:
+        """Whether nothing is followed that was before."""
+        return self._since is None
+
+    def get(self, session: str) -> Followed | None:
+        """A session that is followed and not complete."""
+        return self._sessions.get(session)
+
+    def past(self, session: str) -> int | None:
+        """The next number of a session that is past; None where it is not."""
+        return self._past.get(session)
+
+    def begin_without_list(self) -> None:
+        """Begin without knowing which sessions there are."""
+        self.has_begun = True
+        for session, next_seq in (self._since or {}).items():
+            self._sessions[session] = Followed(session, 0, next_seq)
+
+    def list(
+        self, held: Sequence[HeldSession], lowest: Mapping[str, int], *, is_old: bool
+    ) -> None:
+        """The outbox has told which sessions it holds, oldest first.
+
+        Args:
+            held: those.
+            lowest: the lowest numbers that have come already, by session.
+            is_old: others may have begun since it was asked.
+        """
+        if not self.has_begun:
+            self.has_begun = True
+            self._begin(held, lowest)
+            self.start = self.start or {one.session: one.next_seq for one in self}
+        names = [one.session for one in held]
+        for one in held:
+            self._note(one)
+        for name, followed in list(self._sessions.items()):
+            if name in names:
+                followed.has_ended = followed.has_ended or name != names[-1]
+            elif is_old:
+                continue
+            elif followed.known < 0:
+                del self._sessions[name]  # it had no points, and says nothing
+            elif not followed.has_ended:
+                followed.needs_confirmation = True
+
+    def adopt(self, session: str, first: int, begun_ns: int) -> Followed:
+        """Follow a session that is in no list, where it belongs by its time."""
+        followed = Followed(session, begun_ns, first)
+        sessions = list(self._sessions.values())
+        at = len(sessions)
+        while at and sessions[at - 1].begun_ns > begun_ns:
+            at -= 1
+        sessions.insert(at, followed)
+        self._sessions = {one.session: one for one in sessions}
+        return followed
+
+    def leave(self, head: Followed) -> None:
+        """The head is complete: go on to the next."""
+        self._pass(head.session, head.next_seq)
+        del self._sessions[head.session]
+
+    def _begin(self, held: Sequence[HeldSession], lowest: Mapping[str, int]) -> None:
+        """Say where following begins: what is before that is past."""
+        names = [one.session for one in held]
+        if self._since is None:
+            start = names.index(self.anchor) if self.anchor in names else len(names) - 1
+        else:
+            start = max((names.index(s) for s in self._since if s in names), default=0)
+        for name in names[: max(0, start)]:
+            self._pass(name, NEVER_FOLLOWED)
+        if self._since is None:
+            for one in held[start : start + 1] if names else ():
+                end = 0 if one.last_seq is None else one.last_seq + 1
+                next_seq = min(end, lowest.get(one.session, end))
+                followed = Followed(one.session, one.begun_ns, next_seq)
+                self._sessions[one.session] = followed
+        elif self._since and not set(names) & set(self._since):
+            newest, next_seq = list(self._since.items())[-1]
+            self._sessions[newest] = Followed(newest, 0, next_seq)
+
+    def _note(self, one: HeldSession) -> None:
+        if one.session in self._past:
+            return
+        followed = self._sessions.get(one.session)
+        if followed is None:
+            next_seq = (self._since or {}).get(one.session, 0)
+            followed = Followed(one.session, one.begun_ns, next_seq)
+            self._sessions[one.session] = followed
+        followed.begun_ns = one.begun_ns
+        if one.last_seq is not None:
+            followed.see(one.last_seq)
+        followed.cut = FORGOTTEN if one.last_seq is None and followed.known >= 0 else ""
+
+    def _pass(self, session: str, next_seq: int) -> None:
+        self._past[session] = next_seq
+        while len(self._past) > MAX_PAST:
+            self._past.popitem(last=False)

@@ -1,0 +1,185 @@
+"""An arm's points, followed: asks again for what is missing, holds the broker back.
+
+At most `limit` points wait for the reader. From then on nothing is acknowledged, so
+that the broker sends no more; what it then drops, and what comes nevertheless, is asked
+for again when there is room. Where nobody reads, all is acknowledged and what there is
+no room for is left in the arm's outbox, so that events and answers go on.
+"""
+
+import asyncio
+import logging
+from typing import Self
+
+from traverse.client.change_signal import Pulse
+from traverse.client.mqtt.reconnection import Link
+from traverse.client.points.gap_filler import Asking
+from traverse.client.points.reorder_buffer import ReorderBuffer
+from traverse.client.points.session_points import Lost
+from traverse.client.requests import Requests
+from traverse.protocol.messages import Point
+
+log = logging.getLogger(__name__)
+
+READER_S = 10.0
+MAX_PLACES = 16
+
+
+class PointStream:
+    """Points and losses in their order; use with `async for`, one reader at a time.
+
+    Args:
+        order: puts them into order.
+        link: the connection; points are acknowledged on it.
+        requests: the way to the outbox.
+        limit: so many may wait for the reader.
+
+    Attributes:
+        lost: points that could not be had any more, as far as they could be counted.
+    """
+
+    def __init__(
+        self, order: ReorderBuffer, link: Link, requests: Requests, limit: int
+    ) -> None:
+        self._order = order
+        self._link = link
+        self._limit = limit
+        self._unacknowledged: list[int] = []
+        self._arrived = Pulse()
+        self._asking = Asking(order, link, requests, self._room_for_more, self._arrived)
+        self._is_read = False
+        self._read_s = 0.0
+        self._in_hand: Point | Lost | None = None
+        self._taken: dict[str, int] = {}
+        self._error: BaseException | None = None
+        self._is_closed = False
+        self.lost = 0
+
+    @property
+    def room(self) -> int:
+        """So many more points may wait."""
+        return self._limit - len(self._order.ready)
+
+    @property
+    def waiting(self) -> int:
+        """So many can be had without waiting."""
+        return len(self._order.ready)
+
+    @property
+    def place(self) -> dict[str, int]:
+        """Next numbers of the sessions: what the reader is done with does not count.
+
+        A reader is done with a point when it asks for the next one.
+        """
+        return dict(self._taken or self._order.start)
+
+    def take(self, point: Point, number: int) -> None:
+        """A point has come, with the number that it is acknowledged by."""
+        room = self.room
+        self._order.take(point, room=room > 0)
+        if room > 0 or not self._is_read:
+            self._link.acknowledge(number)
+        else:
+            self._hold_back(number)
+        self._tell_all()
+
+    def notice(self, session: str) -> None:
+        """The arm says that this is its session."""
+        self._order.notice(session)
+        self._tell_all()
+
+    def link_came(self) -> None:
+        """There is a connection: find out what was missed."""
+        self._order.connection_restored()
+        self._tell_all()
+
+    def link_lost(self) -> None:
+        """Nothing of the old connection can be acknowledged any more."""
+        self._unacknowledged.clear()
+
+    def close(self, error: BaseException | None = None) -> None:
+        """Nothing more will come."""
+        self._is_closed, self._error = True, error
+        self._unacknowledged.clear()
+        self._arrived.beat()
+
+    def commit_current(self) -> None:
+        """The reader is done with what it was given last."""
+        item, self._in_hand = self._in_hand, None
+        if item is None:
+            return
+        last = item.seq if isinstance(item, Point) else item.to_seq
+        if last is not None:
+            self._taken.pop(item.session, None)  # the newest stands last
+            self._taken[item.session] = last + 1
+            if len(self._taken) > MAX_PLACES:
+                del self._taken[next(iter(self._taken))]
+
+    def __aiter__(self) -> Self:
+        return self
+
+    async def __anext__(self) -> Point | Lost:
+        self.commit_current()
+        self._is_read = True
+        while not self._order.ready:
+            if self._error is not None:
+                raise self._error
+            if self._is_closed:
+                raise StopAsyncIteration
+            await self._arrived.wait()
+        self._read_s = asyncio.get_running_loop().time()
+        self._in_hand = item = self._order.ready.popleft()
+        if self.room == self._limit // 2:
+            self._let_go()
+        if isinstance(item, Lost):
+            self._tell(item)
+        return item
+
+    async def begun(self) -> None:
+        """Wait until it is known from which point on they are followed."""
+        while not self._order.has_begun:
+            await self._arrived.wait()
+
+    async def follow(self) -> None:
+        """Ask for what is missing, until cancelled."""
+        await self._asking.run()
+
+    def _room_for_more(self) -> int:
+        """So many points may be asked for: none while many wait."""
+        return self.room if self.room >= self._limit // 2 else 0
+
+    def _tell_all(self) -> None:
+        self._arrived.beat()
+        if self._order.needs_request:
+            self._asking.look()
+
+    def _hold_back(self, number: int) -> None:
+        """Let the broker wait, but not for ever for a reader that has gone away."""
+        if not self._unacknowledged:
+            loop = asyncio.get_running_loop()
+            loop.call_later(READER_S, self._check_reader)
+        self._unacknowledged.append(number)
+
+    def _check_reader(self) -> None:
+        loop = asyncio.get_running_loop()
+        if not self._unacknowledged:
+            return
+        if loop.time() - self._read_s >= READER_S:
+            self._is_read = False
+            self._let_go()
+        else:
+            loop.call_later(READER_S, self._check_reader)
+
+    def _let_go(self) -> None:
+        """Have the broker send on."""
+        waiting, self._unacknowledged = self._unacknowledged, []
+        for number in waiting:
+            self._link.acknowledge(number)
+        self._asking.look()
+
+    def _tell(self, lost: Lost) -> None:
+        if lost.to_seq is not None:
+            self.lost += lost.to_seq - lost.from_seq + 1
+        log.error(
+            "points %s to %s of session %s are lost: %s",
+            *(lost.from_seq, lost.to_seq, lost.session, lost.reason),
+        )

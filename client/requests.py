@@ -1,0 +1,129 @@
+"""Commands on their way: sent, sent again where that does no harm, answered.
+
+A command may be lost on either side of the broker. It is sent again, with the same
+`request`, whenever a connection comes back or the arm says that it is there: the daemon
+gives a repeated request its first answer. A daemon that was started anew remembers no
+requests, so a command that does something each time is not repeated to it.
+"""
+
+import asyncio
+import contextlib
+import uuid
+from collections.abc import Mapping
+from typing import Any
+
+import aiomqtt
+
+from traverse.client.change_signal import Pulse
+from traverse.client.errors import CommandRefused, NoAnswerError
+from traverse.client.mqtt.reconnection import Link
+from traverse.protocol.encoding import encode
+from traverse.protocol.messages import Args, Command, Reply, ScanArgs, Status
+from traverse.protocol.topics import command_topic
+
+REPEATABLE = frozenset({"label", "probe", "reload", "align", "resend"})
+"""Commands that may be carried out twice and have the same effect."""
+
+
+class Requests:
+    """Sends commands to one arm.
+
+    Args:
+        arm: its name.
+        link: the connection.
+    """
+
+    def __init__(self, arm: str, link: Link) -> None:
+        self._arm = arm
+        self._link = link
+        self._name = uuid.uuid4().hex[:12]
+        self._number = 0
+        self._waiting: dict[str, asyncio.Future[Reply]] = {}
+        self._status: Status | None = None
+        self._news = Pulse()
+
+    def take_reply(self, reply: Reply) -> None:
+        """An answer has come, to one of us or to somebody else."""
+        future = self._waiting.get(reply.request)
+        if future is not None and not future.done():
+            future.set_result(reply)
+
+    def take_status(self, status: Status) -> None:
+        """The arm has said how it is."""
+        self._status = status
+        self._news.beat()
+
+    def link_came(self) -> None:
+        """There is a connection."""
+        self._news.beat()
+
+    def link_lost(self) -> None:
+        """What the arm said last may be true no more."""
+        self._status = None
+        self._news.beat()
+
+    async def result(self, args: Args, answer_s: float) -> Mapping[str, Any]:
+        """Have a command carried out; gives what came of it.
+
+        Raises:
+            CommandRefused: it was not carried out, and why.
+            NoAnswerError: nobody has answered in time.
+        """
+        self._number += 1
+        request = f"{self._name}-{self._number}"
+        payload = encode(Command.carrying(args, request), "msgpack")
+        answer = asyncio.get_running_loop().create_future()
+        self._waiting[request] = answer
+        try:
+            async with asyncio.timeout(answer_s):
+                reply = await self._reply(args, payload, answer)
+        except TimeoutError as error:
+            raise NoAnswerError(self._why_not(args.command, answer_s)) from error
+        finally:
+            del self._waiting[request]
+            answer.cancel()
+        if reply.error is not None:
+            raise CommandRefused.of(reply.error)
+        return reply.result or {}
+
+    async def _reply(
+        self, args: Args, payload: bytes, answer: asyncio.Future[Reply]
+    ) -> Reply:
+        is_stop = isinstance(args, ScanArgs) and args.action == "stop"
+        may_repeat = is_stop or args.command in REPEATABLE
+        topic = command_topic(self._arm, args.command)
+        life: str | None = None
+        was_sent = False
+        while not answer.done():
+            status, beats = self._status, self._news.beats
+            if status is not None and status.online and self._link.is_up:
+                life = life or status.session
+                if may_repeat or not was_sent or status.session == life:
+                    was_sent = True
+                    with contextlib.suppress(aiomqtt.MqttError):
+                        await self._link.publish(topic, payload)
+            if beats != self._news.beats:
+                continue  # there was news while this was sent
+            news = asyncio.ensure_future(self._news.wait())
+            try:
+                both: set[asyncio.Future[Any]] = {answer, news}
+                await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
+            finally:
+                news.cancel()
+        return answer.result()
+
+    def _why_not(self, command: str, answer_s: float) -> str:
+        what = f"command {command} to {self._arm}: no answer within {answer_s:g} s"
+        if not self._link.is_up:
+            return f"{what}; no connection to {self._link.address}: {self._link.reason}"
+        if self._status is None:
+            return (
+                f"{what}; no arm of this name has ever told its status to the broker "
+                f"{self._link.address}: check the name, and start the daemon"
+            )
+        if not self._status.online:
+            return f"{what}; the arm is offline: start its daemon"
+        return (
+            f"{what}; it may have been carried out: look at the points before you send "
+            "it again"
+        )

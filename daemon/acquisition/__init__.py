@@ -1,0 +1,1 @@
+"""Devices and their readings: state, resampling to common instants, warnings."""

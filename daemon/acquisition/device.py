@@ -1,0 +1,101 @@
+"""One device of the configuration: its driver, its state, what is known of it."""
+
+import asyncio
+import contextlib
+from collections import Counter
+from collections.abc import AsyncIterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from traverse.daemon.config.devices import DeviceSection
+from traverse.drivers.base.delivery_queue import DeliveryQueue
+from traverse.drivers.base.driver import Driver
+from traverse.drivers.base.registry import driver_class
+from traverse.drivers.base.values import DeviceLost, Identity
+from traverse.protocol.messages import DeviceHealth, DriverStatus
+
+DeviceStateName = Literal["starting", "ready", "lost", "failed", "stopped"]
+
+
+@dataclass(slots=True, eq=False)
+class Device:
+    """A device as the service sees it.
+
+    Attributes:
+        heard: set once the device has answered or been given up for the first time.
+        last_ns: host monotonic time when it was last heard; 0 for never.
+        up_ns: since when it is there.
+        temperatures_c: of its sensors; empty until it has told them.
+    """
+
+    section: DeviceSection
+    delivery_queue: DeliveryQueue
+    driver: Driver
+    state: DeviceStateName = "starting"
+    identity: Identity | None = None
+    lost: DeviceLost | None = None
+    problems: list[str] = field(default_factory=list)
+    heard: asyncio.Event = field(default_factory=asyncio.Event)
+    last_ns: int = 0
+    up_ns: int = 0
+    counters: Counter[str] = field(default_factory=Counter)
+    temperatures_c: tuple[float | None, ...] = ()
+    samples: int = 0
+    reconnects: int = 0
+
+    @property
+    def temperature_c(self) -> float | None:
+        """That of the first sensor which has one."""
+        return next((c for c in self.temperatures_c if c is not None), None)
+
+    def status(self) -> DriverStatus:
+        """As it stands in the status message."""
+        identity: dict[str, Any] = {}
+        if self.identity is not None:
+            identity = {"name": self.identity.name, "firmware": self.identity.firmware}
+        return DriverStatus(
+            id=self.section.id,
+            driver=self.section.driver,
+            port=self.section.where,
+            state=self.state,
+            identity=identity,
+        )
+
+    def health(
+        self, rate_hz: float, now_ns: int, lacks: Mapping[str, int]
+    ) -> DeviceHealth:
+        """As it stands in the health message, with what the arm lacked of it."""
+        return DeviceHealth(
+            id=self.section.id,
+            state=self.state,
+            rate_hz=rate_hz,
+            age_s=(now_ns - self.last_ns) * 1e-9 if self.last_ns else None,
+            queued=self.delivery_queue.waiting_samples,
+            queue_limit=self.delivery_queue.max_samples,
+            counters={**self.counters, **lacks},
+            temperatures_c={
+                str(number): value
+                for number, value in enumerate(self.temperatures_c)
+                if value is not None
+            },
+        )
+
+
+def open_device(section: DeviceSection, loop: asyncio.AbstractEventLoop) -> Device:
+    """The device that a configuration asks for; its driver is not yet started."""
+    delivery_queue = DeliveryQueue(loop)
+    options: dict[str, Any] = section.options
+    driver = driver_class(section.driver)(section.id, delivery_queue, **options)
+    return Device(section, delivery_queue, driver)
+
+
+@contextlib.asynccontextmanager
+async def running_drivers(devices: Sequence[Device]) -> AsyncIterator[None]:
+    """Read all devices while the block lasts."""
+    try:
+        for device in devices:
+            device.driver.start()
+        yield
+    finally:
+        closing = (asyncio.to_thread(device.driver.close) for device in devices)
+        await asyncio.gather(*closing)

@@ -1,0 +1,162 @@
+"""Readings of one encoder brought to other instants, along straight lines between them.
+
+Between readings at t_0 and t_1 = t_0 + h the count at t_0 + s is taken as
+
+    x = x_0 + (x_1 - x_0) s / h
+
+What that leaves out is f'' s (h - s) / 2 at some acceleration f'' met between them, at
+most f'' h^2 / 8 (the error of linear interpolation, as in any book on numerical
+analysis; Atkinson, "An Introduction to Numerical Analysis", section 3.1). f'' is taken
+from second divided differences at both ends, less what rounding to whole counts alone
+can make of one. That is the first doubt of a count. The second is what the instants
+themselves leave open: the speed times how far each may be off.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.drivers.base.values import STATUS_ERROR, STATUS_LATE, STATUS_MISSING
+
+STATUS_INTERPOLATED = 32
+"""A bit of a channel's status beside those that drivers set."""
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Readings:
+    """Successive readings of one encoder.
+
+    Attributes:
+        times_ns: (n,) host monotonic, strictly increasing.
+        counts: (n,) over all turns.
+        status: (n,) bits ``STATUS_*``.
+        numbers: (n,) consecutive where none was lost between.
+    """
+
+    times_ns: Integers
+    counts: Integers
+    status: NDArray[np.uint8]
+    numbers: Integers
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Interpolated:
+    """What an encoder showed at m instants.
+
+    Attributes:
+        counts: (m,) over all turns, rounded; ``fractions``: (m,) what rounding left.
+        status: (m,) bits of all readings that were used or could not be, with
+            ``STATUS_INTERPOLATED`` where it was, ``STATUS_LATE`` where the last
+            reading was taken for want of a later one, and ``STATUS_MISSING`` where
+            readings are lacking around the instant.
+        error_bounds_counts: (m, 2) how far the count may be off, see above: by the
+            motion, at most; by the instants, as likely one way as the other.
+    """
+
+    counts: Integers
+    fractions: Floats
+    status: NDArray[np.uint8]
+    error_bounds_counts: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """How far readings are trusted.
+
+    Attributes:
+        max_gap_ns: readings further apart have lost others between them.
+        late_ns: a last reading that is older than this is no reading at all.
+        jitter_ns: how far the instant of a reading may be off.
+    """
+
+    max_gap_ns: int
+    late_ns: int
+    jitter_ns: int
+
+
+def are_valid(status: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Which readings are counts at all."""
+    return np.asarray((status & (STATUS_ERROR | STATUS_MISSING)) == 0)
+
+
+def brought(readings: Readings, instants_ns: Integers, limits: Limits) -> Interpolated:
+    """Bring readings, at least one, to instants (m,)."""
+    valid = np.flatnonzero(are_valid(readings.status))
+    if not len(valid):  # what stands there is the last count that was
+        return _last_known(readings, len(instants_ns))
+    t, x = readings.times_ns[valid], readings.counts[valid]
+    numbers, status = readings.numbers[valid], readings.status[valid]
+    last = len(t) - 1
+    after = np.searchsorted(t, instants_ns, side="left")
+    held = after > last
+    right = np.minimum(after, last)
+    exact = t[right] == instants_ns
+    early = (after == 0) & ~exact
+    left = np.where(exact | held | early, right, right - 1)
+    span_ns = t[right] - t[left]
+    run_ns = instants_ns - t[left]
+    rise = (x[right] - x[left]) * (run_ns / np.maximum(span_ns, 1))
+    whole = np.rint(rise)
+    told = status[left] | status[right]
+    holes = (numbers[right] - numbers[left] > 1) | (span_ns > limits.max_gap_ns) | early
+    for row in np.flatnonzero(holes & (left < right)).tolist():
+        between = slice(valid[left[row]], valid[right[row]])
+        told[row] |= np.bitwise_or.reduce(readings.status[between])
+    if held.any():
+        trailing = readings.status[valid[-1] :]
+        told[held] |= np.bitwise_or.reduce(trailing)
+        gone = held & ((run_ns > limits.late_ns) | (len(trailing) > 1))
+        told[held & ~gone] |= STATUS_LATE
+        holes |= gone
+    told[holes] |= STATUS_MISSING
+    told[left < right] |= STATUS_INTERPOLATED
+    return Interpolated(
+        x[left] + whole.astype(np.int64),
+        rise - whole,
+        told,
+        _error_bounds(t, x, (left, right), run_ns, limits),
+    )
+
+
+def _last_known(readings: Readings, n: int) -> Interpolated:
+    status = np.bitwise_or.reduce(readings.status) | STATUS_MISSING
+    return Interpolated(
+        np.full(n, readings.counts[-1]),
+        np.zeros(n),
+        np.full(n, status, np.uint8),
+        np.zeros((n, 2)),
+    )
+
+
+def _error_bounds(
+    t: Integers,
+    x: Integers,
+    ends: tuple[Integers, Integers],
+    run_ns: Integers,
+    limits: Limits,
+) -> Floats:
+    """How far interpolated counts may be off, (m, 2); 0 where nothing was."""
+    if len(t) < 2:
+        return np.zeros((len(run_ns), 2))
+    left, right = ends
+    span_ns = np.diff(t)
+    speeds = np.diff(x) / span_ns
+    bends = np.zeros(len(t))
+    reach_ns = span_ns[1:] + span_ns[:-1]
+    rounding = 2.0 * (1.0 / span_ns[1:] + 1.0 / span_ns[:-1]) / reach_ns
+    bends[1:-1] = np.maximum(2.0 * np.abs(np.diff(speeds)) / reach_ns - rounding, 0.0)
+    speed = np.abs(speeds[np.minimum(left, len(speeds) - 1)])
+    between = (
+        np.maximum(bends[left], bends[right]) * run_ns * (t[right] - t[left] - run_ns)
+    )
+    # Beyond the last reading the joint may have gone on as it did.
+    beyond = speed * run_ns + bends[-2] * run_ns.astype(np.float64) ** 2 / 2.0
+    inside = left < right
+    outside = (run_ns > 0) & ~inside
+    motion = np.where(inside, between / 2.0, np.where(outside, beyond, 0.0))
+    instants = np.where(inside | outside, speed * limits.jitter_ns, 0.0)
+    return np.stack([motion, instants], axis=1)

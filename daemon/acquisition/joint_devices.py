@@ -1,0 +1,73 @@
+"""The devices that read the arm's joints, taken together."""
+
+from collections.abc import Sequence
+
+from traverse.daemon.acquisition.device import Device
+from traverse.daemon.config.schema import CaptureSection
+from traverse.daemon.pose.arm_model import ArmModel
+from traverse.drivers.base.delivery_queue import BATCH_WINDOW_NS
+
+WAITING_BATCH_NS = 20_000_000  # longer would be felt: a point is told so much later
+
+
+class JointDevices:
+    """Those of all devices that the arm file names.
+
+    Args:
+        model: the arm.
+        devices: all of the configuration.
+    """
+
+    def __init__(self, model: ArmModel, devices: Sequence[Device]) -> None:
+        by_id = {device.section.id: device for device in devices}
+        self.all = [by_id[name] for name in model.devices]
+        """In the order of the joints."""
+
+    def __contains__(self, device: Device) -> bool:
+        return any(device is one for one in self.all)
+
+    @property
+    def alone(self) -> bool:
+        """One device reads all joints."""
+        return len(self.all) == 1
+
+    @property
+    def has_simultaneous_latch(self) -> bool:
+        """One device latches all joints at one instant, at edges and on request."""
+        identity = self.all[0].identity
+        return self.alone and identity is not None and identity.latches
+
+    @property
+    def first_mismatched(self) -> Device | None:
+        """The first that is not as the arm file says."""
+        return next((device for device in self.all if device.problems), None)
+
+    @property
+    def absent(self) -> Device | None:
+        """The first that cannot measure now."""
+        return next((device for device in self.all if device.state != "ready"), None)
+
+    @property
+    def temperature_c(self) -> float | None:
+        """Of the arm: what the first of them tells that has a sensor."""
+        told_c = (device.temperature_c for device in self.all)
+        return next((c for c in told_c if c is not None), None)
+
+    def set_batch_window(self, settings: CaptureSection, *, may_wait: bool) -> None:
+        """Let samples come together, as long as nobody who looks at them waits.
+
+        Args:
+            settings: how often blocks of scans and live poses are wanted.
+            may_wait: points wait for samples.
+        """
+        # A little longer, or a block that lacks a sample would wait for as much again.
+        gather_s = 1.04 * min(settings.scan_block_s, 1.0 / settings.live_rate_hz)
+        longest_ns = WAITING_BATCH_NS if may_wait else BATCH_WINDOW_NS
+        for device in self.all:
+            device.delivery_queue.batch_window_ns = min(longest_ns, int(gather_s * 1e9))
+
+    def request_stream(self, rate_hz: float) -> None:
+        """Let all of them be read at a rate, or as fast as each can be."""
+        for device in self.all:
+            fastest_hz = device.identity.max_rate_hz if device.identity else rate_hz
+            device.driver.request_stream(min(rate_hz, fastest_hz))

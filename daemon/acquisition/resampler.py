@@ -1,0 +1,226 @@
+"""Joints that are not read at one instant, brought to common ones.
+
+The instants are those of one device's samples, the clock device. Readings of all
+others, and its own where it reads one encoder after the other, are interpolated
+linearly in time (see `traverse.daemon.acquisition.interpolation`). For a later reading
+to interpolate to it waits, but not for ever; then the last one has to do, and the
+sample says so.
+
+Nothing here knows a clock or an event: what is late is counted and returned.
+"""
+
+from collections import Counter, deque
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.daemon.acquisition.joint_stream import Columns, JointStream
+from traverse.daemon.acquisition.reading_buffer import NEVER_NS
+from traverse.daemon.config.schema import AssemblySection
+from traverse.daemon.pose.arm_model import ArmModel
+from traverse.daemon.pose.joint_counts import (
+    JointCounts,
+    ResampledBlock,
+    ResampledCounts,
+)
+from traverse.drivers.base.values import (
+    STATUS_LATE,
+    STATUS_MISSING,
+    CountSamples,
+    LatchedCounts,
+)
+
+Floats = NDArray[np.float64]
+
+
+class Resampler:
+    """Makes samples of the whole arm, and counts of it at single instants.
+
+    Args:
+        model: the arm.
+        settings: of the configuration.
+
+    Attributes:
+        late: per device, samples for which its last readings had to do.
+        incomplete: per device, samples that lack readings of it.
+        dropped: per device, samples not passed on for want of its readings.
+    """
+
+    def __init__(self, model: ArmModel, settings: AssemblySection) -> None:
+        self._settings = settings
+        self._wait_ns = int(settings.wait_s * 1e9)
+        self.late: Counter[str] = Counter()
+        self.incomplete: Counter[str] = Counter()
+        self.dropped: Counter[str] = Counter()
+        self._waiting: deque[tuple[CountSamples, int]] = deque()
+        self.use_model(model)
+
+    def use_model(self, model: ArmModel) -> None:
+        """Assemble for another arm from now on."""
+        self.clock = self._settings.clock or model.devices[0]
+        self._turns = model.encoders.counts_per_turn
+        self._sources = {}
+        self._waiting.clear()
+        for device in model.devices:
+            joints = np.flatnonzero(np.array(model.joint_devices) == device)
+            self._sources[device] = JointStream(
+                joints, model.channels[joints], self._turns[joints], self._wait_ns
+            )
+
+    def lacks(self) -> dict[str, dict[str, int]]:
+        """Counters by device, of those that read the arm together with others."""
+        return {
+            device: {
+                "samples_late": self.late[device],
+                "samples_incomplete": self.incomplete[device],
+                "samples_held_back": self.dropped[device],
+            }
+            for device in sorted({*self.late, *self.incomplete, *self.dropped})
+        }
+
+    # -- what devices say -----------------------------------------------------
+
+    def up(self, device: str, jitter_ns: int, *, restarted: bool) -> None:
+        """A device is there; its clock may be off by so much."""
+        source = self._sources[device]
+        source.lost, source.jitter_ns = False, jitter_ns
+        if restarted:
+            source.history.forget()
+
+    def lost(self, device: str) -> None:
+        """Nothing is to be waited for from this device."""
+        self._sources[device].lost = True
+
+    def stream(self, device: str, rate_hz: float) -> None:
+        """From now on a device is read at this rate."""
+        self._sources[device].period_ns = int(1e9 / rate_hz) if rate_hz > 0 else 0
+
+    def note(self, samples: CountSamples) -> None:
+        """Remember readings of a device for `at`."""
+        self._sources[samples.device].history.add(samples)
+
+    def add(self, samples: CountSamples, now_ns: int) -> None:
+        """Take readings of a device; of the clock device they become samples."""
+        self.note(samples)
+        if samples.device == self.clock:
+            self._waiting.append((samples, now_ns + self._wait_ns))
+
+    # -- what comes of it -----------------------------------------------------
+
+    def assembled(self, now_ns: int | None = None) -> list[ResampledBlock]:
+        """All samples that are complete, or have waited long enough by some time."""
+        made: list[ResampledBlock | None] = []
+        while self._waiting:
+            block, deadline_ns = self._waiting[0]
+            n = len(block.seq)
+            if now_ns is None or now_ns < deadline_ns:
+                n = int(
+                    np.searchsorted(block.sample_time_ns, self._reach_ns(), "right")
+                )
+            if n:
+                made.append(self._assembled(block.rows(slice(None, n))))
+            if n < len(block.seq):
+                self._waiting[0] = (block.rows(slice(n, None)), deadline_ns)
+                break
+            self._waiting.popleft()
+        return [one for one in made if one is not None]
+
+    def at(
+        self, instant_ns: int, latch: LatchedCounts | None
+    ) -> ResampledCounts | None:
+        """The arm at one instant; None while readings after it are missing.
+
+        Args:
+            instant_ns: host monotonic time.
+            latch: what one device has latched at that very instant.
+        """
+        found = {}
+        instants_ns = np.array([instant_ns])
+        for device, source in self._sources.items():
+            if latch is not None and latch.device == device and latch.counts:
+                found[device] = source.latched(latch)
+            elif source.history.begin_ns <= instant_ns <= source.history.reach_ns:
+                found[device] = source.at(instants_ns)
+            else:
+                return None
+        counts, fractions, status, doubts = self._joined(found)
+        return ResampledCounts(
+            JointCounts(instant_ns, counts[0], status[0], fractions[0]), doubts[0]
+        )
+
+    def lack(self, instant_ns: int, latch: LatchedCounts | None) -> str:
+        """Why `at` has nothing to say about an instant."""
+        for device, source in self._sources.items():
+            if latch is not None and latch.device == device and latch.counts:
+                continue
+            if source.history.begin_ns == NEVER_NS:
+                return f"{device} has not read all its joints yet"
+            if instant_ns < source.history.begin_ns:
+                return f"it is older than the readings of {device} that are kept"
+            if instant_ns > source.history.reach_ns:
+                return f"no readings of {device} came after it"
+        return "nothing is lacking"
+
+    def _reach_ns(self) -> int:
+        """Until when nothing more is to be waited for."""
+        sources = self._sources.values()
+        awaited = [s.history.reach_ns for s in sources if not s.lost]
+        return min(awaited, default=NEVER_NS)
+
+    def _assembled(self, block: CountSamples) -> ResampledBlock | None:
+        """Samples of the whole arm at the instants of a block of the clock device."""
+        begin_ns = max(s.history.begin_ns for s in self._sources.values())
+        known = block.sample_time_ns >= begin_ns
+        if not known.all():
+            for device, source in self._sources.items():
+                early = block.sample_time_ns < source.history.begin_ns
+                self.dropped[device] += int(early.sum())
+            block = block.rows(known)
+        if not len(block.seq):
+            return None
+        found = {
+            device: source.own(block)
+            if device == block.device
+            else source.at(block.sample_time_ns)
+            for device, source in self._sources.items()
+        }
+        passed = np.ones(len(block.seq), np.bool_)
+        for device, columns in found.items():
+            passed &= self._judged(device, columns.status)
+        counts, fractions, status, doubts = self._joined(found)
+        samples = replace(
+            block, counts=counts, status=status, skew_ns=None, fractions=fractions
+        )
+        if passed.all():
+            return ResampledBlock(samples, doubts)
+        if not passed.any():
+            return None
+        return ResampledBlock(samples.rows(passed), doubts[passed])
+
+    def _joined(
+        self, found: Mapping[str, Columns]
+    ) -> tuple[NDArray[np.uint32], Floats, NDArray[np.uint8], Floats]:
+        """Counts within their turns, fractions, status and doubts of all joints."""
+        order = np.argsort(np.concatenate([s.joints for s in self._sources.values()]))
+        columns = list(found.values())
+        counts = np.concatenate([c.counts for c in columns], axis=1)[:, order]
+        return (
+            (counts % self._turns).astype(np.uint32),
+            np.concatenate([c.fractions for c in columns], axis=1)[:, order],
+            np.concatenate([c.status for c in columns], axis=1)[:, order],
+            np.concatenate([c.error_bounds_counts for c in columns], axis=1)[:, order],
+        )
+
+    def _judged(self, device: str, status: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        """Count what a device lacks; which samples (n,) are to be passed on."""
+        told = np.bitwise_or.reduce(status, axis=1)
+        missing = (told & STATUS_MISSING) != 0
+        late = ((told & STATUS_LATE) != 0) & ~missing
+        self.incomplete[device] += int(missing.sum())
+        self.late[device] += int(late.sum())
+        if self._settings.policy == "flag":
+            return np.ones(len(told), np.bool_)
+        self.dropped[device] += int((missing | late).sum())
+        return np.asarray(~(missing | late))

@@ -1,0 +1,58 @@
+"""The daemon as a program: reads its files, runs the service, gives the exit status."""
+
+import contextlib
+import logging
+from pathlib import Path
+
+from traverse.daemon.config.broker import BrokerSection
+from traverse.daemon.inputs import REFUSED, UNREACHABLE, StartupError, read_inputs
+from traverse.daemon.mqtt.embedded_broker import HOST, BrokerStartError, embedded_broker
+from traverse.daemon.service import Service
+from traverse.daemon.store.records import StoreRefusedError
+from traverse.daemon.system.memory import limit_malloc_arenas
+
+log = logging.getLogger(__name__)
+
+
+async def run_service(
+    path: Path, *, embedded: bool, embedded_port: int = 1883, keep_trying: bool = False
+) -> int:
+    """Run the daemon until SIGTERM or SIGINT.
+
+    Args:
+        path: configuration file.
+        embedded: bring an own broker on loopback.
+        embedded_port: its port; 0 takes a free one.
+        keep_trying: begin without a device or broker that cannot be reached.
+
+    Returns:
+        The exit status.
+    """
+    limit_malloc_arenas()
+    try:
+        configuration, model = read_inputs(path, embedded)
+        async with contextlib.AsyncExitStack() as stack:
+            section = configuration.broker or BrokerSection()
+            if embedded:
+                port = await stack.enter_async_context(embedded_broker(embedded_port))
+                section = BrokerSection(host=HOST, port=port, encoding=section.encoding)
+                log.info("embedded broker on %s:%d", HOST, port)
+            service = Service(
+                configuration,
+                section,
+                model,
+                path,
+                embedded=embedded,
+                keep_trying=keep_trying,
+            )
+            await service.run()
+    except BrokerStartError as error:
+        log.error("%s", StartupError([str(error)], UNREACHABLE))
+        return UNREACHABLE
+    except StoreRefusedError as error:
+        log.error("%s", StartupError([str(error)], REFUSED))
+        return REFUSED
+    except StartupError as error:
+        log.error("%s", error)
+        return error.status
+    return 0

@@ -1,0 +1,1 @@
+"""Commands over MQTT: validation, limits, replies, and one handler each."""

@@ -1,0 +1,249 @@
+"""Commands from outside: checked, carried out once, answered always.
+
+A command with the `request` of an earlier one is not carried out again: it gets the
+first answer. Retained commands are ignored, since they say nothing about now. What is
+beyond the limits is answered so, or dropped and counted; see docs/security.md.
+"""
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable, Mapping
+from typing import Any
+
+from traverse.daemon.clock import HostClock
+from traverse.daemon.commands.rate_limit import PAUSE_S, CommandRateLimiter
+from traverse.daemon.commands.refusal_log import RefusalLog, single_line
+from traverse.daemon.commands.reply_cache import Answers
+from traverse.daemon.monitoring.events import EventLog
+from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage
+from traverse.daemon.mqtt.subscriber import IncomingCommand
+from traverse.protocol.encoding import Encoding, decode, encode, parse_args
+from traverse.protocol.message_error import MessageError
+from traverse.protocol.messages import COMMANDS, Command, Reply, ReplyError
+from traverse.protocol.topics import is_response_topic, parse_topic, reply_topic
+
+log = logging.getLogger(__name__)
+
+MAX_RUNNING = 16
+MAX_COMMAND_BYTES = 16_384
+MAX_COMMAND_ELEMENTS = 256
+MAX_CORRELATION_BYTES = 256
+
+Result = Mapping[str, Any]
+CommandHandler = Callable[[Any], Awaitable[Result]]
+
+
+class CommandError(Exception):
+    """A command that cannot be carried out; the sender is told why."""
+
+    def __init__(self, code: str, text: str, remedy: str) -> None:
+        super().__init__(text)
+        self.code = code
+        self.remedy = remedy
+
+
+class CommandDispatcher:
+    """Takes commands in and sends answers out.
+
+    Args:
+        arm: name of the arm.
+        encoding: of the answers.
+        offer: hands an answer to the outgoing queue.
+        carry_out: what carries out each command that this daemon has, by name;
+            called with the command's typed arguments.
+        events: where floods and retained commands are told.
+        clock: the host's.
+        response_topics: filters of topics that answers may go to; see [broker].
+    """
+
+    def __init__(
+        self,
+        *,
+        arm: str,
+        encoding: Encoding,
+        offer: Callable[[OutgoingMessage], bool],
+        carry_out: Mapping[str, CommandHandler],
+        events: EventLog,
+        clock: HostClock,
+        response_topics: tuple[str, ...] = (),
+    ) -> None:
+        self._arm = arm
+        self._encoding = encoding
+        self._offer = offer
+        self._carry_out = carry_out
+        self._events = events
+        self._response_topics = response_topics
+        self._limits = CommandRateLimiter(clock, self._tell_flood, carry_out)
+        self._refusals = RefusalLog(clock)
+        self._answers = Answers()
+        self._running: set[asyncio.Task[None]] = set()
+        self.received = 0
+        self.refused = 0
+
+    def receive(self, incoming: IncomingCommand) -> float:
+        """A command has arrived; its answer follows when there is one.
+
+        Returns:
+            For how long the broker is to keep further commands: mostly 0. [s]
+        """
+        self.received += 1
+        if not self._limits.admit():
+            self.refused += 1
+            return PAUSE_S if self._limits.is_flooded else 0.0
+        if incoming.retained:
+            self._tell_retained(incoming.topic)
+            return 0.0
+        if len(self._running) >= 2 * MAX_RUNNING:  # those who wait for answers as well
+            self._refuse(f"too many commands at once, one on {incoming.topic} dropped")
+            return 0.0
+        task = asyncio.create_task(self._answer(incoming))
+        self._running.add(task)
+        task.add_done_callback(self._running.discard)
+        return 0.0
+
+    def check_flood_end(self) -> None:
+        """Tell the end of a flood, and what had no line; call it now and then."""
+        self._limits.check_flood_end()
+        self._refusals.write_rest()
+
+    async def close(self) -> None:
+        """Abandon what is still running."""
+        tasks = tuple(self._running)
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        await self._answers.close()
+
+    async def _answer(self, incoming: IncomingCommand) -> None:
+        try:
+            name = parse_topic(incoming.topic).command or ""
+            command = decode(
+                Command,
+                incoming.payload,
+                max_bytes=MAX_COMMAND_BYTES,
+                max_elements=MAX_COMMAND_ELEMENTS,
+            )
+        except MessageError as error:
+            # Without an envelope there is no request to answer by.
+            self._refuse(f"command on {incoming.topic} dropped: {error}")
+            return
+        problem = self._problem_of_the_way_back(incoming)
+        if problem is not None:
+            payload = self._refusal(name, command.request, problem)
+            self._send(payload, reply_topic(self._arm, name), None)
+            return
+        topic = incoming.response_topic or reply_topic(self._arm, name)
+        task = self._answers.find(name, command.request)
+        if task is None:
+            if (problem := self._problem_of_rate(name)) is not None:
+                # Not remembered: the same request may be sent again later.
+                payload = self._refusal(name, command.request, problem)
+                self._send(payload, topic, incoming.correlation)
+                return
+            work = self._reply(name, command)
+            task = self._answers.begin(name, command.request, work)
+        self._send(await asyncio.shield(task), topic, incoming.correlation)
+
+    def _send(self, payload: bytes, topic: str, correlation: bytes | None) -> None:
+        self._offer(OutgoingMessage(topic, payload, qos=1, correlation=correlation))
+
+    async def _reply(self, name: str, command: Command) -> bytes:
+        try:
+            carry_out = self._carry_out.get(name)
+            if carry_out is None:
+                raise _not_available(name, sorted(self._carry_out))
+            result = await carry_out(parse_args(name, command.args))
+            reply = Reply(request=command.request, ok=True, result=dict(result))
+            return encode(reply, self._encoding)
+        except MessageError as error:
+            problem = CommandError(
+                "command.bad_args", str(error), "correct the arguments and send again"
+            )
+        except CommandError as error:
+            problem = error
+        except Exception as error:
+            log.exception("fault in command %s", name)
+            problem = CommandError(
+                "command.failed",
+                f"a fault in the daemon: {type(error).__name__}; its log tells more",
+                "report it with the daemon's log",
+            )
+        return self._refusal(name, command.request, problem)
+
+    def _refusal(self, name: str, request: str, problem: CommandError) -> bytes:
+        self._refuse(f"command {name} refused: {problem}")
+        error = ReplyError(
+            code=problem.code, text=str(problem)[:2000], remedy=problem.remedy
+        )
+        return encode(Reply(request=request, ok=False, error=error), self._encoding)
+
+    def _problem_of_the_way_back(
+        self, incoming: IncomingCommand
+    ) -> CommandError | None:
+        """Why the answer cannot go where the sender wants it."""
+        topic, correlation = incoming.response_topic, incoming.correlation
+        if topic is not None and not is_response_topic(
+            topic, self._arm, self._response_topics
+        ):
+            return CommandError(
+                "command.bad_response",
+                f"answers do not go to {topic[:200]!r}; the command was not carried "
+                f"out. Expected: a topic below traverse/{self._arm}/reply/",
+                "leave the response topic out, or have it allowed by response_topics "
+                "in [broker] of the daemon's configuration",
+            )
+        if correlation is not None and len(correlation) > MAX_CORRELATION_BYTES:
+            return CommandError(
+                "command.bad_response",
+                f"correlation data of {len(correlation)} bytes; the command was not "
+                f"carried out. Expected: at most {MAX_CORRELATION_BYTES}",
+                "use shorter correlation data",
+            )
+        return None
+
+    def _problem_of_rate(self, name: str) -> CommandError | None:
+        if self._answers.n_executing < MAX_RUNNING and self._limits.admit_kind(name):
+            return None
+        return CommandError(
+            "command.too_many",
+            "too many commands in a short time, or still being carried out; this one "
+            "was not",
+            "wait, and send it again with the same request",
+        )
+
+    def _refuse(self, text: str) -> None:
+        """Count a command that was not carried out; senders write no log at will."""
+        self.refused += 1
+        self._refusals.write(text)
+
+    def _tell_retained(self, topic: str) -> None:
+        self.refused += 1
+        self._events.report(
+            "warning",
+            "commands.retained",
+            f"the broker keeps an old command on {single_line(topic)}; ignored",
+            source="commands",
+            remedy="clear it: publish an empty retained message there",
+        )
+
+    def _tell_flood(self, begins: bool, dropped: int) -> None:
+        self._events.change(
+            begins,
+            "warning",
+            "commands.flood",
+            "commands come faster than they are taken; the rest is dropped"
+            if begins
+            else f"commands come at a usual rate again; {dropped} were dropped",
+            source="commands",
+            remedy="find their sender; see the broker's access list" if begins else "",
+            data={} if begins else {"dropped": dropped},
+        )
+
+
+def _not_available(name: str, available: list[str]) -> CommandError:
+    what = "this version cannot do" if name in COMMANDS else "there is no command"
+    return CommandError(
+        "command.not_available",
+        f"{what} {name!r}; it has: {', '.join(available)}",
+        "use one of these commands",
+    )

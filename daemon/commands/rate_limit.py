@@ -1,0 +1,127 @@
+"""How many commands are taken: so many in a second, of all and of each kind.
+
+MQTT does not tell who has sent a command, so these hold for all senders together.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Final, NamedTuple
+
+from traverse.daemon.clock import HostClock
+
+NS: Final = 1_000_000_000
+
+
+class Limit(NamedTuple):
+    """So many a second in the long run, so many at once after a rest."""
+
+    rate_hz: float
+    at_once: int
+
+
+ALL: Final = Limit(100.0, 200)
+OTHERS: Final = Limit(10.0, 20)
+OF_KIND: Final[Mapping[str, Limit]] = {
+    "point": Limit(50.0, 100),
+    "resend": Limit(5.0, 20),
+    "session": Limit(2.0, 10),
+    "reload": Limit(1.0, 5),
+}
+LOG_LINES: Final = Limit(5.0, 20)
+FLOOD: Final = 200
+"""Commands dropped in one second, after which the broker is to keep them."""
+PAUSE_S: Final = 2.0
+"""For so long."""
+FLOOD_END_S: Final = 5.0
+"""Without a dropped command: then the flood is over. Longer than a pause."""
+
+
+class TokenBucket:
+    """Gives out permissions, at a rate, some of them saved up.
+
+    Args:
+        limit: the rate, and how many are saved at most.
+        clock: the host's.
+    """
+
+    def __init__(self, limit: Limit, clock: HostClock) -> None:
+        self._limit = limit
+        self._clock = clock
+        self._saved = float(limit.at_once)
+        self._last_ns = clock.monotonic_ns()
+
+    def take(self) -> bool:
+        """Take one, if there is one."""
+        now_ns = self._clock.monotonic_ns()
+        earned = (now_ns - self._last_ns) / NS * self._limit.rate_hz
+        self._saved = min(float(self._limit.at_once), self._saved + earned)
+        self._last_ns = now_ns
+        if self._saved < 1.0:
+            return False
+        self._saved -= 1.0
+        return True
+
+
+class CommandRateLimiter:
+    """The buckets of all commands, and what came of those beyond them.
+
+    Args:
+        clock: the host's.
+        tell: called when commands begin to be dropped (True), and when that is over
+            (False), with how many have been.
+        kinds: names of all commands that there are; others share one bucket.
+    """
+
+    def __init__(
+        self,
+        clock: HostClock,
+        tell: Callable[[bool, int], None],
+        kinds: Mapping[str, object],
+    ) -> None:
+        self._clock = clock
+        self._tell = tell
+        self._all = TokenBucket(ALL, clock)
+        self._of_kind = {
+            name: TokenBucket(OF_KIND.get(name, OTHERS), clock) for name in kinds
+        }
+        self._unknown = TokenBucket(OTHERS, clock)
+        self._last_ns: int | None = None
+        self._second_ns = clock.monotonic_ns()
+        self._in_second = 0
+        self.dropped = 0
+        """In the flood that goes on, or the last one."""
+
+    def admit(self) -> bool:
+        """Whether a command may be looked at; else it is one of those dropped."""
+        if self._all.take():
+            return True
+        if self._last_ns is None:
+            self.dropped = 0
+            self._tell(True, 1)
+        self._drop(1)
+        return False
+
+    def admit_kind(self, name: str) -> bool:
+        """Whether one of a kind may be carried out."""
+        return self._of_kind.get(name, self._unknown).take()
+
+    @property
+    def is_flooded(self) -> bool:
+        """Whether so many are dropped that the broker had better keep them."""
+        return self._in_second >= FLOOD
+
+    def check_flood_end(self) -> None:
+        """Tell the end of a flood; call it now and then."""
+        if self._last_ns is None:
+            return
+        if self._clock.monotonic_ns() - self._last_ns >= FLOOD_END_S * NS:
+            self._last_ns = None
+            self._in_second = 0
+            self._tell(False, self.dropped)
+
+    def _drop(self, n: int) -> None:
+        now_ns = self._clock.monotonic_ns()
+        self._last_ns = now_ns
+        self.dropped += n
+        if now_ns - self._second_ns >= NS:
+            self._second_ns, self._in_second = now_ns, 0
+        self._in_second += n

@@ -1,0 +1,192 @@
+"""The command `reload`: arm file and configuration anew, between two samples.
+
+What is new is read and checked whole before anything changes. It comes into force in a
+moment in which no point is being taken, so that each point is of one arm and one set of
+rules. What was there goes on if the new is refused.
+"""
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from traverse.daemon.acquisition.device import Device
+from traverse.daemon.commands.dispatcher import CommandError, Result
+from traverse.daemon.config.schema import Configuration
+from traverse.daemon.delivery_dispatcher import Measuring
+from traverse.daemon.inputs import StartupError, read_inputs
+from traverse.daemon.monitoring.events import EventLog
+from traverse.daemon.pose.arm_model import ArmModel
+from traverse.daemon.system.systemd_notify import Notifier
+from traverse.protocol.messages import ReloadArgs
+
+QUIET_S = 5.0
+LOOK_S = 0.01
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Inputs:
+    """What the daemon measures by."""
+
+    configuration: Configuration
+    model: ArmModel
+
+
+class Reload:
+    """Reads the inputs again and puts them into force.
+
+    Args:
+        path: of the configuration.
+        embedded: the daemon has its own broker.
+        inputs: those in force.
+        devices: all of the configuration.
+        measuring: what must be quiet for a change.
+        with_probe: gives an arm the probe that is in use.
+        use: puts new inputs into force, in one go.
+        events: where it is told.
+        notifier: tells the service manager.
+    """
+
+    def __init__(
+        self,
+        *,
+        path: Path,
+        embedded: bool,
+        inputs: Inputs,
+        devices: list[Device],
+        measuring: Measuring,
+        with_probe: Callable[[ArmModel], ArmModel],
+        use: Callable[[Inputs], None],
+        events: EventLog,
+        notifier: Notifier,
+    ) -> None:
+        self._path = path
+        self._embedded = embedded
+        self._inputs = inputs
+        self._devices = devices
+        self._measuring = measuring
+        self._with_probe = with_probe
+        self._use = use
+        self._events = events
+        self._notifier = notifier
+        self._turn = asyncio.Lock()
+
+    async def carry_out(self, args: ReloadArgs) -> Result:
+        """Reload; gives the new model and what has changed.
+
+        Raises:
+            CommandError: the old goes on; says why.
+        """
+        del args  # it has none
+        async with self._turn:
+            self._notifier.reloading()
+            try:
+                changed = await self._reload()
+            except CommandError as error:
+                self._events.report(
+                    "error",
+                    error.code,
+                    str(error),
+                    source="reload",
+                    remedy=error.remedy,
+                )
+                raise
+            finally:
+                self._notifier.ready()  # with the new, or the old that goes on
+        model = self._inputs.model
+        self._events.report(
+            "info",
+            "reload.done",
+            f"changed: {', '.join(changed) or 'nothing'}; model {model.digest[:12]}",
+            source="reload",
+            distinct=True,
+        )
+        return {"model": model.digest, "changed": changed}
+
+    async def on_sighup(self) -> None:
+        """Reload because of SIGHUP; what went wrong is told by an event."""
+        try:
+            await self.carry_out(ReloadArgs())
+        except CommandError:
+            return
+
+    async def _reload(self) -> list[str]:
+        try:
+            configuration, model = await asyncio.to_thread(
+                read_inputs, self._path, self._embedded
+            )
+        except StartupError as error:
+            text = str(error).partition("\n")[2] or str(error)
+            raise CommandError(
+                "reload.refused", text, "correct the files and reload again"
+            ) from error
+        try:
+            model = self._with_probe(model)
+        except ValueError as error:
+            raise CommandError(
+                "reload.refused",
+                f"the arm cannot have the probe that is in use: {error}",
+                "correct the arm file, or change the probe first",
+            ) from error
+        old, new = self._inputs, Inputs(configuration, model)
+        fixed = restart_required(old, new)
+        fixed += [
+            text
+            for device in self._devices
+            if device.identity is not None
+            for text in model.mismatches_with(device.section.id, device.identity)
+        ]
+        if fixed:
+            raise CommandError(
+                "reload.refused",
+                f"a running daemon cannot change this: {'; '.join(fixed)}",
+                "start the daemon anew, or take these changes back",
+            )
+        changed = changes(old, new)
+        await self._quiet()
+        self._use(new)  # no `await` since it became quiet: nothing comes between
+        self._inputs = new
+        return changed
+
+    async def _quiet(self) -> None:
+        """Wait until no point is being taken."""
+        try:
+            async with asyncio.timeout(QUIET_S):
+                while not self._measuring.is_idle:  # noqa: ASYNC110 - a state, no event
+                    await asyncio.sleep(LOOK_S)
+        except TimeoutError as error:
+            raise CommandError(
+                "reload.busy",
+                f"points were being taken, or buttons held, for {QUIET_S:g} s",
+                "release the buttons, then reload again",
+            ) from error
+
+
+def restart_required(old: Inputs, new: Inputs) -> list[str]:
+    """What a running daemon cannot change, of all that has."""
+    before, after = old.configuration, new.configuration
+    found = [
+        f"[{name}]"
+        for name in ("broker", "device", "assembly", "metrics", "realtime", "recording")
+        if getattr(before, name) != getattr(after, name)
+    ]
+    if before.capture.max_waiting_points != after.capture.max_waiting_points:
+        found.append("max_waiting_points of [capture]")
+    if before.arm.probes != after.arm.probes:
+        found.append("probes of [arm]")
+    if old.model.name != new.model.name:
+        found.append(f"the arm's name, {old.model.name} to {new.model.name}")
+    elif not new.model.has_same_encoders(old.model):
+        found.append("which encoders read the joints")
+    return found
+
+
+def changes(old: Inputs, new: Inputs) -> list[str]:
+    """Names of the tables that have changed, `arm` where the model has."""
+    names = [
+        name
+        for name in type(new.configuration).model_fields
+        if name != "arm"
+        and getattr(old.configuration, name) != getattr(new.configuration, name)
+    ]
+    return ["arm", *names] if old.model.digest != new.model.digest else names

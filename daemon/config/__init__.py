@@ -1,0 +1,1 @@
+"""Configuration file of the daemon: strict tables, one model each."""

@@ -1,0 +1,79 @@
+"""The `[[device]]` tables: id and driver, and what that driver's options are."""
+
+from collections.abc import Mapping
+from functools import cache
+from typing import Annotated, Any
+
+from pydantic import (
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    SerializeAsAny,
+    create_model,
+    field_validator,
+)
+
+from traverse.drivers.base.options import DriverOptions
+from traverse.drivers.base.registry import DRIVERS, DriverUnavailableError, driver_class
+from traverse.kinematics.arm_file.arm import StrictModel
+from traverse.strict_toml.problems import unknown_name_message
+
+
+class DeviceSection(DriverOptions, StrictModel):
+    """One device and the driver that reads it; a child of it has its options too."""
+
+    id: str = Field(pattern=r"^[A-Za-z0-9_-]+$")
+    driver: str
+
+    @classmethod
+    def variant(cls, table: object) -> "type[DeviceSection]":
+        """Say the class of a table by its driver."""
+        name = table.get("driver") if isinstance(table, Mapping) else None
+        return section_class(str(name))
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """What the driver is told, by name."""
+        return {name: value for name, value in self if name not in ("id", "driver")}
+
+
+class UnavailableDriverSection(DeviceSection):
+    """Of a driver that cannot be: refused for that alone, not for its other keys."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    @field_validator("driver")
+    @classmethod
+    def _refuse(cls, name: str) -> str:
+        try:
+            driver_class(name)
+        except KeyError:
+            text = unknown_name_message("driver", name, DRIVERS)
+        except DriverUnavailableError as error:
+            text = str(error)
+        raise ValueError(text)
+
+
+@cache
+def section_class(driver: str) -> type[DeviceSection]:
+    """The class of the tables of a driver."""
+    try:
+        options = driver_class(driver).options
+    except (KeyError, DriverUnavailableError):
+        return UnavailableDriverSection
+    bases: tuple[type[Any], ...] = (DeviceSection, options)
+    return create_model(f"{options.__name__}Section", __base__=bases)
+
+
+def section_of(table: object) -> DeviceSection:
+    """A table as its driver wants it.
+
+    Raises:
+        pydantic.ValidationError: with everything that is wrong with it.
+    """
+    if isinstance(table, DeviceSection):
+        return table
+    return DeviceSection.variant(table).model_validate(table)
+
+
+AnyDevice = Annotated[SerializeAsAny[DeviceSection], BeforeValidator(section_of)]

@@ -1,0 +1,141 @@
+"""The `[[scan.filters]]` tables: which points of a scan pass, in which order.
+
+Their keys are those of the filters' own classes, so that a filter has them once.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import MISSING, fields
+from functools import cache
+from typing import Annotated, Any, Self, get_type_hints
+
+from pydantic import (
+    BeforeValidator,
+    ConfigDict,
+    SerializeAsAny,
+    create_model,
+    field_validator,
+    model_validator,
+)
+
+from traverse.kinematics.arm_file.arm import StrictModel
+from traverse.kinematics.filters import FILTERS, FilterChain, PointFilter
+from traverse.protocol.messages import QualityFlag
+from traverse.strict_toml.problems import unknown_name_message
+
+FLAGS = {flag.name.lower(): flag for flag in QualityFlag if flag.name}
+"""The quality flags by the names that they have in files and messages."""
+
+
+def flag_bits(names: Iterable[str]) -> int:
+    """The bits of flags by name.
+
+    Raises:
+        ValueError: naming what is no flag.
+    """
+    bits = 0
+    for name in names:
+        if name not in FLAGS:
+            raise ValueError(unknown_name_message("quality flag", name, FLAGS))
+        bits |= FLAGS[name].value
+    return bits
+
+
+class FilterSection(StrictModel):
+    """One filter; a child of it has the keys of its kind too."""
+
+    kind: str
+
+    @classmethod
+    def variant(cls, table: object) -> "type[FilterSection]":
+        """Say the class of a table by its kind."""
+        name = table.get("kind") if isinstance(table, Mapping) else None
+        return section_class(str(name))
+
+    def made(self) -> PointFilter:
+        """The filter, new.
+
+        Raises:
+            ValueError: its keys do not go together.
+        """
+        values = {name: value for name, value in self if name != "kind"}
+        return FILTERS[self.kind](**values)
+
+    @model_validator(mode="after")
+    def _can_be_made(self) -> Self:
+        self.made()
+        return self
+
+
+class UnknownFilterSection(FilterSection):
+    """Of a kind that there is not: refused for that alone, not for its other keys."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    @field_validator("kind")
+    @classmethod
+    def _refuse(cls, name: str) -> str:
+        raise ValueError(unknown_name_message("filter", name, FILTERS))
+
+
+class QualityFilterSection(FilterSection):
+    """Allowed flags are named in a file, and bits in the filter."""
+
+    allowed: tuple[str, ...] = ()
+
+    def made(self) -> PointFilter:
+        """The filter, new.
+
+        Raises:
+            ValueError: naming what is no flag.
+        """
+        return FILTERS[self.kind](**{"allowed": flag_bits(self.allowed)})
+
+
+@cache
+def section_class(kind: str) -> type[FilterSection]:
+    """The class of the tables of a kind."""
+    made = FILTERS.get(kind)
+    if made is None:
+        return UnknownFilterSection
+    if kind == "quality":
+        return QualityFilterSection
+    hints = get_type_hints(made)
+    keys: dict[str, Any] = {
+        field.name: (
+            hints[field.name],
+            ... if field.default is MISSING else field.default,
+        )
+        for field in fields(made)  # type: ignore[arg-type]  # every filter is a dataclass
+        if field.init
+    }
+    return create_model(f"{made.__name__}Section", __base__=FilterSection, **keys)
+
+
+def filter_of(table: object) -> FilterSection:
+    """A table as its kind wants it.
+
+    Raises:
+        pydantic.ValidationError: with everything that is wrong with it.
+    """
+    if isinstance(table, FilterSection):
+        return table
+    return FilterSection.variant(table).model_validate(table)
+
+
+AnyFilter = Annotated[SerializeAsAny[FilterSection], BeforeValidator(filter_of)]
+
+
+def filter_chain(sections: Iterable[FilterSection]) -> FilterChain:
+    """The filters of a configuration, new, in its order."""
+    return FilterChain([section.made() for section in sections])
+
+
+def removed_counters(chain: FilterChain) -> dict[str, int]:
+    """How many points each filter has held back, by its place and kind."""
+    return {
+        f"scan_filter_{place}_{one.kind}": removed
+        for place, (one, removed) in enumerate(
+            zip(chain.filters, chain.removed, strict=True), start=1
+        )
+        if not one.interpolates
+    }

@@ -1,0 +1,56 @@
+"""Time for measuring: it stands while a step is taken, so that steps can be repeated.
+
+Whatever is decided by the time, within one step, is decided by the same time. The
+relation to UTC stands too; it is looked at now and then, and taken over where it has
+changed by more than jitter.
+"""
+
+from collections.abc import Callable
+
+from traverse.daemon.clock import HostClock
+
+LOOK_NS = 1_000_000_000
+JITTER_NS = 50_000
+
+
+class FrozenClock(HostClock):
+    """Goes on when it is told to.
+
+    Args:
+        host: where it gets the time from.
+
+    Attributes:
+        related: told (now_ns, utc_offset_ns) when the relation to UTC changes.
+    """
+
+    def __init__(self, host: HostClock) -> None:
+        self._host = host
+        self.related: Callable[[int, int], None] | None = None
+        self._now_ns = host.monotonic_ns()
+        self._utc_offset_ns = host.utc_offset_ns()
+        self._looked_ns = self._now_ns
+
+    @property
+    def running(self) -> HostClock:
+        """The clock that goes by itself."""
+        return self._host
+
+    def step(self) -> int:
+        """Go on to the present; gives it."""
+        now_ns = self._now_ns = self._host.monotonic_ns()
+        if now_ns - self._looked_ns >= LOOK_NS:
+            self._looked_ns = now_ns
+            offset_ns = self._host.utc_offset_ns()
+            if abs(offset_ns - self._utc_offset_ns) > JITTER_NS:
+                self._utc_offset_ns = offset_ns
+                if self.related is not None:
+                    self.related(now_ns, offset_ns)
+        return now_ns
+
+    def monotonic_ns(self) -> int:
+        """The time of this step."""
+        return self._now_ns
+
+    def utc_offset_ns(self) -> int:
+        """What to add to monotonic time to get UTC."""
+        return self._utc_offset_ns

@@ -1,0 +1,115 @@
+"""Start-up: everything that is missing is told together, in one readable tree."""
+
+import asyncio
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from traverse.daemon.acquisition.device import Device
+from traverse.daemon.config.schema import Configuration, read_configuration
+from traverse.daemon.mqtt.credentials import credentials_problems
+from traverse.daemon.pose.arm_model import ArmModel, read_model
+from traverse.daemon.pose.probe_library import read_probes
+from traverse.kinematics.arm_file.arm import FileError, Problem
+
+DEVICES_ANSWER_S = 8.0
+
+REFUSED = 2
+UNREACHABLE = 3
+
+
+class StartupError(Exception):
+    """The daemon cannot start.
+
+    Attributes:
+        status: exit status, 2 where an input was refused, 3 where a device or the
+            broker could not be reached.
+        files: those of the failures that are mistakes in files.
+    """
+
+    def __init__(self, failures: Sequence[str | FileError], status: int) -> None:
+        self.files = [f for f in failures if isinstance(f, FileError)]
+        lines = ["traverse cannot start:"]
+        for failure in failures:
+            first, *rest = str(failure).splitlines()
+            lines += [f"  - {first}", *(f"    {line}" for line in rest)]
+        super().__init__("\n".join(lines))
+        self.status = status
+
+
+def read_inputs(path: Path, embedded: bool) -> tuple[Configuration, ArmModel]:
+    """Read the configuration and the arm file that it names.
+
+    Raises:
+        StartupError: with everything that is wrong with both.
+    """
+    try:
+        configuration = read_configuration(path)
+    except FileError as error:
+        raise StartupError([error], REFUSED) from error
+    failures: list[FileError] = []
+    if configuration.broker is None and not embedded:
+        missing = Problem(
+            "broker", "is missing; add a table [broker], or use --embedded-broker"
+        )
+        failures.append(FileError(str(path), [missing]))
+    if configuration.broker is not None and not embedded:
+        problems = list(credentials_problems(configuration.broker, path.parent))
+        if problems:
+            failures.append(FileError(str(path), problems))
+    ids = {device.id: device for device in configuration.device}
+    try:
+        model = read_model(path.parent / configuration.arm.file, ids)
+    except FileError as error:
+        raise StartupError([*failures, error], REFUSED) from error
+    probes = configuration.arm.probes
+    if probes is not None:
+        try:
+            read_probes(path.parent / probes)
+        except FileError as error:
+            failures.append(error)
+    clock = configuration.assembly.clock
+    if clock is not None and clock not in model.devices:
+        text = f"{clock!r} reads no joint; one of these does: " + ", ".join(
+            model.devices
+        )
+        failures.append(FileError(str(path), [Problem("assembly.clock", text)]))
+    stops = _problems_of_stops(configuration, model)
+    if stops:
+        failures.append(FileError(str(path), stops))
+    if failures:
+        raise StartupError(failures, REFUSED)
+    return configuration, model
+
+
+def _problems_of_stops(configuration: Configuration, model: ArmModel) -> list[Problem]:
+    """End stops of joints that the arm does not have, or has once only."""
+    problems, seen = [], set()
+    for index, stop in enumerate(configuration.quality.end_stops):
+        where = f"quality.end_stops[{index}].joint"
+        names = model.effects.joint_names
+        if stop.joint not in names:
+            text = f"{stop.joint!r} is no joint of the arm; it has: {', '.join(names)}"
+            problems.append(Problem(where, text))
+        elif stop.joint in seen:
+            problems.append(Problem(where, f"{stop.joint!r} is given twice"))
+        seen.add(stop.joint)
+    return problems
+
+
+async def check_devices(devices: Iterable[Device]) -> list[tuple[int, str]]:
+    """Wait for all devices; what is wrong with each, with its exit status."""
+    failures = []
+    for device in devices:
+        name = f"device {device.section.id}"
+        try:
+            async with asyncio.timeout(DEVICES_ANSWER_S):
+                await device.heard.wait()
+        except TimeoutError:
+            silent = f"{name}: no answer within {DEVICES_ANSWER_S:g} s"
+            failures.append((UNREACHABLE, silent))
+            continue
+        if device.state == "starting" and device.lost is not None:
+            lost = device.lost
+            failures.append((UNREACHABLE, f"{name}: {lost.reason}; {lost.remedy}"))
+        failures += [(REFUSED, f"{name}: {text}") for text in device.problems]
+    return failures

@@ -1,0 +1,1 @@
+"""Events, latencies and metrics of the daemon."""

@@ -1,0 +1,204 @@
+"""Events: logged, and published without flooding.
+
+The first of its kind goes out at once; what repeats within a second is counted and
+told once. Of those that are distinct, such as presses of a button, it is the first
+twenty in a second. A lasting condition is raised once and cleared once; one that comes
+and goes all the time is told once a second, as it then is, with how often it changed.
+"""
+
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from traverse.daemon.clock import HostClock
+
+log = logging.getLogger("traverse.daemon.events")
+
+QUIET_NS = 1_000_000_000
+MAX_DISTINCT = 20  # in a second: more than hands can do, less than a broken button
+MAX_CHANGES = 6  # of a lasting condition, in `CALM_NS`, before they are told together
+CALM_NS = 10_000_000_000
+MAX_KINDS = 256
+LEVELS = {"info": logging.INFO, "warning": logging.WARNING, "error": logging.ERROR}
+
+Severity = Literal["info", "warning", "error"]
+
+
+@dataclass(frozen=True, slots=True)
+class Occurrence:
+    """What happened, before it is a message; see `traverse.protocol.messages.Event`."""
+
+    severity: Severity
+    code: str
+    text: str
+    remedy: str
+    source: str
+    active: bool | None
+    first_ns: int
+    last_ns: int
+    count: int
+    data: Mapping[str, int | float | str]
+
+
+class EventLog:
+    """Collects occurrences and passes them on.
+
+    Args:
+        clock: the host's.
+        publish: called with what is to be published, times monotonic.
+        arm: whose events these are, for a log with fields.
+    """
+
+    def __init__(
+        self, clock: HostClock, publish: Callable[[Occurrence], None], arm: str = ""
+    ) -> None:
+        self._clock = clock
+        self._publish = publish
+        self._arm = arm
+        self._held: dict[tuple[str, str], Occurrence] = {}
+        self._told_ns: dict[tuple[str, str], int] = {}
+        self._distinct: dict[tuple[str, str], tuple[int, int]] = {}
+        self._active: set[tuple[str, str]] = set()
+        self._changed: dict[tuple[str, str], tuple[int, int]] = {}
+        self._flapping: dict[tuple[str, str], Occurrence] = {}
+
+    def report(
+        self,
+        severity: Severity,
+        code: str,
+        text: str,
+        *,
+        source: str,
+        remedy: str = "",
+        count: int = 1,
+        data: Mapping[str, int | float | str] | None = None,
+        distinct: bool = False,
+    ) -> None:
+        """Something momentary happened ``count`` times.
+
+        With ``distinct`` every one is told by itself, as for buttons, unless there are
+        too many; the other arguments are those of the message.
+        """
+        now_ns = first_ns = self._clock.monotonic_ns()
+        key = (code, source)
+        if distinct:
+            is_told = self._is_one_of_few(
+                self._distinct, key, now_ns, MAX_DISTINCT, QUIET_NS
+            )
+            if is_told and (held := self._held.pop(key, None)) is not None:
+                self._tell(key, held)
+        else:
+            is_told = now_ns - self._told_ns.get(key, now_ns - QUIET_NS) >= QUIET_NS
+        if not is_told and (held := self._held.get(key)) is not None:
+            first_ns, count = held.first_ns, held.count + count
+        occurrence = Occurrence(
+            severity,
+            code,
+            text,
+            remedy,
+            source,
+            None,
+            first_ns,
+            now_ns,
+            count,
+            data or {},
+        )
+        if is_told:
+            self._tell(key, occurrence)
+        else:
+            self._held[key] = occurrence
+
+    def change(
+        self,
+        active: bool,
+        severity: Severity,
+        code: str,
+        text: str,
+        *,
+        source: str,
+        remedy: str = "",
+        data: Mapping[str, int | float | str] | None = None,
+    ) -> None:
+        """A lasting condition begins or ends; told once each way.
+
+        With more conditions than anybody can read it is told as a momentary one.
+        """
+        key = (code, source)
+        if active == (key in self._active):
+            return
+        if active and len(self._active) >= MAX_KINDS:
+            self.report(severity, code, text, source=source, remedy=remedy, data=data)
+            return
+        (self._active.add if active else self._active.discard)(key)
+        now_ns = self._clock.monotonic_ns()
+        level: Severity = severity if active else "info"
+        change = Occurrence(
+            level, code, text, remedy, source, active, now_ns, now_ns, 1, data or {}
+        )
+        if (held := self._flapping.get(key)) is not None:
+            self._flapping[key] = replace(
+                change, first_ns=held.first_ns, count=held.count + 1
+            )
+        elif self._is_one_of_few(self._changed, key, now_ns, MAX_CHANGES, CALM_NS):
+            self._tell(key, change)
+        else:
+            self._flapping[key] = change
+
+    def flush(self, *, at_once: bool = False) -> None:
+        """Tell what was held back for a second; call it a few times a second.
+
+        Args:
+            at_once: whatever was held back for however short, as the daemon ends.
+        """
+        now_ns = self._clock.monotonic_ns()
+        for waiting in (self._held, self._flapping):
+            for key, held in list(waiting.items()):
+                if at_once or now_ns - self._told_ns.get(key, 0) >= QUIET_NS:
+                    del waiting[key]
+                    self._tell(key, held)
+
+    def _is_one_of_few(
+        self,
+        seen: dict[tuple[str, str], tuple[int, int]],
+        key: tuple[str, str],
+        now_ns: int,
+        most: int,
+        period_ns: int,
+    ) -> bool:
+        """Whether it is among the first ``most`` of a period; notes it in ``seen``."""
+        since_ns, n = seen.get(key, (now_ns, 0))
+        if now_ns - since_ns >= period_ns:
+            since_ns, n = now_ns, 0
+        if len(seen) >= MAX_KINDS:
+            seen.clear()
+        seen[key] = since_ns, n + 1
+        return n < most
+
+    def _tell(self, key: tuple[str, str], occurrence: Occurrence) -> None:
+        if len(self._told_ns) >= MAX_KINDS:
+            self._told_ns.clear()
+        self._told_ns[key] = occurrence.last_ns
+        times = f" ({occurrence.count} times)" if occurrence.count > 1 else ""
+        remedy = f"; {occurrence.remedy}" if occurrence.remedy else ""
+        log.log(
+            LEVELS[occurrence.severity],
+            "%s: %s%s%s",
+            occurrence.code,
+            occurrence.text,
+            times,
+            remedy,
+            extra={"fields": self._fields(occurrence)},
+        )
+        self._publish(occurrence)
+
+    def _fields(self, occurrence: Occurrence) -> dict[str, str | int]:
+        """What a log with fields keeps beside the text."""
+        return {
+            "arm": self._arm,
+            "device": occurrence.source.partition("/")[0],
+            "source": occurrence.source,
+            "code": occurrence.code,
+            "count": occurrence.count,
+            "remedy": occurrence.remedy,
+        }

@@ -1,0 +1,1 @@
+"""Connection to the MQTT broker: queue, sending, commands, credentials."""

@@ -1,0 +1,183 @@
+"""An MQTT client that writes at once, and hears when the broker refuses a message.
+
+aiomqtt hands a packet to the event loop, which watches the socket, comes round again
+and writes: two wake-ups and two system calls for each message more than it takes. And
+aiomqtt 2.5 takes every PUBACK for a yes; with MQTT 5 its reason code may say no, for
+example where an access list forbids the topic. Brokers of MQTT 3.1.1 cannot say no.
+"""
+
+import asyncio
+import contextlib
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import aiomqtt
+from paho.mqtt.client import Client as PahoClient
+from paho.mqtt.client import MQTTMessage
+from paho.mqtt.enums import MQTTErrorCode
+from paho.mqtt.properties import Properties
+from paho.mqtt.reasoncodes import ReasonCode
+
+from traverse.broker.diagnosing_client import DiagnosingClient
+from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage
+
+MAX_IN_FLIGHT = 16  # paho holds back what is beyond 20
+
+
+class BrokerClient(DiagnosingClient):
+    """A client that has several messages on their way.
+
+    Attributes:
+        acknowledged: called with the number of each message that the broker has
+            answered, and with its reason where it was refused.
+        received: called with each message that comes in; aiomqtt's own queue takes a
+            task for each, and loses what it has no room for.
+        writable: called when a socket that took no more takes bytes again.
+        max_in_flight: so many messages may wait for their answers.
+        max_payload_bytes: a longer payload is cut to this, so that it costs no memory
+            while it waits; who reads it refuses it as too long.
+    """
+
+    acknowledged: Callable[[int, str | None], None] | None = None
+    received: Callable[[MQTTMessage], None] | None = None
+    writable: Callable[[], None] | None = None
+    max_in_flight = MAX_IN_FLIGHT
+    max_payload_bytes: int | None = None
+    _is_sending = False
+
+    def __init__(
+        self,
+        *arguments: Any,  # noqa: ANN401 - as aiomqtt's
+        **options: Any,  # noqa: ANN401 - as aiomqtt's
+    ) -> None:
+        super().__init__(*arguments, **options)
+        self._own_thread = threading.current_thread()
+
+    async def ended(self) -> None:
+        """Wait until the connection is gone.
+
+        Raises:
+            aiomqtt.MqttError: always; why it went.
+        """
+        await asyncio.wait({self._disconnected})
+        error = self._disconnected.exception()
+        raise aiomqtt.MqttError("the connection was lost") from error
+
+    @property
+    def is_congested(self) -> bool:
+        """Whether bytes wait that the socket did not take."""
+        return self._client.want_write()
+
+    def send(self, message: OutgoingMessage, properties: Properties | None) -> int:
+        """Write a message now.
+
+        Returns:
+            Its number, with which the broker answers if its quality of service is 1.
+
+        Raises:
+            aiomqtt.MqttError: there is no connection any more.
+            ValueError: nothing can be published on this topic.
+        """
+        self._is_sending = True  # or every packet would be watched for
+        try:
+            info = self._client.publish(
+                message.topic, message.payload, message.qos, message.retain, properties
+            )
+            result = info.rc or self._client.loop_write()
+        finally:
+            self._is_sending = False
+        if result != MQTTErrorCode.MQTT_ERR_SUCCESS:
+            raise aiomqtt.MqttCodeError(result, "could not publish")
+        if self.is_congested:
+            self._watch()
+        return info.mid
+
+    @contextlib.contextmanager
+    def together(self) -> Iterator[None]:
+        """What is sent within the block leaves at its end, in few packets.
+
+        The broker is woken once, and each waking costs as much as encoding a message.
+        """
+        self._hold_back(True)
+        try:
+            yield
+        finally:
+            self._hold_back(False)
+
+    def _hold_back(self, wanted: bool) -> None:
+        sock = self._client.socket()
+        if isinstance(sock, socket.socket):
+            with contextlib.suppress(OSError):  # a dead one says so when written to
+                sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_CORK, wanted)
+
+    def _watch(self) -> None:
+        sock = self._client.socket()
+        if sock is not None:
+            self._loop.add_writer(sock.fileno(), self._write)
+
+    def _write(self) -> None:
+        try:
+            self._client.loop_write()
+        except Exception as error:  # noqa: BLE001 - as aiomqtt: the connection is gone
+            if not self._disconnected.done():
+                self._disconnected.set_exception(error)
+        if self.writable is not None and not self.is_congested:
+            self.writable()
+
+    def _answered(self, mid: int, reason: str | None) -> None:
+        if self.acknowledged is not None:
+            self.acknowledged(mid, reason)
+
+    def _on_connect(
+        self,
+        client: PahoClient,
+        userdata: Any,  # noqa: ANN401 - as aiomqtt declares it
+        flags: Any,  # noqa: ANN401 - as aiomqtt's
+        reason_code: ReasonCode,
+        properties: Properties | None = None,
+    ) -> None:
+        most = getattr(properties, "ReceiveMaximum", MAX_IN_FLIGHT)
+        self.max_in_flight = min(MAX_IN_FLIGHT, most)
+        super()._on_connect(client, userdata, flags, reason_code, properties)
+
+    def _on_socket_register_write(
+        self,
+        client: PahoClient,
+        userdata: Any,  # noqa: ANN401 - as aiomqtt's
+        sock: Any,  # noqa: ANN401 - as aiomqtt's
+    ) -> None:
+        if self._is_sending:
+            return  # it is written without watching
+        if threading.current_thread() is self._own_thread:
+            # At once: what is put off could come after the writing, and then for ever.
+            self._watch()
+        else:  # while connecting
+            super()._on_socket_register_write(client, userdata, sock)
+
+    def _on_message(
+        self,
+        client: PahoClient,
+        userdata: Any,  # noqa: ANN401 - as aiomqtt's
+        message: MQTTMessage,
+    ) -> None:
+        if self.received is not None:
+            message.payload = message.payload[: self.max_payload_bytes]
+            # Not within paho's callback, see `_on_publish`.
+            self._loop.call_soon(self.received, message)
+
+    def _on_publish(
+        self,
+        client: PahoClient,
+        userdata: Any,  # noqa: ANN401 - as aiomqtt's
+        mid: int,
+        reason_code: ReasonCode,
+        properties: Properties,
+    ) -> None:
+        if self.acknowledged is not None and not self._is_sending:
+            reason = str(reason_code) if reason_code.is_failure else None
+            # Not within paho's callback, where nothing can be sent: it would wait for
+            # itself.
+            self._loop.call_soon(self._answered, mid, reason)
+        super()._on_publish(client, userdata, mid, reason_code, properties)

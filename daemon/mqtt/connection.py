@@ -1,0 +1,224 @@
+"""The connection to the broker: one method to publish, everything else by itself.
+
+MQTT 5 where the broker speaks it, else 3.1.1 (its properties are a courtesy, never
+needed to decode). A message leaves its queue only after the broker has taken it.
+"""
+
+import asyncio
+import contextlib
+import logging
+import os
+import random
+from collections.abc import AsyncIterator, Callable
+from typing import Literal
+
+import aiomqtt
+from paho.mqtt.properties import Properties
+
+from traverse.broker.reasons import reason_code
+from traverse.daemon.mqtt.client import BrokerClient
+from traverse.daemon.mqtt.connection_errors import reason_of
+from traverse.daemon.mqtt.credentials import (
+    BrokerAddress,
+    Credentials,
+    CredentialsError,
+    read_credentials,
+)
+from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage, OutgoingQueue
+from traverse.daemon.mqtt.properties import (
+    CachedProperties,
+    connect_properties,
+    publish_properties,
+)
+from traverse.daemon.mqtt.sender import PublishLoop
+from traverse.daemon.mqtt.subscriber import CommandSubscriber, IncomingCommand
+from traverse.protocol.encoding import Encoding
+
+log = logging.getLogger(__name__)
+
+FIRST_RETRY_S = 0.2
+LAST_RETRY_S = 5.0
+MAX_PACKET_BYTES = 65_536  # told to a broker of MQTT 5: more it must not send
+UNSUPPORTED_VERSION = (132, 1)  # reason code of MQTT 5, return code of MQTT 3.1.1
+
+
+CONNECTION_FAILURES = (aiomqtt.MqttError, OSError, CredentialsError)
+
+
+class Publisher:
+    """Keeps a connection, has the queue sent, hands on what comes in.
+
+    Args:
+        address: of the broker.
+        client_id: unique for the arm; two clients with one name fight.
+        will: what the broker publishes when this client vanishes.
+        encoding: of the payloads, told as MQTT 5 content type.
+        queue: what is to be sent.
+        subscription: topic filter of the commands.
+        receive: called with each command; see `CommandSubscriber`.
+        changed: called when the connection is up (True) or lost (False, reason).
+    """
+
+    def __init__(
+        self,
+        *,
+        address: BrokerAddress,
+        client_id: str,
+        will: OutgoingMessage,
+        encoding: Encoding,
+        queue: OutgoingQueue,
+        subscription: str,
+        receive: Callable[[IncomingCommand], float | None],
+        changed: Callable[[bool, str], None],
+    ) -> None:
+        self.address = address
+        self._client_id = client_id
+        self._will = will
+        self._encoding = encoding
+        self._usual_properties = CachedProperties(encoding)
+        self._queue = queue
+        self._hearing = CommandSubscriber(subscription, receive)
+        self._changed = changed
+        self._version = aiomqtt.ProtocolVersion.V5
+        self._access: Credentials | None = None
+        self._renewal = asyncio.Event()
+        self._warned: set[str] = set()
+        self.state: Literal["connecting", "connected", "lost"] = "connecting"
+        self.reconnects = 0
+
+    @property
+    def protocol(self) -> str:
+        """The MQTT version in use."""
+        return "5" if self._version is aiomqtt.ProtocolVersion.V5 else "3.1.1"
+
+    async def probe(self) -> str | None:
+        """Connect once and leave; None, or why that was not possible."""
+        try:
+            async with self._connection(will=False):
+                return None
+        except CONNECTION_FAILURES as error:
+            return reason_of(error, self.address)
+
+    def renew(self) -> None:
+        """Connect anew if password or certificates have changed since the last time."""
+        self._renewal.set()
+
+    async def run(self) -> None:
+        """Connect, send and receive; come back after every loss; until cancelled."""
+        retry_s = FIRST_RETRY_S
+        connected_before = False
+        told = ""
+        while True:
+            try:
+                async with self._connection(will=True) as client:
+                    self.reconnects += connected_before
+                    connected_before, retry_s, told = True, FIRST_RETRY_S, ""
+                    await self._hearing.begin(client)
+                    self.state = "connected"
+                    self._changed(True, f"broker {self.address} connected")
+                    await self._serve(client)
+                    continue  # at once: with new certificates, or deaf to a flood
+            except CONNECTION_FAILURES as error:
+                reason = reason_of(error, self.address)
+                if self.state == "connected" or reason != told:
+                    self.state, told = "lost", reason
+                    self._changed(False, f"broker {self.address}: {reason}")
+            # Jitter keeps a fleet from coming back all at once.
+            await asyncio.sleep(retry_s * random.uniform(0.5, 1.0))
+            retry_s = min(2 * retry_s, LAST_RETRY_S)
+
+    async def _serve(self, client: BrokerClient) -> None:
+        sending = PublishLoop(
+            client,
+            self._queue,
+            properties=self._properties,
+            changed=self._changed,
+            broker=str(self.address),
+        )
+        tasks: tuple[asyncio.Task[None], ...] = (
+            asyncio.create_task(sending.run()),
+            asyncio.create_task(client.ended()),
+            asyncio.create_task(self._hearing.run(client)),
+            asyncio.create_task(self._see_changed_files()),
+        )
+        try:
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for task in tasks:
+                task.cancel()
+            results = await asyncio.gather(*tasks, return_exceptions=True)
+        for result in results:
+            if isinstance(result, Exception):
+                raise result
+
+    async def _see_changed_files(self) -> None:
+        """Wait until the files that open the broker are others than at connecting."""
+        while True:
+            await self._renewal.wait()
+            self._renewal.clear()
+            try:
+                now = await asyncio.to_thread(read_credentials, self.address)
+            except CredentialsError as error:
+                log.warning("%s; the connection goes on as it is", error)
+                continue
+            if self._access is None or now.digest != self._access.digest:
+                log.info("password or certificates have changed; connecting anew")
+                return
+
+    def _properties(self, message: OutgoingMessage) -> Properties | None:
+        if self._version is not aiomqtt.ProtocolVersion.V5:
+            return None
+        encoding = message.encoding or self._encoding
+        if message.correlation is None and encoding == self._encoding:
+            return self._usual_properties
+        properties = publish_properties(encoding)
+        if message.correlation is not None:
+            properties.CorrelationData = message.correlation
+        return properties
+
+    @contextlib.asynccontextmanager
+    async def _connection(self, *, will: bool) -> AsyncIterator[BrokerClient]:
+        """A connection in the newest version that the broker speaks."""
+        async with contextlib.AsyncExitStack() as stack:
+            try:
+                client = await stack.enter_async_context(await self._client(will=will))
+            except aiomqtt.MqttCodeError as error:
+                if not _is_version_refusal(error):
+                    raise
+                self._version = aiomqtt.ProtocolVersion.V311
+                client = await stack.enter_async_context(await self._client(will=will))
+            yield client
+
+    async def _client(self, *, will: bool) -> BrokerClient:
+        """The daemon's connection, or one without a will only to try the broker."""
+        access = await asyncio.to_thread(read_credentials, self.address)
+        self._access = access
+        for text in access.warnings:
+            if text not in self._warned:
+                log.warning("%s", text)
+        self._warned.update(access.warnings)
+        is_5 = self._version is aiomqtt.ProtocolVersion.V5
+        client = BrokerClient(
+            self.address.host,
+            self.address.port,
+            username=self.address.username,
+            password=access.password,
+            tls_context=access.tls,
+            # Not where the broker is only tried: one of MQTT 3.1.1 that does not look
+            # at the version first would stumble over them.
+            properties=connect_properties(MAX_PACKET_BYTES) if is_5 and will else None,
+            # A probe must not throw a running daemon of this arm out.
+            identifier=self._client_id if will else f"{self._client_id}-{os.getpid()}",
+            protocol=self._version,
+            keepalive=self.address.keepalive_s,
+            will=aiomqtt.Will(self._will.topic, self._will.payload, 1, True)
+            if will
+            else None,
+        )
+        client.pending_calls_threshold = 1000
+        client.max_payload_bytes = MAX_PACKET_BYTES
+        return client
+
+
+def _is_version_refusal(error: aiomqtt.MqttCodeError) -> bool:
+    return reason_code(error) in UNSUPPORTED_VERSION

@@ -1,0 +1,238 @@
+"""How the daemon gets in at the broker: address, password, certificates.
+
+Files are read anew at every connection, so that they can be renewed. `credential:NAME`
+is a credential of systemd (LoadCredential=). The password lives in the value
+`Credentials` alone, which does not show it.
+"""
+
+import hashlib
+import os
+import re
+import ssl
+import stat
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from traverse.broker.tls import tls_context
+from traverse.daemon.config.broker import BrokerSection
+from traverse.kinematics.arm_file.arm import Problem
+
+CREDENTIAL = "credential:"
+MAX_FILE_BYTES = 1 << 20
+MAX_PASSWORD_BYTES = 1024
+
+_CREDENTIAL_NAME = re.compile(r"(?!\.)[A-Za-z0-9._-]{1,255}")
+
+
+class CredentialsError(Exception):
+    """A file of [broker] cannot be used.
+
+    Attributes:
+        key: of the table [broker], that names the file.
+    """
+
+    def __init__(self, key: str, text: str) -> None:
+        super().__init__(f"{key}: {text}")
+        self.key = key
+        self.text = text
+
+
+@dataclass(frozen=True, slots=True)
+class BrokerAddress:
+    """Where the broker is and which files open it; see [broker].
+
+    Attributes:
+        folder: of the configuration, which file names begin at.
+    """
+
+    host: str
+    port: int
+    username: str | None = None
+    password_file: str | None = None
+    keepalive_s: int = 15
+    tls: bool = False
+    ca_file: str | None = None
+    certificate_file: str | None = None
+    key_file: str | None = None
+    folder: Path = Path()
+
+    def __str__(self) -> str:
+        return f"{self.host}:{self.port}"
+
+
+@dataclass(frozen=True, slots=True)
+class Credentials:
+    """What the files held at one moment.
+
+    Attributes:
+        tls: how the line is encrypted; None: it is not.
+        digest: of all files, to see that one has changed.
+        warnings: what is unwise about them.
+    """
+
+    password: str | None = field(repr=False)
+    tls: ssl.SSLContext | None
+    digest: bytes = field(repr=False)
+    warnings: tuple[str, ...]
+
+
+def address_of(section: BrokerSection, folder: Path) -> BrokerAddress:
+    """The address that a table [broker] gives."""
+    return BrokerAddress(
+        section.host,
+        section.port,
+        section.username,
+        section.password_file,
+        section.keepalive_s,
+        section.tls,
+        section.ca_file,
+        section.certificate_file,
+        section.key_file,
+        folder,
+    )
+
+
+def credentials_problems(section: BrokerSection, folder: Path) -> Iterator[Problem]:
+    """Why the files of [broker] cannot be used, as mistakes of the configuration."""
+    try:
+        read_credentials(address_of(section, folder))
+    except CredentialsError as error:
+        yield Problem(f"broker.{error.key}", error.text)
+
+
+def read_credentials(address: BrokerAddress) -> Credentials:
+    """Read password and certificates.
+
+    Raises:
+        CredentialsError: one of them cannot be used.
+    """
+    digest = hashlib.sha256()
+    for key, path in _files(address):
+        digest.update(hashlib.sha256(_content(key, path)).digest())
+    return Credentials(
+        _password(address),
+        _context(address) if address.tls else None,
+        digest.digest(),
+        tuple(_warnings(address)),
+    )
+
+
+def _files(address: BrokerAddress) -> Iterator[tuple[str, Path]]:
+    for key in ("password_file", "ca_file", "certificate_file", "key_file"):
+        name = getattr(address, key)
+        if name is not None:
+            yield key, _path(key, name, address.folder)
+
+
+def _path(key: str, name: str, folder: Path) -> Path:
+    """The file that a name means."""
+    if not name.startswith(CREDENTIAL):
+        return folder / name
+    credential = name.removeprefix(CREDENTIAL)
+    if not _CREDENTIAL_NAME.fullmatch(credential):
+        raise CredentialsError(
+            key,
+            f"{name!r} is no name of a credential; use letters, digits, '.', '_', '-'",
+        )
+    credentials = os.environ.get("CREDENTIALS_DIRECTORY")
+    if credentials is None:
+        raise CredentialsError(
+            key,
+            f"{name!r} is a credential of systemd, and $CREDENTIALS_DIRECTORY is not "
+            f"set; start the daemon by a unit with LoadCredential={credential}:FILE, "
+            "or name a file",
+        )
+    return Path(credentials) / credential
+
+
+def _content(key: str, path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            content = file.read(MAX_FILE_BYTES + 1)
+    except OSError as error:
+        raise CredentialsError(
+            key, f"{path} cannot be read: {error.strerror or error}"
+        ) from error
+    if len(content) > MAX_FILE_BYTES:
+        raise CredentialsError(key, f"{path} has more than {MAX_FILE_BYTES} bytes")
+    return content
+
+
+def _password(address: BrokerAddress) -> str | None:
+    key, name = "password_file", address.password_file
+    if name is None:
+        return None
+    path = _path(key, name, address.folder)
+    content = _content(key, path).strip()
+    try:
+        password = content.decode("utf-8")
+    except UnicodeDecodeError:
+        # Not `from` it: a UnicodeDecodeError holds the password.
+        raise CredentialsError(key, f"{path} is no text in UTF-8") from None
+    if not 1 <= len(content) <= MAX_PASSWORD_BYTES:
+        text = f"holds {len(content)} bytes; a password has 1 to {MAX_PASSWORD_BYTES}"
+        raise CredentialsError(key, f"{path} {text}")
+    return password
+
+
+def _context(address: BrokerAddress) -> ssl.SSLContext:
+    key, name = "ca_file", address.ca_file
+    path = None if name is None else _path(key, name, address.folder)
+    try:
+        context = tls_context(path)
+    except OSError as error:
+        text = f"{path} holds no certificate in PEM ({_why(error)})"
+        raise CredentialsError(key, text) from error
+    if address.certificate_file is not None and address.key_file is not None:
+        _load_own(context, address.certificate_file, address.key_file, address.folder)
+    return context
+
+
+def _load_own(
+    context: ssl.SSLContext, certificate_file: str, key_file: str, folder: Path
+) -> None:
+    certificate = _path("certificate_file", certificate_file, folder)
+    key = _path("key_file", key_file, folder)
+
+    def refuse() -> str:  # else OpenSSL would ask at the terminal
+        raise CredentialsError(
+            "key_file",
+            f"{key} is encrypted; a service has nobody to ask. Take the passphrase "
+            "off (openssl pkey) and let only the daemon's user read it",
+        )
+
+    try:
+        context.load_cert_chain(certificate, key, refuse)
+    except OSError as error:
+        why = _why(error)
+        if "KEY_VALUES_MISMATCH" in why:
+            text = f"{key} is not the key of {certificate}"
+            raise CredentialsError("key_file", text) from error
+        raise CredentialsError(
+            "certificate_file",
+            f"{certificate} and {key} are no certificate and key in PEM ({why})",
+        ) from error
+
+
+def _why(error: OSError) -> str:
+    return getattr(error, "reason", None) or error.strerror or type(error).__name__
+
+
+def _warnings(address: BrokerAddress) -> Iterator[str]:
+    for key, path in _files(address):
+        name = str(getattr(address, key))
+        if key not in ("password_file", "key_file") or name.startswith(CREDENTIAL):
+            continue  # systemd sees to its own
+        mode = stat.S_IMODE(path.stat().st_mode)
+        if mode & 0o077:
+            yield (
+                f"{path} ({key} of [broker]) can be read by others than its owner "
+                f"(mode {mode:04o}); chmod 600 it"
+            )
+    is_far = address.host not in ("localhost", "127.0.0.1", "::1")
+    if address.password_file is not None and not address.tls and is_far:
+        yield (
+            f"the password for broker {address} crosses the network in plain text; "
+            "set tls = true in [broker]"
+        )

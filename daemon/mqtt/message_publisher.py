@@ -1,0 +1,75 @@
+"""From values to messages on their way: topic, quality of service, encoding."""
+
+from collections.abc import Callable
+
+from traverse.daemon.clock import HostClock
+from traverse.daemon.monitoring.events import Occurrence
+from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage, OutgoingQueue
+from traverse.daemon.step_listener import StepListener
+from traverse.protocol import topics
+from traverse.protocol.encoding import Encoding, encode
+from traverse.protocol.messages import Event, Message
+
+
+class MessagePublisher:
+    """Encodes the arm's messages and puts them into the outgoing queue.
+
+    Args:
+        arm: name of the arm, second level of every topic.
+        encoding: of all payloads.
+        queue: where they wait for the publisher.
+        clock: the host's.
+
+    Attributes:
+        tape: told of what is queued.
+    """
+
+    def __init__(
+        self, arm: str, encoding: Encoding, queue: OutgoingQueue, clock: HostClock
+    ) -> None:
+        self._arm = arm
+        self._encoding: Encoding = encoding
+        self._queue = queue
+        self._clock = clock
+        self.tape = StepListener()
+
+    def outgoing(
+        self, kind: str, message: Message, sent: Callable[[], None] | None = None
+    ) -> OutgoingMessage:
+        """The message as it is handed to the broker."""
+        channel = topics.CHANNELS[kind]
+        return OutgoingMessage(
+            f"{topics.ROOT}/{self._arm}/{kind}",
+            encode(message, self._encoding),
+            qos=channel.qos,
+            retain=channel.retained,
+            sent=sent,
+        )
+
+    def publish(
+        self, kind: str, message: Message, sent: Callable[[], None] | None = None
+    ) -> bool:
+        """Queue a message; False if there was no room for it."""
+        is_queued = self._queue.offer(kind, self.outgoing(kind, message, sent))
+        if is_queued:
+            self.tape.published(self._clock.monotonic_ns(), message)
+        return is_queued
+
+    def publish_event(self, what: Occurrence, session: str) -> None:
+        """Queue an event; its times become UTC."""
+        offset_ns = self._clock.utc_offset_ns()
+        event = Event(
+            arm=self._arm,
+            session=session,
+            severity=what.severity,
+            code=what.code,
+            text=what.text[:2000],
+            remedy=what.remedy[:2000],
+            source=what.source[:64],
+            active=what.active,
+            first_ns=what.first_ns + offset_ns,
+            last_ns=what.last_ns + offset_ns,
+            count=what.count,
+            data=dict(what.data),
+        )
+        self.publish("event", event)

@@ -1,0 +1,191 @@
+"""What waits to be published: bounded, by kind, each with its own way to overflow.
+
+Points and spooled blocks of scans are never dropped: those for which there is no room
+here are on the disk, and are put in later. Live poses and health are only worth their
+latest. Scan blocks and events are dropped newest first, and counted. Order of sending:
+status, replies, points, events, what somebody wants again, spooled scan blocks, scan
+blocks, live, health.
+"""
+
+import asyncio
+import contextlib
+from collections import Counter, deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from traverse.protocol.encoding import Encoding
+
+MAX_POINTS = 1000
+MAX_REPLIES = 100
+MAX_EVENTS = 200
+MAX_RESENT = 200
+MAX_SPOOLED = 100
+MAX_SCAN_BLOCKS = 400
+ON_DISK = frozenset({"point", "spooled"})  # what finds no room is there
+
+
+@dataclass(frozen=True, slots=True)
+class OutgoingMessage:
+    """One message on its way to the broker.
+
+    Attributes:
+        sent: called once, after the broker has taken it.
+        refused: called instead where the broker does not want it; who keeps it tries
+            again later.
+        encoding: of the payload, where it is not as configured now.
+        correlation: MQTT 5 correlation data of an answer.
+    """
+
+    topic: str
+    payload: bytes
+    qos: int = 0
+    retain: bool = False
+    correlation: bytes | None = None
+    sent: Callable[[], None] | None = None
+    refused: Callable[[], None] | None = None
+    encoding: Encoding | None = None
+
+
+class OutgoingQueue:
+    """The one queue between the event loop's work and the publisher.
+
+    A message that has been sent stays here, on its way, until the broker has it.
+
+    Attributes:
+        dropped: messages dropped, by kind.
+        sent: messages that the broker has taken, by kind.
+        offered: called after a message has been queued; the publisher sets it while
+            it has a connection.
+        left: called after a message has gone for good; the outbox sets it.
+    """
+
+    def __init__(
+        self, max_points: int = MAX_POINTS, max_scan_blocks: int = MAX_SCAN_BLOCKS
+    ) -> None:
+        self._limits = {
+            "reply": MAX_REPLIES,
+            "point": max_points,
+            "event": MAX_EVENTS,
+            "resend": MAX_RESENT,
+            "spooled": MAX_SPOOLED,
+            "scan": max_scan_blocks,
+        }
+        # In the order of sending; a kind without a limit keeps its latest only.
+        kinds = (
+            "status",
+            "reply",
+            "point",
+            "event",
+            "resend",
+            "spooled",
+            "scan",
+            "live",
+            "health",
+        )
+        self._waiting: dict[str, deque[OutgoingMessage]] = {
+            kind: deque() for kind in kinds
+        }
+        self._on_the_way: dict[str, deque[OutgoingMessage]] = {
+            k: deque() for k in kinds
+        }
+        self._emptied = asyncio.Event()
+        self.dropped: Counter[str] = Counter()
+        self.sent: Counter[str] = Counter()
+        self.offered: Callable[[], None] | None = None
+        self.left: Callable[[], None] | None = None
+
+    @property
+    def limit(self) -> int:
+        """How many messages may wait, of all kinds that are not thinned."""
+        return sum(self._limits.values())
+
+    @property
+    def n_waiting(self) -> int:
+        """How many messages have not been taken to be sent."""
+        return sum(map(len, self._waiting.values()))
+
+    def waiting(self, kind: str) -> int:
+        """How many messages of ``kind`` the broker does not have yet."""
+        return len(self._waiting[kind]) + len(self._on_the_way[kind])
+
+    def offer(self, kind: str, message: OutgoingMessage) -> bool:
+        """Queue a message; False where there was no room and it was dropped."""
+        queue = self._waiting[kind]
+        limit = self._limits.get(kind)
+        if limit is None:
+            if queue and kind == "live":
+                self.dropped[kind] += 1  # thinned: a newer pose replaces it
+            queue.clear()
+        elif self.waiting(kind) >= limit:
+            self.dropped[kind] += kind not in ON_DISK
+            return False
+        queue.append(message)
+        self._emptied.clear()
+        if self.offered is not None:
+            self.offered()
+        return True
+
+    @contextlib.contextmanager
+    def together(self) -> Iterator[None]:
+        """What is offered within the block is looked at when it ends, all at once."""
+        offered, self.offered = self.offered, None
+        try:
+            yield
+        finally:
+            self.offered = offered
+            if offered is not None:
+                offered()
+
+    def next(self) -> tuple[str, OutgoingMessage] | None:
+        """Take the message to send next, if there is one: now it is on its way."""
+        for kind, queue in self._waiting.items():
+            if queue:
+                message = queue.popleft()
+                self._on_the_way[kind].append(message)
+                return kind, message
+        return None
+
+    def take_back(self) -> None:
+        """The connection broke: what was on its way is to be sent again, in order."""
+        for kind, gone in self._on_the_way.items():
+            if kind in self._limits or not self._waiting[kind]:
+                self._waiting[kind].extendleft(reversed(gone))
+            gone.clear()
+
+    def done(self, kind: str, message: OutgoingMessage) -> None:
+        """``message`` has been sent: forget it."""
+        self._forget(kind, message)
+        self.sent[kind] += 1
+        if message.sent is not None:
+            message.sent()
+        if self.left is not None:
+            self.left()
+
+    def drop(self, kind: str, message: OutgoingMessage) -> None:
+        """``message`` cannot be sent: forget it and count that."""
+        self._forget(kind, message)
+        self.dropped[kind] += 1
+        if self.left is not None:
+            self.left()
+
+    def defer(self, kind: str, message: OutgoingMessage) -> None:
+        """``message`` comes again later, by who keeps it: forget it here."""
+        self._forget(kind, message)
+        if message.refused is not None:
+            message.refused()
+        if self.left is not None:
+            self.left()
+
+    async def empty(self) -> None:
+        """Wait until everything has been sent."""
+        while any(self.waiting(kind) for kind in self._waiting):
+            self._emptied.clear()
+            await self._emptied.wait()
+
+    def _forget(self, kind: str, message: OutgoingMessage) -> None:
+        gone = self._on_the_way[kind]
+        if gone and gone[0] is message:  # answers come in the order of sending
+            gone.popleft()
+        else:
+            self._on_the_way[kind] = deque(one for one in gone if one is not message)
+        self._emptied.set()

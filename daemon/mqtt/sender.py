@@ -1,0 +1,143 @@
+"""One connection's messages on their way: written when offered, done when answered."""
+
+import asyncio
+import contextlib
+import logging
+import time
+from collections.abc import Callable
+
+import aiomqtt
+from paho.mqtt.properties import Properties
+
+from traverse.daemon.mqtt.client import BrokerClient
+from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage, OutgoingQueue
+
+log = logging.getLogger("traverse.daemon.publisher")
+
+ANSWER_S = 5.0
+LOOK_S = 1.0
+REFUSED_S = 5.0  # a refused point is tried again: somebody may correct the access list
+
+
+class PublishLoop:
+    """Takes messages from the queue whenever the connection has room for them.
+
+    A message is written in the call that offers it. Several may be on their way, so
+    none waits for the answer to another.
+
+    Args:
+        client: connected.
+        queue: what is to be sent.
+        properties: makes a message's properties of MQTT 5.
+        changed: called when points are refused (False, reason) and taken again (True).
+        broker: how it is called, for people.
+    """
+
+    def __init__(
+        self,
+        client: BrokerClient,
+        queue: OutgoingQueue,
+        *,
+        properties: Callable[[OutgoingMessage], Properties | None],
+        changed: Callable[[bool, str], None],
+        broker: str,
+    ) -> None:
+        self._client = client
+        self._queue = queue
+        self._properties = properties
+        self._changed = changed
+        self._broker = broker
+        self._on_the_way: dict[int, tuple[str, OutgoingMessage, float]] = {}
+        self._is_sending = False
+        self._was_refused = False
+        self._resumes_s = 0.0
+        self._failed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+
+    async def run(self) -> None:
+        """Send until the connection fails.
+
+        Raises:
+            aiomqtt.MqttError: it did, or the broker does not answer.
+        """
+        client, queue = self._client, self._queue
+        client.acknowledged, client.writable = self._answered, self._send
+        queue.offered = self._send
+        try:
+            while True:
+                self._send()
+                await asyncio.wait((self._failed,), timeout=LOOK_S)
+                if self._failed.done():
+                    self._failed.result()
+                self._look()
+        finally:
+            queue.offered = client.acknowledged = client.writable = None
+            queue.take_back()
+            if not self._failed.cancel():
+                self._failed.exception()  # it has been looked at
+
+    def _send(self) -> None:
+        """Write as much as there is room for."""
+        if self._is_sending or self._failed.done() or self._resumes_s:
+            return
+        client = self._client
+        several = self._queue.n_waiting > 1
+        self._is_sending = True
+        try:
+            with client.together() if several else contextlib.nullcontext():
+                while (
+                    len(self._on_the_way) < client.max_in_flight
+                    and not client.is_congested
+                    and (taken := self._queue.next()) is not None
+                ):
+                    self._send_one(*taken)
+        except aiomqtt.MqttError as error:
+            self._failed.set_exception(error)
+        finally:
+            self._is_sending = False
+
+    def _send_one(self, kind: str, message: OutgoingMessage) -> None:
+        try:
+            number = self._client.send(message, self._properties(message))
+        except ValueError as error:
+            log.warning("%s: %s; dropped", message.topic, error)
+            self._queue.drop(kind, message)
+            return
+        if message.qos:
+            self._on_the_way[number] = kind, message, time.monotonic()
+        else:
+            self._queue.done(kind, message)
+
+    def _answered(self, number: int, refusal: str | None) -> None:
+        """The broker has a message, or does not want it."""
+        answered = self._on_the_way.pop(number, None)
+        if answered is None:
+            return
+        kind, message, _ = answered
+        text = f"broker {self._broker} refuses {message.topic}: {refusal}"
+        if refusal is None:
+            self._queue.done(kind, message)
+            if kind == "point" and self._was_refused:
+                self._was_refused = False
+                self._changed(True, f"broker {self._broker} takes points again")
+        elif kind == "point":  # it is kept
+            self._resumes_s = time.monotonic() + REFUSED_S
+            if not self._was_refused:
+                self._was_refused = True
+                self._changed(False, text)
+        elif message.refused is not None:
+            log.warning("%s; tried again later", text)
+            self._queue.defer(kind, message)
+        else:
+            log.warning("%s; dropped", text)
+            self._queue.drop(kind, message)
+        self._send()
+
+    def _look(self) -> None:
+        """Notice silence, and the end of the wait after a refusal."""
+        now_s = time.monotonic()
+        if any(now_s - since_s > ANSWER_S for *_, since_s in self._on_the_way.values()):
+            raise aiomqtt.MqttError(f"no answer within {ANSWER_S:g} s")
+        if self._resumes_s and now_s >= self._resumes_s:
+            self._resumes_s = 0.0
+            self._on_the_way.clear()
+            self._queue.take_back()

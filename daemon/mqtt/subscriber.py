@@ -1,0 +1,90 @@
+"""Commands as they come from the broker, and deafness to a flood of them."""
+
+import asyncio
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from paho.mqtt.client import MQTTMessage
+
+from traverse.daemon.mqtt.client import BrokerClient
+
+log = logging.getLogger("traverse.daemon.publisher")
+
+REFUSED_SUBSCRIPTION = 128  # and above, in MQTT 3.1.1 and 5
+
+
+@dataclass(frozen=True, slots=True)
+class IncomingCommand:
+    """A command as it came: topic, payload, and where its answer goes."""
+
+    topic: str
+    payload: bytes
+    retained: bool
+    response_topic: str | None
+    correlation: bytes | None
+
+
+class CommandSubscriber:
+    """Asks each connection for commands and hands them on.
+
+    Args:
+        subscription: topic filter of the commands.
+        receive: called with each command; gives the time for which the broker is to
+            keep further ones, mostly none [s].
+    """
+
+    def __init__(
+        self, subscription: str, receive: Callable[[IncomingCommand], float | None]
+    ) -> None:
+        self._subscription = subscription
+        self._receive = receive
+        self._deaf_until_s = 0.0
+        self._flooded = asyncio.Event()
+
+    async def begin(self, client: BrokerClient) -> None:
+        """Ask a new connection for commands, unless they come as a flood."""
+        self._flooded.clear()
+        if self._deafness_s() <= 0.0:
+            await self._subscribe(client)
+
+    async def run(self, client: BrokerClient) -> None:
+        """Hear commands until they come as a flood; then the connection has to end.
+
+        The next one is not asked for commands for a time: so the broker forgets those
+        that wait for us, and its answers to our points are not behind them.
+        """
+        if (deafness_s := self._deafness_s()) > 0.0:
+            await asyncio.sleep(deafness_s)
+            await self._subscribe(client)
+        await self._flooded.wait()
+
+    async def _subscribe(self, client: BrokerClient) -> None:
+        client.received = self._take
+        for code in await client.subscribe(self._subscription, qos=1):
+            if (code if isinstance(code, int) else code.value) >= REFUSED_SUBSCRIPTION:
+                log.warning(
+                    "the broker does not let us hear commands (%s); correct its access "
+                    "list",
+                    code,
+                )
+
+    def _take(self, message: MQTTMessage) -> None:
+        if self._deafness_s() > 0.0:
+            return  # it was on its way when the flood was noticed
+        pause_s = self._receive(
+            IncomingCommand(
+                message.topic,
+                bytes(message.payload),
+                message.retain,
+                getattr(message.properties, "ResponseTopic", None),
+                getattr(message.properties, "CorrelationData", None),
+            )
+        )
+        if pause_s:
+            self._deaf_until_s = asyncio.get_running_loop().time() + pause_s
+            self._flooded.set()
+
+    def _deafness_s(self) -> float:
+        """For how long commands are not wanted; not above 0: they are."""
+        return self._deaf_until_s - asyncio.get_running_loop().time()

@@ -1,0 +1,1 @@
+"""Points: requests in order, evaluation, averaging, compensation, numbering."""

@@ -1,0 +1,231 @@
+"""A point that is the mean of many samples, taken while the arm rests.
+
+Sums run along, of distances from the first sample, so that a minute at 10 kHz needs no
+more memory than a moment. The speed is the slope of the best straight line through all
+samples; a tremble about one place has none, but a spread.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.daemon.points.capture import CaptureRefusedError
+from traverse.daemon.pose.poses import LatchedPose, PoseBlock
+from traverse.kinematics.effects.base.block import Block
+from traverse.protocol.messages import QualityFlag
+
+Floats = NDArray[np.float64]
+
+MAX_AVERAGING_NS = 60_000_000_000
+SPEED_NS = 20_000_000  # over less, noise would be taken for a speed
+_COLUMNS = 12  # sums beside those of the angles
+UNUSABLE_FLAGS = (
+    QualityFlag.ENCODER_ERROR
+    | QualityFlag.LATE
+    | QualityFlag.STALE
+    | QualityFlag.INCOMPLETE
+)
+"""Of samples that must not go into a mean."""
+
+
+@dataclass(frozen=True, slots=True)
+class AverageLimits:
+    """Beyond them the arm did not rest.
+
+    Attributes:
+        speed_mm_s: of the ball.
+        spread_mm: root mean square distance of the samples from their mean.
+    """
+
+    speed_mm_s: float
+    spread_mm: float
+
+
+class Average:
+    """Collects samples of a stream from one instant on.
+
+    Args:
+        begin_ns: host monotonic; samples before it do not count.
+        samples: so many; None: all of the time given by ``dwell_ns``.
+        dwell_ns: for how long; None: as long as ``samples`` take.
+        limits: on what a mean is taken of.
+
+    Attributes:
+        n: how many there are so far.
+        last_ns: the time of the last; ``begin_ns`` before the first.
+        is_complete: no further one is wanted.
+        is_mixed: some samples are of the arm before a change of probe.
+        begin_speed_mm_s: how fast the ball moved at the beginning; None: not known.
+        before_mm: where it came from, (3,).
+    """
+
+    def __init__(
+        self,
+        begin_ns: int,
+        samples: int | None,
+        dwell_ns: int | None,
+        limits: AverageLimits,
+    ) -> None:
+        self._begin_ns = self.last_ns = begin_ns
+        self._samples, self._limits = samples, limits
+        self._end_ns = None if dwell_ns is None else begin_ns + dwell_ns
+        self.begin_speed_mm_s: float | None = None
+        self.is_mixed = False
+        self.before_mm: Floats | None = None
+        self.n = 0
+        self.is_complete = False
+        self._quality = 0
+        # Of times in s and distances in mm from the first sample.
+        self._times_s = self._squares_s2 = self._squares_mm2 = 0.0
+        self._moments_mm_s = np.zeros(3)
+
+    def add(self, poses: PoseBlock) -> None:
+        """Take what is wanted of a block."""
+        if self.is_complete:
+            return
+        times_ns = poses.sample_time_ns
+        rows = times_ns > self.last_ns if self.n else times_ns >= self._begin_ns
+        if self._end_ns is not None:
+            self.is_complete = bool(times_ns[-1] >= self._end_ns)
+            rows &= times_ns <= self._end_ns
+        wanted = np.flatnonzero(rows)
+        if self._samples is not None:
+            wanted = wanted[: self._samples - self.n]
+            self.is_complete = self.n + len(wanted) == self._samples
+        if len(wanted):
+            self._sum(poses.rows(slice(int(wanted[0]), int(wanted[-1]) + 1)))
+
+    def _sum(self, poses: PoseBlock) -> None:
+        if self.n == 0:
+            self._first = poses.rows(slice(0, 1))
+            self._sums = np.zeros(_COLUMNS + poses.angles_rad.shape[1])
+        first = self._first
+        away_mm = poses.xyz_mm - first.xyz_mm
+        elapsed_s = (poses.sample_time_ns - first.sample_time_ns) * 1e-9
+        squares_mm2 = away_mm[:, 0] ** 2 + away_mm[:, 1] ** 2 + away_mm[:, 2] ** 2
+        columns = (
+            elapsed_s,
+            elapsed_s**2,
+            squares_mm2,
+            away_mm,
+            elapsed_s[:, np.newaxis] * away_mm,
+            poses.ijk,
+            poses.angles_rad - first.angles_rad,
+        )
+        # One after the other: no bit depends on how the stream is cut into blocks.
+        rows = np.vstack([self._sums, np.column_stack(columns)])
+        self._sums = np.add.accumulate(rows, axis=0)[-1]
+        self._times_s, self._squares_s2, self._squares_mm2 = self._sums[:3].tolist()
+        self._sums_mm, self._moments_mm_s = self._sums[3:6], self._sums[6:9]
+        self._sums_ijk, self._sums_rad = self._sums[9:12], self._sums[12:]
+        self._quality |= int(np.bitwise_or.reduce(poses.quality))
+        self.n += len(poses.seq)
+        self.last_ns = int(poses.sample_time_ns[-1])
+        self._counts = poses.counts[-1]
+
+    @property
+    def spread_mm(self) -> float:
+        """Root mean square distance of the samples from their mean."""
+        mean_mm = self._sums_mm / self.n
+        square_mm2 = self._squares_mm2 / self.n - float(mean_mm @ mean_mm)
+        return float(np.sqrt(max(square_mm2, 0.0)))
+
+    @property
+    def speed_mm_s(self) -> float | None:
+        """Of the ball, on the whole; None where it is too early to tell."""
+        if self.n < 3 or self.last_ns - int(self._first.sample_time_ns[0]) < SPEED_NS:
+            return None
+        square_s2 = self._squares_s2 - self._times_s**2 / self.n
+        slopes = (
+            self._moments_mm_s - self._times_s * self._sums_mm / self.n
+        ) / square_s2
+        return float(np.linalg.norm(slopes))
+
+    def check_begin(self) -> None:
+        """Refuse at once where the arm does not rest, or is not the same any more.
+
+        Raises:
+            CaptureRefusedError: with its speed, or saying so.
+        """
+        if self.is_mixed:
+            raise CaptureRefusedError(
+                "the probe was changed while samples were averaged",
+                "take the point again",
+            )
+        self._check_speed(self.begin_speed_mm_s, "when samples were to be averaged")
+
+    def check(self) -> None:
+        """Refuse what is no mean of one place.
+
+        Raises:
+            CaptureRefusedError: says what was wrong, with its size.
+        """
+        if not self.n:
+            return
+        limits = self._limits
+        self._check_speed(self.speed_mm_s, "while samples were averaged")
+        if self.spread_mm > limits.spread_mm:
+            raise CaptureRefusedError(
+                f"{self.n} averaged samples spread by {self.spread_mm:.3g} mm; the "
+                f"limit is {limits.spread_mm:g} mm",
+                "hold the probe still, then take the point again",
+            )
+        if self._quality & UNUSABLE_FLAGS:
+            names = ", ".join(
+                str(flag.name).lower()
+                for flag in QualityFlag(self._quality & UNUSABLE_FLAGS)
+            )
+            raise CaptureRefusedError(
+                f"samples to be averaged are flagged {names}",
+                "see the device's events, then take the point again",
+            )
+
+    def _check_speed(self, speed_mm_s: float | None, when: str) -> None:
+        limit_mm_s = self._limits.speed_mm_s
+        if speed_mm_s is not None and speed_mm_s > limit_mm_s:
+            raise CaptureRefusedError(
+                f"the arm moved at {speed_mm_s:.3g} mm/s {when}; the limit is "
+                f"{limit_mm_s:g} mm/s",
+                "hold the probe still, then take the point again",
+            )
+
+    def pose(self) -> LatchedPose:
+        """The mean; its instant is the mean of theirs, its counts are the last ones.
+
+        Its block has only the readings, `Pipeline.block_at` has the rest.
+        """
+        first, n = self._first, self.n
+        angles_rad = first.angles_rad[0] + self._sums_rad / n
+        ijk = self._sums_ijk / np.linalg.norm(self._sums_ijk)
+        return LatchedPose(
+            int(first.sample_time_ns[0]) + round(1e9 * self._times_s / n),
+            self._counts,
+            angles_rad,
+            first.xyz_mm[0] + self._sums_mm / n,
+            ijk,
+            self._quality,
+            Block(angles_rad[np.newaxis]),
+        )
+
+    def refuse_if_over_time(self, now_ns: int, wait_ns: int) -> None:
+        """Refuse where samples do not come, or take too long.
+
+        Raises:
+            CaptureRefusedError: with how many there were.
+        """
+        end_ns = self.last_ns if self._end_ns is None else self._end_ns
+        if (
+            now_ns > end_ns + wait_ns
+            or now_ns > self._begin_ns + MAX_AVERAGING_NS + wait_ns
+        ):
+            wanted = "" if self._samples is None else f" of {self._samples}"
+            raise CaptureRefusedError(
+                f"{self.n}{wanted} samples came to be averaged, then no more in time",
+                "see the device's events; average fewer samples, or for a shorter time",
+            )
+
+
+def mean_pose(average: Average, block: Block) -> LatchedPose:
+    """The mean with what the effects need."""
+    return replace(average.pose(), block=block)

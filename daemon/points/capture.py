@@ -1,0 +1,193 @@
+"""From a pose to a captured point: which number, which label, which flags."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.daemon.clock import HostClock
+from traverse.daemon.config.schema import CaptureSection
+from traverse.daemon.points.session import Session
+from traverse.daemon.pose.alignment import ActiveAlignment
+from traverse.daemon.pose.arm_model import ArmModel
+from traverse.daemon.pose.poses import LatchedPose
+from traverse.daemon.store.pending_write import PendingWrite
+from traverse.protocol.messages import Label, Point, Quality
+from traverse.protocol.messages.point import Compensation, Covariance, Trigger
+
+QUEUE_FULL = (
+    "so many points wait for the disk that no more can be taken",
+    "wait until the disk has caught up, then try again; see `outbox` in health",
+)
+
+
+class CaptureRefusedError(Exception):
+    """No point was taken, or none taken back; the text says why."""
+
+    def __init__(self, text: str, remedy: str, code: str = "capture.refused") -> None:
+        super().__init__(text)
+        self.remedy = remedy
+        self.code = code
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """What a point is made of.
+
+    Attributes:
+        model: the arm that it was measured with.
+        pose: of one latch, or the mean of several samples.
+        temperature_c: of the arm then; None where no sensor tells it.
+        covariance_mm2: of the ball's centre.
+        samples, spread_mm: how many were averaged, and how far they lay apart.
+        before_mm: where the probe came from, (3,); None where it does not matter.
+        surface_mm: the touched point, (3,), by ``compensation``.
+    """
+
+    model: ArmModel
+    pose: LatchedPose
+    temperature_c: float | None
+    covariance_mm2: Covariance | None = None
+    samples: int = 1
+    spread_mm: float | None = None
+    before_mm: NDArray[np.float64] | None = None
+    surface_mm: NDArray[np.float64] | None = None
+    compensation: Compensation = "none"
+
+
+class Capture:
+    """Makes points; one that is refused, or not kept, uses up no number.
+
+    Args:
+        clock: the host's.
+        keep: sends a point of a session to the disk; None if there is no room for it.
+        part: the alignment in use.
+
+    Attributes:
+        label: what the points to come are taken on.
+    """
+
+    def __init__(
+        self,
+        clock: HostClock,
+        keep: Callable[[Session, Point], PendingWrite | None],
+        part: ActiveAlignment | None = None,
+    ) -> None:
+        self._clock = clock
+        self.part = part or ActiveAlignment()
+        self._keep = keep
+        self.session = self._new_session("")
+        self.label = Label()
+        self.captured = 0
+        self.retracted = 0
+        self.refused = 0
+
+    def take(self, measured: Measured, trigger: Trigger) -> PendingWrite:
+        """Capture a point; it is one as soon as it is on the disk.
+
+        Raises:
+            CaptureRefusedError: there is no room for it.
+        """
+        pose, surface_mm = measured.pose, measured.surface_mm
+        session = self.session
+        point = Point(
+            session=session.id,
+            seq=session.next_seq,
+            id=session.next_id,
+            retracts=None,
+            arm=measured.model.name,
+            model=measured.model.digest,
+            trigger=trigger,
+            time_ns=self._clock.to_utc_ns(pose.sample_time_ns),
+            xyz_mm=tuple(pose.xyz_mm.tolist()),
+            ijk=tuple(pose.ijk.tolist()),
+            surface_mm=None if surface_mm is None else tuple(surface_mm.tolist()),
+            compensation=measured.compensation,
+            part_xyz_mm=self.part.place_mm(pose.xyz_mm),
+            covariance_mm2=measured.covariance_mm2,
+            angles_rad=tuple(pose.angles_rad.tolist()),
+            counts=tuple(pose.counts.tolist()),
+            temperature_c=measured.temperature_c,
+            probe_radius_mm=measured.model.probe_radius_mm,
+            samples=measured.samples,
+            spread_mm=measured.spread_mm,
+            label=self.label,
+            quality=Quality.from_bits(pose.quality),
+        )
+        return self._hand_on(point)
+
+    def undo(self, trigger: Trigger, point_id: str | None = None) -> PendingWrite:
+        """Take the last point back that stands yet; gives the retraction on its way.
+
+        Args:
+            trigger: what asked for it.
+            point_id: if given, it must be that point.
+
+        Raises:
+            CaptureRefusedError: there is none, it is another, or there is no room.
+        """
+        last = self.session.last
+        if last is None:
+            raise CaptureRefusedError(
+                "this session has no point that could be taken back",
+                "points of earlier sessions cannot be undone; leave them out by hand",
+            )
+        if point_id not in (None, last.id):
+            raise CaptureRefusedError(
+                f"the last point that stands is {last.id}, not {point_id}",
+                "undo the last one first, or leave the id out",
+            )
+        retraction = last.retraction(
+            seq=self.session.next_seq,
+            point_id=self.session.next_id,
+            trigger=trigger,
+            time_ns=self._clock.to_utc_ns(self._clock.monotonic_ns()),
+        )
+        return self._hand_on(retraction)
+
+    def begin_session(self, note: str = "") -> Session:
+        """Number from 0 again; what the next points are taken on is to be said anew."""
+        self.session = self._new_session(note)
+        self.label = Label()
+        return self.session
+
+    def _new_session(self, note: str) -> Session:
+        return Session(self._clock.to_utc_ns(self._clock.monotonic_ns()), note)
+
+    def _hand_on(self, point: Point) -> PendingWrite:
+        session = self.session
+        keeping = self._keep(session, point)
+        if keeping is None:
+            raise CaptureRefusedError(*QUEUE_FULL)
+        session.add(point)
+
+        def settled() -> None:
+            if keeping.trouble is None:
+                session.confirm(point)
+                self.captured += point.retracts is None
+                self.retracted += point.retracts is not None
+
+        keeping.on_settled(settled)
+        return keeping
+
+
+class TriggerMap:
+    """Which edges capture: (device, input) to the kind of trigger."""
+
+    def __init__(self, inputs: Mapping[tuple[str, int], Trigger]) -> None:
+        self._inputs = dict(inputs)
+
+    @property
+    def devices(self) -> set[str]:
+        """Ids of the devices that have such inputs."""
+        return {device for device, _ in self._inputs}
+
+    def trigger_of(self, device: str, number: int | None) -> Trigger | None:
+        """The trigger wired to an input; None if the input means nothing."""
+        return None if number is None else self._inputs.get((device, number))
+
+
+def triggers_of(settings: CaptureSection) -> TriggerMap:
+    """The triggers of a configuration."""
+    return TriggerMap({(i.device_id, i.number): i.trigger for i in settings.inputs})

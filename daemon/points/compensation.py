@@ -1,0 +1,142 @@
+"""From the ball's centre to the touched point, where it is known how it was touched.
+
+`traverse.kinematics.probing.compensation` has the geometry. Where the direction of the
+material is known, the effects of the contact are applied too; where it is wanted and
+not known, the point says so.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.daemon.config.schema import CaptureSection
+from traverse.daemon.points.capture import Measured
+from traverse.daemon.pose.poses import PoseBlock
+from traverse.daemon.pose.trajectory import TrajectoryBuffer, first_sample_beyond
+from traverse.kinematics.effects.pose import contact_shifts, pose_flags
+from traverse.kinematics.probing.compensation import surface_point, towards_material
+from traverse.protocol.messages import QualityFlag
+
+Floats = NDArray[np.float64]
+
+UNKNOWN = QualityFlag.SURFACE_UNKNOWN.value
+
+
+@dataclass(slots=True, eq=False)
+class RetractDetector:
+    """Watches where the probe is pulled to after a touch.
+
+    Attributes:
+        from_ns, from_mm: instant and place of the touch.
+        distance_mm: so far away is off the surface.
+        until_ns: it must come by then.
+        place_mm: where it came; None as long as it has not.
+    """
+
+    from_ns: int
+    from_mm: Floats
+    distance_mm: float
+    until_ns: int
+    place_mm: Floats | None = None
+
+    def add(self, poses: PoseBlock) -> None:
+        """Go on by a block of the stream."""
+        if self.place_mm is None:
+            found = first_sample_beyond(
+                poses, self.from_ns, self.from_mm, self.distance_mm
+            )
+            if found is not None and found[0] <= self.until_ns:
+                self.place_mm = found[1]
+
+    def is_over(self, path: TrajectoryBuffer, now_ns: int, wait_ns: int) -> bool:
+        """Whether nothing more is to be waited for."""
+        last_ns = path.last_ns
+        seen_all = last_ns is not None and last_ns > self.until_ns
+        return self.place_mm is not None or seen_all or now_ns > self.until_ns + wait_ns
+
+
+class Tip:
+    """Compensates for the ball as the configuration says.
+
+    Args:
+        settings: of the configuration.
+        path: where the ball has been.
+
+    Attributes:
+        air_mm: a place in the air, from which the next point is touched; or None.
+    """
+
+    def __init__(self, settings: CaptureSection, path: TrajectoryBuffer) -> None:
+        self._method = settings.compensation
+        self._settings = settings
+        self._path = path
+        middle_mm = settings.middle_mm
+        self._middle_mm = None if middle_mm is None else np.array(middle_mm)
+        self.air_mm: Floats | None = None
+
+    @property
+    def needs_trajectory(self) -> bool:
+        """Whether it matters where the probe came from."""
+        return self._method == "pretouch" and self.air_mm is None
+
+    def set_air_point(self, place_mm: Floats) -> None:
+        """A place in the air, from which the next point will be touched."""
+        self.air_mm = place_mm
+
+    def before(self, time_ns: int, place_mm: Floats) -> Floats | None:
+        """Where the probe came from to a place, (3,); None where it does not matter."""
+        if self._method != "pretouch":
+            return None
+        distance_mm = self._settings.pretouch_mm
+        return self._path.last_position_beyond_mm(time_ns, place_mm, distance_mm)
+
+    def pull(self, time_ns: int, place_mm: Floats) -> RetractDetector | None:
+        """What watches the probe from now on; None where it does not matter."""
+        if self._method != "pulled":
+            return None
+        settings = self._settings
+        until_ns = time_ns + int(settings.pull_s * 1e9)
+        pull = RetractDetector(time_ns, place_mm, settings.pull_mm, until_ns)
+        for block in self._path.after(time_ns, until_ns):
+            pull.add(block)
+        return pull
+
+    def compensated(self, measured: Measured, pull: RetractDetector | None) -> Measured:
+        """The point with the place that was touched.
+
+        Raises:
+            DirectionError: it is not known; `without_direction` marks the point.
+        """
+        method, pose = self._method, measured.pose
+        if method == "none":
+            return measured
+        other_mm = self._middle_mm
+        if method == "pretouch":
+            other_mm = measured.before_mm if self.air_mm is None else self.air_mm
+        elif method == "pulled":
+            other_mm = None if pull is None else pull.place_mm
+        self.air_mm = None
+        towards = towards_material(method, pose.xyz_mm, pose.ijk, other_mm)
+        model = measured.model
+        # Along the shank is a habit, not a measured direction: no effect rests on it.
+        if model.effects.contacts and method != "shank":
+            block = replace(pose.block, directions=towards[np.newaxis])
+            shift_mm = contact_shifts(model.geometry, model.effects, block)[0]
+            is_unknown = pose_flags(model.effects, block).surface_unknown[0]
+            quality = (pose.quality & ~UNKNOWN) | UNKNOWN * int(is_unknown)
+            pose = replace(
+                pose, xyz_mm=pose.xyz_mm + shift_mm, quality=quality, block=block
+            )
+        return replace(
+            measured,
+            pose=pose,
+            surface_mm=surface_point(pose.xyz_mm, towards, model.probe_radius_mm),
+            compensation=method,
+        )
+
+
+def without_direction(measured: Measured) -> Measured:
+    """The point marked: a direction was wanted and is not known."""
+    pose = measured.pose
+    return replace(measured, pose=replace(pose, quality=pose.quality | UNKNOWN))

@@ -1,0 +1,249 @@
+"""Points: from an edge or a command to the capture, in order and never twice."""
+
+import asyncio
+import logging
+from collections.abc import Callable
+from typing import Any
+
+from traverse.daemon.acquisition.device import Device
+from traverse.daemon.config.schema import Action, CaptureSection
+from traverse.daemon.health import HealthReport
+from traverse.daemon.monitoring.events import EventLog
+from traverse.daemon.points.averaging import Average
+from traverse.daemon.points.buttons import buttons_of
+from traverse.daemon.points.capture import Capture, CaptureRefusedError, TriggerMap
+from traverse.daemon.points.compensation import Tip
+from traverse.daemon.points.ordered_replies import Answers, Outcome
+from traverse.daemon.points.point_evaluator import PointEvaluator
+from traverse.daemon.points.point_events import PointEventReporter
+from traverse.daemon.points.pose_evaluator import Stage
+from traverse.daemon.points.request_queue import PointRequestQueue, Request
+from traverse.daemon.pose.poses import PoseBlock
+from traverse.drivers.base.values import LatchedCounts
+from traverse.protocol.messages import Point
+from traverse.protocol.messages.point import Trigger
+
+log = logging.getLogger(__name__)
+
+Answer = asyncio.Future[Point]
+REPORT_IT = "report it with the daemon's log"
+
+
+class PointController:
+    """Takes points, and all commands that must keep their order with points.
+
+    Args:
+        stage: what they are made with.
+        capture: numbers them and hands them on.
+        triggers: what inputs are.
+        settings: what presses mean.
+        events: where edges and refusals are told.
+        health: where it is told how long it took.
+
+    Attributes:
+        events: tells what becomes of requests.
+        carry_out: what to call for actions that are not about points.
+    """
+
+    def __init__(
+        self,
+        stage: Stage,
+        *,
+        capture: Capture,
+        triggers: TriggerMap,
+        settings: CaptureSection,
+        events: EventLog,
+        health: HealthReport,
+    ) -> None:
+        self._stage = stage
+        self._capture = capture
+        self._triggers = triggers
+        self._buttons = buttons_of(settings)
+        self.events = PointEventReporter(events)
+        self._making = PointEvaluator(stage, settings, self.events)
+        self._health = health
+        self._pending = PointRequestQueue(self._look, self._deal_with)
+        self._answers = Answers(self._tell)
+        self.carry_out: dict[Action, Callable[[], object]] = {}
+
+    def arm_changed(self) -> None:
+        """Another arm measures from now on, also what has been asked for and waits."""
+        self._making.arm_changed()
+        self._pending.look_again()
+
+    @property
+    def tip(self) -> Tip:
+        """What compensates for the ball."""
+        return self._making.tip
+
+    @property
+    def is_idle(self) -> bool:
+        """No point is being taken or kept, and no press waits to be told apart."""
+        return not (self._pending or self._answers) and self._buttons.all_decided
+
+    def use(self, stage: Stage, triggers: TriggerMap, settings: CaptureSection) -> None:
+        """Go by other rules; only while `is_idle`."""
+        self._stage = stage
+        self._triggers = triggers
+        self._buttons = buttons_of(settings)
+        self._making = PointEvaluator(stage, settings, self.events)
+
+    @property
+    def has_pending(self) -> asyncio.Event:
+        """Set while something waits for time to pass."""
+        return self._pending.some
+
+    def settle(self, now_ns: int | None = None) -> None:
+        """Take all points that can be taken; refuse what waits beyond some time."""
+        if self._pending:
+            if now_ns is not None:
+                self._buttons.passed(now_ns)
+            self._pending.settle(now_ns)
+
+    def follow(self, poses: PoseBlock) -> None:
+        """Go on by a block of the arm's stream."""
+        self._making.follow(poses)
+
+    # -- what asks for points -------------------------------------------------
+
+    def take_edge(self, device: Device, latch: LatchedCounts) -> None:
+        """Deal with an edge, and only then tell the device so."""
+        name, number = device.section.id, latch.input
+        request = Request(
+            latch.sample_time_ns,
+            latch.received_ns,
+            self._now_ns() + self._stage.point_wait_ns,
+            self._triggers.trigger_of(name, number),
+            device,
+            latch,
+        )
+        if request.trigger == "button" and number is not None:
+            which, time_ns = (name, number), latch.sample_time_ns
+            if latch.active:
+                request.press = self._buttons.down(which, time_ns)
+            else:
+                request.ends = self._buttons.up(which, time_ns)
+        self._pending.add(request)
+
+    def take_now(self) -> Answer:
+        """Take a point at this very instant, out of the stream."""
+        return self._asked(self._request_now("command"))
+
+    def add_latched(self, latch: LatchedCounts, answer: Answer) -> None:
+        """Take a point of what a device has latched on request."""
+        self._pending.add(
+            Request(
+                latch.sample_time_ns,
+                latch.received_ns,
+                self._now_ns() + self._stage.point_wait_ns,
+                "command",
+                latch=latch,
+                answer=answer,
+            )
+        )
+
+    def take_mean(self, average: Average) -> Answer:
+        """Take a point that is the mean of the samples from now on."""
+        request = self._request_now("command")
+        self._making.start_average(request, average)
+        return self._asked(request)
+
+    def in_order(self, act: Callable[[], Any]) -> asyncio.Future[Any]:
+        """Do this after all points that were asked for before."""
+        request = self._request_now(None)
+        request.act = act
+        return self._asked(request)
+
+    def _request_now(self, trigger: Trigger | None) -> Request:
+        now_ns = self._now_ns()
+        return Request(now_ns, now_ns, now_ns + self._stage.point_wait_ns, trigger)
+
+    def _asked(self, request: Request) -> asyncio.Future[Any]:
+        answer: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
+        request.answer = answer
+        self._pending.add(request)
+        return answer
+
+    # -- what comes of it -----------------------------------------------------
+
+    def _look(self, request: Request) -> None:
+        self._making.look(request)
+
+    def _deal_with(self, request: Request, is_last_chance: bool) -> bool:
+        if request.is_undecided:
+            return False
+        outcome: Outcome = True
+        # Whoever was told "no answer" must not find a point later.
+        if not request.is_cancelled:
+            try:
+                outcome = self._outcome(request, is_last_chance)
+            except CaptureRefusedError as error:
+                outcome = error
+            except Exception as error:  # what comes after it must not wait for ever
+                log.exception("fault while a point was taken")
+                outcome = CaptureRefusedError(repr(error), REPORT_IT)
+            if outcome is None:
+                return False
+        self._making.forget(request)
+        self._answers.add(request, outcome)
+        return True
+
+    def _tell(self, request: Request, outcome: Outcome) -> None:
+        """Answer a request: its point is on the disk, or there is none."""
+        if isinstance(outcome, CaptureRefusedError):
+            self._capture.refused += request.captures
+            self.events.refused(outcome)
+        elif isinstance(outcome, Point) and outcome.retracts is None:
+            now_ns = self._stage.clock.running.monotonic_ns()
+            taken = self._health.latencies["capture_to_publish"]
+            taken.add(now_ns - request.received_ns)
+        elif isinstance(outcome, Point) and request.device is not None:
+            self.events.undone(outcome)
+        request.resolve(outcome)
+        if request.device is not None and request.latch is not None:
+            self.events.edge(request, request.device, request.latch)
+            # Only now may the device forget it.
+            request.device.driver.acknowledge(request.latch.token)
+
+    def _outcome(self, request: Request, is_last_chance: bool) -> object:
+        """What comes of a request; None while that has to be waited for.
+
+        Raises:
+            CaptureRefusedError: nothing, for a reason.
+        """
+        if request.act is not None:
+            return request.act()
+        if not request.captures or request.trigger is None:
+            return self._done(request, is_last_chance=is_last_chance)
+        press = request.press
+        if press is not None and press.action == "average" and request.average is None:
+            self._making.start_average(request)
+        measured = self._making.measured(
+            request,
+            is_last_chance=is_last_chance,
+            is_crowded=self._pending.is_crowded,
+        )
+        if measured is None:
+            return None
+        self._stage.quality.check(measured.pose.quality)
+        return self._capture.take(measured, request.trigger)
+
+    def _done(self, request: Request, *, is_last_chance: bool) -> object:
+        """Do what an edge means that takes no point; None while that has to wait."""
+        action = None if request.press is None else request.press.action
+        if request.ends is not None and request.ends.action == "scan":
+            action = "stop"
+        outcome: object = True
+        if action == "undo" and request.trigger is not None:
+            outcome = self._capture.undo(request.trigger)
+        elif action == "air":
+            if not self._making.set_air_point(request, is_last_chance=is_last_chance):
+                return None
+        elif action == "session":
+            self.events.session(self._capture.begin_session())
+        if action in self.carry_out:
+            self.carry_out[action]()
+        return outcome
+
+    def _now_ns(self) -> int:
+        return self._stage.clock.monotonic_ns()

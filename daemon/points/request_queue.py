@@ -1,0 +1,161 @@
+"""Edges and commands in the order in which they came, until they have been dealt with.
+
+Where a device latches all joints, that is at once. Else the readings after the instant
+are waited for, or the samples of a mean; what came later waits too, so that points keep
+their order and no edge is acknowledged before an earlier one.
+"""
+
+import asyncio
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from traverse.daemon.acquisition.device import Device
+from traverse.daemon.config.schema import Action
+from traverse.daemon.points.averaging import Average
+from traverse.daemon.points.buttons import Press
+from traverse.daemon.points.capture import Measured
+from traverse.daemon.points.compensation import RetractDetector
+from traverse.drivers.base.values import LatchedCounts
+from traverse.protocol.messages.point import Trigger
+
+CAPTURING: frozenset[Action] = frozenset(("point", "average"))
+MAX_PENDING = 256
+MAX_WAITING_DURING_MEAN = (
+    12  # behind a mean: a board keeps 16 edges that are not acknowledged
+)
+
+
+@dataclass(slots=True, eq=False)
+class Request:
+    """An edge, or a command.
+
+    Attributes:
+        instant_ns: host monotonic time of it.
+        received_ns: when the daemon got it.
+        deadline_ns: until when it may wait for readings.
+        trigger: what it captures with; None for what captures nothing.
+        device: whose edge it is; None for a command.
+        latch: what a device latched at that instant.
+        press: which press of a button the edge is; None for releases and switches.
+        ends: the hold that ends with this release.
+        answer: who waits for what comes of a command.
+        act: what a command does that takes no point.
+        average: the samples of a mean.
+        mean: of these samples, as soon as they are complete.
+        pull: watches where the probe is pulled to.
+        is_evaluated: nothing more is to be seen of its instant.
+        seen: what is known of the arm at the instant, as soon as it is.
+    """
+
+    instant_ns: int
+    received_ns: int
+    deadline_ns: int
+    trigger: Trigger | None = None
+    device: Device | None = None
+    latch: LatchedCounts | None = None
+    press: Press | None = None
+    ends: Press | None = None
+    answer: asyncio.Future[Any] | None = None
+    act: Callable[[], object] | None = None
+    average: Average | None = None
+    mean: Measured | None = None
+    pull: RetractDetector | None = None
+    seen: Measured | None = None
+    is_evaluated: bool = False
+
+    @property
+    def captures(self) -> bool:
+        """Whether it asks for a point."""
+        if self.press is not None and self.press.action is not None:
+            return self.press.action in CAPTURING
+        return self.may_capture
+
+    @property
+    def may_capture(self) -> bool:
+        """Whether it may turn out to ask for one."""
+        if self.trigger is None or self.act is not None:
+            return False
+        return self.device is None or self.latch is None or self.latch.active
+
+    @property
+    def is_undecided(self) -> bool:
+        """It is a press of which nobody knows yet what it will have been."""
+        return self.press is not None and self.press.action is None
+
+    @property
+    def is_cancelled(self) -> bool:
+        """Whoever asked for it does not wait any more."""
+        return self.answer is not None and self.answer.done()
+
+    def resolve(self, outcome: object) -> None:
+        """Tell whoever asked what came of it, if they still wait."""
+        if self.answer is None or self.answer.done():
+            return
+        if isinstance(outcome, Exception):
+            self.answer.set_exception(outcome)
+        else:
+            self.answer.set_result(outcome)
+
+
+class PointRequestQueue:
+    """Deals with requests one after the other.
+
+    Args:
+        look: finds out what a request that has not seen the arm yet can see of it.
+        try_one: deals with a request; False while it has to wait. With the second
+            argument True it must not wait any more.
+
+    Attributes:
+        some: set while there are requests that wait.
+    """
+
+    def __init__(
+        self,
+        look: Callable[[Request], None],
+        try_one: Callable[[Request, bool], bool],
+    ) -> None:
+        self._look = look
+        self._try_one = try_one
+        self._requests: deque[Request] = deque()
+        self.some = asyncio.Event()
+
+    def __len__(self) -> int:
+        return len(self._requests)
+
+    @property
+    def is_crowded(self) -> bool:
+        """So many wait that a mean must not be waited for."""
+        return len(self._requests) > MAX_WAITING_DURING_MEAN
+
+    def add(self, request: Request) -> None:
+        """Take a request, and deal with all that can be dealt with."""
+        self._requests.append(request)
+        self.settle()
+
+    def look_again(self) -> None:
+        """Another arm measures: what waits was asked for after the change."""
+        for request in self._requests:
+            if request.may_capture:
+                request.seen = None
+                request.is_evaluated = False
+                self._look(request)
+
+    def settle(self, now_ns: int | None = None) -> None:
+        """Deal with what can be dealt with, or has waited long enough by some time."""
+        for request in self._requests:
+            if request.may_capture and not request.is_evaluated:
+                self._look(request)
+        while self._requests:
+            request = self._requests[0]
+            is_last_chance = len(self._requests) > MAX_PENDING or (
+                now_ns is not None and now_ns >= request.deadline_ns
+            )
+            if not self._try_one(request, is_last_chance):
+                break
+            self._requests.popleft()
+        if self._requests:
+            self.some.set()
+        else:
+            self.some.clear()

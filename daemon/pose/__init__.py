@@ -1,0 +1,1 @@
+"""From counts of all joints to corrected, flagged poses of the probe."""

@@ -1,0 +1,137 @@
+"""What the arm's effects need beside the readings, taken from the stream.
+
+Nothing is left out in silence: where something is not known, the effect is given what
+makes it do least (no motion, the reference temperature) and the sample is flagged.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.daemon.clock import HostClock
+from traverse.daemon.pose.arm_model import ArmModel
+from traverse.daemon.pose.joint_motion import JointMotionTracker, Motion
+from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.base.covariate import Covariate
+from traverse.protocol.messages import QualityFlag
+
+Floats = NDArray[np.float64]
+Bits = NDArray[np.uint32]
+
+APPROACH_BAND_RAD = 5e-5  # more than hands that rest tremble, less than any approach
+APPROACH_BAND_COUNTS = 2  # a count may flicker without a motion
+
+
+class Covariates:
+    """Makes blocks of readings with what the effects of one arm need.
+
+    Args:
+        model: the arm.
+        clock: tells UTC.
+    """
+
+    def __init__(self, model: ArmModel, clock: HostClock) -> None:
+        self._clock = clock
+        self._reference_c = model.reference_temperature_c
+        needs = model.effects.needs
+        wanted = {need.covariate for need in needs}
+        self._wants_speed = Covariate.SPEED in wanted
+        self._wants_temperature = Covariate.TEMPERATURE in wanted
+        self._wants_utc = Covariate.UTC in wanted
+        self._approaching = sorted(
+            need.joint
+            for need in needs
+            if need.covariate is Covariate.APPROACH and need.joint is not None
+        )
+        per_count_rad = 2.0 * np.pi / model.encoders.counts_per_turn
+        self._wants_motion = self._wants_speed or bool(self._approaching)
+        self._trail = JointMotionTracker(
+            np.maximum(APPROACH_BAND_RAD, APPROACH_BAND_COUNTS * per_count_rad)
+        )
+
+    def forget(self) -> None:
+        """The device has been away: of its motion nothing is known."""
+        self._trail.forget()
+
+    @property
+    def trail(self) -> JointMotionTracker:
+        """How the joints have moved."""
+        return self._trail
+
+    def block(
+        self,
+        times_ns: NDArray[np.int64],
+        angles_rad: Floats,
+        temperature_c: float | None,
+        quality: Bits,
+    ) -> tuple[Block, Bits]:
+        """Continue the stream by a block.
+
+        Args:
+            times_ns: host monotonic times, (n_samples,).
+            angles_rad: readings, (n_samples, n_joints).
+            temperature_c: of the arm; None where no sensor tells it.
+            quality: bits of what there is to say so far, (n_samples,).
+
+        Returns:
+            The block, and `quality` with what it lacks.
+        """
+        motion = None
+        if self._wants_motion:
+            are_valid = (quality & QualityFlag.ENCODER_ERROR) == 0
+            motion = self._trail.follow(times_ns, angles_rad, are_valid)
+        return self._block(times_ns, angles_rad, temperature_c, quality, motion)
+
+    def latched(
+        self,
+        time_ns: int,
+        angles_rad: Floats,
+        temperature_c: float | None,
+        quality: Bits,
+    ) -> tuple[Block, Bits]:
+        """One latch beside the stream, which it leaves where it is.
+
+        Args:
+            time_ns: host monotonic time.
+            angles_rad: readings, (n_joints,).
+            temperature_c: as for `block`.
+            quality: as for `block`, (1,).
+
+        Returns:
+            As for `block`.
+        """
+        motion = None
+        if self._wants_motion:
+            motion = self._trail.beside(time_ns, angles_rad)
+        times_ns = np.array([time_ns], dtype=np.int64)
+        return self._block(
+            times_ns, angles_rad[np.newaxis], temperature_c, quality, motion
+        )
+
+    def _block(
+        self,
+        times_ns: NDArray[np.int64],
+        angles_rad: Floats,
+        temperature_c: float | None,
+        quality: Bits,
+        motion: Motion | None,
+    ) -> tuple[Block, Bits]:
+        n = len(angles_rad)
+        temperatures_c = None
+        if self._wants_temperature:
+            known_c = self._reference_c if temperature_c is None else temperature_c
+            temperatures_c = np.full(n, known_c)
+            if temperature_c is None:
+                quality = quality | np.uint32(QualityFlag.TEMPERATURE_UNKNOWN)
+        if motion is not None:
+            is_unknown = (motion.approaches[:, self._approaching] == 0.0).any(axis=1)
+            if self._wants_speed:
+                is_unknown |= ~motion.are_speeds_known
+            quality = quality | is_unknown * np.uint32(QualityFlag.MOTION_UNKNOWN)
+        block = Block(
+            angles_rad=angles_rad,
+            speeds_rad_s=None if motion is None else motion.speeds_rad_s,
+            approaches=None if motion is None else motion.approaches,
+            temperature_c=temperatures_c,
+            utc_ns=times_ns + self._clock.utc_offset_ns() if self._wants_utc else None,
+        )
+        return block, quality

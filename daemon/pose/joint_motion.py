@@ -1,0 +1,221 @@
+"""How fast the joints turn, and the sense in which each last moved.
+
+A speed is the mean since the latest sample that is a millisecond older or more: the
+sample before, on all but fast streams, where the noise of two neighbours divided by
+their short time would be more than the speed.
+
+The sense of approach has a hysteresis, or the encoder's noise would decide it. A
+pointer is carried along by the reading within a band of play; the sense is that in
+which the pointer was last pushed. So a joint must come back by the whole band before
+its sense turns, however slowly it does.
+
+Both are carried over from block to block: no bit depends on how a stream is cut. After
+a gap between samples, a time that runs backwards or a count that is not valid, both are
+unknown, 0, until there is new motion.
+"""
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Times = NDArray[np.int64]
+
+SPEED_NS = 1_000_000
+GAP_NS = 250_000_000  # the slowest stream has a sample every 100 ms
+KEPT_NS = 1_000_000_000  # an edge that had to be repeated is no older
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """The motion at some samples.
+
+    Attributes:
+        speeds_rad_s: d(alpha)/dt, 0 where unknown, (n_samples, n_joints).
+        are_speeds_known: (n_samples,).
+        approaches: -1 or +1, 0 where unknown, (n_samples, n_joints).
+    """
+
+    speeds_rad_s: Floats
+    are_speeds_known: NDArray[np.bool_]
+    approaches: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _MotionSegment:
+    """Samples gone by: times (n,); readings, pointers, senses (n, n_joints)."""
+
+    times_ns: Times
+    angles_rad: Floats
+    pointers_rad: Floats
+    approaches: Floats
+
+
+class JointMotionTracker:
+    """Follows the joints through a stream.
+
+    Args:
+        bands_rad: how far each joint must come back for its sense to turn, (n_joints,).
+    """
+
+    def __init__(self, bands_rad: Floats) -> None:
+        self._half_bands_rad = 0.5 * bands_rad
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew: nothing is known of the motion so far."""
+        n_joints = len(self._half_bands_rad)
+        self._past: deque[_MotionSegment] = deque()
+        # The samples that the next speeds may count from.
+        self._times_ns: Times = np.empty(0, np.int64)
+        self._angles_rad: Floats = np.empty((0, n_joints))
+
+    @property
+    def state(self) -> dict[str, NDArray[Any]]:
+        """What `resume` needs to go on from the last sample; empty before the first."""
+        if not self._past:
+            return {}
+        last = self._past[-1]
+        return {
+            "times_ns": last.times_ns[-1:],
+            "angles_rad": last.angles_rad[-1:],
+            "pointers_rad": last.pointers_rad[-1:],
+            "approaches": last.approaches[-1:],
+        }
+
+    def resume(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Go on from the `state` of another time; speeds begin anew."""
+        self.forget()
+        if state:
+            last = _MotionSegment(**state)
+            self._past.append(last)
+            self._times_ns, self._angles_rad = last.times_ns, last.angles_rad
+
+    def follow(
+        self, times_ns: Times, angles_rad: Floats, are_valid: NDArray[np.bool_]
+    ) -> Motion:
+        """Continue by a block.
+
+        Args:
+            times_ns: of the latches, (n_samples,), not empty.
+            angles_rad: readings, (n_samples, n_joints).
+            are_valid: whether all readings of a sample are, (n_samples,).
+        """
+        before_ns = self._times_ns[-1:] if self._past else times_ns[:1] - 1
+        steps_ns = np.diff(times_ns, prepend=before_ns)
+        begins = (steps_ns <= 0) | (steps_ns > GAP_NS) | ~are_valid
+        begins[1:] |= ~are_valid[:-1]
+        runs = []
+        bounds = [0, *(np.flatnonzero(begins[1:]) + 1).tolist(), len(times_ns)]
+        for start, end in pairwise(bounds):
+            if begins[start]:
+                self.forget()
+            runs.append(self._run(times_ns[start:end], angles_rad[start:end]))
+        if not are_valid[-1]:
+            self.forget()
+        if len(runs) == 1:
+            return runs[0]
+        return Motion(
+            np.concatenate([run.speeds_rad_s for run in runs]),
+            np.concatenate([run.are_speeds_known for run in runs]),
+            np.concatenate([run.approaches for run in runs]),
+        )
+
+    def beside(self, time_ns: int, angles_rad: Floats) -> Motion:
+        """The motion at a latch between samples, by the samples before it.
+
+        It leaves the stream where it is, and it does not matter how many samples
+        after the latch have come already.
+
+        Args:
+            time_ns: of the latch.
+            angles_rad: its readings, (n_joints,).
+        """
+        unknown = np.zeros((1, len(angles_rad)))
+        before = self._latest(time_ns)
+        if before is None or time_ns - before[0].times_ns[before[1]] > GAP_NS:
+            return Motion(unknown, np.zeros(1, np.bool_), unknown)
+        stretch, row = before
+        pointers_rad = stretch.pointers_rad[row]
+        pushed = np.sign(self._pushed(pointers_rad, angles_rad) - pointers_rad)
+        approaches = np.where(pushed != 0.0, pushed, stretch.approaches[row])
+        since, row = self._latest(time_ns - SPEED_NS) or (self._past[0], 0)
+        elapsed_ns = time_ns - int(since.times_ns[row])
+        if elapsed_ns <= 0:
+            return Motion(unknown, np.zeros(1, np.bool_), approaches[np.newaxis])
+        speeds_rad_s = (angles_rad - since.angles_rad[row]) / (elapsed_ns * 1e-9)
+        return Motion(
+            speeds_rad_s[np.newaxis], np.ones(1, np.bool_), approaches[np.newaxis]
+        )
+
+    def _run(self, times_ns: Times, angles_rad: Floats) -> Motion:
+        """Continue by samples without a gap."""
+        speeds_rad_s, are_known = self._speeds(times_ns, angles_rad)
+        pointers_rad, approaches = self._approaches(angles_rad)
+        self._past.append(
+            _MotionSegment(times_ns, angles_rad, pointers_rad, approaches)
+        )
+        while self._past[0].times_ns[-1] < times_ns[-1] - KEPT_NS:
+            self._past.popleft()
+        return Motion(speeds_rad_s, are_known, approaches)
+
+    def _speeds(
+        self, times_ns: Times, angles_rad: Floats
+    ) -> tuple[Floats, NDArray[np.bool_]]:
+        n_before = len(self._times_ns)
+        at = np.arange(n_before, n_before + len(times_ns))
+        times_ns = np.concatenate([self._times_ns, times_ns])
+        angles_rad = np.concatenate([self._angles_rad, angles_rad])
+        # Where nothing is old enough: the first since the beginning.
+        older = np.searchsorted(times_ns, times_ns[at] - SPEED_NS, side="right") - 1
+        since = np.maximum(older, 0)
+        are_known = since < at
+        elapsed_s = np.where(are_known, times_ns[at] - times_ns[since], 1) * 1e-9
+        speeds_rad_s = (angles_rad[at] - angles_rad[since]) / elapsed_s[:, np.newaxis]
+        self._times_ns = times_ns[since[-1] :]
+        self._angles_rad = angles_rad[since[-1] :]
+        return speeds_rad_s, are_known
+
+    def _approaches(self, angles_rad: Floats) -> tuple[Floats, Floats]:
+        """Pointers and senses, both (n_samples, n_joints)."""
+        if self._past:
+            last_rad = self._past[-1].pointers_rad[-1]
+            last_sense = self._past[-1].approaches[-1]
+        else:
+            last_rad, last_sense = angles_rad[0], np.zeros(angles_rad.shape[1])
+        # A sample puts the pointer between two limits. So do several, one after the
+        # other, and their limits are found by doubling: no loop over samples.
+        low_rad = angles_rad - self._half_bands_rad
+        high_rad = angles_rad + self._half_bands_rad
+        reach = 1
+        while reach < len(angles_rad):
+            low, high = low_rad[reach:], high_rad[reach:]
+            joined_low = np.minimum(np.maximum(low_rad[:-reach], low), high)
+            joined_high = np.minimum(np.maximum(high_rad[:-reach], low), high)
+            low_rad[reach:], high_rad[reach:] = joined_low, joined_high
+            reach *= 2
+        pointers_rad = np.minimum(np.maximum(last_rad, low_rad), high_rad)
+        pushed = np.sign(np.diff(pointers_rad, axis=0, prepend=last_rad[np.newaxis]))
+        rows = np.arange(len(pushed))[:, np.newaxis]
+        latest = np.maximum.accumulate(np.where(pushed != 0.0, rows, -1), axis=0)
+        senses = np.take_along_axis(pushed, np.maximum(latest, 0), axis=0)
+        return pointers_rad, np.where(latest >= 0, senses, last_sense)
+
+    def _pushed(self, pointers_rad: Floats, angles_rad: Floats) -> Floats:
+        low_rad = angles_rad - self._half_bands_rad
+        return np.minimum(
+            np.maximum(pointers_rad, low_rad), angles_rad + self._half_bands_rad
+        )
+
+    def _latest(self, time_ns: int) -> tuple[_MotionSegment, int] | None:
+        """The last sample at this time or before it."""
+        for stretch in reversed(self._past):
+            if stretch.times_ns[0] <= time_ns:
+                row = np.searchsorted(stretch.times_ns, time_ns, side="right") - 1
+                return stretch, int(row)
+        return None

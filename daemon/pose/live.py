@@ -1,0 +1,69 @@
+"""The latest pose, thinned to a rate that displays can show."""
+
+import numpy as np
+
+from traverse.daemon.clock import HostClock
+from traverse.daemon.pose.alignment import ActiveAlignment
+from traverse.daemon.pose.arm_model import ArmModel
+from traverse.daemon.pose.poses import PoseBlock
+from traverse.kinematics.model.forward import joint_positions
+from traverse.protocol.messages import Live, Quality
+
+
+class LivePoseSampler:
+    """Decides when a pose is shown and makes its message.
+
+    Args:
+        clock: the host's.
+        rate_hz: so many a second at most.
+        part: the alignment in use.
+    """
+
+    def __init__(
+        self, clock: HostClock, rate_hz: float, part: ActiveAlignment | None = None
+    ) -> None:
+        self._clock = clock
+        self._part = part or ActiveAlignment()
+        self.use_rate(rate_hz)
+        self._due_ns = 0
+        self._before: tuple[int, np.ndarray[tuple[int], np.dtype[np.float64]]] | None
+        self._before = None
+        self.thinned = 0
+
+    def use_rate(self, rate_hz: float) -> None:
+        """Show so many poses a second from now on."""
+        self._period_ns = int(1e9 / rate_hz)
+
+    def message(
+        self, model: ArmModel, poses: PoseBlock, session: str, device: str
+    ) -> Live | None:
+        """The last pose of a block, if it is time to show one."""
+        now_ns = int(poses.sample_time_ns[-1])
+        xyz_mm = poses.xyz_mm[-1]
+        if now_ns < self._due_ns:
+            self.thinned += 1
+            return None
+        self._due_ns = max(self._due_ns + self._period_ns, now_ns)
+        speed_mm_s = None
+        if self._before is not None and now_ns > self._before[0]:
+            moved_mm = float(np.linalg.norm(xyz_mm - self._before[1]))
+            speed_mm_s = moved_mm / (now_ns - self._before[0]) * 1e9
+        self._before = (now_ns, xyz_mm)
+        active = int(poses.inputs[-1])
+        skeleton_mm = joint_positions(model.geometry, poses.angles_rad[-1:])[0]
+        return Live(
+            arm=model.name,
+            model=model.digest,
+            session=session,
+            time_ns=self._clock.to_utc_ns(now_ns),
+            xyz_mm=tuple(xyz_mm.tolist()),
+            ijk=tuple(poses.ijk[-1].tolist()),
+            part_xyz_mm=self._part.place_mm(xyz_mm),
+            covariance_mm2=None,
+            angles_rad=tuple(poses.angles_rad[-1].tolist()),
+            skeleton_mm=tuple(tuple(row) for row in skeleton_mm.tolist()),
+            speed_mm_s=speed_mm_s,
+            probe_radius_mm=model.probe_radius_mm,
+            inputs=tuple(f"{device}/{i}" for i in range(8) if active >> i & 1),
+            quality=Quality.from_bits(int(poses.quality[-1])),
+        )

@@ -1,0 +1,218 @@
+"""The whole measurement path, top to bottom.
+
+    counts -> unwrapped counts -> angles -> what the effects need -> corrected poses
+
+Blocks of timed samples go to the scan and to the live view; a latch at an edge or
+on request goes to the capture. Plain calls, no queue, no waiting.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.daemon.acquisition.interpolation import STATUS_INTERPOLATED
+from traverse.daemon.clock import HostClock
+from traverse.daemon.pose.arm_model import ArmModel
+from traverse.daemon.pose.covariates import Bits, Covariates
+from traverse.daemon.pose.joint_counts import JointCounts
+from traverse.daemon.pose.poses import LatchedPose, PoseBlock
+from traverse.drivers.base.values import (
+    STATUS_ERROR,
+    STATUS_LATE,
+    STATUS_MISSING,
+    STATUS_STALE,
+    STATUS_WARNING,
+    CountSamples,
+    LatchedCounts,
+)
+from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.pose import PoseFlags, corrected_pose
+from traverse.kinematics.model.readings import Encoders, Unwrapper, counts_to_angles
+from traverse.protocol.messages import QualityFlag
+
+
+def _quality_of_status() -> Bits:
+    """For each status byte, its quality bits."""
+    status = np.arange(256)
+    quality = (
+        ((status & STATUS_ERROR) != 0) * QualityFlag.ENCODER_ERROR
+        | ((status & STATUS_WARNING) != 0) * QualityFlag.ENCODER_WARNING
+        | ((status & STATUS_LATE) != 0) * QualityFlag.LATE
+        | ((status & STATUS_STALE) != 0) * QualityFlag.STALE
+        | ((status & STATUS_MISSING) != 0) * QualityFlag.INCOMPLETE
+        | ((status & STATUS_INTERPOLATED) != 0) * QualityFlag.INTERPOLATED
+    )
+    return np.asarray(quality, dtype=np.uint32)
+
+
+QUALITY_OF_STATUS = _quality_of_status()
+QUALITY_OF_POSE = {
+    "stale_effect": QualityFlag.STALE_EFFECT,
+    "surface_unknown": QualityFlag.SURFACE_UNKNOWN,
+    "empirical": QualityFlag.EMPIRICAL,
+    "beyond_knots": QualityFlag.BEYOND_KNOTS,
+}
+"""What the effects say of a pose, as bits of its quality."""
+
+
+class Pipeline:
+    """Turns what the device latched into poses of the probe.
+
+    Args:
+        model: the arm; a new one replaces it between two blocks by `use_model`.
+        clock: the host's, for effects that are bound to time.
+    """
+
+    def __init__(self, model: ArmModel, clock: HostClock) -> None:
+        self._clock = clock
+        self._unwrapper = Unwrapper(model.encoders)
+        self._take_over(model)
+
+    def use_model(self, model: ArmModel) -> None:
+        """Measure with ``model``, and all its effects, from the next sample on.
+
+        Encoders that stay the same keep their turns.
+        """
+        if not _are_same(model.encoders, self.model.encoders):
+            self._unwrapper = Unwrapper(model.encoders)
+        self._take_over(model)
+
+    def _take_over(self, model: ArmModel) -> None:
+        self.model = model
+        self._per_count_rad = model.per_count_rad
+        self._covariates = Covariates(model, self._clock)
+
+    @property
+    def state(self) -> dict[str, object]:
+        """What `resume` needs to go on from the last sample."""
+        last, fresh = self._unwrapper.turns
+        motion = self._covariates.trail.state
+        return {"turns": last, "fresh": fresh, "motion": motion}
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from the `state` of another time, of the same arm."""
+        self._unwrapper.resume(state["turns"], state["fresh"])
+        self._covariates.trail.resume(state["motion"])
+
+    def restart(self, device: str) -> None:
+        """Forget the turns counted: the device has been without power."""
+        joints = np.array(self.model.joint_devices) == device
+        if joints.any():
+            self._unwrapper.reset(joints)
+            self._covariates.forget()
+
+    def poses(
+        self, samples: CountSamples, temperature_c: float | None = None
+    ) -> PoseBlock:
+        """Poses of a block of timed samples, (n, ...), at the arm's temperature.
+
+        Samples with fractions have been assembled: their channels are the joints. All
+        others are of the one device that reads the arm.
+        """
+        model = self.model
+        if samples.fractions is None:
+            counts = self._unwrapper.unwrap(samples.counts[:, model.channels])
+            angles_rad = counts_to_angles(model.encoders, counts)
+            quality = _quality(samples.status[:, model.channels])
+        else:
+            counts = self._unwrapper.unwrap(samples.counts)
+            angles_rad = counts_to_angles(model.encoders, counts)
+            angles_rad += samples.fractions * model.per_count_rad
+            quality = _quality(samples.status)
+        xyz_mm, ijk, quality = self._corrected(
+            *self._covariates.block(
+                samples.sample_time_ns, angles_rad, temperature_c, quality
+            )
+        )
+        return PoseBlock(
+            samples.stream,
+            samples.seq,
+            samples.sample_time_ns,
+            samples.received_ns,
+            samples.inputs,
+            counts,
+            angles_rad,
+            xyz_mm,
+            ijk,
+            quality,
+        )
+
+    def latched_pose(
+        self, latch: LatchedCounts, temperature_c: float | None = None
+    ) -> LatchedPose:
+        """Pose at one latch of the device that reads all joints."""
+        channels = self.model.channels
+        return self.pose_at(
+            JointCounts(
+                latch.sample_time_ns,
+                np.array(latch.counts, dtype=np.uint32)[channels],
+                np.array(latch.status, dtype=np.uint8)[channels],
+            ),
+            temperature_c,
+        )
+
+    def pose_at(
+        self, latched: JointCounts, temperature_c: float | None = None
+    ) -> LatchedPose:
+        """Pose at one instant; its turns are those nearest to the last timed sample."""
+        counts = self._unwrapper.near(latched.counts)
+        angles_rad = counts * self._per_count_rad  # as `counts_to_angles`
+        if latched.fractions is not None:
+            angles_rad += latched.fractions * self._per_count_rad
+        status = int(np.bitwise_or.reduce(latched.status))
+        quality = QUALITY_OF_STATUS[status : status + 1]
+        block, quality = self._covariates.latched(
+            latched.sample_time_ns, angles_rad, temperature_c, quality
+        )
+        xyz_mm, ijk, quality = self._corrected(block, quality)
+        return LatchedPose(
+            latched.sample_time_ns,
+            counts,
+            angles_rad,
+            xyz_mm[0],
+            ijk[0],
+            int(quality[0]),
+            block,
+        )
+
+    def block_at(
+        self, time_ns: int, angles_rad: NDArray[np.float64], temperature_c: float | None
+    ) -> Block:
+        """One sample of the stream (n_joints,) again, with what the effects need."""
+        quality = np.zeros(1, np.uint32)
+        block, _ = self._covariates.latched(time_ns, angles_rad, temperature_c, quality)
+        return block
+
+    def _corrected(
+        self, block: Block, quality: Bits
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], Bits]:
+        """Poses with the arm's effects, and what to say about each."""
+        model = self.model
+        xyz_mm, ijk, flags = corrected_pose(model.geometry, model.effects, block)
+        if model.effects.corrections:
+            quality = quality | _quality_of_pose(flags)
+        return xyz_mm, ijk, quality
+
+
+def _are_same(one: Encoders, other: Encoders) -> bool:
+    """Whether counts of the one are counts of the other."""
+    return all(
+        np.array_equal(getattr(one, name), getattr(other, name))
+        for name in ("counts_per_turn", "signs", "zeros_rad")
+    )
+
+
+def _quality_of_pose(flags: PoseFlags) -> Bits:
+    """Quality bits (n,) of what the effects say."""
+    quality = np.zeros(len(flags.stale_effect), dtype=np.uint32)
+    for name, flag in QUALITY_OF_POSE.items():
+        quality[getattr(flags, name)] |= np.uint32(flag)
+    return quality
+
+
+def _quality(status: NDArray[np.uint8]) -> Bits:
+    """Quality bits (n,) of the channels' status (n, n_joints)."""
+    joined: NDArray[np.uint8] = np.bitwise_or.reduce(status, axis=1)
+    return QUALITY_OF_STATUS[joined]

@@ -1,0 +1,88 @@
+"""What the forward-kinematics stage hands on: blocks of poses."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.effects.base.block import Block
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseBlock:
+    """Poses of n timed samples.
+
+    Attributes:
+        stream, seq: identify the samples, see
+        `traverse.drivers.base.values.CountSamples`.
+        sample_time_ns: (n,) host monotonic time of the latch.
+        received_ns: host monotonic time of the read that brought them.
+        inputs: (n,) bits of the device's inputs.
+        counts: (n, n_joints) unwrapped. angles_rad: (n, n_joints) readings.
+        xyz_mm: (n, 3) centre of the ball. ijk: (n, 3) the shank, from wrist to ball.
+        quality: (n,) bits of `traverse.protocol.messages.QualityFlag`.
+    """
+
+    stream: int
+    seq: NDArray[np.int64]
+    sample_time_ns: NDArray[np.int64]
+    received_ns: int
+    inputs: NDArray[np.uint8]
+    counts: NDArray[np.int64]
+    angles_rad: NDArray[np.float64]
+    xyz_mm: NDArray[np.float64]
+    ijk: NDArray[np.float64]
+    quality: NDArray[np.uint32]
+
+    def rows(self, which: NDArray[np.bool_] | slice) -> "PoseBlock":
+        """The poses of some of the samples."""
+        return replace(self, **{name: getattr(self, name)[which] for name in _ARRAYS})
+
+    def numbered(self, seq: NDArray[np.int64]) -> "PoseBlock":
+        """The same poses under other numbers."""
+        return replace(self, seq=seq)
+
+    @classmethod
+    def joined(cls, blocks: Sequence["PoseBlock"]) -> "PoseBlock":
+        """Blocks of one arm, one after the other."""
+        if len(blocks) == 1:
+            return blocks[0]
+        columns: dict[str, Any] = {
+            name: np.concatenate([getattr(block, name) for block in blocks])
+            for name in _ARRAYS
+        }
+        return replace(blocks[-1], **columns)
+
+
+_ARRAYS = (
+    "seq",
+    "sample_time_ns",
+    "inputs",
+    "counts",
+    "angles_rad",
+    "xyz_mm",
+    "ijk",
+    "quality",
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LatchedPose:
+    """The pose at one latch: (n_joints,), (3,) and (3,) arrays as in `PoseBlock`.
+
+    Attributes:
+        block: one sample, what the pose was computed of.
+        error_bounds_counts: of interpolated readings, (n_joints, 2), see
+            `Interpolated`; None where all were latched.
+    """
+
+    sample_time_ns: int
+    counts: NDArray[np.int64]
+    angles_rad: NDArray[np.float64]
+    xyz_mm: NDArray[np.float64]
+    ijk: NDArray[np.float64]
+    quality: int
+    block: Block
+    error_bounds_counts: NDArray[np.float64] | None = None

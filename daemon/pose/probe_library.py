@@ -1,0 +1,119 @@
+"""The probe library: probes by name, and the arm with another of them.
+
+`probes.toml` is explained in docs/reference/probe-library.md.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from traverse.kinematics.arm_file.arm import (
+    Arm,
+    Moment,
+    Probe,
+    Problem,
+    StrictModel,
+    read_strict,
+)
+
+Vector = tuple[float, float, float]
+Covariance = tuple[float, float, float, float, float, float]
+
+
+class LibraryProbe(StrictModel):
+    """One probe; vectors are written in the arm's base posture, as in arm files."""
+
+    name: str = Field(min_length=1, max_length=64)
+    radius_mm: float = Field(ge=0.0)
+    vector_mm: Vector
+    direction: Vector | None = None
+    kind: Literal["hard", "switching"]
+    date: Moment | None = None
+    mass_kg: float | None = Field(default=None, ge=0.0)
+    vector_covariance_mm2: Covariance | None = None
+
+    @property
+    def covariance_mm2(self) -> NDArray[np.float64] | None:
+        """Of the vector, (3, 3); None where it is not known."""
+        if self.vector_covariance_mm2 is None:
+            return None
+        return full_covariance(self.vector_covariance_mm2)
+
+
+class ProbeLibrary(StrictModel):
+    """The whole file."""
+
+    schema_: Literal["traverse/probes/1"] = Field(alias="schema")
+    probes: tuple[LibraryProbe, ...] = Field(min_length=1, max_length=1000)
+
+    def named(self, name: str) -> LibraryProbe | None:
+        """The probe of a name; None where there is none."""
+        return next((probe for probe in self.probes if probe.name == name), None)
+
+    @property
+    def names(self) -> str:
+        """All of them, for messages."""
+        return ", ".join(probe.name for probe in self.probes)
+
+
+def read_probes(path: Path) -> ProbeLibrary:
+    """Read and check a probe library.
+
+    Raises:
+        FileError: with everything that is wrong with it.
+    """
+    return read_strict(path, ProbeLibrary, _cross_check)
+
+
+def with_probe(arm: Arm, chosen: LibraryProbe) -> Arm:
+    """The arm with another probe at its end."""
+    probe = Probe(
+        radius_mm=chosen.radius_mm,
+        kind=chosen.kind,
+        vector_mm=chosen.vector_mm,
+        direction=chosen.direction,
+        mass_kg=chosen.mass_kg,
+    )
+    return arm.model_copy(update={"probe": probe})
+
+
+def _cross_check(raw: Mapping[str, Any]) -> Iterator[Problem]:
+    """Names that stand twice, directions and covariances that are none."""
+    seen: set[str] = set()
+    probes = raw.get("probes")
+    for index, probe in enumerate(probes if isinstance(probes, list) else []):
+        if not isinstance(probe, Mapping):
+            continue
+        where, name = f"probes[{index}]", probe.get("name")
+        if isinstance(name, str):
+            if name in seen:
+                text = f"{name!r} stands twice; names are unique"
+                yield Problem(f"{where}.name", text)
+            seen.add(name)
+        direction = _numbers(probe.get("direction"), 3)
+        if direction is not None and not any(direction):
+            yield Problem(f"{where}.direction", "has no length; expected one above 0")
+        six = _numbers(probe.get("vector_covariance_mm2"), 6)
+        if six is not None:
+            full = full_covariance(six)
+            largest = max(*np.abs(np.diag(full)).tolist(), 1e-12)
+            if np.linalg.eigvalsh(full).min() < -1e-9 * largest:
+                text = "is no covariance: it has a negative eigenvalue"
+                yield Problem(f"{where}.vector_covariance_mm2", text)
+
+
+def full_covariance(six: Sequence[float]) -> NDArray[np.float64]:
+    """The matrix of xx, xy, xz, yy, yz, zz, (3, 3)."""
+    xx, xy, xz, yy, yz, zz = six
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def _numbers(value: object, n: int) -> list[float] | None:
+    """So many numbers; None where there are not, which is told elsewhere."""
+    if not isinstance(value, list) or len(value) != n:
+        return None
+    return value if all(isinstance(one, int | float) for one in value) else None

@@ -1,0 +1,158 @@
+"""Where the ball was a moment ago: blocks of poses as they came, kept for a while.
+
+Nothing is computed until somebody asks, so a stream costs no more for being remembered.
+"""
+
+from bisect import bisect_right
+from collections import deque
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.daemon.pose.poses import PoseBlock
+from traverse.protocol.messages import QualityFlag
+
+Floats = NDArray[np.float64]
+
+KEPT_NS = 3_000_000_000
+SLOW_NS = 30_000_000  # over which it is told whether the ball rests
+SPEED_NS = 5_000_000  # over less the encoders' noise would be more than the speed
+GAP_NS = 250_000_000  # the slowest stream has a sample every 100 ms
+INVALID_FLAGS = (QualityFlag.ENCODER_ERROR | QualityFlag.INCOMPLETE).value
+"""Of samples that do not tell where the ball was."""
+
+
+class TrajectoryBuffer:
+    """Remembers the last seconds of the stream."""
+
+    def __init__(self) -> None:
+        self._blocks: deque[PoseBlock] = deque()
+
+    def forget(self) -> None:
+        """Begin anew: what came before does not join on to what comes."""
+        self._blocks.clear()
+
+    def add(self, poses: PoseBlock) -> None:
+        """Continue by a block, not empty."""
+        blocks = self._blocks
+        blocks.append(poses)
+        oldest_ns = int(poses.sample_time_ns[-1]) - KEPT_NS
+        while blocks[0].sample_time_ns[-1] < oldest_ns:
+            blocks.popleft()
+
+    @property
+    def last_ns(self) -> int | None:
+        """The time of the last sample; None where there is none."""
+        return int(self._blocks[-1].sample_time_ns[-1]) if self._blocks else None
+
+    def reaches(self, time_ns: int) -> bool:
+        """Whether all samples until some time have come."""
+        return bool(self._blocks) and self._blocks[-1].sample_time_ns[-1] >= time_ns
+
+    def speeds_rad_s(self, time_ns: int, angles_rad: Floats) -> Floats | None:
+        """How fast the joints turn where they have some readings at some time.
+
+        Args:
+            time_ns: host monotonic.
+            angles_rad: the readings then, (n_joints,).
+
+        Returns:
+            (n_joints,); None where no good sample tells it.
+        """
+        found = self._sample(time_ns - SPEED_NS)
+        if found is None:
+            return None
+        block, row = found
+        elapsed_ns = time_ns - int(block.sample_time_ns[row])
+        if elapsed_ns > GAP_NS or block.quality[row] & INVALID_FLAGS:
+            return None
+        speeds: Floats = (angles_rad - block.angles_rad[row]) / (elapsed_ns * 1e-9)
+        return speeds
+
+    def speed_mm_s(self, time_ns: int) -> float | None:
+        """How fast the ball went on the whole, a moment before some time.
+
+        Returns:
+            None where too few samples tell it.
+        """
+        end = self._sample(time_ns)
+        if end is None:
+            return None
+        block, row = end
+        end_ns, end_mm = int(block.sample_time_ns[row]), block.xyz_mm[row]
+        begin = self._sample(end_ns - SLOW_NS)
+        if begin is None or time_ns - end_ns > GAP_NS:
+            return None
+        block, row = begin
+        elapsed_ns = end_ns - int(block.sample_time_ns[row])
+        away_mm = float(np.linalg.norm(end_mm - block.xyz_mm[row]))
+        return None if elapsed_ns > GAP_NS else away_mm / (elapsed_ns * 1e-9)
+
+    def place_mm(self, time_ns: int) -> Floats | None:
+        """Where the ball was at the last sample until some time, (3,)."""
+        found = self._sample(time_ns)
+        return None if found is None else found[0].xyz_mm[found[1]]
+
+    def _sample(self, time_ns: int) -> tuple[PoseBlock, int] | None:
+        """The last sample until some time: its block and row."""
+        for block in reversed(self._blocks):
+            row = _last_until(block, time_ns)
+            if row >= 0:
+                return block, row
+        return None
+
+    def last_position_beyond_mm(
+        self, time_ns: int, from_mm: Floats, distance_mm: float
+    ) -> Floats | None:
+        """Where the ball was last, before some time, so far or farther from a place.
+
+        Returns:
+            (3,); None where it has not been.
+        """
+        for block in reversed(self._blocks):
+            rows = np.flatnonzero(
+                _away(block, from_mm, distance_mm) & (block.sample_time_ns < time_ns)
+            )
+            if len(rows):
+                place: Floats = block.xyz_mm[rows[-1]]
+                return place
+        return None
+
+    def after(self, time_ns: int, until_ns: int) -> Iterator[PoseBlock]:
+        """Samples from one time to another, both included; no block is empty."""
+        for block in self._blocks:
+            times_ns = block.sample_time_ns
+            if times_ns[-1] < time_ns or times_ns[0] > until_ns:
+                continue
+            first = int(np.searchsorted(times_ns, time_ns, side="left"))
+            end = int(np.searchsorted(times_ns, until_ns, side="right"))
+            if first < end:
+                yield block.rows(slice(first, end))
+
+
+def _last_until(block: PoseBlock, time_ns: int) -> int:
+    """The row of the last sample until a time; -1 where there is none."""
+    times_ns = block.sample_time_ns
+    if times_ns[-1] <= time_ns:  # mostly: it is of now
+        return len(times_ns) - 1
+    # Not NumPy's, which lets go of Python's lock: for so few that takes longer.
+    return bisect_right(times_ns, time_ns) - 1
+
+
+def _away(block: PoseBlock, from_mm: Floats, distance_mm: float) -> NDArray[np.bool_]:
+    """Which samples are good and so far away, (n,)."""
+    away = np.linalg.norm(block.xyz_mm - from_mm, axis=1) >= distance_mm
+    return np.asarray(away & ((block.quality & INVALID_FLAGS) == 0))
+
+
+def first_sample_beyond(
+    block: PoseBlock, time_ns: int, from_mm: Floats, distance_mm: float
+) -> tuple[int, Floats] | None:
+    """When and where the ball was first in a block, after some time, so far away."""
+    rows = np.flatnonzero(
+        _away(block, from_mm, distance_mm) & (block.sample_time_ns > time_ns)
+    )
+    if not len(rows):
+        return None
+    return int(block.sample_time_ns[rows[0]]), block.xyz_mm[rows[0]]

@@ -1,0 +1,1 @@
+"""Recorder of all steps of a measurement: flight recorder and manual recordings."""

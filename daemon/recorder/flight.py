@@ -1,0 +1,191 @@
+"""The flight recorder: the last minutes in segments, and what is kept of them.
+
+A segment begins with a state, so that it can be replayed without those before it. What
+is kept is one file, made of all segments there are.
+"""
+
+from collections.abc import Mapping
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+
+from traverse.daemon.config.recording import RecordingSection
+from traverse.recording.run_reader import RunReader
+from traverse.recording.run_writer import Entry, RunHead, RunWriter
+
+SEGMENT_NS = 10_000_000_000
+FOLDER = "flight"
+SEGMENT = "segment-*.mcap"
+KEPT = "flight-*.mcap"
+
+
+class FlightRecorder:
+    """Writes segments, and drops the oldest beyond a time and a size.
+
+    Args:
+        folder: of all recordings; made where it is missing.
+        section: of the configuration.
+        about: what the head of every file says.
+
+    Attributes:
+        kept, dropped: files kept after faults, and older ones dropped for them.
+        n_bytes: written since the start.
+
+    Raises:
+        OSError: a file cannot be written; from all methods.
+    """
+
+    def __init__(
+        self, folder: Path, section: RecordingSection, about: Mapping[str, str]
+    ) -> None:
+        self._folder = folder
+        self._segments = folder / FOLDER
+        self._section = section
+        self._about = about
+        self._writer: RunWriter | None = None
+        self._begun_ns = 0
+        self.kept = 0
+        self.dropped = 0
+        self.n_bytes = 0
+
+    def recover_crashed(self) -> Path | None:
+        """Keep what a daemon left behind that died; else nothing is left of before.
+
+        Returns:
+            The kept file; None where there was nothing to keep.
+        """
+        self._segments.mkdir(mode=0o700, parents=True, exist_ok=True)
+        segments = self._found()
+        path = None
+        if segments and not _is_whole(segments[-1]):
+            path = self.keep("crash")
+        for segment in self._found():
+            segment.unlink(missing_ok=True)
+        return path
+
+    def begin_segment(
+        self, at_ns: int, utc_ns: int, files: Mapping[str, bytes]
+    ) -> None:
+        """The next message is a state; perhaps it begins a new segment."""
+        if self._writer is not None and at_ns - self._begun_ns < SEGMENT_NS:
+            return
+        self.close()
+        path = self._segments / f"segment-{utc_ns:020d}.mcap"
+        head = RunHead({**self._about, "cause": "flight"}, files)
+        self._writer, self._begun_ns = RunWriter(path, head), at_ns
+        self._forget_old(utc_ns)
+
+    def end_segment(self) -> None:
+        """Begin a new one with the next state, whenever that comes."""
+        self._begun_ns = -SEGMENT_NS
+
+    def add(self, entry: Entry) -> None:
+        """Record a message; those of scans, which can be computed again, are not."""
+        if self._writer is not None and entry.topic != "cloud":
+            self._writer.add(entry)
+            self.n_bytes += len(entry.content)
+
+    def attach(self, name: str, content: bytes) -> None:
+        """Add a file that is in force from now on."""
+        if self._writer is not None:
+            self._writer.attach(name, content)
+
+    def flush(self) -> None:
+        """Hand all to the operating system, or to the disk."""
+        if self._writer is not None:
+            self._writer.flush(sync=self._section.sync)
+
+    def keep(self, why: str) -> Path | None:
+        """Make one file of all segments; the oldest kept one may have to go.
+
+        Returns:
+            Its path; None where there is nothing to keep.
+        """
+        self.flush()
+        segments = self._found()
+        if not segments:
+            return None
+        now = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%f")
+        path = self._folder / f"flight-{now}Z-{why}.mcap"
+        part = path.with_suffix(".part")
+        try:
+            _join(segments, part, {**self._about, "cause": why})
+            part.rename(path)
+        finally:
+            part.unlink(missing_ok=True)
+        self.kept += 1
+        for old in sorted(self._folder.glob(KEPT))[: -self._section.kept]:
+            old.unlink(missing_ok=True)
+            self.dropped += 1
+        return path
+
+    def close(self) -> None:
+        """Finish the running segment."""
+        if self._writer is not None:
+            writer, self._writer = self._writer, None
+            writer.close(sync=self._section.sync)
+
+    def abandon(self) -> None:
+        """Leave everything as it is, after a failure."""
+        if self._writer is not None:
+            self._writer.abandon()
+            self._writer = None
+
+    def _found(self) -> list[Path]:
+        return sorted(self._segments.glob(SEGMENT))
+
+    def _forget_old(self, utc_ns: int) -> None:
+        """Drop segments that are not needed for the wanted time, or are too much."""
+        *older, newest = self._found()
+        oldest_ns = utc_ns - int(self._section.flight_s * 1e9)
+        room = (self._section.flight_mb << 20) - newest.stat().st_size
+        for index in range(len(older) - 1, -1, -1):
+            segment = older[index]
+            follower = older[index + 1] if index + 1 < len(older) else newest
+            room -= segment.stat().st_size
+            if room < 0 or _begun_ns(follower) < oldest_ns:
+                for gone in older[: index + 1]:
+                    gone.unlink(missing_ok=True)
+                return
+
+
+def _begun_ns(segment: Path) -> int:
+    return int(segment.stem.removeprefix("segment-"))
+
+
+def _is_whole(segment: Path) -> bool:
+    """It was finished by the daemon that wrote it."""
+    try:
+        with RunReader(segment) as reader:
+            for _ in reader:
+                pass
+            return reader.tear is None
+    except ValueError:
+        return False
+
+
+def _join(segments: list[Path], path: Path, about: Mapping[str, str]) -> None:
+    """Write the messages of some recordings into one, up to the tear of each."""
+    writer: RunWriter | None = None
+    files: dict[str, bytes] = {}
+    try:
+        for segment in segments:
+            # What a crash left may have been torn within its head.
+            with suppress(ValueError), RunReader(segment) as reader:
+                if writer is None:
+                    head = {**reader.about, **about, "version": reader.about["version"]}
+                    files = dict(reader.files)
+                    writer = RunWriter(path, RunHead(head, files))
+                for entry in reader:
+                    for name, content in reader.files.items():
+                        if files.get(name) != content:
+                            files[name] = content
+                            writer.attach(name, content)
+                    writer.add(entry)
+    except BaseException:
+        if writer is not None:
+            writer.abandon()
+        raise
+    if writer is None:
+        raise OSError("no segment can be read")
+    writer.close(sync=True)

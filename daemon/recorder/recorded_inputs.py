@@ -1,0 +1,65 @@
+"""Arm and configuration as a recording has them, and the names under which it does."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from traverse.daemon.config.schema import Configuration, read_configuration
+from traverse.daemon.pose.arm_model import ArmModel, model_with_probe, read_model
+from traverse.daemon.pose.probe_library import LibraryProbe
+from traverse.kinematics.arm_file.arm import read_arm
+
+ARM, CONFIGURATION, PROBES = "arm.toml", "traverse.toml", "probes.toml"
+
+
+def recorded_files(path: Path, configuration: Configuration) -> dict[str, bytes]:
+    """What a recording has to hold for a replay, by name.
+
+    Args:
+        path: of the configuration file.
+        configuration: what it says.
+
+    Raises:
+        OSError: a file cannot be read any more.
+    """
+    arm_path = path.parent / configuration.arm.file
+    files = {CONFIGURATION: path.read_bytes(), ARM: arm_path.read_bytes()}
+    told = read_arm(arm_path).identification
+    if told is not None and told.covariance_file is not None:
+        covariance = arm_path.parent / told.covariance_file
+        files[told.covariance_file] = covariance.read_bytes()
+    if configuration.arm.probes is not None:
+        files[PROBES] = (path.parent / configuration.arm.probes).read_bytes()
+    return files
+
+
+def read_recorded_inputs(
+    files: Mapping[str, bytes], probe: str | None
+) -> tuple[Configuration, ArmModel]:
+    """Read configuration and arm out of a recording, with the probe in use.
+
+    Raises:
+        ValueError: they are missing or wrong; kinematics' `FileError` is one.
+        OSError: they cannot be written to a temporary folder.
+    """
+    missing = [name for name in (ARM, CONFIGURATION) if name not in files]
+    if missing:
+        raise ValueError(f"the recording lacks {', '.join(missing)}")
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        for file, content in files.items():
+            path = (folder / file).resolve()
+            if not path.is_relative_to(folder.resolve()):
+                raise ValueError(
+                    f"the recording has a file {file!r}, outside of its own folder; "
+                    "name the arm's covariance file beside the arm file"
+                )
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(content)
+        configuration = read_configuration(folder / CONFIGURATION)
+        ids = {device.id: device for device in configuration.device}
+        model = read_model(folder / ARM, ids)
+    if probe is not None:
+        chosen = LibraryProbe.model_validate_json(probe)
+        model = model_with_probe(model, chosen)
+    return configuration, model

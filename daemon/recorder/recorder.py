@@ -1,0 +1,265 @@
+"""The recorder: what measuring does goes to files, by way of one thread.
+
+What is told here is only handed on; nothing waits. With room for no more, items are
+dropped and counted, and the files say that something is missing.
+"""
+
+import asyncio
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from traverse.daemon.clock import HostClock
+from traverse.daemon.config.recording import RecordingSection
+from traverse.daemon.monitoring.events import EventLog
+from traverse.daemon.points.session import Session
+from traverse.daemon.recorder.fault_trigger import FaultTrigger
+from traverse.daemon.recorder.item_queue import Item, RecorderQueue
+from traverse.daemon.recorder.jobs import ThreadJobs
+from traverse.daemon.recorder.manual_recording import Recorded
+from traverse.daemon.recorder.notification import Told
+from traverse.daemon.recorder.recorder_events import RecorderEventReporter
+from traverse.daemon.recorder.snapshot import DeviceSnapshot, MeasurementSnapshot
+from traverse.daemon.recorder.thread import RecorderThread
+from traverse.daemon.step_listener import StepListener
+from traverse.daemon.store.pending_write import PendingWrite
+from traverse.drivers.base.delivery_maps import delivery_kind
+from traverse.drivers.base.heartbeat import Pulse
+from traverse.drivers.base.values import Delivery
+from traverse.protocol.messages import Event, Message, Point
+from traverse.protocol.messages.recording_health import RecordingHealth
+
+STATE_NS = 6_000_000_000
+PATIENCE_NS = 3_000_000_000  # a state is told of a quiet moment, if one comes
+Keep = Callable[[Session, Point], PendingWrite | None]
+
+
+class Recorder(StepListener):
+    """Records; use it as an asynchronous context manager.
+
+    Args:
+        section: of the configuration.
+        folder: of all recordings.
+        clock: that of the steps.
+        about: what the head of every file says.
+        files: arm file, configuration and so on.
+        events: where it is told what happens to recordings.
+
+    Attributes:
+        state: says how measuring is; to be set before the first step.
+    """
+
+    def __init__(
+        self,
+        section: RecordingSection,
+        *,
+        folder: Path,
+        clock: HostClock,
+        about: Mapping[str, str],
+        files: Mapping[str, bytes],
+        events: EventLog,
+    ) -> None:
+        self._section = section
+        self._events = RecorderEventReporter(events)
+        self._clock = clock
+        self._queue = RecorderQueue()
+        self._jobs = ThreadJobs(self._queue)
+        self._faults = FaultTrigger()
+        self._told = DeviceSnapshot()
+        self.state: MeasurementSnapshot | None = None
+        self._is_on = section.flight
+        self._due_ns = 0
+        self._missing = 0
+        self._failed = ""
+        self._thread = RecorderThread(
+            self._queue,
+            folder=folder,
+            section=section,
+            about=about,
+            files=files,
+            utc_offset_ns=clock.utc_offset_ns(),
+            tell=self._hear,
+        )
+
+    @property
+    def pulse(self) -> Pulse:
+        """Signs of life of its thread."""
+        return self._thread.pulse
+
+    async def __aenter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._is_on = False
+        self._jobs.do(self._thread.end)
+        await asyncio.to_thread(self._thread.join)
+
+    # -- the tape -------------------------------------------------------------
+
+    def delivered(self, now_ns: int, delivery: Delivery) -> None:
+        """A device has delivered something."""
+        self._look(now_ns)
+        self._told.note(delivery)
+        self._put(Item("delivered", now_ns, delivery_kind(delivery), delivery))
+
+    def passed(self, now_ns: int) -> None:
+        """Time has passed."""
+        self._look(now_ns)
+        self._put(Item("passed", now_ns))
+
+    def asked(self, now_ns: int, what: str, values: Mapping[str, object]) -> None:
+        """Somebody has asked for something."""
+        self._look(now_ns)
+        if what == "probe" and self.state is not None:
+            self.state.probe = str(values["probe"])
+        self._put(Item("asked", now_ns, what, dict(values)))
+
+    def related(self, now_ns: int, utc_offset_ns: int) -> None:
+        """UTC is so much more than host monotonic time from now on."""
+        self._put(Item("related", now_ns, value=utc_offset_ns))
+
+    def published(self, now_ns: int, message: Message) -> None:
+        """A message has been handed on to be published."""
+        self._put(Item("published", now_ns, value=message))
+        if isinstance(message, Event) and self._section.flight:
+            self._faults.note(now_ns, message)
+
+    def following(self, keep: Keep) -> Keep:
+        """What sends points to the disk, followed: those that arrive are recorded."""
+
+        def kept(session: Session, point: Point) -> PendingWrite | None:
+            keeping = keep(session, point)
+            if keeping is not None:
+                self._follow(keeping)
+            return keeping
+
+        return kept
+
+    def _follow(self, keeping: PendingWrite) -> None:
+        def settled() -> None:
+            now_ns = self._clock.running.monotonic_ns()
+            if keeping.trouble is None:
+                self.published(now_ns, keeping.point)
+            else:
+                self._put(Item("asked", now_ns, "not_kept", {}))
+
+        keeping.on_settled(settled)
+
+    def reloaded(self, files: Mapping[str, bytes]) -> None:
+        """Other files are in force from now on."""
+        now_ns = self._clock.step()
+        probe = None if self.state is None else self.state.probe
+        self._put(Item("files", now_ns, value={"files": dict(files), "probe": probe}))
+        self._due_ns = 0
+
+    # -- recordings with a name -----------------------------------------------
+
+    @property
+    def running(self) -> str | None:
+        """The name of what is being recorded; None without."""
+        recorded = self._thread.recorded
+        return None if recorded is None else recorded.name
+
+    async def begin(self, name: str, note: str) -> Path:
+        """Begin a recording; gives its path.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        path = await self._jobs.done(lambda: self._thread.begin(name, note))
+        if not self._is_on:
+            self._is_on, self._due_ns = True, 0
+        self._events.started(path)
+        return path
+
+    async def finish(self) -> Recorded:
+        """End the recording; gives what it has become.
+
+        Raises:
+            OSError: there is none, or its end cannot be written.
+        """
+        recorded = await self._jobs.done(self._thread.finish)
+        self._is_on = self._section.flight
+        self._events.stopped(recorded, "it was asked for", by_itself=False)
+        return recorded
+
+    def health(self) -> RecordingHealth:
+        """How it is, for the health message."""
+        recorded, flight = self._thread.recorded, self._thread.flight
+        return RecordingHealth(
+            state=(
+                "recording"
+                if recorded
+                else "failed"
+                if self._failed
+                else "flight"
+                if self._section.flight
+                else "off"
+            ),
+            name=recorded.name if recorded else None,
+            bytes=recorded.n_bytes if recorded else 0,
+            flight_bytes=flight.n_bytes,
+            queued=len(self._queue),
+            dropped=self._queue.dropped,
+            kept=flight.kept,
+            kept_dropped=flight.dropped,
+        )
+
+    def poll(self) -> None:
+        """See whether a fault is to be kept, also where no device delivers any more."""
+        self._keep_if_due(self._clock.running.monotonic_ns())
+
+    # -- inside ---------------------------------------------------------------
+
+    def _put(self, item: Item) -> None:
+        if not self._is_on:
+            return
+        if self._missing:
+            gap = Item("gap", item.at_ns, value={"missing": self._missing})
+            if not self._queue.put(gap):
+                self._missing += 1
+                return
+            self._missing = 0
+            self._due_ns = 0
+        if not self._queue.put(item):
+            self._missing += 1
+            self._events.overflow()
+
+    def _keep_if_due(self, now_ns: int) -> None:
+        why = self._faults.due(now_ns)
+        if why is not None:
+            self._jobs.do(lambda: self._thread.keep(why))
+
+    def _look(self, now_ns: int) -> None:
+        """Before a step: is it time to tell the state, or to keep what was?"""
+        self._keep_if_due(now_ns)
+        if not self._is_on or now_ns < self._due_ns or self.state is None:
+            return
+        is_patient = self._due_ns and now_ns < self._due_ns + PATIENCE_NS
+        if is_patient and not self.state.is_idle:
+            return
+        self._due_ns = now_ns + STATE_NS
+        told = self._told.maps()
+        state = {**self.state.state(), "devices": told, "fresh": not told}
+        self._put(Item("state", now_ns, value=state))
+
+    def _hear(self, told: Told) -> None:
+        self._jobs.on_loop(lambda: self._heard(told))
+
+    def _heard(self, told: Told) -> None:
+        if told.flight_failed is not None:
+            self._failed = told.flight_failed
+            self._due_ns = 0
+            self._events.flight_failed(told.flight_failed)
+        if told.kept is not None:
+            self._events.kept(told.kept)
+        if told.stopped is not None:
+            self._is_on = self._section.flight
+            self._events.stopped(*told.stopped, by_itself=True)

@@ -1,0 +1,259 @@
+"""The one thread that writes recordings; what goes wrong here never stops measuring."""
+
+import errno
+import logging
+import shutil
+import threading
+import time
+from collections.abc import Callable, Mapping
+from functools import partial
+from operator import methodcaller
+from pathlib import Path
+
+from traverse.daemon.config.recording import RecordingSection
+from traverse.daemon.recorder.encoding import RecordingEncoder
+from traverse.daemon.recorder.flight import FlightRecorder
+from traverse.daemon.recorder.item_queue import Item, RecorderQueue
+from traverse.daemon.recorder.manual_recording import (
+    ManualRecording,
+    Recorded,
+    recording_head,
+)
+from traverse.daemon.recorder.notification import Told, reason_of
+from traverse.daemon.recorder.pre_trigger_buffer import PreTriggerBuffer
+from traverse.daemon.recorder.retrying_flight import RetryingFlightRecorder
+from traverse.drivers.base.heartbeat import Pulse
+from traverse.protocol.messages import Scan
+from traverse.recording.run_writer import Entry
+
+log = logging.getLogger("traverse.daemon.recorder")
+
+TURN_S = 30.0  # that a slow disk may take
+# Whoever reads a press waits until this thread lets go of the interpreter.
+LONGEST_S, PAUSE_S = 0.0005, 0.0001
+
+
+class RecorderThread:
+    """Takes items from the queue and writes them where they are wanted.
+
+    Args:
+        queue: what is to be recorded.
+        folder: of all recordings.
+        section: of the configuration.
+        about: what the head of every file says.
+        files: arm file, configuration and so on, as they are now.
+        utc_offset_ns: what to add to host monotonic time.
+        tell: hands a value to the loop.
+
+    Attributes:
+        pulse: the thread's signs of life.
+    """
+
+    def __init__(
+        self,
+        queue: RecorderQueue,
+        *,
+        folder: Path,
+        section: RecordingSection,
+        about: Mapping[str, str],
+        files: Mapping[str, bytes],
+        utc_offset_ns: int,
+        tell: Callable[[Told], None],
+    ) -> None:
+        self._queue = queue
+        self._folder = folder
+        self._section = section
+        self._about = about
+        self._files = dict(files)
+        self._maker = RecordingEncoder(utc_offset_ns)
+        self._tell = tell
+        self._ring = PreTriggerBuffer()
+        self._flight = FlightRecorder(folder, section, about)
+        self._guarded = RetryingFlightRecorder(
+            self._flight, is_enabled=section.flight, tell=tell
+        )
+        self._named: ManualRecording | None = None
+        self._flushed_s = 0.0
+        self._ended = False
+        self.pulse = Pulse("thread of recordings")
+        self._thread = threading.Thread(target=self._run, name="recorder")
+
+    @property
+    def recorded(self) -> Recorded | None:
+        """What there is of the recording that runs; None without one."""
+        named = self._named
+        try:
+            return None if named is None else named.recorded
+        except OSError:
+            return None
+
+    @property
+    def flight(self) -> FlightRecorder:
+        """The flight recorder, for its figures."""
+        return self._flight
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def join(self) -> None:
+        """Wait for its end, after `end`."""
+        if self._thread.ident is not None:
+            self._thread.join()
+
+    # -- jobs, carried out by the thread --------------------------------------
+
+    def begin(self, name: str, note: str) -> Path:
+        """Begin a recording; gives its path.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        self._check_room()
+        path = self._folder / f"{name}.mcap"
+        head = recording_head(self._about, self._files, name=name, note=note)
+        self._named = ManualRecording(path, name, self._section, head, self._ring)
+        return path
+
+    def finish(self) -> Recorded:
+        """End the recording; gives what it has become.
+
+        Raises:
+            OSError: there is none, or its end cannot be written.
+        """
+        if self._named is None:
+            raise FileNotFoundError("nothing is being recorded")
+        named, self._named = self._named, None
+        try:
+            return named.close()
+        except OSError:
+            named.abandon()
+            raise
+
+    def keep(self, why: str) -> None:
+        """Keep the last minutes, after a fault."""
+        self._guarded.keep(why)
+
+    def end(self) -> None:
+        """Finish everything, then end the thread."""
+        self._ended = True
+
+    # -- the thread -----------------------------------------------------------
+
+    def _run(self) -> None:
+        try:
+            self._guarded.recover_crashed()
+            while not self._ended:
+                self.pulse.beat(TURN_S)
+                items = self._queue.take()
+                begun_s = time.monotonic()
+                for item in items:
+                    self._take(item)
+                    if time.monotonic() - begun_s > LONGEST_S:
+                        time.sleep(PAUSE_S)
+                        begun_s = time.monotonic()
+                now_s = time.monotonic()
+                if now_s - self._flushed_s >= self._section.flush_s:
+                    self._flushed_s = now_s
+                    self._flush(now_s)
+            self._close()
+        except Exception as error:
+            log.exception("fault in the recorder")
+            self._flight.abandon()
+            self._tell(Told(flight_failed=f"fault in the recorder: {error!r}"))
+            if self._named is not None:
+                self._stop_named(error)
+            self._refuse_rest()
+        finally:
+            self.pulse.rest()
+
+    def _take(self, item: Item) -> None:
+        if item.kind == "job":
+            item.value()
+            return
+        if item.kind == "state":
+            self._ring.begin_segment(item.at_ns)
+            utc_ns = item.at_ns + self._maker.utc_offset_ns
+            self._guarded.do(
+                lambda: self._flight.begin_segment(item.at_ns, utc_ns, self._files)
+            )
+        elif isinstance(item.value, Scan) and self._named is None:
+            return  # as a cloud it is for recordings with a name only
+        elif item.kind == "gap":
+            self._ring.clear()
+            if self._named is not None:
+                self._named.record_gap()
+        elif item.kind == "files":
+            self._take_files(item.value["files"])
+            item = Item("files", item.at_ns, value={"probe": item.value["probe"]})
+        for entry in self._maker.entries(item):
+            self._record(entry)
+
+    def _take_files(self, files: Mapping[str, bytes]) -> None:
+        self._files = dict(files)
+        self._ring.clear()  # what is in it was made with other files
+        for name, content in files.items():
+            self._guarded.do(partial(self._flight.attach, name, content))
+            self._in_named(methodcaller("attach", name, content))
+        self._flight.end_segment()
+
+    def _record(self, entry: Entry) -> None:
+        self._ring.add(entry)
+        self._guarded.do(lambda: self._flight.add(entry))
+        self._in_named(lambda named: named.add(entry))
+
+    def _flush(self, now_s: float) -> None:
+        self._guarded.retry(now_s)
+
+        def flush_flight() -> None:
+            self._check_room()
+            self._flight.flush()
+
+        def flush_named(named: ManualRecording) -> None:
+            self._check_room()
+            named.flush()
+
+        self._guarded.do(flush_flight)
+        self._in_named(flush_named)
+
+    def _in_named(self, act: Callable[[ManualRecording], object]) -> None:
+        if self._named is None:
+            return
+        try:
+            act(self._named)
+        except OSError as error:
+            self._stop_named(error)
+
+    def _stop_named(self, error: Exception) -> None:
+        named, recorded = self._named, self.recorded
+        self._named = None
+        if named is not None:
+            named.abandon()
+        self._tell(Told(stopped=(recorded, reason_of(error))))
+
+    def _check_room(self) -> None:
+        """See that others, above all the outbox, find room on the disk, too."""
+        self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        free_mb = shutil.disk_usage(self._folder).free >> 20
+        if free_mb < self._section.min_free_mb:
+            raise OSError(
+                errno.ENOSPC,
+                f"only {free_mb} MB are free; min_free_mb of [recording] is "
+                f"{self._section.min_free_mb}",
+            )
+
+    def _close(self) -> None:
+        self._guarded.do(self._flight.close)
+        if self._named is not None:
+            try:
+                recorded: Recorded | None = self.finish()
+                self._tell(Told(stopped=(recorded, "the daemon ends")))
+            except OSError as error:
+                self._tell(Told(stopped=(None, reason_of(error))))
+
+    def _refuse_rest(self) -> None:
+        """After a fault: nobody who asks must wait for ever."""
+        while not self._ended:
+            for item in self._queue.take():
+                if item.kind == "job":
+                    item.value()

@@ -1,0 +1,1 @@
+"""Replay of a recording through the measurement path, and comparison of results."""

@@ -1,0 +1,231 @@
+"""Points and scans compared: what was published then, and what a replay gives now."""
+
+from collections import Counter, defaultdict
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.protocol.messages import Point, Scan
+
+ULPS = 4
+LENGTHS = ("xyz_mm", "surface_mm", "part_xyz_mm")
+EXACT = ("counts", "compensation", "samples", "temperature_c", "probe_radius_mm")
+COMPUTED = ("ijk", "angles_rad", "covariance_mm2", "spread_mm")
+Key = tuple[int, ...]
+RELATIVE = 1e-9  # of covariances and spreads, with another kernel
+
+
+@dataclass(slots=True)
+class Tally:
+    """How points of one kind compare.
+
+    Attributes:
+        n: compared.
+        same: equal to the last bit in all that comes from counts.
+        within: within what another kernel may differ by.
+        largest_mm: the greatest difference of a coordinate.
+        differing: how often each field differed.
+    """
+
+    n: int = 0
+    same: int = 0
+    within: int = 0
+    largest_mm: float = 0.0
+    differing: Counter[str] = field(default_factory=Counter)
+
+
+class PointComparison:
+    """Brings points together by their instants.
+
+    Args:
+        reach_mm: of the arm; another kernel may differ by so many ulp of it.
+        is_recut: blocks are others than they were; see `excused`.
+
+    Attributes:
+        sure: of points that do not depend on the time before the recording.
+        early: of the first seconds of a recording that began in the middle.
+        not_kept: points that the disk refused then.
+        excused: interpolated points of another covariance, or with another mark of
+            skew, in other blocks: how far interpolation may be off is told by one
+            reading more, where that has come already.
+    """
+
+    def __init__(self, reach_mm: float, *, is_recut: bool = False) -> None:
+        self._is_recut = is_recut
+        self.excused = 0
+        self.tolerance_mm = ULPS * float(np.spacing(reach_mm))
+        self.sure, self.early = Tally(), Tally()
+        self.not_kept = 0
+        self._then: dict[Key, list[Point]] = defaultdict(list)
+        self._now: dict[Key, list[tuple[Point, bool]]] = defaultdict(list)
+
+    def was(self, point: Point) -> None:
+        """This was published then."""
+        self._then[_key(point)].append(point)
+        self._match(_key(point))
+
+    def is_now(self, point: Point, *, early: bool) -> None:
+        """This comes of the replay."""
+        self._now[_key(point)].append((point, early))
+        self._match(_key(point))
+
+    @property
+    def missing(self) -> int:
+        """Points published then that the replay has not given."""
+        return sum(map(len, self._then.values()))
+
+    @property
+    def new(self) -> int:
+        """Points of the replay that were not published."""
+        return sum(map(len, self._now.values()))
+
+    def _match(self, key: Key) -> None:
+        if not self._then[key] or not self._now[key]:
+            return
+        then = self._then[key].pop(0)
+        now, early = self._now[key].pop(0)
+        for table in (self._then, self._now):
+            if not table[key]:
+                del table[key]
+        self._compare(then, now, self.early if early else self.sure)
+
+    def _compare(self, then: Point, now: Point, tally: Tally) -> None:
+        differing = [
+            name
+            for name in (*EXACT, *COMPUTED, *LENGTHS)
+            if getattr(then, name) != getattr(now, name)
+        ]
+        if then.quality != now.quality:
+            differing.append("quality")
+        if self._is_recut and differing and "interpolated" in then.quality.flags:
+            kept = [name for name in differing if name not in ("covariance_mm2",)]
+            if set(then.quality.flags) ^ set(now.quality.flags) <= {"skew"}:
+                kept = [name for name in kept if name != "quality"]
+            self.excused += len(kept) < len(differing)
+            differing = kept
+        far_mm = 0.0
+        close = not set(differing) & {*EXACT, "quality"}
+        for name in set(differing) & set(LENGTHS):
+            one, other = getattr(then, name), getattr(now, name)
+            if one is None or other is None:
+                close = False
+            else:
+                far_mm = max(far_mm, float(np.abs(np.subtract(one, other)).max()))
+        for name in set(differing) & set(COMPUTED):
+            close = close and _is_close(getattr(then, name), getattr(now, name), name)
+        tally.n += 1
+        tally.same += not differing
+        tally.within += close and far_mm <= self.tolerance_mm
+        tally.largest_mm = max(tally.largest_mm, far_mm)
+        tally.differing.update(differing)
+
+
+class ScanComparison:
+    """Brings points of scans together by scan and number.
+
+    Attributes:
+        tally: of all of them.
+        left_out: points of scans that are not here from their beginning on.
+    """
+
+    def __init__(self, tolerance_mm: float) -> None:
+        self._tolerance_mm = tolerance_mm
+        self.tally = Tally()
+        self._then: dict[str, list[NDArray[np.void]]] = defaultdict(list)
+        self._now: dict[str, list[Scan]] = defaultdict(list)
+        self._begun: set[str] = set()
+        self.left_out = 0
+
+    def was(self, scan: str, cloud: NDArray[np.void]) -> None:
+        """These points were published then."""
+        self._then[scan].append(cloud)
+
+    def is_now(self, scan: Scan) -> None:
+        """These come of the replay."""
+        self._now[scan.scan].append(scan)
+
+    def begin(self, scan: str) -> None:
+        """Here a scan begins, so it can be compared."""
+        self._begun.add(scan)
+
+    def lose(self) -> None:
+        """Something is missing here: scans do not go on as they did then."""
+        self._begun.clear()
+
+    def settle(self) -> int:
+        """Compare all; gives how many points of then the replay lacks."""
+        missing = 0
+        for name, clouds in self._then.items():
+            then = np.concatenate(clouds)
+            if name not in self._begun:
+                self.left_out += len(then)
+                continue
+            now = self._now.get(name, [])
+            numbers = [np.arange(s.seq, s.seq + len(s.xyz_mm)) for s in now]
+            if not sum(map(len, numbers)):
+                missing += len(then)
+                continue
+            found = np.concatenate(numbers)
+            rows = np.searchsorted(found, then["number"])
+            rows_in = np.minimum(rows, len(found) - 1)
+            is_there = found[rows_in] == then["number"]
+            missing += int((~is_there).sum())
+            self._compare(then[is_there], now, rows_in[is_there])
+        return missing
+
+    def _compare(
+        self, then: NDArray[np.void], now: list[Scan], rows: NDArray[np.intp]
+    ) -> None:
+        xyz_mm = np.concatenate([s.xyz_mm for s in now])[rows]
+        ijk = np.concatenate([s.ijk for s in now])[rows]
+        quality = np.concatenate([s.quality for s in now])[rows]
+        far_mm = np.abs(
+            np.column_stack([then[f"{axis}_mm"] for axis in "xyz"]) - xyz_mm
+        ).max(axis=1, initial=0.0)
+        turned = np.abs(np.column_stack([then[axis] for axis in "ijk"]) - ijk).max(
+            axis=1, initial=0.0
+        )
+        flagged = then["quality"] != quality
+        tally = self.tally
+        same = (far_mm == 0.0) & (turned == 0.0) & ~flagged
+        tally.n += len(then)
+        tally.same += int(same.sum())
+        tally.within += int(
+            (
+                (far_mm <= self._tolerance_mm) & (turned <= ULPS * 2.3e-16) & ~flagged
+            ).sum()
+        )
+        if len(then):
+            tally.largest_mm = max(tally.largest_mm, float(far_mm.max()))
+        for name, differs in (
+            ("xyz_mm", far_mm),
+            ("ijk", turned),
+            ("quality", flagged),
+        ):
+            tally.differing[name] += int(np.count_nonzero(differs))
+        tally.differing = +tally.differing
+
+
+def _key(point: Point) -> Key:
+    """What is the same then and now: an undo is carried out when its turn comes."""
+    if point.retracts is not None:
+        return point.counts
+    return (point.time_ns,)
+
+
+Numbers = float | tuple[float, ...] | None
+
+
+def _is_close(one: Numbers, other: Numbers, name: str) -> bool:
+    if one is None or other is None:
+        return False
+    then, now = np.atleast_1d(one), np.atleast_1d(other)
+    if then.shape != now.shape:
+        return False
+    if name in ("covariance_mm2", "spread_mm"):
+        scale = float(np.abs(then).max())
+        return bool(np.abs(then - now).max() <= RELATIVE * scale + 1e-12)
+    return bool(
+        np.abs(then - now).max() <= ULPS * 2.3e-16 * max(1.0, np.abs(then).max())
+    )

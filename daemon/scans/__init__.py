@@ -1,0 +1,1 @@
+"""Scans: plan, selection of points, messages."""

@@ -1,0 +1,108 @@
+"""A scan as it was asked for, and the stream that it needs."""
+
+import uuid
+from dataclasses import dataclass
+
+import numpy as np
+
+from traverse.daemon.commands.dispatcher import CommandError
+from traverse.daemon.config.scan import ScanSection
+from traverse.kinematics.filters import FILTERS, PointFilter
+from traverse.protocol.messages import ScanArgs
+from traverse.protocol.messages.scan import ScanMode
+
+
+@dataclass(frozen=True, slots=True)
+class ScanPlan:
+    """A scan as it was asked for.
+
+    Attributes:
+        rate_hz: instants per second that may become points; in mode "time" all do.
+        every: the device streams at ``every * rate_hz``, and one sample in ``every``
+            is such an instant, so that slow scans still follow the joints' turns.
+        mode: what its points are spaced by.
+        spacing_mm: of points or planes, in modes "distance" and "planes".
+        normal, offset_mm: of the planes in mode "planes".
+        held: only while a button is held.
+    """
+
+    id: str
+    rate_hz: float
+    every: int
+    mode: ScanMode = "time"
+    spacing_mm: float = 0.0
+    normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    offset_mm: float = 0.0
+    held: bool = False
+
+    @property
+    def device_rate_hz(self) -> float:
+        """The rate to ask the device for."""
+        return self.rate_hz * self.every
+
+    def selection(self) -> PointFilter | None:
+        """What picks the points of the mode from the samples; None for all."""
+        if self.mode == "time":
+            return None
+        if self.mode == "distance":
+            return FILTERS["distance"](**{"spacing_mm": self.spacing_mm})
+        planes = {
+            "normal": self.normal,
+            "spacing_mm": self.spacing_mm,
+            "offset_mm": self.offset_mm,
+        }
+        return FILTERS["sections"](**planes)
+
+
+def plan_scan(rate_hz: float, tracking_rate_hz: float) -> ScanPlan:
+    """A new timed scan at ``rate_hz`` on a stream of at least the tracking rate."""
+    every = max(1, int(np.ceil(tracking_rate_hz / rate_hz)))
+    return ScanPlan(uuid.uuid4().hex[:12], rate_hz, every)
+
+
+def requested_scan(
+    args: ScanArgs, settings: ScanSection, *, largest_hz: float, tracking_rate_hz: float
+) -> ScanPlan:
+    """The scan that a command asks for.
+
+    Args:
+        args: of the command.
+        settings: what it leaves open.
+        largest_hz: no device may be asked for more.
+        tracking_rate_hz: the stream is at least this fast.
+
+    Raises:
+        CommandError: the rate is not possible, or values do not go together.
+    """
+    if args.mode == "time":
+        plan = plan_scan(args.rate_hz or settings.rate_hz, tracking_rate_hz)
+        plan = _with(plan, args)
+    else:  # as dense as configured: what is not read cannot be selected
+        rate_hz = args.rate_hz or min(settings.dense_rate_hz, largest_hz)
+        rate_hz = max(rate_hz, tracking_rate_hz)
+        plan = _with(ScanPlan(uuid.uuid4().hex[:12], rate_hz, 1), args)
+        try:
+            plan.selection()
+        except ValueError as error:
+            text = "correct the arguments and send again"
+            raise CommandError("command.bad_args", str(error), text) from error
+    if plan.device_rate_hz > largest_hz:
+        raise CommandError(
+            "scan.rate",
+            f"{plan.rate_hz:g} Hz is more than the {largest_hz:g} Hz possible",
+            "ask for a lower rate",
+        )
+    return plan
+
+
+def _with(plan: ScanPlan, args: ScanArgs) -> ScanPlan:
+    return ScanPlan(
+        plan.id,
+        plan.rate_hz,
+        plan.every,
+        args.mode,
+        args.spacing_mm or 0.0,
+        args.normal or (0.0, 0.0, 1.0),
+        args.offset_mm,
+        args.held,
+    )

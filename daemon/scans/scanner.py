@@ -1,0 +1,244 @@
+"""Scans: points picked from the device's stream, in blocks."""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from traverse.daemon.clock import HostClock
+from traverse.daemon.config.filters import filter_chain
+from traverse.daemon.config.scan import ScanSection
+from traverse.daemon.pose.alignment import ActiveAlignment, Alignment
+from traverse.daemon.pose.arm_model import ArmModel
+from traverse.daemon.pose.poses import PoseBlock
+from traverse.daemon.scans.button_gate import ButtonGate, Key
+from traverse.daemon.scans.messages import ScanMessages, empty_block
+from traverse.daemon.scans.plan import ScanPlan
+from traverse.daemon.scans.selection import ScanSelection
+from traverse.kinematics.filters import PointBlock
+from traverse.protocol.messages import Scan
+
+MAX_POINTS = 1000  # of a message: half a megabyte with 32 joints
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Piece:
+    """Instants of a scan, and what they were measured with."""
+
+    model: ArmModel
+    alignment: Alignment | None
+    instants: PointBlock
+
+
+class Scanner:
+    """Collects the points of one running scan and hands them on block by block.
+
+    Args:
+        clock: the host's.
+        offer: hands a block to the outgoing queue; False if it was dropped.
+        block_s: time that a block spans.
+        settings: filters, and how late an edge of a button may be told.
+        part: the alignment in use.
+
+    Attributes:
+        chain: the filters, with what each has held back.
+    """
+
+    def __init__(
+        self,
+        clock: HostClock,
+        offer: Callable[[Scan], bool],
+        block_s: float,
+        settings: ScanSection | None = None,
+        part: ActiveAlignment | None = None,
+    ) -> None:
+        self._clock = clock
+        self._part = part or ActiveAlignment()
+        self._offer = offer
+        self._gate = ButtonGate()
+        self.plan: ScanPlan | None = None
+        self.session = ""
+        self.dropped_points = 0
+        self.published_points = 0
+        self.use_settings(block_s, settings or ScanSection())
+
+    def use_settings(self, block_s: float, settings: ScanSection) -> None:
+        """Follow other settings from now on; a running scan keeps its filters."""
+        self._block_ns = int(block_s * 1e9)
+        self._held_wait_ns = int(settings.held_wait_s * 1e9)
+        self.chain = filter_chain(settings.filters)
+
+    def start(self, plan: ScanPlan, model: ArmModel, session: str) -> None:
+        """Begin; points come as soon as the device streams at the plan's rate."""
+        self.plan = plan
+        self.session = session
+        self._model = model
+        self._alignment = self._part.alignment
+        self._selection = ScanSelection(
+            plan, self.chain, self._gate if plan.held else None
+        )
+        self._messages = ScanMessages(self._clock, plan, session)
+        self._stream: int | None = None
+        self._offset = 0
+        self._last: tuple[int, int] | None = None
+        self._decided_ns = 0  # until here it is settled what was held
+        self._undecided: deque[_Piece] = deque()
+        self._waiting: list[PointBlock] = []
+        self._period_ns = int(np.ceil(1e9 / plan.rate_hz))
+
+    def follow(self, stream: int, rate_hz: float) -> bool:
+        """The device has begun a stream; True if it is the one the scan waits for."""
+        plan = self.plan
+        if plan is None or abs(rate_hz - plan.device_rate_hz) > 0.001 * rate_hz + 0.001:
+            return False
+        self._stream = stream
+        self._resuming = self._last is not None
+        return True
+
+    def edge(self, button: Key, time_ns: int, held: bool) -> float:
+        """A button was pressed or released.
+
+        Args:
+            button: device and number of the input.
+            time_ns: host monotonic time of the edge.
+            held: pressed.
+
+        Returns:
+            How much too late that was told for the running scan [s]; 0 if it was not.
+        """
+        self._gate.edge(button, time_ns, held)
+        if self.plan is None or not self.plan.held:
+            return 0.0
+        return max(0.0, (self._decided_ns - time_ns) * 1e-9)
+
+    def take(self, model: ArmModel, poses: PoseBlock) -> None:
+        """Add the points of a block of poses."""
+        plan = self.plan
+        if plan is None or poses.stream != self._stream:
+            return
+        rows = poses.seq % plan.every == 0
+        if not rows.any():
+            return
+        instants = self._instants(plan, poses if rows.all() else poses.rows(rows))
+        last_ns = int(instants.time_ns[-1])
+        piece = _Piece(model, self._part.alignment, instants)
+        if plan.held:
+            self._undecided.append(piece)
+            self._decide(last_ns - self._held_wait_ns)
+        else:
+            self._select(piece)
+        if self._waiting:
+            n_waiting = sum(len(points) for points in self._waiting)
+            waited_ns = last_ns - int(self._waiting[0].time_ns[0])
+            if (
+                n_waiting * self._period_ns >= self._block_ns
+                or waited_ns >= self._block_ns
+            ):
+                self._flush()
+
+    def stop(self) -> int:
+        """End the scan; gives how many points it has, lost and dropped included."""
+        if self.plan is None:
+            return 0
+        self._decide(None)
+        self._flush(last=True)
+        self.plan = None
+        return self._messages.next
+
+    def take_back(self, scan: str, n: int) -> None:
+        """So many points of a scan that had been handed on are dropped after all."""
+        self.published_points -= n
+        self.dropped_points += n
+        if self.plan is not None and self.plan.id == scan:
+            self._messages.dropped += n
+
+    def _instants(self, plan: ScanPlan, poses: PoseBlock) -> PointBlock:
+        """The samples that may be points, numbered from the scan's start."""
+        numbers = poses.seq // plan.every
+        times_ns = poses.sample_time_ns
+        before_ns = int(times_ns[0])
+        if self._last is not None:
+            last, last_ns = self._last
+            if self._resuming:  # the number there counts through the outage
+                missed = (int(times_ns[0]) - last_ns) * 1e-9 * plan.rate_hz
+                self._offset = last + max(1, round(missed)) - int(numbers[0])
+            before_ns = max(before_ns, last_ns)
+        self._resuming = False
+        numbers = numbers + self._offset
+        # A clock that is set right a little must not turn back the order of points.
+        times_ns = np.maximum.accumulate(np.maximum(times_ns, before_ns))
+        self._last = int(numbers[-1]), int(times_ns[-1])
+        return PointBlock(
+            numbers,
+            times_ns,
+            poses.xyz_mm,
+            poses.ijk,
+            poses.angles_rad,
+            poses.counts,
+            poses.quality,
+        )
+
+    def _decide(self, until_ns: int | None) -> None:
+        """Select from what waits for edges: what is older than this, or all."""
+        while self._undecided:
+            piece = self._undecided.popleft()
+            instants = piece.instants
+            n = len(instants)
+            if until_ns is not None:
+                n = int(np.searchsorted(instants.time_ns, until_ns, side="right"))
+            if n:
+                self._decided_ns = int(instants.time_ns[n - 1]) + 1
+                self._select(replace(piece, instants=instants.rows(slice(0, n))))
+            if n < len(instants):
+                rest = replace(piece, instants=instants.rows(slice(n, None)))
+                self._undecided.appendleft(rest)
+                break
+
+    def _select(self, piece: _Piece) -> None:
+        if piece.model is not self._model:
+            self._flush()
+            self._selection.break_interpolation()
+            self._model = piece.model
+        if piece.alignment is not self._alignment:
+            self._flush()
+            self._alignment = piece.alignment
+        points = self._selection.points(piece.instants)
+        if len(points):
+            self._waiting.append(points)
+
+    def _flush(self, *, last: bool = False) -> None:
+        """Hand on what waits."""
+        blocks, self._waiting = self._waiting, []
+        if blocks:
+            points = blocks[0] if len(blocks) == 1 else PointBlock.joined(blocks)
+            # A message's numbers are consecutive: a gap begins a new message. After a
+            # stall many points come at once: no message grows beyond its bound.
+            n = len(points)
+            bounds = [*range(0, n, MAX_POINTS), n]
+            if int(points.seq[-1]) - int(points.seq[0]) != n - 1:
+                gaps = np.flatnonzero(np.diff(points.seq) != 1) + 1
+                bounds = sorted({*bounds, *gaps.tolist()})
+            for start, end in pairwise(bounds):
+                final = last and end == bounds[-1]
+                self._publish(points.rows(slice(start, end)), last=final)
+        elif last:
+            self._publish(None, last=True)
+
+    def _publish(self, points: PointBlock | None, *, last: bool) -> None:
+        if points is None:
+            last_ns = self._last[1] if self._last else self._clock.monotonic_ns()
+            points = empty_block(self._model.encoders.n_joints, last_ns)
+        message = self._messages.message(
+            self._model,
+            self._alignment,
+            points,
+            total=self._selection.next_number if last else None,
+        )
+        n = len(points)
+        if self._offer(message):
+            self.published_points += n
+        else:
+            self._messages.dropped += n
+            self.dropped_points += n

@@ -1,0 +1,120 @@
+"""From the samples of a stream to the numbered points of one scan.
+
+A sample is an instant at which there may be a point. The buttons say which instants
+count, the mode picks points from them, and the configured filters let some of these
+through. Points are numbered one after the other; every instant that was lost leaves out
+one number, since it might have been a point. So a gap in the numbers is a real loss, at
+most so large, and nothing else makes one.
+"""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.daemon.scans.button_gate import ButtonGate
+from traverse.daemon.scans.plan import ScanPlan
+from traverse.kinematics.filters import FilterChain, PointBlock
+from traverse.protocol.messages import QualityFlag
+
+INTERPOLATED = np.uint32(QualityFlag.INTERPOLATED)
+
+
+class ScanSelection:
+    """Takes all instants of a scan, block after block.
+
+    Args:
+        plan: the scan.
+        chain: filters that its points must pass.
+        gate: tells when buttons were held; None: all instants count.
+
+    Attributes:
+        next_number: of the next point, if nothing is lost before it.
+    """
+
+    def __init__(
+        self, plan: ScanPlan, chain: FilterChain, gate: ButtonGate | None
+    ) -> None:
+        self._mode = plan.selection()
+        self._chain = chain
+        self._gate = gate
+        self._interpolates = plan.mode == "planes" or chain.interpolates
+        self._last: tuple[int, int] | None = None
+        self._was_held = False
+        self._points = 0
+        self._lost = 0
+        chain.restart()
+
+    @property
+    def next_number(self) -> int:
+        """As said above."""
+        return self._points + self._lost
+
+    def points(self, instants: PointBlock) -> PointBlock:
+        """The points of a block, not empty; their ``seq`` are their numbers.
+
+        Args:
+            instants: whose ``seq`` number them from the scan's start.
+        """
+        lost_before = self._lost
+        lost = self._lost_until(instants)
+        if self._gate is None:
+            found = self._selected(instants)
+        else:
+            found = self._held_only(instants, self._gate)
+        first = self._points + lost_before
+        numbers = np.arange(first, first + len(found))
+        if lost is not None:
+            rows = np.searchsorted(instants.seq, found.seq, side="right")
+            numbers += np.append(0, lost)[rows]
+            self._lost += int(lost[-1])
+        self._points += len(found)
+        return replace(found, seq=numbers)
+
+    def break_interpolation(self) -> None:
+        """What comes does not join on to what was: nothing is interpolated between."""
+        if self._mode is not None:
+            self._mode.restart()
+        for one in self._chain.filters:
+            if one.interpolates:
+                one.restart()
+
+    def _selected(self, instants: PointBlock) -> PointBlock:
+        found = instants if self._mode is None else self._mode.apply(instants)
+        found = self._chain.apply(found)
+        if self._interpolates and len(found):
+            found = replace(found, quality=found.quality | INTERPOLATED)
+        return found
+
+    def _held_only(self, instants: PointBlock, gate: ButtonGate) -> PointBlock:
+        held = gate.held(instants.time_ns)
+        turns = np.flatnonzero(np.diff(held)) + 1
+        pieces = [instants.rows(slice(0, 0))]
+        for start, end in pairwise([0, *turns.tolist(), len(held)]):
+            if held[start]:
+                if not self._was_held:
+                    self.break_interpolation()
+                pieces.append(self._selected(instants.rows(slice(start, end))))
+            self._was_held = bool(held[start])
+        return PointBlock.joined(pieces)
+
+    def _lost_until(self, instants: PointBlock) -> NDArray[np.int64] | None:
+        """How many instants that count were lost since the last block, before each.
+
+        Returns:
+            (n,); None where none was.
+        """
+        last, last_ns = self._last or (-1, int(instants.time_ns[0]))
+        self._last = int(instants.seq[-1]), int(instants.time_ns[-1])
+        if self._last[0] - last == len(instants):
+            return None
+        missing = np.diff(instants.seq, prepend=last) - 1
+        if self._gate is not None:
+            for row in np.flatnonzero(missing).tolist():
+                before_ns = instants.time_ns[row - 1] if row else last_ns
+                n = int(missing[row])
+                ends_ns = float(before_ns), float(instants.time_ns[row])
+                between_ns = np.linspace(*ends_ns, n + 2)[1:-1].astype(np.int64)
+                missing[row] = np.count_nonzero(self._gate.held(between_ns))
+        return np.asarray(np.cumsum(missing))

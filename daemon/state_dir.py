@@ -1,0 +1,52 @@
+"""Where the daemon keeps what must outlive it: one folder for each arm."""
+
+import contextlib
+import fcntl
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+OUTBOX = "outbox.db"
+SCANS = "scans.db"
+RECORDINGS = "recordings"
+OWNER_ONLY = 0o700
+
+
+def state_path(configuration_path: Path) -> Path:
+    """Where the folder is, or would be.
+
+    The first entry of `$STATE_DIRECTORY`, which systemd sets for a unit with
+    `StateDirectory=`; else `state` beside the configuration.
+    """
+    told = os.environ.get("STATE_DIRECTORY", "").split(":")[0]
+    return Path(told) if told else configuration_path.parent / "state"
+
+
+def state_folder(configuration_path: Path) -> Path:
+    """The folder, made for its owner alone where it is missing.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    folder = state_path(configuration_path)
+    folder.mkdir(mode=OWNER_ONLY, parents=True, exist_ok=True)
+    return folder
+
+
+@contextlib.contextmanager
+def lock_directory(folder: Path) -> Iterator[None]:
+    """Keep every other daemon out of a state folder while the block lasts.
+
+    The lock is one of the system's, on the folder itself: it ends with the process,
+    however that ends, and needs no file.
+
+    Raises:
+        BlockingIOError: another daemon uses it.
+        OSError: it cannot be opened.
+    """
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,1 @@
+"""Durable queue of points and scan blocks: write, forward, acknowledge, resend."""

@@ -1,0 +1,126 @@
+"""What is read from an outbox by the daemon, and by commands beside it.
+
+A command opens the file for reading only and reads in small pieces, so that it never
+keeps the daemon from writing, nor its log from being emptied.
+"""
+
+import sqlite3
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from traverse.daemon.store.records import (
+    Held,
+    HeldSession,
+    StoredRange,
+    StoreRefusedError,
+)
+from traverse.daemon.store.schema import check_version
+
+COLUMNS = "number, session, seq, id, time_ns, topic, encoding, payload, sent"
+PIECE = 500
+
+
+def held(row: tuple[Any, ...]) -> Held:
+    """A row of `COLUMNS` as a value."""
+    number, session, seq, name, time_ns, topic, encoding, payload, sent = row
+    return Held(
+        number, session, seq, name, time_ns, topic, encoding, payload, bool(sent)
+    )
+
+
+def open_read_only(path: Path) -> sqlite3.Connection:
+    """Open an outbox for reading only; the daemon may be running.
+
+    Raises:
+        StoreRefusedError: there is none, or not one of this version.
+        sqlite3.Error: it cannot be read.
+    """
+    if not path.is_file():
+        raise StoreRefusedError(
+            f"{path}: there is no such file; name the outbox of a daemon with --db, or "
+            "its configuration with --config"
+        )
+    connection = sqlite3.connect(
+        f"file:{quote(str(path))}?mode=ro", uri=True, isolation_level=None
+    )
+    try:
+        if not check_version(connection, str(path)):
+            raise StoreRefusedError(f"{path}: is empty; no daemon has used it yet")
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+def read_sessions(connection: sqlite3.Connection, at_most: int) -> list[HeldSession]:
+    """Sessions of which there are points, oldest first, the latest of them."""
+    rows: list[tuple[Any, ...]] = connection.execute(
+        "SELECT session, begun_ns, note, first_seq, last_seq FROM ("
+        " SELECT rowid AS place, session, begun_ns, note,"
+        "  (SELECT min(seq) FROM messages m WHERE m.session = s.session) AS first_seq,"
+        "  (SELECT max(seq) FROM messages m WHERE m.session = s.session) AS last_seq"
+        " FROM sessions s ORDER BY place DESC LIMIT ?"
+        ") WHERE first_seq IS NOT NULL ORDER BY place",
+        (at_most,),
+    ).fetchall()
+    return [HeldSession(*row) for row in rows]
+
+
+def counts_of(connection: sqlite3.Connection, session: str) -> tuple[int, int]:
+    """How many points of a session there are, and how many the broker lacks."""
+    points, unsent = connection.execute(
+        "SELECT count(*), coalesce(sum(sent = 0), 0) FROM messages WHERE session = ?",
+        (session,),
+    ).fetchone()
+    return points, unsent
+
+
+def read_unsent(connection: sqlite3.Connection, after: int, at_most: int) -> list[Held]:
+    """What the broker does not have, in order, behind a number."""
+    rows = connection.execute(
+        f"SELECT {COLUMNS} FROM messages INDEXED BY unsent "
+        "WHERE sent = 0 AND number > ? ORDER BY number LIMIT ?",
+        (after, at_most),
+    )
+    return [held(row) for row in rows]
+
+
+def stored_range(
+    connection: sqlite3.Connection, session: str, from_seq: int, to_seq: int
+) -> StoredRange:
+    """What there is of a session, and of a range of its numbers."""
+    first, last = connection.execute(
+        "SELECT min(seq), max(seq) FROM messages WHERE session = ?", (session,)
+    ).fetchone()
+    (points,) = connection.execute(
+        "SELECT count(*) FROM messages WHERE session = ? AND seq BETWEEN ? AND ?",
+        (session, from_seq, to_seq),
+    ).fetchone()
+    return StoredRange(points, first, last)
+
+
+def read_messages(
+    connection: sqlite3.Connection,
+    session: str,
+    from_seq: int,
+    to_seq: int,
+    at_most: int,
+) -> list[Held]:
+    """Messages of a range of a session, ends included, in order, the first of them."""
+    rows = connection.execute(
+        f"SELECT {COLUMNS} FROM messages "
+        "WHERE session = ? AND seq BETWEEN ? AND ? ORDER BY seq LIMIT ?",
+        (session, from_seq, to_seq, at_most),
+    )
+    return [held(row) for row in rows]
+
+
+def iter_messages(
+    connection: sqlite3.Connection, session: str, from_seq: int, to_seq: int
+) -> Iterator[Held]:
+    """The same without a limit, read piece by piece."""
+    while piece := read_messages(connection, session, from_seq, to_seq, PIECE):
+        yield from piece
+        from_seq = piece[-1].seq + 1

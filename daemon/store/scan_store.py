@@ -1,0 +1,273 @@
+"""Scans that are delivered completely: each block is on the disk before it is sent.
+
+On the event loop; a thread of its own writes to `scans.db`, a database like the
+outbox's, so a slow disk or an absent broker delays nothing else. Blocks go to the
+broker from memory while it keeps up, else from the disk, in order; what it has taken is
+kept for some time, so that it can be asked for again.
+
+What finds no room is dropped newest first and counted, and shows as a gap in the
+numbers: more than `MAX_WAITING` blocks on their way to the disk, or a spool full of
+what the broker lacks. While the disk refuses, blocks are sent without having been kept.
+"""
+
+import asyncio
+import contextlib
+import logging
+from collections import Counter
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+
+from traverse.daemon.clock import HostClock
+from traverse.daemon.config.outbox import OutboxSection
+from traverse.daemon.config.scan import ScanSection
+from traverse.daemon.monitoring.events import EventLog
+from traverse.daemon.monitoring.latencies import Latencies
+from traverse.daemon.mqtt.message_publisher import MessagePublisher
+from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
+from traverse.daemon.store.feed import outgoing
+from traverse.daemon.store.forwarder import MessageForwarder
+from traverse.daemon.store.jobs import Condition, Rules
+from traverse.daemon.store.pending_blocks import PendingBlocks
+from traverse.daemon.store.records import (
+    Entry,
+    StorageError,
+    StoreRefusedError,
+    stored_message_of,
+)
+from traverse.daemon.store.scan_queries import block_id
+from traverse.daemon.store.scan_resend import ScanResend
+from traverse.daemon.store.scan_store_events import ScanStoreEvents
+from traverse.drivers.base.heartbeat import Pulse
+from traverse.protocol.encoding import Encoding, encode
+from traverse.protocol.messages import Scan, SpoolHealth
+from traverse.protocol.topics import scan_topic
+
+log = logging.getLogger("daemon.scans")
+
+MAX_WAITING = 200  # blocks on their way to the disk
+TOGETHER = 20  # blocks read at once: ten megabytes at most
+SENT_SHARE = 0.8  # of the spool that blocks may fill which the broker has
+
+
+class ScanStore:
+    """Delivers the blocks of scans, as the configuration says.
+
+    Args:
+        path: of the database; made when the first scan needs it.
+        arm: name of the arm, for the topic.
+        encoding: of the payloads.
+        clock: the host's.
+        section: how scans are delivered, and what of them is kept.
+        outlet: for blocks that are not kept.
+        queue: of what is to be published.
+        events: where troubles are told.
+
+    Attributes:
+        again: sends blocks again, and tells what there is.
+        taken_back: called with a scan and a number of its points that had been accepted
+            and are dropped after all; the service sets it.
+        counted: blocks `kept`, `unkept` (sent without having been kept), `dropped`.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        arm: str,
+        encoding: Encoding,
+        clock: HostClock,
+        section: ScanSection,
+        outlet: MessagePublisher,
+        queue: OutgoingQueue,
+        events: EventLog,
+    ) -> None:
+        self._path = path
+        self._topic = scan_topic(arm)
+        self._encoding: Encoding = encoding
+        self._clock = clock
+        self._outlet = outlet
+        self._queue = queue
+        self._events = ScanStoreEvents(path, events)
+        self.taken_back: Callable[[str, int], None] = lambda scan, n: None
+        self._scan, self._begun_ns, self._is_complete = "", 0, False
+        self._starting: asyncio.Task[None] | None = None
+        self._condition = Condition()
+        self._waiting = PendingBlocks()
+        self._kept_bytes = 0  # since the condition was told
+        self.counted: Counter[str] = Counter()
+        self.use(section)
+        self._passage = MessageForwarder(
+            path,
+            clock,
+            queue,
+            self._rules(),
+            kept=self._kept,
+            failed=self._failed,
+            changed=self._changed,
+            replaced=self._events.replaced,
+            latency=Latencies(),
+            kind="spooled",
+            name="scans",
+            together=TOGETHER,
+            resent_together=TOGETHER,
+        )
+        self.again = ScanResend(self._passage.again, lambda: self._is_open)
+
+    @property
+    def pulses(self) -> tuple[Pulse, ...]:
+        """Signs of life of its thread, while there is one."""
+        return (self._passage.pulse,) if self._is_open else ()
+
+    @property
+    def _is_open(self) -> bool:
+        return self._starting is not None
+
+    @contextlib.asynccontextmanager
+    async def running(self) -> AsyncIterator[None]:
+        """Deliver while the block lasts; first what an earlier run has left.
+
+        Raises:
+            StoreRefusedError: the database must be left alone.
+        """
+        if self._section.delivery == "complete" or self._path.exists():
+            self._open()
+            if self._starting is not None:
+                await self._starting
+        left = self._queue.left
+
+        def refill_all() -> None:
+            if left is not None:
+                left()
+            self.refill()
+
+        self._queue.left = refill_all
+        try:
+            yield
+        finally:
+            self._queue.left = left
+            if self._starting is not None:
+                self._passage.mark()
+                with contextlib.suppress(StoreRefusedError):
+                    await self._starting
+                    await self._passage.close()
+
+    async def idle(self) -> None:
+        """Wait until no block is on its way to the disk."""
+        await self._waiting.wait_empty()
+
+    def use(self, section: ScanSection) -> None:
+        """Go by other settings; a running scan is delivered as it began."""
+        self._section = section
+
+    def offer(self, block: Scan) -> bool:
+        """Have a block delivered; False where it is dropped."""
+        if block.scan != self._scan:
+            self._scan, self._begun_ns = block.scan, block.time_ns
+            self._is_complete = self._section.delivery == "complete"
+        if not self._is_complete:
+            return self._outlet.publish("scan", block)
+        self._open()
+        is_taken = self._take(block)
+        if is_taken:
+            self._outlet.tape.published(self._clock.monotonic_ns(), block)
+        return is_taken
+
+    def poll(self) -> None:
+        """Go on with what has been put off; call it a few times a second."""
+        if self._is_open:
+            self._passage.poll(self._rules())
+
+    def refill(self) -> None:
+        """Read on, where there is something to read and room for it."""
+        if self._is_open:
+            self._passage.refill()
+
+    def health(self) -> SpoolHealth | None:
+        """How the spool is; None where none is used."""
+        if not self._is_open:
+            return None
+        figures = self._condition.figures
+        return SpoolHealth(
+            state="ready" if self._condition.trouble is None else "failed",
+            blocks=figures.points,
+            unsent=figures.unsent,
+            bytes=figures.size_bytes,
+        )
+
+    # -- blocks on their way --------------------------------------------------
+
+    def _take(self, block: Scan) -> bool:
+        is_full = self._is_full()
+        self._events.full(is_full, self._section.spool_mb)
+        if is_full or len(self._waiting) >= MAX_WAITING:
+            self.counted["dropped"] += 1
+            return False
+        entry = Entry(
+            block.scan,
+            self._begun_ns,
+            block.session,
+            block.seq,
+            block_id(block),
+            block.time_ns,
+            self._topic,
+            self._encoding,
+            encode(block, self._encoding),
+        )
+        if self._condition.trouble is not None:
+            return self._send_unkept(entry)
+        self._waiting.add(entry, len(block.dtime_ns))
+        self._passage.keep(entry)
+        return True
+
+    def _is_full(self) -> bool:
+        used_bytes = self._condition.figures.used_bytes + self._kept_bytes
+        return used_bytes + self._waiting.n_bytes >= self._section.spool_mb * 1e6
+
+    def _send_unkept(self, entry: Entry) -> bool:
+        """Send what the disk refuses, unless earlier blocks wait there."""
+        message = stored_message_of(entry, 0)
+        if self._passage.feed.has_backlog or not self._queue.offer(
+            "spooled", outgoing(message)
+        ):
+            self.counted["dropped"] += 1
+            return False
+        self.counted["unkept"] += 1
+        return True
+
+    # -- what the thread tells ------------------------------------------------
+
+    def _kept(self, numbers: list[int]) -> None:
+        kept = self._waiting.take(len(numbers))
+        for entry, number in zip(kept, numbers, strict=True):
+            self._kept_bytes += len(entry.payload)
+            self.counted["kept"] += 1
+            self._passage.feed.kept(stored_message_of(entry, number))
+
+    def _failed(self, trouble: StorageError) -> None:
+        log.debug("blocks not kept: %s", trouble.text)
+        for entry, n_points in self._waiting.give_up():
+            if not self._send_unkept(entry):
+                self.taken_back(entry.session, n_points)
+
+    def _changed(self, condition: Condition) -> None:
+        self._condition = condition
+        self._kept_bytes = 0
+        self._events.trouble(condition.trouble)
+
+    def _open(self) -> None:
+        if self._starting is None:
+            self._starting = asyncio.create_task(self._passage.open())
+            self._starting.add_done_callback(self._opened)
+            self._passage.feed.refill()
+
+    def _opened(self, starting: asyncio.Task[None]) -> None:
+        """Where it was refused, nothing is kept: a running daemon goes on."""
+        error = None if starting.cancelled() else starting.exception()
+        if error is not None:
+            self._changed(Condition(StorageError(str(error), "see there")))
+            self._failed(StorageError(str(error), ""))
+
+    def _rules(self) -> Rules:
+        keep_mb = max(1.0, SENT_SHARE * self._section.spool_mb)
+        section = OutboxSection(keep_days=self._section.spool_days, keep_mb=keep_mb)
+        return Rules(section, self._scan)

@@ -1,0 +1,233 @@
+"""The one thread that writes to the outbox: values go in, results come back in order.
+
+All waiting points are written in one transaction: syncing takes as long for a hundred
+as for one. Points that arrive faster than hands can press are collected for
+`COMMIT_INTERVAL_S`, since a transaction costs as much CPU as several points. After a
+write has failed, later points fail, too, until the loop knows of it: their numbers
+would follow numbers that were never stored.
+"""
+
+import asyncio
+import logging
+import queue
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+from traverse.daemon.clock import HostClock
+from traverse.daemon.store.database import DAY_NS, MessageDatabase
+from traverse.daemon.store.jobs import Ask, Condition, Job, Keep, Rules
+from traverse.daemon.store.records import Entry, StorageError, StoreRefusedError
+from traverse.daemon.store.resilient_database import ResilientDatabase
+from traverse.drivers.base.heartbeat import Pulse
+
+log = logging.getLogger("traverse.daemon.outbox")
+
+LOOK_S = 0.5
+FIGURES_S = 0.2
+FORGET_S = 0.3
+MAX_BATCH = 500
+COMMIT_INTERVAL_S = 0.002  # from the beginning of one transaction to the next
+DELETE_BATCH = 50
+TURN_S = 30.0  # that a slow disk may take
+
+T = TypeVar("T")
+
+
+class StoreWriter:
+    """Works through jobs, and tells the loop what came of them.
+
+    Args:
+        path: of the database.
+        clock: the host's.
+        rules: what may be forgotten.
+        kept: told the numbers of points that are safe now, in order.
+        failed: told the generation of which no more points will be kept.
+        changed: told how the outbox is, whenever that is another.
+        replaced: told in words when a new database has been begun.
+        name: of the thread.
+
+    Attributes:
+        pulse: the thread's signs of life.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        clock: HostClock,
+        rules: Rules,
+        *,
+        kept: Callable[[list[int]], None],
+        failed: Callable[[int, StorageError], None],
+        changed: Callable[[Condition], None],
+        replaced: Callable[[str], None],
+        name: str = "outbox",
+    ) -> None:
+        self._clock = clock
+        self._rules = rules
+        self._kept = kept
+        self._failed = failed
+        self._changed = changed
+        self._keeper = ResilientDatabase(path, lambda text: self._tell(replaced, text))
+        self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
+        self._loop = asyncio.get_running_loop()
+        self._told = Condition()
+        self._told_s = -FIGURES_S
+        self._failed_generation = -1
+        self._kept_s = -COMMIT_INTERVAL_S
+        self._opened: asyncio.Future[None] = self._loop.create_future()
+        self.pulse = Pulse(f"thread of the {name}")
+        self._thread = threading.Thread(target=self._run, name=name)
+
+    async def start(self) -> None:
+        """Open the database; where that fails for now, it is tried again and again.
+
+        Raises:
+            StoreRefusedError: it must be left alone.
+        """
+        self._thread.start()
+        try:
+            await self._opened
+        except BaseException:
+            self._jobs.put(None)
+            raise
+
+    async def close(self) -> None:
+        """Do all jobs that have been put, and end."""
+        self._jobs.put(None)
+        await asyncio.to_thread(self._thread.join)
+
+    def put(self, job: Job) -> None:
+        """Have something done, after all that was put before."""
+        self._jobs.put(job)
+
+    def _begun(self, error: StoreRefusedError | None) -> None:
+        if self._opened.done():  # nobody waits any more
+            return
+        if error is None:
+            self._opened.set_result(None)
+        else:
+            self._opened.set_exception(error)
+
+    # -- on the thread --------------------------------------------------------
+
+    def _run(self) -> None:
+        try:
+            self._keeper.open()
+        except StoreRefusedError as error:
+            self._tell(self._begun, error)
+            return
+        self._look()
+        self._tell(self._begun, None)
+        waiting: deque[Job | None] = deque()
+        looked_s = time.monotonic()
+        while True:
+            self.pulse.beat(TURN_S)
+            self._take_all(waiting)
+            while waiting:
+                self.pulse.beat(TURN_S)
+                if waiting[0] is None:
+                    self._keeper.close()
+                    self.pulse.rest()
+                    return
+                self._do_next(waiting)
+            if time.monotonic() - looked_s >= LOOK_S:
+                self._keeper.look()
+                self._forget()
+                looked_s = time.monotonic()
+            self._look()
+
+    def _take_all(self, waiting: deque[Job | None]) -> None:
+        """Wait for a job, then take all that are there."""
+        try:
+            waiting.append(self._jobs.get(timeout=LOOK_S))
+            early_s = self._kept_s + COMMIT_INTERVAL_S - time.monotonic()
+            if early_s > 0.0 and isinstance(waiting[0], Keep):
+                time.sleep(early_s)
+            while True:
+                waiting.append(self._jobs.get_nowait())
+        except queue.Empty:
+            return
+
+    def _do_next(self, waiting: deque[Job | None]) -> None:
+        match waiting[0]:
+            case Keep(generation):
+                entries: list[Entry] = []
+                while (
+                    waiting
+                    and isinstance(job := waiting[0], Keep)
+                    and job.generation == generation
+                    and len(entries) < MAX_BATCH
+                ):
+                    entries.append(job.entry)
+                    waiting.popleft()
+                self._keep(generation, entries)
+            case Ask(work, told):
+                waiting.popleft()
+                try:
+                    result = self._keeper.use(work)
+                except Exception as error:  # noqa: BLE001 - it reaches the asker
+                    result = error
+                self._tell(told, result)
+            case Rules() as rules:
+                waiting.popleft()
+                self._rules = rules
+
+    def _keep(self, generation: int, entries: list[Entry]) -> None:
+        if generation <= self._failed_generation:
+            return
+        self._kept_s = time.monotonic()
+        try:
+            numbers = self._keeper.add(entries)
+        except Exception as error:  # noqa: BLE001 - it is told as a trouble
+            self._failed_generation = generation
+            trouble = self._keeper.trouble or StorageError(repr(error), "")
+            self._tell(self._failed, generation, trouble)
+        else:
+            self._tell(self._kept, numbers)
+        self._look()
+
+    def _forget(self) -> None:
+        """Remove what need not be kept any longer, in small steps between jobs."""
+        if self._keeper.trouble is not None:
+            return
+        section = self._rules.section
+        now_ns = self._clock.to_utc_ns(self._clock.monotonic_ns())
+
+        def step(store: MessageDatabase) -> int:
+            n = store.forget(
+                before_ns=now_ns - int(section.keep_days * DAY_NS),
+                keep_bytes=int(section.keep_mb * 1e6),
+                running=self._rules.running,
+                at_most=DELETE_BATCH,
+            )
+            store.trim_file()
+            return n
+
+        try:
+            end_s = time.monotonic() + FORGET_S
+            while self._keeper.use(step) and self._jobs.empty():
+                if time.monotonic() > end_s:
+                    return
+        except Exception as error:  # noqa: BLE001 - the keeper has told it
+            log.debug("nothing forgotten: %s", error)
+
+    def _look(self) -> None:
+        """Tell the loop how the outbox is: troubles at once, figures now and then."""
+        trouble, now_s = self._keeper.trouble, time.monotonic()
+        if trouble == self._told.trouble and now_s - self._told_s < FIGURES_S:
+            return
+        self._keeper.count()
+        condition, self._told_s = Condition(trouble, self._keeper.figures), now_s
+        if condition != self._told:
+            self._told = condition
+            self._tell(self._changed, condition)
+
+    def _tell(self, told: Callable[..., object], *values: object) -> None:
+        try:
+            self._loop.call_soon_threadsafe(told, *values)
+        except RuntimeError:  # the loop has ended: nobody is left to hear it
+            log.debug("told nobody: %s", values)

@@ -1,0 +1,1 @@
+"""Operating system: systemd, watchdog, real-time settings, memory, lifecycle."""

@@ -1,0 +1,110 @@
+"""Claims of the system what steady reading needs, as far as it is permitted.
+
+Reader threads get a real-time priority and CPUs of their own, pages are locked in
+memory, and what the start has made is taken out of the garbage collector's sight.
+docs/explanation/real-time.md tells what each is good for and what it costs.
+"""
+
+import ctypes
+import gc
+import os
+import resource
+import threading
+from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+
+from traverse.daemon.config.realtime import RealtimeSection
+from traverse.daemon.monitoring.events import EventLog
+
+MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
+CAP_IPC_LOCK = 14
+NAME_BYTES = 15  # of a thread, in the kernel
+# Python collects after 700, which comes to seven times a second, mostly while a point
+# is made; nearly none of these objects are in cycles. This many take 2 to 4 MB.
+NET_NEW_OBJECTS = 20_000
+
+
+def prepare(
+    section: RealtimeSection, readers: Iterable[threading.Thread], events: EventLog
+) -> None:
+    """Set up memory and reader threads, which run already.
+
+    What is refused is one event; the daemon measures without it.
+
+    Args:
+        section: what is wanted.
+        readers: threads that read devices.
+        events: where it is told what was refused.
+    """
+    running = [thread for thread in readers if thread.native_id is not None]
+    _name(running)
+    refused = [*_schedule(section, running), *_lock(section)]
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(NET_NEW_OBJECTS)
+    if refused:
+        events.report(
+            "warning",
+            "realtime.refused",
+            f"the system refuses: {'; '.join(text for text, _ in refused)}",
+            source="realtime",
+            remedy="; ".join(dict.fromkeys(remedy for _, remedy in refused))
+            + "; or take it out of [realtime]",
+        )
+
+
+def _name(threads: Iterable[threading.Thread]) -> None:
+    """Give threads, in the kernel, the names that they have here; for `top -H`."""
+    for thread in threads:
+        path = Path(f"/proc/self/task/{thread.native_id}/comm")
+        with suppress(OSError):
+            path.write_bytes(thread.name.encode()[:NAME_BYTES])
+
+
+def _schedule(
+    section: RealtimeSection, threads: Iterable[threading.Thread]
+) -> list[tuple[str, str]]:
+    """Priority and CPUs of threads; what was refused, with its remedy."""
+    refused = {}
+    for thread in threads:
+        number = thread.native_id or 0
+        try:
+            if section.cpus:
+                os.sched_setaffinity(number, section.cpus)
+        except OSError as error:
+            text = f"CPUs {list(section.cpus)} for the readers ({error.strerror})"
+            refused[text] = "allow sched_setaffinity, and these CPUs, in the unit"
+        try:
+            if section.priority:
+                parameter = os.sched_param(section.priority)
+                os.sched_setscheduler(number, os.SCHED_FIFO, parameter)
+        except OSError as error:
+            text = f"priority {section.priority} ({error.strerror})"
+            refused[text] = f"set LimitRTPRIO={section.priority} or more in the unit"
+    return list(refused.items())
+
+
+def _lock(section: RealtimeSection) -> list[tuple[str, str]]:
+    """Lock all pages, those to come as well; what was refused, with its remedy."""
+    if not section.lock_memory:
+        return []
+    remedy = "set LimitMEMLOCK=infinity in the unit"
+    limit, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
+    if limit != resource.RLIM_INFINITY and not _may_lock_all():
+        # Under a limit, memory that is wanted later would be refused in its turn.
+        return [(f"locked memory without a limit (it is {limit} bytes)", remedy)]
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT):
+        reason = os.strerror(ctypes.get_errno())
+        return [(f"locked memory ({reason})", remedy)]
+    return []
+
+
+def _may_lock_all() -> bool:
+    """Whether this process has the capability CAP_IPC_LOCK."""
+    for line in Path("/proc/self/status").read_text("utf-8").splitlines():
+        name, _, value = line.partition(":")
+        if name == "CapEff":
+            return bool(int(value, 16) >> CAP_IPC_LOCK & 1)
+    return False

@@ -1,0 +1,1 @@
+"""Driver of Same Sky (CUI) AMT21 encoders on an RS-485 line."""

@@ -1,0 +1,199 @@
+"""An RS-485 line with AMT21 encoders: one request, one reply, then the next.
+
+A reply carries no address. So whenever the line was not as quiet as it should be, it is
+given time to become quiet, and whoever reads learns that answers may have been shifted
+from one encoder to the next.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from traverse.drivers.base.values import DeviceError
+from traverse.drivers.io.byte_port import BytePort
+from traverse.drivers.polling.channel import ReadError
+from traverse.protocol import amt21
+
+ECHO_TRIES = 4
+LEAD = 2  # so many more tries must say one thing than the other
+MOST_SETTLING = 10  # quiet times: a line that is never quiet is not waited for
+AVERAGED = 16  # exchanges
+
+SILENT = ReadError(
+    "silent", "does not answer", "check its power, its wires and its address"
+)
+SHORT = ReadError(
+    "short",
+    "answers with too few bytes",
+    "check cable and termination; the adapter's echo may have changed",
+)
+SLOW = ReadError(
+    "slow",
+    "answers too late to know when it was read",
+    "set the adapter's latency timer to 1 ms, relieve this machine of other work",
+)
+GARBLED = ReadError(
+    "garbled",
+    "answers with wrong check bits",
+    "check cable, shielding, baud rate and that no address is used twice",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """The 14 bits of a reply, and the middle of the exchange that brought it."""
+
+    value: int
+    time_ns: int
+
+
+class Amt21Line:
+    """The line, from opening the port to losing it.
+
+    Args:
+        port: open port; whoever opened it closes it.
+        monotonic_ns: the host's clock.
+        timeout_s: within which an encoder answers through this adapter; half of it is
+            the most by which the time of an answer may be off.
+        echoed: the adapter gives back what is sent; see `find_echo`.
+
+    Attributes:
+        exchange_ns: how long an exchange takes, on average.
+        longest_ns: the longest so far.
+        strays: bytes that nobody had asked for, late replies among them.
+    """
+
+    def __init__(
+        self,
+        port: BytePort,
+        monotonic_ns: Callable[[], int],
+        timeout_s: float,
+        *,
+        echoed: bool = False,
+    ) -> None:
+        self._port = port
+        self._now_ns = monotonic_ns
+        self._timeout_ns = round(timeout_s * 1e9)
+        self.echoed = echoed
+        self.exchange_ns = 0.0
+        self.longest_ns = 0
+        self.strays = 0
+        self._disturbed = False
+        self._missed = False
+
+    def find_echo(self, addresses: Sequence[int]) -> None:
+        """Find out whether the adapter echoes.
+
+        Raises:
+            DeviceError: nothing comes back, or it cannot be told.
+        """
+        heard_any = b""
+        votes = 0
+        for number in range(ECHO_TRIES * len(addresses)):
+            request = amt21.position_request(addresses[number % len(addresses)])
+            self._port.write(request)
+            heard = self._until_quiet(self._timeout_ns)
+            heard_any += heard
+            says = amt21.echo_heard(request, heard)
+            votes += 0 if says is None else 1 if says else -1
+            if abs(votes) == LEAD:
+                self.echoed = votes > 0
+                return
+        if heard_any:
+            raise DeviceError(
+                "cannot tell whether the adapter echoes what is sent: replies are "
+                f"not those of an AMT21 (it began with {heard_any[:8].hex(' ')})",
+                'check baud rate and wiring, or set echo = "yes" or "no"',
+            )
+        raise DeviceError(
+            f"nothing answers at {len(addresses)} addresses",
+            "check power, wires A and B, addresses and baud rate",
+        )
+
+    def ask(self, request: bytes, *, patient: bool = True) -> Answer | ReadError:
+        """Send a request and wait for its reply.
+
+        Args:
+            request: to one encoder.
+            patient: wait as long as any reply may take; else as long as most do.
+
+        Raises:
+            DeviceError: the port has gone away.
+        """
+        timeout_ns = self._timeout_ns if patient else self._usual_ns()
+        self._clear(timeout_ns)
+        reply = amt21.Reply(request, echoed=self.echoed)
+        self._port.write(request)
+        sent_ns = received_ns = self._now_ns()
+        whole = False
+        while not whole and (left_ns := sent_ns + timeout_ns - received_ns) > 0:
+            if self._port.wait(left_ns * 1e-9):
+                whole = reply.feed(self._port.read())
+            received_ns = self._now_ns()
+        if reply.surplus:
+            self._note_strays(reply.surplus, timeout_ns)
+        if reply.value is None:
+            return self._failed(reply, whole, timeout_ns)
+        self._learn(received_ns - sent_ns)
+        if received_ns - sent_ns > timeout_ns:  # it was there, but nobody looked
+            return SLOW
+        return Answer(reply.value, (sent_ns + received_ns) // 2)
+
+    def command(self, request: bytes) -> None:
+        """Send what is not answered, and swallow whatever comes back."""
+        self._port.write(request)
+        self._until_quiet(self._timeout_ns)
+
+    def take_validity(self) -> bool:
+        """Whether since the last call every answer came from whom it was asked of."""
+        if self._missed:
+            # The reply that was given up may come yet, or have displaced others.
+            if late := self._until_quiet(self._usual_ns()):
+                self.strays += len(late)
+                self._disturbed = True
+        else:
+            self._clear(self._timeout_ns)
+        sound = not self._disturbed
+        self._disturbed = self._missed = False
+        return sound
+
+    def _failed(self, reply: amt21.Reply, whole: bool, timeout_ns: int) -> ReadError:
+        self._missed = True
+        quiet_ns = min(timeout_ns, self._usual_ns()) if whole else timeout_ns
+        # What comes now is this encoder's, and harms nobody.
+        self.strays += len(self._until_quiet(quiet_ns))
+        if whole:
+            return GARBLED
+        return SHORT if reply.begun else SILENT
+
+    def _clear(self, quiet_ns: int) -> None:
+        """Read away what nobody has asked for, if there is any."""
+        if self._port.wait(0.0):
+            self._note_strays(len(self._port.read()), quiet_ns)
+
+    def _note_strays(self, n_bytes: int, quiet_ns: int) -> None:
+        self._disturbed = True
+        self.strays += n_bytes + len(self._until_quiet(quiet_ns))
+
+    def _until_quiet(self, quiet_ns: int) -> bytes:
+        """What comes until nothing has come for a time; the first 64 bytes."""
+        heard = b""
+        begun_ns = quiet_since_ns = self._now_ns()
+        while (now_ns := self._now_ns()) - begun_ns < MOST_SETTLING * quiet_ns:
+            left_ns = quiet_since_ns + quiet_ns - now_ns
+            if left_ns <= 0:
+                break
+            if self._port.wait(left_ns * 1e-9):
+                heard = (heard + self._port.read())[:64]
+                quiet_since_ns = self._now_ns()
+        return heard
+
+    def _usual_ns(self) -> int:
+        """A time within which most replies come; the time-out until that is known."""
+        if not self.exchange_ns:
+            return self._timeout_ns
+        return min(self._timeout_ns, round(4 * self.exchange_ns) + 1_000_000)
+
+    def _learn(self, exchange_ns: int) -> None:
+        before_ns = self.exchange_ns or exchange_ns
+        self.exchange_ns = before_ns + (exchange_ns - before_ns) / AVERAGED
+        self.longest_ns = max(self.longest_ns, exchange_ns)

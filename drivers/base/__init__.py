@@ -1,0 +1,1 @@
+"""What all drivers share: the reader thread, delivered values, the delivery queue."""

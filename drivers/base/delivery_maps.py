@@ -1,0 +1,112 @@
+"""Deliveries as maps of plain values and arrays, and back: for recordings."""
+
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import TypeAdapter, ValidationError
+
+from traverse.drivers.base.values import (
+    CountSamples,
+    Delivery,
+    DeviceAlarm,
+    DeviceCounters,
+    DeviceFault,
+    DeviceLost,
+    DeviceTemperatures,
+    DeviceUp,
+    LatchedCounts,
+    StreamStarted,
+)
+
+KINDS: dict[str, type[Delivery]] = {
+    "samples": CountSamples,
+    "latch": LatchedCounts,
+    "stream": StreamStarted,
+    "up": DeviceUp,
+    "lost": DeviceLost,
+    "alarm": DeviceAlarm,
+    "fault": DeviceFault,
+    "temperatures": DeviceTemperatures,
+    "counters": DeviceCounters,
+}
+_NAMES = {kind: name for name, kind in KINDS.items()}
+_ADAPTERS: dict[type[Delivery], TypeAdapter[Any]] = {
+    kind: TypeAdapter(kind) for kind in KINDS.values() if kind is not CountSamples
+}
+_ARRAYS: dict[str, tuple[str, int]] = {
+    "seq": ("int64", 1),
+    "device_ticks": ("int64", 1),
+    "sample_time_ns": ("int64", 1),
+    "inputs": ("uint8", 1),
+    "counts": ("uint32", 2),
+    "status": ("uint8", 2),
+    "skew_ns": ("int32", 2),
+}
+"""Of samples: dtype and number of dimensions."""
+
+
+def delivery_kind(delivery: Delivery) -> str:
+    """The name of its kind."""
+    return _NAMES[type(delivery)]
+
+
+def delivery_to_map(delivery: Delivery) -> dict[str, object]:
+    """What a delivery says, its device and kind included."""
+    table: dict[str, object] = {"kind": delivery_kind(delivery)}
+    for field in fields(delivery):
+        value = getattr(delivery, field.name)
+        if field.name == "identity":
+            value = {f.name: getattr(value, f.name) for f in fields(value)}
+        table[field.name] = value
+    return table
+
+
+def delivery_from_map(table: Mapping[str, Any]) -> Delivery:
+    """The delivery that a map tells of; keys that it does not know are passed over.
+
+    Raises:
+        ValueError: It tells of none.
+    """
+    name = table.get("kind")
+    kind = KINDS.get(name) if isinstance(name, str) else None
+    if kind is None:
+        raise ValueError(f"a delivery of kind {name!r}, expected {', '.join(KINDS)}")
+    known = {f.name: table[f.name] for f in fields(kind) if f.name in table}
+    if kind is CountSamples:
+        return _samples(known)
+    try:
+        found: Delivery = _ADAPTERS[kind].validate_python(known)
+    except ValidationError as error:
+        raise ValueError(f"a delivery {name!r} that is none: {error}") from error
+    return found
+
+
+def _samples(known: dict[str, Any]) -> CountSamples:
+    n, channels = _shape(known)
+    values: dict[str, Any] = {"skew_ns": None}
+    for name in ("device", "stream", "received_ns"):
+        wanted = str if name == "device" else int
+        if not isinstance(known.get(name), wanted):
+            raise ValueError(f"samples: {name} is {known.get(name)!r}")
+        values[name] = known[name]
+    for name, (dtype, dimensions) in _ARRAYS.items():
+        array = known.get(name)
+        if name == "skew_ns" and array is None:
+            continue
+        shape = (n, channels)[:dimensions]
+        if not isinstance(array, np.ndarray) or array.shape != shape:
+            raise ValueError(f"samples: {name} is no array of shape {shape}")
+        if array.dtype != np.dtype(dtype):
+            raise ValueError(f"samples: {name} is of {array.dtype}, expected {dtype}")
+        values[name] = array
+    return CountSamples(**values)
+
+
+def _shape(known: dict[str, Any]) -> tuple[int, int]:
+    counts: NDArray[Any] | None = known.get("counts")
+    if not isinstance(counts, np.ndarray) or counts.ndim != 2 or not len(counts):
+        raise ValueError("samples: counts are no array of two dimensions, not empty")
+    return counts.shape[0], counts.shape[1]

@@ -1,0 +1,176 @@
+"""The one queue from a reader thread to the event loop: bounded, values only.
+
+Timed samples are counted and dropped when the loop does not keep up; edges are
+refused instead (the device keeps them and sends again); everything else is rare
+and small, and is counted when it is dropped. Changes of state, which nothing repeats,
+have some room of their own.
+
+Waking the loop costs more than a sample does. So timed samples are collected, in the
+driver or here, and wake it at most once in four fifths of `batch_window_ns`. An edge,
+or anything else, wakes it at once, unless a wake-up is pending: then it takes all there
+is. Edges that arrive faster than hands can press are taken at most once in
+`EDGE_INTERVAL_NS`, several together.
+"""
+
+import asyncio
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+
+from traverse.drivers.base.values import (
+    CountSamples,
+    Delivery,
+    DeviceLost,
+    DeviceUp,
+    LatchedCounts,
+    StreamStarted,
+)
+
+BATCH_WINDOW_NS = 52_000_000
+EDGE_INTERVAL_NS = 500_000
+MAX_JOINED_SAMPLES = 500  # samples; more than come in that time, at any rate
+RESERVED_FOR_STATES = 64
+
+
+class DeliveryQueue:
+    """A bounded queue with one producing thread and one consuming event loop.
+
+    Args:
+        loop: the consumer's event loop.
+        max_samples: timed samples that may wait.
+        max_others: deliveries of every other kind that may wait.
+        monotonic_ns: the host's clock.
+
+    Attributes:
+        batch_window_ns: so long timed samples may come together; the consumer sets it.
+    """
+
+    def __init__(
+        self,
+        loop: asyncio.AbstractEventLoop,
+        max_samples: int = 50_000,
+        max_others: int = 256,
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self._loop = loop
+        self.max_samples = max_samples
+        self._max_others = max_others
+        self._now_ns = monotonic_ns
+        self.batch_window_ns = BATCH_WINDOW_NS
+        self._woken_ns = 0
+        self._is_woken = False
+        self._last_edges_ns = -EDGE_INTERVAL_NS  # when some were taken last
+        self._lock = threading.Lock()
+        self._waiting: deque[Delivery] = deque()
+        self._waiting_samples = 0
+        self._waiting_others = 0
+        self._filled = asyncio.Event()
+        self._dropped_samples = 0
+        self._dropped_others = 0
+        self._taken = 0
+
+    @property
+    def is_due(self) -> bool:
+        """Whether the consumer has been woken and has not taken anything since."""
+        return self._filled.is_set()
+
+    @property
+    def taken(self) -> int:
+        """How often the consumer has taken what waited."""
+        return self._taken
+
+    @property
+    def waiting_samples(self) -> int:
+        """Timed samples that wait now."""
+        return self._waiting_samples
+
+    @property
+    def dropped_samples(self) -> int:
+        """Timed samples dropped because the loop did not keep up."""
+        return self._dropped_samples
+
+    @property
+    def dropped_others(self) -> int:
+        """Reports dropped for the same reason; latches are never among them."""
+        return self._dropped_others
+
+    def put(self, delivery: Delivery) -> bool:
+        """Hand over from the reader thread; False if there was no room."""
+        with self._lock:
+            if isinstance(delivery, CountSamples):
+                size = len(delivery.seq)
+                if self._waiting_samples + size > self.max_samples:
+                    self._dropped_samples += size
+                    return False
+                self._waiting_samples += size
+                # Not quite: a driver that gathers as long wakes the loop each time.
+                wake = self._now_ns() - self._woken_ns >= self.batch_window_ns * 4 // 5
+            else:
+                state = isinstance(delivery, (DeviceUp, DeviceLost, StreamStarted))
+                room = self._max_others + RESERVED_FOR_STATES * state
+                if self._waiting_others >= room:
+                    if not isinstance(delivery, LatchedCounts):
+                        self._dropped_others += 1
+                    return False
+                self._waiting_others += 1
+                wake = True
+            self._waiting.append(delivery)
+            wake = wake and not self._is_woken
+            if wake:
+                self._is_woken = True
+                self._woken_ns = self._now_ns()
+        if wake:
+            try:
+                self._loop.call_soon_threadsafe(self._filled.set)
+            except RuntimeError:  # the loop is closed: nobody will ever read this
+                return False
+        return True
+
+    async def take(self) -> list[Delivery]:
+        """All that waits, in order; waits until there is something.
+
+        Samples of one stream that follow one another come as one block, after a stall
+        as some: what is computed of a block takes a hundred times its memory, and what
+        was needed once is never quite given back.
+        """
+        await self._filled.wait()
+        early_ns = self._last_edges_ns + EDGE_INTERVAL_NS - self._now_ns()
+        if early_ns > 0:
+            await asyncio.sleep(early_ns * 1e-9)
+        self._taken += 1
+        with self._lock:
+            self._filled.clear()
+            self._is_woken = False
+            taken = list(self._waiting)
+            self._waiting.clear()
+            self._waiting_samples = 0
+            self._waiting_others = 0
+        if any(isinstance(delivery, LatchedCounts) for delivery in taken):
+            self._last_edges_ns = self._now_ns()
+        return list(_joined(taken))
+
+
+def _joined(taken: Iterable[Delivery]) -> Iterator[Delivery]:
+    """The same, with samples of a stream that follow one another together."""
+    run: list[CountSamples] = []
+    n = 0
+    for delivery in taken:
+        size = len(delivery.seq) if isinstance(delivery, CountSamples) else 0
+        if run and (
+            n + size > MAX_JOINED_SAMPLES or _stream(delivery) != run[0].stream
+        ):
+            yield CountSamples.joined(run)
+            run, n = [], 0
+        if isinstance(delivery, CountSamples):
+            run.append(delivery)
+            n += size
+        else:
+            yield delivery
+    if run:
+        yield CountSamples.joined(run)
+
+
+def _stream(delivery: Delivery) -> int:
+    """The stream of samples, which begins at 1; 0 for everything else."""
+    return delivery.stream if isinstance(delivery, CountSamples) else 0

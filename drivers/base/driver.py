@@ -1,0 +1,219 @@
+"""What all drivers share: a reader thread that connects, serves, and comes back.
+
+A driver overrides three methods that run in its thread: `_connect`, `_serve` and
+`_disconnect`. Requests from the service are noted and carried out by the same
+thread, so that one thread alone ever touches the port. Whatever goes wrong in the
+thread reaches the consumer as a `DeviceLost`.
+"""
+
+import contextlib
+import logging
+import os
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Callable
+from types import TracebackType
+from typing import ClassVar, Self
+
+from traverse.drivers.base.delivery_queue import DeliveryQueue
+from traverse.drivers.base.heartbeat import Pulse
+from traverse.drivers.base.options import DriverOptions
+from traverse.drivers.base.values import (
+    DeviceCounters,
+    DeviceError,
+    DeviceFault,
+    DeviceLost,
+    DeviceUp,
+    StreamStarted,
+)
+
+log = logging.getLogger(__name__)
+
+FIRST_RETRY_S = 0.1
+LAST_RETRY_S = 2.0
+COUNTERS_S = 0.5
+CONNECT_S = 60.0  # the longest that any device may need to be found and set up
+ASK_S = 15.0  # one exchange with a device, repetitions included
+CLOSE_S = 10.0
+
+
+class Driver(ABC):
+    """A device being read. Use as a context manager, or `start` and `close`.
+
+    A child's constructor takes these arguments and, by name, its options.
+
+    Args:
+        device: id in the configuration.
+        delivery_queue: where deliveries go.
+        monotonic_ns: the host's clock.
+
+    Attributes:
+        options: what its table in the configuration may say.
+        pulse: the reader thread's signs of life.
+        thread: the reader thread.
+    """
+
+    options: ClassVar[type[DriverOptions]]
+
+    def __init__(
+        self,
+        device: str,
+        delivery_queue: DeliveryQueue,
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self.device = device
+        self._delivery_queue = delivery_queue
+        self._now_ns = monotonic_ns
+        self._counters: Counter[str] = Counter()
+        self._counters_due_ns = 0
+        self._stopping = False
+        self._wake_lock = threading.Lock()
+        self._closed = False
+        self._wake_read, self._wake_write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
+        self.pulse = Pulse(f"reader of {device}", monotonic_ns)
+        # One that is stuck must not keep the program from ending.
+        self.thread = threading.Thread(
+            target=self._run, name=f"driver-{device}", daemon=True
+        )
+
+    def start(self) -> None:
+        """Begin to connect; the outcome is delivered, as is everything later."""
+        self.thread.start()
+
+    def close(self) -> None:
+        """End the thread and close the port; may be called again."""
+        if self._stopping:
+            return
+        self._stopping = True
+        self._wake()
+        if self.thread.ident is not None:
+            self.thread.join(CLOSE_S)
+            if self.thread.is_alive():
+                log.error(
+                    "the reader of %s is stuck: it has not ended within %g s and is "
+                    "left behind; its port stays open until the program ends",
+                    self.device,
+                    CLOSE_S,
+                )
+                return
+        with self._wake_lock:
+            self._closed = True
+            os.close(self._wake_read)
+            os.close(self._wake_write)
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    @abstractmethod
+    def request_stream(self, rate_hz: float) -> None:
+        """Stream timed samples at ``rate_hz`` from now on; 0 stops the stream."""
+
+    def request_latch(self) -> int:
+        """Latch once, now; the returned token comes back in `LatchedCounts`.
+
+        Raises:
+            DeviceError: it cannot, or too many requests are waiting already.
+        """
+        raise DeviceError(
+            f"{self.device} cannot latch at a moment of its own; it is only read "
+            "time after time",
+            "interpolate its stream at that moment",
+        )
+
+    def acknowledge(self, token: int) -> None:  # noqa: B027 - few devices keep edges
+        """Tell the device that the edge ``token`` has been dealt with."""
+
+    @abstractmethod
+    def _connect(self) -> None:
+        """Open the port and set the device up; raises DeviceError or OSError."""
+
+    @abstractmethod
+    def _serve(self) -> None:
+        """Read until stopped; raises DeviceError or OSError when the device is gone."""
+
+    @abstractmethod
+    def _disconnect(self) -> None:
+        """Close the port if it is open; never raises."""
+
+    def _wake(self) -> None:
+        # Once closed, the pipe's number may already be that of another file.
+        with self._wake_lock:
+            if not self._closed:
+                # A full pipe is no loss: the thread wakes all the same.
+                with contextlib.suppress(BlockingIOError):
+                    os.write(self._wake_write, b"\0")
+
+    def _report_counters(self) -> None:
+        """Tell the counters now and then; called at every turn of `_serve`."""
+        self.pulse.beat()
+        now_ns = self._now_ns()
+        if now_ns < self._counters_due_ns:
+            return
+        self._counters_due_ns = now_ns + int(COUNTERS_S * 1e9)
+        self._counters["samples_dropped"] = self._delivery_queue.dropped_samples
+        self._counters["reports_dropped"] = self._delivery_queue.dropped_others
+        self._delivery_queue.put(DeviceCounters(self.device, dict(self._counters)))
+
+    def _fault(self, code: str, text: str, remedy: str, count: int = 1) -> None:
+        self._counters[code] += count
+        self._delivery_queue.put(DeviceFault(self.device, code, text, remedy, count))
+
+    def _tell(self, state: DeviceUp | StreamStarted) -> None:
+        """Deliver what the consumer must not miss.
+
+        Raises:
+            DeviceError: there was no room; connecting again tells it anew.
+        """
+        if not self._delivery_queue.put(state):
+            raise DeviceError(
+                f"nobody takes what {self.device} delivers", "the daemon is overloaded"
+            )
+
+    def _run(self) -> None:
+        retry_s = FIRST_RETRY_S
+        told = None
+        while not self._stopping:
+            lost = None
+            try:
+                self.pulse.beat(CONNECT_S)
+                self._connect()
+                self.pulse.beat()
+                retry_s, told = FIRST_RETRY_S, None
+                self._serve()
+            except (DeviceError, OSError) as error:
+                remedy = getattr(error, "remedy", "check cable and power")
+                lost = DeviceLost(self.device, str(error), remedy)
+            except Exception as error:
+                log.exception("fault in the driver of %s", self.device)
+                text = f"fault in the driver: {error!r}"
+                lost = DeviceLost(self.device, text, "report it with the log")
+            finally:
+                self._disconnect()
+            if (
+                lost is not None
+                and lost != told
+                and not self._stopping
+                and self._delivery_queue.put(lost)  # else it is told after the next try
+            ):
+                self._counters["lost"] += 1
+                told = lost
+            self._pause(retry_s)
+            retry_s = min(2 * retry_s, LAST_RETRY_S)
+        self.pulse.rest()
+
+    def _pause(self, seconds: float) -> None:
+        until_ns = self._now_ns() + int(seconds * 1e9)
+        while not self._stopping and (left_ns := until_ns - self._now_ns()) > 0:
+            self.pulse.beat()
+            time.sleep(min(left_ns * 1e-9, 0.05))

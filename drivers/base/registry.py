@@ -1,0 +1,46 @@
+"""Which driver serves which name in a configuration; loaded when it is asked for.
+
+A new driver is a file with a child of `Driver` and its options, and an entry here.
+"""
+
+from importlib import import_module
+
+from traverse.drivers.base.driver import Driver
+
+DRIVERS = {
+    "canopen": "traverse.drivers.canopen.driver:CanOpenDriver",
+    "latch-board": "traverse.drivers.latch_board.driver:LatchBoard",
+    "amt21": "traverse.drivers.amt21.driver:Amt21Driver",
+    "modbus": "traverse.drivers.modbus.driver:Modbus",
+    "rls": "traverse.drivers.rls.driver:Rls",
+    "microscribe": "traverse.drivers.microscribe.driver:Microscribe",
+    "gpio": "traverse.drivers.triggers.gpio:GpioDriver",
+    "evdev": "traverse.drivers.triggers.evdev:EvdevDriver",
+    "replay": "traverse.drivers.replay:Replay",
+}
+"""Name in the configuration: module and class."""
+
+EXTRAS = {"canopen": "can", "modbus": "modbus", "gpio": "gpio"}
+"""Drivers that need another extra of this package than `daemon`."""
+
+
+class DriverUnavailableError(Exception):
+    """A library that the driver needs is not installed; the text says which extra."""
+
+
+def driver_class(name: str) -> type[Driver]:
+    """The class behind ``name``.
+
+    Raises:
+        KeyError: there is no such driver.
+        DriverUnavailableError: it needs what is not installed.
+    """
+    module, _, attribute = DRIVERS[name].partition(":")
+    try:
+        found: type[Driver] = getattr(import_module(module), attribute)
+    except ModuleNotFoundError as error:
+        raise DriverUnavailableError(
+            f"driver {name!r} needs {error.name}, which is not installed; "
+            f"pip install 'traverse-cmm[{EXTRAS.get(name, 'daemon')}]'"
+        ) from error
+    return found

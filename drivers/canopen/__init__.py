@@ -1,0 +1,1 @@
+"""Driver of CANopen encoders (CiA 301, CiA 406)."""

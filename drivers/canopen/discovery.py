@@ -1,0 +1,181 @@
+"""Finding all nodes of a bus and setting them up; what fails is told together."""
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from traverse.drivers.base.values import (
+    DeviceError,
+    DeviceNotFoundError,
+    DeviceRefusedError,
+    Identity,
+)
+from traverse.drivers.canopen.node import NodeFacts, read_facts, set_up
+from traverse.drivers.canopen.options import CanOpenOptions
+from traverse.drivers.canopen.sdo import NodeSdo
+from traverse.drivers.io.can_bus import CanBus
+from traverse.protocol.canopen import frames as wire
+
+ASK_DEVICE_TYPE = bytes.fromhex("40 00 10 00 00 00 00 00")
+BUS_SHARE = 0.8  # for SYNC and positions; the rest is for heartbeats and questions
+SLCAN_FRAMES_HZ = 5000.0  # what python-can reads from such an adapter
+# From the SYNC's stamp to the latch: the kernel stamps the frame on the bus; adapters
+# on USB hand it on a millisecond or so after it was sent.
+JITTER_NS = {"socketcan": 50_000}
+ADAPTER_JITTER_NS = 1_000_000
+
+
+class Roll:
+    """Who answers when all are asked at once.
+
+    Attributes:
+        answers: how often each node has answered.
+        asked: how often it was asked.
+    """
+
+    def __init__(self, nodes: Sequence[int]) -> None:
+        self._nodes = nodes
+        self.answers: Counter[int] = Counter()
+        self.asked: Counter[int] = Counter()
+
+    def call(
+        self,
+        bus: CanBus,
+        turn: Callable[[float], None],
+        wanted: CanOpenOptions,
+        now_ns: Callable[[], int],
+        stopping: Callable[[], bool],
+    ) -> None:
+        """Ask until all have answered, as often as the options say.
+
+        Args:
+            bus: open.
+            turn: reads it once and counts answers in `answers`.
+            wanted: the options.
+            now_ns: the host's clock.
+            stopping: asked between waits; True ends the call.
+        """
+        for _ in range(wanted.answer_tries):
+            for node in self.silent:
+                self.asked[node] += 1
+                bus.send(wire.SDO_REQUEST + node, ASK_DEVICE_TYPE)
+            until_ns = now_ns() + int(wanted.answer_s * 1e9)
+            while self.silent and (left_ns := until_ns - now_ns()) > 0:
+                if stopping():
+                    return
+                turn(min(left_ns * 1e-9, 0.01))
+
+    def confirm(
+        self,
+        bus: CanBus,
+        turn: Callable[[float], None],
+        wanted: CanOpenOptions,
+        now_ns: Callable[[], int],
+        stopping: Callable[[], bool],
+    ) -> None:
+        """Ask those once more that answered too often, when nothing late comes.
+
+        A slow node may still answer what it was asked on an earlier connection, or
+        while it was starting; that does not make it two. Arguments are as for `call`.
+        """
+        if not (doubtful := self.doubled):
+            return
+
+        def heard_for(seconds: float) -> bool:
+            before = self.answers.total()
+            until_ns = now_ns() + int(seconds * 1e9)
+            while (left_ns := until_ns - now_ns()) > 0 and not stopping():
+                turn(min(left_ns * 1e-9, 0.01))
+            return self.answers.total() != before
+
+        for _ in range(wanted.answer_tries):
+            if not heard_for(wanted.answer_s):
+                break
+        for node in doubtful:
+            self.answers[node], self.asked[node] = 0, 1
+            bus.send(wire.SDO_REQUEST + node, ASK_DEVICE_TYPE)
+        heard_for(wanted.answer_s)
+
+    @property
+    def silent(self) -> list[int]:
+        """Nodes that have not answered."""
+        return [node for node in self._nodes if not self.answers[node]]
+
+    @property
+    def doubled(self) -> list[int]:
+        """Nodes that have answered more often than they were asked."""
+        return [node for node in self._nodes if self.answers[node] > self.asked[node]]
+
+    def check(self, where: str) -> None:
+        """Raise DeviceNotFoundError where nodes were silent."""
+        silent = self.silent
+        if not silent:
+            return
+        found = [node for node in self._nodes if node not in silent]
+        there = f"; nodes {_listed(found)} do" if found else ""
+        raise DeviceNotFoundError(
+            f"nodes {_listed(silent)} on {where} do not answer{there}",
+            "check power and number of these encoders (traverse can scan shows what is "
+            "there)"
+            if found
+            else "check the power of the encoders, the bit rate, and the termination "
+            "of the bus (120 ohm at both ends)",
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Started:
+    """All nodes as they were found.
+
+    Attributes:
+        facts: by channel.
+        forgotten: some node had lost its settings.
+    """
+
+    facts: tuple[NodeFacts, ...]
+    forgotten: bool
+
+
+def set_up_nodes(sdos: Mapping[int, NodeSdo], wanted: CanOpenOptions) -> Started:
+    """Read and set up all nodes; they are not started yet.
+
+    Raises:
+        DeviceRefusedError: with what is wrong with each.
+    """
+    facts, failures, forgotten = [], [], False
+    for node, sdo in sdos.items():
+        try:
+            found = read_facts(sdo, node)
+            forgotten |= set_up(sdo, found, wanted)
+            facts.append(found)
+        except DeviceError as error:
+            failures.append(error)
+    if failures:
+        raise DeviceRefusedError(
+            "; ".join(str(error) for error in failures), failures[0].remedy
+        )
+    return Started(tuple(facts), forgotten)
+
+
+def identity_of(
+    facts: Sequence[NodeFacts], where: str, wanted: CanOpenOptions
+) -> Identity:
+    """Who all the nodes together are, in the words of all drivers."""
+    rate_hz = BUS_SHARE * wire.largest_sync_rate_hz(len(facts), wanted.bitrate)
+    if wanted.interface == "slcan":
+        rate_hz = min(rate_hz, SLCAN_FRAMES_HZ / (len(facts) + 1))
+    versions = sorted({f"{fact.profile or 0:08X}" for fact in facts})
+    return Identity(
+        f"CANopen encoders on {where}: {', '.join(fact.name for fact in facts)}",
+        f"profile {', '.join(versions)}",
+        tuple(fact.modulus for fact in facts),
+        0,
+        float(int(rate_hz)),
+        latches=False,
+        counts_per_turn=tuple(fact.counts_per_turn for fact in facts),
+        jitter_ns=JITTER_NS.get(wanted.interface, ADAPTER_JITTER_NS),
+    )
+
+
+def _listed(nodes: Sequence[int]) -> str:
+    return ", ".join(map(str, nodes))

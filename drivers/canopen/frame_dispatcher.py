@@ -1,0 +1,115 @@
+"""Frames of a CANopen bus, each brought to whom it is for."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+from traverse.drivers.canopen.discovery import Roll
+from traverse.drivers.canopen.sdo import NodeSdo
+from traverse.drivers.canopen.supervisor import NodeSupervisor
+from traverse.drivers.canopen.sync_cycles import Cycles
+from traverse.drivers.canopen.sync_source import SyncScheduler
+from traverse.drivers.io.can_bus import MOST_AT_ONCE, CanBus
+from traverse.drivers.io.can_socket import FRAMES_LOST
+from traverse.protocol.canopen import frames as wire
+from traverse.protocol.canopen.errors import ERROR_FLAG
+
+MOST_READS = 50  # before a SYNC; a bus brings no more in the time that they take
+
+
+class Reading:
+    """What is read on one connection; its parts come as the nodes are brought up.
+
+    Args:
+        bus: open.
+        nodes: their numbers, by channel.
+        counters: of the driver.
+
+    Attributes:
+        roll: counts answers while all nodes are called.
+        sdos: by node; take answers from then on.
+        cycles: take positions once there are SYNCs.
+        train: knows the SYNCs that are sent or seen.
+        upkeep: looks after the nodes that were started.
+    """
+
+    def __init__(
+        self, bus: CanBus, nodes: Sequence[int], counters: Counter[str]
+    ) -> None:
+        self._bus, self._counters = bus, counters
+        self._channels = {node: channel for channel, node in enumerate(nodes)}
+        self._echoes = False
+        self.roll: Roll | None = None
+        self.sdos: Mapping[int, NodeSdo] = {}
+        self.cycles: Cycles | None = None
+        self.train: SyncScheduler | None = None
+        self.upkeep: NodeSupervisor | None = None
+
+    def read(self, limit_s: float) -> int:
+        """Take what has come, or comes in so many seconds; how many frames it was.
+
+        Raises:
+            DeviceError: the bus has gone away.
+        """
+        cycles, frames = self.cycles, self._bus.receive(limit_s)
+        for can_id, data, time_ns in frames:
+            if cycles is None or not cycles.take(can_id, data):
+                self._dispatch(can_id, data, time_ns)
+        return len(frames)
+
+    def read_out(self) -> None:
+        """Take all that has come until now.
+
+        Raises:
+            DeviceError: the bus has gone away.
+        """
+        for _ in range(MOST_READS):
+            if self.read(0.0) < MOST_AT_ONCE:
+                break
+
+    def close(self) -> None:
+        """Send no more SYNCs and close the bus; never raises."""
+        if self.train is not None:
+            self.train.stop()
+        self._bus.close()
+
+    def _dispatch(self, can_id: int, data: bytes | bytearray, time_ns: int) -> None:
+        upkeep = self.upkeep
+        if can_id == FRAMES_LOST:
+            if self.cycles is not None:
+                self.cycles.note_lost_frames()
+            return
+        if can_id & ERROR_FLAG:
+            self._counters["error_frames"] += 1
+            if upkeep is not None:
+                upkeep.error_frame(can_id, data, time_ns)
+            return
+        message = wire.decode(can_id, data)
+        if isinstance(message, wire.Sync):
+            self._take_sync(time_ns)
+            return
+        channel = None if message is None else self._channels.get(message.node)
+        if message is None or channel is None:
+            self._counters["frames_ignored"] += 1
+            # Some interfaces give back what is sent: no SYNC is a stranger's there.
+            self._echoes |= can_id - wire.SDO_REQUEST in self._channels
+            return
+        if isinstance(message, wire.SdoAnswer):
+            if self.roll is not None:
+                self.roll.answers[message.node] += 1
+            elif message.node in self.sdos:
+                self.sdos[message.node].take(message.data)
+        if upkeep is None:
+            return
+        upkeep.watch.heard(channel, time_ns)
+        if isinstance(message, wire.Heartbeat):
+            upkeep.watch.heartbeat(channel, message.state, time_ns)
+        elif isinstance(message, wire.Emergency):
+            upkeep.emergency(channel, message)
+
+    def _take_sync(self, time_ns: int) -> None:
+        if self.cycles is None or self.train is None:
+            return
+        if self.train.seen is not None:
+            self.cycles.sync(time_ns, self.train.seen.take(time_ns))
+        elif self.train.sent is not None and not self._echoes:
+            self._counters["foreign_syncs"] += 1

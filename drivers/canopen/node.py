@@ -1,0 +1,155 @@
+"""One node as it is found, and as it is set up to be read.
+
+Rests on CiA 301 and CiA 406 as makers' manuals tell them. General knowledge, to be
+checked against the encoder's manual: the order in which a PDO is mapped anew, and that
+6502 (number of turns) says 0 where 65536 does not fit into its 16 bits.
+"""
+
+import contextlib
+from dataclasses import dataclass
+
+from traverse.drivers.base.values import DeviceRefusedError
+from traverse.drivers.canopen.options import CanOpenOptions
+from traverse.drivers.canopen.sdo import NodeRefusedError, NodeSdo
+from traverse.protocol.canopen import frames as wire
+from traverse.protocol.canopen import objects
+
+WIDEST = 1 << 32
+MOST_TURNS = 1 << 16
+SINGLE_TURN = 1
+FURTHER_TPDOS = (1, 2, 3)
+
+
+@dataclass(frozen=True, slots=True)
+class NodeFacts:
+    """What an encoder says of itself.
+
+    Attributes:
+        device_type: object 1000; its low half is the profile.
+        identity: vendor, product, revision, serial number; None where it has none.
+        profile: object 6507, version of profile and software.
+        counts_per_turn: of what it sends, scaled where scaling is on.
+        modulus: where its count wraps to 0.
+        parameters: object 6000.
+        alarms: object 6503, of `traverse.protocol.canopen.objects.ALARM_BITS`.
+        warnings: object 6505.
+        position: its count now.
+    """
+
+    node: int
+    device_type: int
+    identity: tuple[int | None, int | None, int | None, int | None]
+    profile: int | None
+    counts_per_turn: int
+    modulus: int
+    parameters: int
+    alarms: int
+    warnings: int
+    position: int
+
+    @property
+    def kind(self) -> str:
+        """Single-turn, multi-turn, or what the number says."""
+        number = self.device_type >> 16
+        return objects.KINDS.get(number, f"kind {number}")
+
+    @property
+    def name(self) -> str:
+        """Who it is, for people."""
+        vendor, product, _, serial = (
+            "?" if number is None else f"{number:x}" for number in self.identity
+        )
+        return f"{self.node}:{vendor}-{product}-{serial}"
+
+
+def read_facts(sdo: NodeSdo, node: int) -> NodeFacts:
+    """Ask a node who it is; changes nothing.
+
+    Raises:
+        DeviceRefusedError: it is no encoder.
+        NodeError: it does not answer, or lacks what every encoder has.
+    """
+    device_type = sdo.read_number(objects.DEVICE_TYPE)
+    if device_type & 0xFFFF != objects.ENCODER_PROFILE:
+        raise DeviceRefusedError(
+            f"node {node} says it is a device of profile {device_type & 0xFFFF}, "
+            f"expected an encoder, profile {objects.ENCODER_PROFILE} (object 1000 is "
+            f"{device_type:08X})",
+            "take this node out of the configuration, or give the right number",
+        )
+    vendor, product, revision, serial = (
+        sdo.find_number(objects.IDENTITY, sub) for sub in (1, 2, 3, 4)
+    )
+    parameters = sdo.find_number(objects.OPERATING_PARAMETERS) or 0
+    per_turn, modulus = _resolution(sdo, device_type >> 16, parameters)
+    return NodeFacts(
+        node,
+        device_type,
+        (vendor, product, revision, serial),
+        sdo.find_number(objects.PROFILE_VERSION),
+        per_turn,
+        modulus,
+        parameters,
+        sdo.find_number(objects.ALARMS) or 0,
+        sdo.find_number(objects.WARNINGS) or 0,
+        sdo.read_number(objects.POSITION_VALUE),
+    )
+
+
+def set_up(sdo: NodeSdo, facts: NodeFacts, wanted: CanOpenOptions) -> bool:
+    """Let a node send its position at every SYNC; nothing is stored in it.
+
+    Returns:
+        Whether it has lost such settings since they were last made: it has been
+        without power, or was never set up.
+
+    Raises:
+        NodeError: it does not answer, or refuses.
+    """
+    forgotten = sdo.find_number(objects.HEARTBEAT_MS) != wanted.heartbeat_ms
+    if wanted.code_sequence != "keep":
+        parameters = facts.parameters & ~objects.COUNTERCLOCKWISE
+        parameters |= objects.COUNTERCLOCKWISE * (wanted.code_sequence == "ccw")
+        if parameters != facts.parameters:
+            sdo.write(objects.OPERATING_PARAMETERS, 0, parameters, 2)
+    _map_position(sdo, facts.node)
+    for further in FURTHER_TPDOS:
+        used = sdo.find_number(objects.TPDO + further, 1)
+        if used is not None and not used & objects.PDO_OFF:
+            # One that cannot be switched off costs room on the bus and no more.
+            with contextlib.suppress(NodeRefusedError):
+                sdo.write(objects.TPDO + further, 1, used | objects.PDO_OFF, 4)
+    sdo.write(objects.HEARTBEAT_MS, 0, wanted.heartbeat_ms, 2)
+    return forgotten
+
+
+def _resolution(sdo: NodeSdo, kind: int, parameters: int) -> tuple[int, int]:
+    """Counts per turn and in all, of what the node sends."""
+    if parameters & objects.SCALING:
+        per_turn = sdo.read_number(objects.UNITS_PER_TURN)
+        modulus = sdo.find_number(objects.MEASURING_RANGE) or per_turn
+    else:
+        per_turn = sdo.read_number(objects.TURN_RESOLUTION)
+        turns = 1 if kind == SINGLE_TURN else sdo.find_number(objects.TURNS)
+        modulus = per_turn * (turns or MOST_TURNS)
+    if not per_turn:
+        raise DeviceRefusedError(
+            f"{sdo.name} says it has 0 counts per turn",
+            "set its resolution with the maker's tool, or replace it",
+        )
+    return per_turn, min(modulus, WIDEST)
+
+
+def _map_position(sdo: NodeSdo, node: int) -> None:
+    cob_id = wire.TPDO1 + node
+    sdo.write(objects.TPDO, 1, cob_id | objects.PDO_OFF, 4)
+    sdo.write(objects.TPDO, 2, objects.EVERY_SYNC, 1)
+    try:
+        sdo.write(objects.TPDO_MAP, 0, 0, 1)
+        sdo.write(objects.TPDO_MAP, 1, objects.MAP_OF_POSITION, 4)
+        sdo.write(objects.TPDO_MAP, 0, 1, 1)
+    except NodeRefusedError:
+        # Some makers have a fixed map; good if the position comes first in it.
+        if sdo.read_number(objects.TPDO_MAP, 1) != objects.MAP_OF_POSITION:
+            raise
+    sdo.write(objects.TPDO, 1, cob_id, 4)

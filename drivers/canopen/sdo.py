@@ -1,0 +1,225 @@
+"""SDO transfers of the `canopen` library that let the bus be read meanwhile.
+
+The library waits for an answer on a queue that a thread of its own fills. Here the
+thread that owns the bus waits by reading it: positions and heartbeats go their way
+while a transfer is under way, and no second thread touches the bus.
+"""
+
+import time
+from collections import deque
+from collections.abc import Callable
+
+from canopen import ObjectDictionary, SdoAbortedError, SdoCommunicationError
+from canopen.network import Network
+from canopen.sdo.client import SdoClient
+
+from traverse.drivers.base.values import DeviceError
+from traverse.drivers.io.can_bus import CanBus
+from traverse.protocol.canopen import frames as wire
+from traverse.protocol.canopen.objects import ABORTS
+
+SHORT_WAIT_S = 0.01
+LATEST_NS = 5_000_000_000  # after its question no answer comes any more
+ABORTED = 0x80
+BEGINNINGS = (0x20, 0x40)  # of a transfer: the request names its object
+
+
+class NodeError(DeviceError):
+    """A node did not answer, or refused."""
+
+
+class NodeRefusedError(NodeError):
+    """A node aborted a transfer.
+
+    Attributes:
+        code: its reason, see `traverse.protocol.canopen.objects.ABORTS`.
+    """
+
+    def __init__(self, text: str, remedy: str, code: int) -> None:
+        super().__init__(text, remedy)
+        self.code = code
+
+
+class _Wire(Network):
+    """As much of the library's network as a transfer needs: a way to send."""
+
+    def __init__(self, bus: CanBus) -> None:
+        super().__init__()
+        self._can_bus = bus
+
+    def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
+        del remote  # never asked for by a transfer
+        self._can_bus.send(can_id, bytes(data))
+
+
+class NodeSdo(SdoClient):
+    """Reads and writes objects of one node.
+
+    Args:
+        node: its number.
+        bus: open.
+        turn: reads the bus once, waiting at most the seconds given, and hands answers
+            of this node to `take`.
+        stopping: asked while waiting; True ends the transfer.
+        answer_s: how long an answer may take.
+        tries: how often a request is sent.
+        monotonic_ns: the host's clock.
+
+    Attributes:
+        surplus: answers for which there was no question: two nodes have the same
+            number. A slow node's late answer to an earlier try is none of them.
+    """
+
+    def __init__(
+        self,
+        node: int,
+        bus: CanBus,
+        turn: Callable[[float], None],
+        *,
+        stopping: Callable[[], bool],
+        answer_s: float,
+        tries: int,
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        super().__init__(  # type: ignore[no-untyped-call]  # the library's
+            wire.SDO_REQUEST + node,
+            wire.SDO_ANSWER + node,
+            ObjectDictionary(),  # type: ignore[no-untyped-call]  # the library's
+        )
+        self.network = _Wire(bus)
+        self.RESPONSE_TIMEOUT = answer_s
+        self.MAX_RETRIES = tries
+        self.name = f"node {node} on {bus.name}"
+        self._turn, self._stopping, self._now_ns = turn, stopping, monotonic_ns
+        self._answers: deque[bytes] = deque()
+        self._waits = False
+        self._object: bytes | None = None
+        self._unanswered: dict[bytes, deque[int]] = {}  # by object: when asked
+        self.surplus = 0
+
+    def take(self, data: bytes | bytearray) -> None:
+        """An answer of the node has come."""
+        about = bytes(data[1:4])
+        unanswered = self._unanswered.get(about)
+        was_asked = bool(unanswered)
+        if unanswered:
+            unanswered.popleft()
+        if self._object not in (None, about):
+            return  # the late answer to an earlier request
+        if self._waits:
+            self._answers.append(bytes(data))
+            self._waits = False
+        elif self._object is not None and not was_asked:
+            self.surplus += 1
+
+    def expect(self, request: bytes, times: int) -> None:
+        """Somebody else has asked this before, and answers may still come."""
+        for _ in range(times):
+            self._note_question(request[1:4])
+
+    def read(self, index: int, sub: int = 0) -> bytes:
+        """The bytes of an object.
+
+        Raises:
+            NodeError: the node does not answer, or refuses.
+        """
+        try:
+            return bytes(self.upload(index, sub))
+        except SdoAbortedError as error:
+            raise self._refused("read", index, sub, error) from error
+        except SdoCommunicationError as error:
+            raise self._silent(index, sub, error) from error
+
+    def read_number(self, index: int, sub: int = 0) -> int:
+        """An object that is an unsigned number.
+
+        Raises:
+            NodeError: the node does not answer, or refuses.
+        """
+        return int.from_bytes(self.read(index, sub), "little")
+
+    def find_number(self, index: int, sub: int = 0) -> int | None:
+        """The same; None where the node has no such object.
+
+        Raises:
+            NodeError: the node does not answer.
+        """
+        try:
+            return self.read_number(index, sub)
+        except NodeRefusedError:
+            return None
+
+    def write(self, index: int, sub: int, value: int, n_bytes: int) -> None:
+        """Set an object to a number of ``n_bytes``.
+
+        Raises:
+            NodeError: the node does not answer, or refuses.
+        """
+        self.write_bytes(index, sub, value.to_bytes(n_bytes, "little"))
+
+    def write_bytes(self, index: int, sub: int, data: bytes) -> None:
+        """Set an object.
+
+        Raises:
+            NodeError: the node does not answer, or refuses.
+        """
+        try:
+            self.download(index, sub, data)
+        except SdoAbortedError as error:
+            raise self._refused("write", index, sub, error) from error
+        except SdoCommunicationError as error:
+            raise self._silent(index, sub, error) from error
+
+    # -- how the library sends and waits ---------------------------------------
+
+    def send_request(self, request: bytes) -> None:
+        """Send; whatever came before is no answer to it."""
+        self._answers.clear()
+        self._waits = request[0] != ABORTED  # nobody answers an abort
+        begins = request[0] & 0xE0 in BEGINNINGS
+        self._object = bytes(request[1:4]) if begins else None
+        if self._object is not None:
+            self._note_question(self._object)
+        super().send_request(request)  # type: ignore[no-untyped-call]  # the library's
+
+    def read_response(self) -> bytes:
+        """Wait for the answer, reading the bus."""
+        until_ns = self._now_ns() + int(self.RESPONSE_TIMEOUT * 1e9)
+        while not self._answers:
+            left_s = (until_ns - self._now_ns()) * 1e-9
+            if self._stopping():
+                raise DeviceError(f"closed while asking {self.name}", "go on")
+            if left_s <= 0:
+                raise SdoCommunicationError("no answer")
+            self._turn(min(left_s, SHORT_WAIT_S))
+        response = self._answers.popleft()
+        if response[0] == ABORTED:
+            raise SdoAbortedError(int.from_bytes(response[4:], "little"))
+        return response
+
+    def _note_question(self, about: bytes) -> None:
+        now_ns = self._now_ns()
+        unanswered = self._unanswered.setdefault(about, deque())
+        while unanswered and now_ns - unanswered[0] > LATEST_NS:
+            unanswered.popleft()
+        unanswered.append(now_ns)
+
+    def _refused(
+        self, what: str, index: int, sub: int, error: SdoAbortedError
+    ) -> NodeRefusedError:
+        code = int(error.code)
+        why = ABORTS.get(code, "see its manual")
+        return NodeRefusedError(
+            f"{self.name} refused to {what} object "
+            f"{index:04X}:{sub:02X}: {code:08X}, {why}",
+            "check the encoder's type and what its manual says of this object",
+            code,
+        )
+
+    def _silent(self, index: int, sub: int, error: SdoCommunicationError) -> NodeError:
+        return NodeError(
+            f"{self.name} does not answer (asked for object "
+            f"{index:04X}:{sub:02X}, {self.MAX_RETRIES} times {self.RESPONSE_TIMEOUT:g}"
+            f" s: {error})",
+            "check its power, its number, the bit rate and the termination of the bus",
+        )

@@ -1,0 +1,190 @@
+"""What is seen to besides the positions: nodes that restart, complaints, the bus.
+
+Called between two reads of the bus. Its questions to a node read the bus meanwhile, so
+no position waits for them; only one node is dealt with at a time.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from traverse.drivers.base.values import DeviceError
+from traverse.drivers.canopen.loss_reports import Fault, Losses
+from traverse.drivers.canopen.node import NodeFacts, read_facts, set_up
+from traverse.drivers.canopen.node_watch import Conditions, NodeMonitor
+from traverse.drivers.canopen.options import CanOpenOptions
+from traverse.drivers.canopen.sdo import NodeError, NodeSdo
+from traverse.drivers.canopen.sync_cycles import Cycles
+from traverse.drivers.io.can_bus import CanBus
+from traverse.protocol.canopen import frames as wire
+from traverse.protocol.canopen import objects
+from traverse.protocol.canopen.errors import decode_error
+
+LOOK_NS = 50_000_000
+SET_UP_AGAIN_NS = 500_000_000
+UNCLEAR_NS = 500_000_000
+BACK_ON_BUS_NS = 200_000_000
+
+
+@dataclass(slots=True)
+class NodeSupervisor:
+    """Looks after the nodes of one connection.
+
+    Attributes:
+        sdos: by channel.
+        facts: by channel, as they were found.
+        wanted: the options.
+        report_fault: tells what was survived: code, text, remedy, how often.
+        losses: tells what was lost.
+    """
+
+    bus: CanBus
+    sdos: Sequence[NodeSdo]
+    facts: Sequence[NodeFacts]
+    cycles: Cycles
+    watch: NodeMonitor
+    conditions: Conditions
+    wanted: CanOpenOptions
+    now_ns: Callable[[], int]
+    report_fault: Fault
+    losses: Losses
+    _restarted: Sequence[int] = ()
+    _look_due_ns: int = 0
+    _status_due_ns: int = 0
+    _status_turn: int = 0
+    _set_up_due_ns: int = 0
+    _bus_off_ns: int = 0
+    _clear_ns: int = 0
+
+    def observe(self) -> None:
+        """Note who lives and what was lost; asks nobody, so that it never waits.
+
+        Raises:
+            DeviceError: all nodes are gone.
+        """
+        now_ns = self.now_ns()
+        if now_ns < self._look_due_ns:
+            return
+        self._look_due_ns = now_ns + LOOK_NS
+        self._note_answers(now_ns)
+        self.losses.tell()
+        self._restarted = self.watch.look(now_ns) or self._long_unclear(now_ns)
+        for channel in range(len(self.sdos)):
+            self.cycles.status[channel] = self.watch.status(channel)
+        if self.watch.all_lost(now_ns):
+            raise DeviceError(
+                f"all nodes on {self.bus.name} are silent",
+                "check the power of the encoders and the cable of the bus",
+            )
+
+    def act(self) -> None:
+        """Deal with one node, if one is due; `observe` goes on meanwhile.
+
+        Raises:
+            DeviceError: all nodes are gone, or one is not what it was.
+        """
+        now_ns = self.now_ns()
+        if self._restarted and now_ns >= self._set_up_due_ns:
+            self._set_up_again(self._restarted[0])
+            self._set_up_due_ns = self.now_ns() + SET_UP_AGAIN_NS
+        elif self.wanted.status_period_s and now_ns >= self._status_due_ns:
+            period_s = self.wanted.status_period_s / len(self.sdos)
+            self._status_due_ns = now_ns + int(period_s * 1e9)
+            self._ask_complaints(self._status_turn)
+            self._status_turn = (self._status_turn + 1) % len(self.sdos)
+
+    def emergency(self, channel: int, message: wire.Emergency) -> None:
+        """An emergency has come: ask that node next, it may have more to tell."""
+        self.watch.emergency(channel, message)
+        self._status_turn, self._status_due_ns = channel, 0
+
+    def error_frame(self, can_id: int, data: bytes | bytearray, at_ns: int) -> None:
+        """The controller has told how its bus is."""
+        told = decode_error(can_id, data)
+        if told.bus_off:
+            self._bus_off_ns = at_ns
+            text = f"{self.bus.name} is off: its controller saw too many errors"
+            self.conditions.begin(None, "bus_off", text)
+        elif told.restarted:
+            self.conditions.end(None, "bus_off")
+        if told.passive:
+            text = f"{self.bus.name} is disturbed: its controller is error passive"
+            self.conditions.begin(None, "bus_passive", text)
+        elif told.active or told.restarted:
+            self.conditions.end(None, "bus_passive")
+        if told.overflow:
+            self.cycles.note_lost_frames()
+            self.losses.report_overflow(1)
+
+    def _long_unclear(self, now_ns: int) -> list[int]:
+        """Who has to begin anew where SYNCs are another's, which cannot be paused."""
+        unclear = self.cycles.unclear
+        if not unclear or self.wanted.sync != "external":
+            self._clear_ns = now_ns
+        if now_ns - self._clear_ns < UNCLEAR_NS:
+            return []
+        return [channel for channel in range(len(self.sdos)) if unclear >> channel & 1]
+
+    def _note_answers(self, now_ns: int) -> None:
+        cycles = self.cycles
+        seen, cycles.seen = cycles.seen, 0
+        for channel in range(len(self.sdos)):
+            if seen >> channel & 1:
+                self.watch.heard(channel, now_ns)
+        if seen and now_ns - self._bus_off_ns > BACK_ON_BUS_NS:
+            self.conditions.end(None, "bus_off")
+        for channel, n in cycles.duplicates.items():
+            sign = f"{n} second answers to one SYNC"
+            self.watch.duplicate(channel, now_ns, sign)
+            self.report_fault(
+                "duplicate_answers",
+                f"node {self.facts[channel].node}: {sign}",
+                "see the alarm duplicate_node",
+                n,
+            )
+        cycles.duplicates.clear()
+        for channel, sdo in enumerate(self.sdos):
+            if sdo.surplus:
+                sdo.surplus = 0
+                self.watch.duplicate(channel, now_ns, "two answers to one question")
+
+    def _set_up_again(self, channel: int) -> None:
+        sdo, known = self.sdos[channel], self.facts[channel]
+        try:
+            self.bus.send(wire.NMT, wire.nmt_command(wire.PRE_OPERATIONAL, known.node))
+            found = read_facts(sdo, known.node)
+            if (found.counts_per_turn, found.modulus) != (
+                known.counts_per_turn,
+                known.modulus,
+            ):
+                raise DeviceError(
+                    f"{sdo.name} came back with {found.counts_per_turn} counts per turn"
+                    f", it had {known.counts_per_turn}",
+                    "if it was replaced, correct the arm file and identify anew",
+                )
+            forgotten = set_up(sdo, found, self.wanted)
+        except NodeError:
+            return  # it stays lost; it is tried again
+        self.bus.send(wire.NMT, wire.nmt_command(wire.START, known.node))
+        self.watch.set_up(channel, self.now_ns())
+        if self.wanted.sync == "external":
+            self.cycles.trust(1 << channel)
+        self._restarted = ()
+        self.watch.complaints(channel, found.alarms, found.warnings)
+        if forgotten:
+            self.report_fault(
+                "node_restarted",
+                f"node {known.node} has restarted; it is set up again and measures",
+                "check its power supply; check a known point before measuring on",
+                1,
+            )
+
+    def _ask_complaints(self, channel: int) -> None:
+        sdo = self.sdos[channel]
+        if self.conditions.is_raised(channel, "node_lost"):
+            return
+        try:
+            alarms = sdo.find_number(objects.ALARMS) or 0
+            warnings = sdo.find_number(objects.WARNINGS) or 0
+        except NodeError:
+            return  # its heartbeat tells whether it is lost
+        self.watch.complaints(channel, alarms, warnings)

@@ -1,0 +1,1 @@
+"""Serial ports and CAN buses, opened for one reader thread."""

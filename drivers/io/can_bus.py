@@ -1,0 +1,206 @@
+"""A CAN bus for one thread: frames as plain values, stamped with the host's clock.
+
+python-can opens the bus, whatever its interface is. On SocketCAN frames are then read
+from the socket directly (`drivers/io/can_socket.py`): the kernel's time stamp to the
+nanosecond, its count of lost frames, and a fifth of the cost.
+"""
+
+import contextlib
+import errno
+import os
+import select
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import can
+from can.interfaces.socketcan import SocketcanBus
+
+from traverse.drivers.base.values import DeviceError, DeviceNotFoundError
+from traverse.drivers.io.can_socket import EXTENDED, REMOTE, SocketFrames
+from traverse.protocol.canopen.errors import ERROR_FLAG
+
+Frame = tuple[int, bytes | bytearray, int]
+"""Identifier (with `ERROR_FLAG` for the controller's own words), data, instant [ns]."""
+
+MOST_AT_ONCE = 64  # frames read before the caller may send again
+BLIND_WAIT_S = 0.02  # of an interface that nothing else can wake
+EXACTLY = 0x7FF | EXTENDED | REMOTE  # so the kernel looks it up in a table
+FULL = {errno.ENOBUFS, None}  # of the queue; of the socket python-can gives no number
+FULL_TRIES, FULL_WAIT_S = 50, 0.001  # SocketCAN queues ten frames as it is delivered
+SLCAN_WAIT_S = 0.1  # python-can waits 2 s, for boards that restart when opened
+
+
+class PeriodicTask:
+    """A frame that the kernel sends again and again."""
+
+    def __init__(self, task: can.broadcastmanager.CyclicSendTaskABC) -> None:
+        self._task = task
+
+    def stop(self) -> None:
+        """Send it no more; never raises, the bus may be gone."""
+        with contextlib.suppress(can.CanError, OSError, ValueError):
+            self._task.stop()
+
+
+class CanBus:
+    """An open bus.
+
+    Args:
+        interface: of python-can: "socketcan", "slcan", "udp_multicast", "virtual", ...
+        channel: of that interface: "can0", "/dev/ttyACM0", ...
+        bit_rate: of the bus; SocketCAN has its own from the network's configuration.
+        wake_fd: a non-blocking pipe; bytes in it end `receive` early and are eaten.
+        monotonic_ns: the host's clock.
+        identifiers: what is wanted; the kernel drops the rest. Empty for everything.
+
+    Raises:
+        DeviceNotFoundError: there is no such bus, or it cannot be opened.
+    """
+
+    def __init__(
+        self,
+        interface: str,
+        channel: str,
+        bit_rate: int,
+        *,
+        wake_fd: int | None = None,
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+        identifiers: Sequence[int] = (),
+    ) -> None:
+        self.name = f"{interface}:{channel}"
+        self._now_ns = monotonic_ns
+        self._wake_fd = wake_fd
+        self._bus = _opened(interface, channel, bit_rate)
+        self._socket: SocketFrames | None = None
+        if isinstance(self._bus, SocketcanBus):
+            if identifiers:
+                self._bus.set_filters(
+                    [{"can_id": i, "can_mask": EXACTLY} for i in identifiers]
+                )
+            self._socket = SocketFrames(self._bus.socket, monotonic_ns)
+        self._fd = _descriptor(self._bus)
+
+    @property
+    def has_kernel_sync(self) -> bool:
+        """Whether frames can be sent periodically without a thread of Python."""
+        return self._socket is not None
+
+    @property
+    def dropped(self) -> int:
+        """Frames that the kernel could not keep for this program."""
+        return 0 if self._socket is None else self._socket.dropped
+
+    def receive(self, timeout_s: float) -> Sequence[Frame]:
+        """What has come; waits for it at most ``timeout_s``.
+
+        Raises:
+            DeviceError: the bus has gone away.
+        """
+        try:
+            if self._fd is not None and not self._ready(self._fd, timeout_s):
+                return []
+            if self._socket is not None:
+                return self._socket.read(MOST_AT_ONCE)
+            wait_s = min(timeout_s, BLIND_WAIT_S) if self._fd is None else 0.0
+            return self._read(wait_s)
+        except (can.CanError, OSError, ValueError) as error:
+            raise self._gone(error) from error
+
+    def send(self, can_id: int, data: bytes) -> None:
+        """Send a frame; waits a little where the queue of the interface is full.
+
+        Raises:
+            DeviceError: the bus does not take it.
+        """
+        message = can.Message(arbitration_id=can_id, data=data, is_extended_id=False)
+        for attempt in range(FULL_TRIES):
+            try:
+                self._bus.send(message)
+            except can.CanOperationError as error:
+                if error.error_code not in FULL or attempt == FULL_TRIES - 1:
+                    raise self._gone(error) from error
+                time.sleep(FULL_WAIT_S)  # the time of some frames on the bus
+            except (can.CanError, OSError) as error:
+                raise self._gone(error) from error
+            else:
+                return
+
+    def send_periodically(self, can_id: int, period_s: float) -> PeriodicTask:
+        """Let the kernel send an empty frame every ``period_s``.
+
+        Raises:
+            DeviceError: it cannot; the module can-bcm is missing, for example.
+        """
+        try:
+            frame = can.Message(arbitration_id=can_id, is_extended_id=False)
+            return PeriodicTask(self._bus.send_periodic(frame, period_s))
+        except (can.CanError, OSError, ValueError) as error:
+            raise self._gone(error) from error
+
+    def close(self) -> None:
+        """Close; never raises."""
+        with contextlib.suppress(can.CanError, OSError, ValueError):
+            self._bus.shutdown()
+
+    def _ready(self, fd: int, timeout_s: float) -> bool:
+        waiting = [fd] if self._wake_fd is None else [fd, self._wake_fd]
+        ready, _, _ = select.select(waiting, [], [], max(0.0, timeout_s))
+        if self._wake_fd is not None and self._wake_fd in ready:
+            with contextlib.suppress(BlockingIOError):
+                os.read(self._wake_fd, 4096)
+        return fd in ready
+
+    def _read(self, wait_s: float) -> list[Frame]:
+        frames: list[Frame] = []
+        message = self._bus.recv(wait_s)
+        now_ns = self._now_ns()
+        while message is not None:
+            if message.is_error_frame:
+                flagged = message.arbitration_id | ERROR_FLAG
+                frames.append((flagged, message.data, now_ns))
+            elif not (message.is_extended_id or message.is_remote_frame):
+                frames.append((message.arbitration_id, message.data, now_ns))
+            if len(frames) >= MOST_AT_ONCE:
+                break
+            message = self._bus.recv(0)
+        return frames
+
+    def _gone(self, error: Exception) -> DeviceError:
+        return DeviceError(
+            f"the bus {self.name} failed: {error}",
+            "check adapter, cable and power, and that the interface is up",
+        )
+
+
+def _opened(interface: str, channel: str, bit_rate: int) -> can.BusABC:
+    options: dict[str, Any] = {}
+    if interface != "socketcan":
+        options["bitrate"] = bit_rate
+    if interface == "slcan":
+        options |= {"timeout": 0, "sleep_after_open": SLCAN_WAIT_S}
+    try:
+        return can.Bus(channel, interface, ignore_config=True, **options)
+    except (can.CanError, OSError, ValueError, ImportError) as error:
+        raise DeviceNotFoundError(
+            f"cannot open the bus {interface}:{channel}: {error}",
+            _remedy(interface, channel),
+        ) from error
+
+
+def _remedy(interface: str, channel: str) -> str:
+    if interface == "socketcan":
+        return (
+            f"bring it up with its bit rate: ip link set {channel} up type can "
+            "bitrate 1000000, or through systemd-networkd"
+        )
+    return "check the name of the channel, the cable, and the rights on the port"
+
+
+def _descriptor(bus: can.BusABC) -> int | None:
+    """What `select` can wait for, None where the interface has no such thing."""
+    try:
+        number = bus.fileno()
+    except NotImplementedError:
+        return None
+    return number if number >= 0 else None

@@ -1,0 +1,163 @@
+"""A serial port opened for one reader alone, read as it comes.
+
+pyserial's own exclusive mode is an advisory lock; TIOCEXCL also keeps out programs
+that do not ask for it (though not root). Low latency matters for FTDI adapters,
+whose timer otherwise holds bytes back for 16 ms; ports without the knob refuse it.
+"""
+
+import contextlib
+import errno
+import fcntl
+import os
+import select
+import termios
+import time
+
+import serial
+
+from traverse.drivers.base.values import DeviceError, DeviceNotFoundError
+
+READ_BYTES = 65_536
+WRITE_TIMEOUT_S = 0.5
+BUSY_TRIES, BUSY_PAUSE_S = 5, 0.1
+
+
+class SerialPort:
+    """An open port.
+
+    Args:
+        path: device file, best one below /dev/serial/by-id.
+        baud_rate: bits per second; without meaning on USB-CDC and ptys.
+        wake_fd: a non-blocking pipe; bytes in it end `wait` early and are eaten.
+        parity: "N", "E" or "O"; a pty takes none but "N".
+        stop_bits: 1 or 2.
+
+    Raises:
+        DeviceNotFoundError: it is missing, in use, or not permitted.
+    """
+
+    def __init__(
+        self,
+        path: str,
+        baud_rate: int,
+        wake_fd: int,
+        *,
+        parity: str = "N",
+        stop_bits: int = 1,
+    ) -> None:
+        self._port = _opened(path, baud_rate, parity, stop_bits)
+        self._fd = self._port.fileno()
+        self._wake_fd = wake_fd
+        self.path = path
+        with contextlib.suppress(OSError, ValueError):
+            self._port.set_low_latency_mode(True)
+        with contextlib.suppress(OSError):
+            fcntl.ioctl(self._fd, termios.TIOCEXCL)
+        try:
+            self._port.reset_input_buffer()
+        except (OSError, termios.error) as error:
+            self.close()
+            raise _explain(path, error) from error
+
+    def fileno(self) -> int:
+        """For waiting for several ports together."""
+        return self._fd
+
+    def wait(self, seconds: float) -> bool:
+        """Wait for bytes; False after ``seconds`` or a wake-up without any.
+
+        A wake-up that comes with bytes is told when they have been read.
+        """
+        ready, _, _ = select.select([self._fd, self._wake_fd], [], [], seconds)
+        if self._fd in ready:
+            return True
+        if ready:
+            with contextlib.suppress(BlockingIOError):
+                os.read(self._wake_fd, 4096)
+        return False
+
+    def read(self) -> bytes:
+        """What there is, at most 64 KiB; nothing where nothing has come.
+
+        Raises:
+            DeviceError: the port has gone away.
+        """
+        # An empty read is silence as well as the end: only of a port that has
+        # something to say, and says nothing, it is the end.
+        data = self._taken()
+        if not data and select.select([self._fd], [], [], 0.0)[0]:
+            data = self._taken()
+            if not data:
+                raise self._gone("end of file")
+        return data
+
+    def write(self, data: bytes) -> None:
+        """Send all of ``data``.
+
+        Raises:
+            DeviceError: the port has gone away or takes no bytes.
+        """
+        try:
+            self._port.write(data)
+        except (serial.SerialException, OSError) as error:
+            raise self._gone(str(error)) from error
+
+    def close(self) -> None:
+        """Close; never raises."""
+        with contextlib.suppress(OSError, termios.error):
+            fcntl.ioctl(self._fd, termios.TIOCNXCL)
+        with contextlib.suppress(OSError, serial.SerialException):
+            self._port.close()
+
+    def _taken(self) -> bytes:
+        try:
+            return os.read(self._fd, READ_BYTES)
+        except BlockingIOError:
+            return b""
+        except OSError as error:
+            raise self._gone(error.strerror or str(error)) from error
+
+    def _gone(self, reason: str) -> DeviceError:
+        return DeviceError(
+            f"port {self.path} has gone away ({reason})", "check cable and power"
+        )
+
+
+def _opened(path: str, baud_rate: int, parity: str, stop_bits: int) -> serial.Serial:
+    """The open port; waits a moment for a program that is just letting go of it.
+
+    Raises:
+        DeviceNotFoundError: it is missing, in use, or not permitted.
+    """
+    left = BUSY_TRIES
+    while True:
+        left -= 1
+        try:
+            return serial.Serial(
+                path,
+                baud_rate,
+                timeout=0,
+                write_timeout=WRITE_TIMEOUT_S,
+                exclusive=True,
+                parity=parity,
+                stopbits=stop_bits,
+            )
+        except (OSError, ValueError, termios.error) as error:
+            busy = getattr(error, "errno", None) in (errno.EAGAIN, errno.EBUSY)
+            if not (busy and left):
+                raise _explain(path, error) from error
+        time.sleep(BUSY_PAUSE_S)
+
+
+def _explain(path: str, error: Exception) -> DeviceNotFoundError:
+    number = getattr(error, "errno", None)
+    if number == errno.ENOENT:
+        reason, remedy = "there is no such port", "plug the device in, check its name"
+    elif number in (errno.EACCES, errno.EPERM):
+        reason = "not permitted"
+        remedy = "add the service's user to the group dialout"
+    elif number in (errno.EAGAIN, errno.EBUSY):
+        reason, remedy = "in use by another program", "stop that program"
+    else:
+        reason, remedy = str(error), "check that this is a serial port"
+    return DeviceNotFoundError(f"cannot open {path}: {reason}", remedy)

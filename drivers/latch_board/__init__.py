@@ -1,0 +1,1 @@
+"""Driver of a latching controller board (docs/serial-protocol.md)."""

@@ -1,0 +1,260 @@
+"""Driver of a latching controller board on a serial line (docs/serial-protocol.md)."""
+
+import time
+from collections import deque
+from collections.abc import Callable
+
+from traverse.drivers.base.delivery_queue import DeliveryQueue
+from traverse.drivers.base.driver import Driver
+from traverse.drivers.base.values import (
+    DeviceError,
+    DeviceRefusedError,
+    DeviceTemperatures,
+    DeviceUp,
+    StreamStarted,
+)
+from traverse.drivers.io.serial_port import SerialPort
+from traverse.drivers.latch_board.edge_sequence import EdgeSequencer
+from traverse.drivers.latch_board.identification import (
+    check_identification,
+    device_alarm,
+    identity_of,
+)
+from traverse.drivers.latch_board.line import Answer, LatchBoardLine, PartialReads
+from traverse.drivers.latch_board.options import LatchBoardOptions
+from traverse.drivers.latch_board.report_sink import BoardReports
+from traverse.drivers.latch_board.session import LatchBoardSession
+from traverse.protocol import latch_board as wire
+
+ALL_INPUTS = 0xFF
+HEARTBEAT_MS = 500
+EDGES_HEARTBEAT_MS = 20  # of a board that never streams: nothing else tells its time
+TEMPERATURE_MS = 2000
+MAX_LATCHES = 16
+# The board sends an edge again after 50 ms. So it is acknowledged in a quiet moment,
+# not while its point is on its way, and several are at once.
+QUIET_S = 0.003
+OVERDUE_NS = 20_000_000
+BATCH_WINDOW_WITH_EDGES_NS = 5_000_000
+
+
+class LatchBoard(Driver):
+    """A board that latches all encoders of an arm at one instant.
+
+    Args:
+        device: id in the configuration.
+        delivery_queue: where deliveries go.
+        port: path of the serial port.
+        baud_rate: of the line.
+        debounce_us: how long an input must hold its new level.
+        monotonic_ns: the host's clock.
+    """
+
+    options = LatchBoardOptions
+
+    def __init__(
+        self,
+        device: str,
+        delivery_queue: DeliveryQueue,
+        *,
+        port: str,
+        baud_rate: int = 1_000_000,
+        debounce_us: int = 5000,
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        super().__init__(device, delivery_queue, monotonic_ns)
+        self._path = port
+        self._baud_rate = baud_rate
+        self._debounce_us = debounce_us
+        # Written by the service, read by the thread: what is wanted of the board.
+        self._rate_hz = 0.0
+        self._streams_wanted = 0
+        self._latches: deque[int] = deque()
+        self._latch_token = 0
+        self._edges = EdgeSequencer()
+        # The thread's own.
+        self._port: SerialPort | None = None
+        self._line: LatchBoardLine | None = None
+        self._boot_id: int | None = None
+        self._session: LatchBoardSession | None = None  # until the board is known
+        self._acknowledged_ns = 0
+        self._taken_ns = 0  # until when what has come has been taken up
+        self._frames_before = 0
+        self._streams_begun = 0
+        self._stream = 0
+
+    def request_stream(self, rate_hz: float) -> None:
+        """Stream timed samples at ``rate_hz`` from now on; 0 stops the stream."""
+        self._rate_hz = rate_hz
+        self._streams_wanted += 1
+        self._wake()
+
+    def request_latch(self) -> int:
+        """Latch once, now; the returned token comes back in `LatchedCounts`.
+
+        Raises:
+            DeviceError: too many requests are waiting already.
+        """
+        if len(self._latches) >= MAX_LATCHES:
+            raise DeviceError(
+                f"{MAX_LATCHES} latch requests wait for {self.device}", "ask less often"
+            )
+        self._latch_token += 1
+        self._latches.append(self._latch_token)
+        self._wake()
+        return self._latch_token
+
+    def acknowledge(self, token: int) -> None:
+        """Have the board told soon that edges up to ``token`` have been dealt with."""
+        self._edges.acknowledge(token)
+
+    # -- in the reader thread -------------------------------------------------
+
+    def _connect(self) -> None:
+        self._port = SerialPort(self._path, self._baud_rate, self._wake_read)
+        line = self._line = LatchBoardLine(
+            self._port, self._now_ns, self._dispatch, lambda: self._stopping
+        )
+        line.begin()
+        first = self._boot_id is None
+        flags = wire.FORGET_EDGES if first else 0
+        hello = line.ask("HELLO", lambda number: wire.hello_request(number, flags))
+        if not isinstance(hello, wire.Hello):
+            raise DeviceError(f"HELLO was answered by {hello}", "update the firmware")
+        check_identification(hello, self._path)
+        restarted = not first and hello.boot_id != self._boot_id
+        self._latches.clear()  # whoever waited for them has given up
+        heartbeat_ms = HEARTBEAT_MS if hello.channels else EDGES_HEARTBEAT_MS
+        line.ask(
+            "CONFIGURE",
+            lambda number: wire.configure_request(
+                number, ALL_INPUTS, heartbeat_ms, TEMPERATURE_MS, self._debounce_us
+            ),
+        )
+        self._tell(DeviceUp(self.device, identity_of(hello), restarted))
+        # Not earlier: if CONFIGURE fails, the next try has to tell of the restart.
+        if restarted:
+            self._edges = EdgeSequencer(0)
+        self._boot_id = hello.boot_id
+        reports = BoardReports(
+            self.device,
+            len(hello.channels),
+            self._delivery_queue.put,
+            self._fault,
+            self._counters,
+        )
+        self._session = LatchBoardSession(  # from now on edges are taken
+            self._path, hello.tick_rate_hz, self._edges, reports
+        )
+        self._streams_begun = 0  # what was wanted is to be asked for again
+
+    def _serve(self) -> None:
+        line, session, broken = self._line, self._session, 0
+        while line is not None and session is not None and not self._stopping:
+            self._carry_out_requests(line, session)
+            if not line.wait(QUIET_S if self._edges.owes else 0.1):
+                self._acknowledge(line)
+            else:
+                until_ns = max(self._taken_ns + self._batch_window_ns(), self._now_ns())
+                line.read(until_ns)
+                self._taken_ns = min(until_ns, self._now_ns())
+                self._report_broken(line.broken - broken)
+                broken = line.broken
+            self._counters["frames_received"] = self._frames_before + line.accepted
+            self._report_counters()
+            line.check_alive()
+
+    def _batch_window_ns(self) -> int:
+        """How long to let samples come together before they are decoded.
+
+        A block of one costs as much as a block of many. Bytes are read as they come, so
+        none wait in the port.
+        """
+        batch_window_ns = self._delivery_queue.batch_window_ns
+        return (
+            min(batch_window_ns, BATCH_WINDOW_WITH_EDGES_NS)
+            if self._edges.owes
+            else batch_window_ns
+        )
+
+    def _disconnect(self) -> None:
+        self._session = None
+        if self._line is not None:
+            self._counters["requests_repeated"] += self._line.repeated
+            self._frames_before += self._line.accepted
+            self._line = None
+        if self._port is not None:
+            self._port.close()
+            self._port = None
+
+    def _carry_out_requests(
+        self, line: LatchBoardLine, session: LatchBoardSession
+    ) -> None:
+        if self._now_ns() - self._acknowledged_ns > OVERDUE_NS:
+            self._acknowledge(line)
+        while self._latches:
+            # Its answer is taken here and not when it is dispatched, so that a late
+            # answer to an earlier try is not a second latch.
+            answer = self._ask_or_fault(line, "LATCH", wire.latch_request)
+            token = self._latches.popleft()
+            if isinstance(answer, wire.Latched):
+                session.latches.take_answer(answer, token, line.heard_ns)
+        if self._streams_begun != (wanted := self._streams_wanted):
+            self._streams_begun = wanted
+            rate = round(self._rate_hz * 1000)
+            session.samples.end()
+            if rate:
+                self._ask_or_fault(
+                    line, "START", lambda number: wire.start_request(number, rate)
+                )
+            else:
+                self._ask_or_fault(line, "STOP", wire.stop_request)
+
+    def _acknowledge(self, line: LatchBoardLine) -> None:
+        """Tell the board of the edges that have been dealt with, if there are any."""
+        self._acknowledged_ns = self._now_ns()
+        if (done := self._edges.take_acknowledgement()) is not None:
+            line.send(wire.edge_ack(done))
+
+    def _ask_or_fault(
+        self, line: LatchBoardLine, name: str, frame: Callable[[int], bytes]
+    ) -> Answer | None:
+        """The answer; None where the board refused, which connecting cannot mend."""
+        try:
+            return line.ask(name, frame)
+        except DeviceRefusedError as error:
+            self._fault("request_refused", str(error), error.remedy)
+            return None
+
+    def _dispatch(
+        self, message: wire.Message, received_ns: int, earlier: PartialReads
+    ) -> None:
+        session = self._session  # until HELLO it may be of another board
+        match message:
+            case wire.Reply(request_type=wire.START, result=0) if session is not None:
+                # Its samples may stand in the same read: be ready for them now.
+                self._stream += 1
+                session.samples.begin(self._stream, message.request)
+                rate_hz = message.value / 1000
+                self._tell(StreamStarted(self.device, self._stream, rate_hz))
+            case wire.Temperatures():
+                self._delivery_queue.put(
+                    DeviceTemperatures(self.device, message.values_c)
+                )
+            case wire.Alarm():
+                self._delivery_queue.put(device_alarm(self.device, message))
+            case _ if session is not None:
+                session.take(message, received_ns, earlier)
+            case wire.SampleBlock():
+                self._counters["samples_of_old_stream"] += len(message.seq)
+            case _:
+                pass  # edges and heartbeats come again after HELLO
+
+    def _report_broken(self, broken: int) -> None:
+        if broken:
+            self._fault(
+                "frames_rejected",
+                f"{broken} broken frames on {self._path}",
+                "check cable, shielding and baud rate",
+                broken,
+            )

@@ -1,0 +1,109 @@
+"""Takes each edge of a latch board once and in order (docs/serial-protocol.md).
+
+The board numbers its edges and repeats them until they are acknowledged; an
+acknowledgement covers all earlier edges too. So an edge that overtakes a broken one
+must wait for the repetition, unless the board itself has lost the earlier one. Then
+the oldest that the board repeats is next, whichever happens to come first.
+"""
+
+from typing import Literal
+
+WRAP = 1 << 32
+PATIENCE_NS = 1_000_000_000  # the board repeats every 50 ms
+
+Verdict = Literal["next", "early", "waiting", "acknowledged"]
+
+
+class EdgeSequencer:
+    """The sequence of edges as the host has seen it.
+
+    Args:
+        expected: number of the next edge; None until the board tells.
+    """
+
+    def __init__(self, expected: int | None = None) -> None:
+        self._next = expected
+        self._delivered: int | None = None
+        self._acknowledged: int | None = None
+        self._told: int | None = None
+        self._early_since_ns: int | None = None
+        self._oldest_early = 0
+
+    @property
+    def has_open_edges(self) -> bool:
+        """Whether the consumer has edges that it has not yet dealt with."""
+        return self._delivered is not None and self._delivered != self._acknowledged
+
+    @property
+    def owes(self) -> bool:
+        """Whether the board waits for an acknowledgement, or soon will."""
+        return self.has_open_edges or self._acknowledged != self._told
+
+    def take_acknowledgement(self) -> int | None:
+        """What to acknowledge to the board now; None where it knows all there is."""
+        if self._acknowledged == self._told:
+            return None
+        self._told = self._acknowledged
+        return self._told
+
+    def expect(self, seq: int) -> None:
+        """The board says with which edge to begin; believed only at the beginning."""
+        if self._next is None:
+            self._next = seq % WRAP
+
+    def judge(self, seq: int, now_ns: int) -> tuple[Verdict, int]:
+        """What to do with edge ``seq``, and how many before it are lost for good.
+
+        Returns:
+            "next": deliver it, then call `delivered`. "early": an earlier one is,
+            or may be, missing: wait for it. "waiting": delivered, not yet acknowledged.
+            "acknowledged": the board did not hear, `take_acknowledgement` will
+            say it again.
+        """
+        if self._next is None:
+            return "early", 0  # an earlier one may be waiting: the heartbeat will tell
+        ahead = _signed(seq - self._next)
+        if ahead < 0:
+            done = self._acknowledged
+            if done is None or _signed(seq - done) > 0:
+                return "waiting", 0
+            self._told = None  # the board did not hear: say it again
+            return "acknowledged", 0
+        if ahead == 0:
+            return "next", 0
+        if self._early_since_ns is None:
+            self._early_since_ns, self._oldest_early = now_ns, seq
+        if _signed(seq - self._oldest_early) < 0:
+            self._oldest_early = seq
+        waited_ns = now_ns - self._early_since_ns
+        is_oldest = seq == self._oldest_early
+        if waited_ns < PATIENCE_NS or not (is_oldest or waited_ns >= 2 * PATIENCE_NS):
+            return "early", 0
+        return "next", ahead
+
+    def delivered(self, seq: int) -> None:
+        """Edge ``seq`` is being handed to the consumer."""
+        self._next = (seq + 1) % WRAP
+        self._delivered = seq
+        self._early_since_ns = None
+
+    def refused(self, seq: int) -> None:
+        """The consumer had no room for edge ``seq``: it is to come again."""
+        self._next = seq
+        self._delivered = (seq - 1) % WRAP
+
+    def acknowledge(self, seq: int) -> None:
+        """The consumer has dealt with all edges up to ``seq``.
+
+        One that was not delivered here is ignored: it is of a board that has been
+        restarted since, and would acknowledge new edges unseen.
+        """
+        if self._next is None or _signed(seq - self._next) >= 0:
+            return
+        done = self._acknowledged
+        if done is None or _signed(seq - done) > 0:
+            self._acknowledged = seq
+
+
+def _signed(difference: int) -> int:
+    return (difference + WRAP // 2) % WRAP - WRAP // 2

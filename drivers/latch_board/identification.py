@@ -1,0 +1,69 @@
+"""What a latch board says of itself, checked, and in the words of all drivers."""
+
+from traverse.drivers.base.values import DeviceAlarm, DeviceRefusedError, Identity
+from traverse.protocol import latch_board as wire
+
+JITTER_NS = 50_000  # of the mapped time; see benchmarks/drivers/clock.py
+MIN_TICK_RATE_HZ, MAX_TICK_RATE_HZ = 100_000, 100_000_000
+
+
+def check_identification(hello: wire.Hello, path: str) -> None:
+    """Refuse a board that cannot be what it says.
+
+    Args:
+        hello: its words.
+        path: of its port, for people.
+
+    Raises:
+        DeviceRefusedError: another version, impossible channels or counter.
+    """
+    if hello.version[0] != wire.MAJOR:
+        raise DeviceRefusedError(
+            f"the board on {path} speaks version {hello.version[0]} of its "
+            f"protocol, this driver version {wire.MAJOR}",
+            "update the board's firmware or this program",
+        )
+    if not all(1 <= c.bits <= 32 for c in hello.channels):
+        raise DeviceRefusedError(
+            f"the board on {path} describes impossible channels: {hello.channels}",
+            "update the board's firmware",
+        )
+    if not hello.channels and not hello.n_inputs:
+        raise DeviceRefusedError(
+            f"the board on {path} has neither channels nor inputs",
+            "update the board's firmware",
+        )
+    if not MIN_TICK_RATE_HZ <= hello.tick_rate_hz <= MAX_TICK_RATE_HZ:
+        raise DeviceRefusedError(
+            f"the counter of the board on {path} runs at {hello.tick_rate_hz} Hz, "
+            f"expected {MIN_TICK_RATE_HZ} to {MAX_TICK_RATE_HZ} Hz",
+            "update the board's firmware",
+        )
+
+
+def identity_of(hello: wire.Hello) -> Identity:
+    """Who the board is and what it can do."""
+    return Identity(
+        f"latch board {hello.board_id.hex()}",
+        ".".join(map(str, hello.firmware)),
+        tuple(channel.modulus for channel in hello.channels),
+        hello.n_inputs,
+        hello.max_rate_hz if hello.channels else 0.0,
+        latches=bool(hello.channels),
+        jitter_ns=JITTER_NS,
+    )
+
+
+def device_alarm(device: str, alarm: wire.Alarm) -> DeviceAlarm:
+    """An alarm of the board as one of the device."""
+    channel = None if alarm.channel == wire.WHOLE_BOARD else alarm.channel
+    text = wire.ALARMS.get(alarm.code, f"maker's alarm {alarm.code}")
+    return DeviceAlarm(
+        device,
+        channel,
+        alarm.raised,
+        alarm.code,
+        text,
+        alarm.value,
+        "see the table of alarms in docs/serial-protocol.md",
+    )

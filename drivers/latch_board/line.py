@@ -1,0 +1,191 @@
+"""The line to a latch board: requests that are answered, reads that are decoded."""
+
+import re
+from collections.abc import Callable, Sequence
+
+from traverse.drivers.base.values import DeviceError, DeviceRefusedError
+from traverse.drivers.io.serial_port import SerialPort
+from traverse.protocol import latch_board as wire
+from traverse.protocol.latch_board.framing import MAX_SEGMENT
+
+ANSWER_S = 0.25  # the board answers within 0.1 s
+TRIES = 8
+SILENCE_S = 2.0  # four heartbeats
+
+MOST_BYTES = 16_384
+# A whole frame of anything but a timed sample.
+_OTHER = re.compile(rb"(?:\A|\0)(?!%b)[^\0]+\0" % re.escape(wire.TIMED))
+
+PartialReads = Sequence[tuple[int, int]]
+"""Of reads that ended in the midst of a block: its last row there, and the time."""
+
+Answer = wire.Hello | wire.Reply | wire.Latched
+
+
+class LatchBoardLine:
+    """One connection to a board, from opening the port to losing it.
+
+    Args:
+        port: open port; whoever opened it closes it.
+        monotonic_ns: the host's clock.
+        dispatch: called with every message, answers included, the time right after
+            its read, and what earlier reads have brought of a block of samples.
+        stopping: asked between waits; True ends an unanswered request.
+
+    Attributes:
+        repeated: requests sent again because no answer came.
+    """
+
+    def __init__(
+        self,
+        port: SerialPort,
+        monotonic_ns: Callable[[], int],
+        dispatch: Callable[[wire.Message, int, PartialReads], None],
+        stopping: Callable[[], bool],
+    ) -> None:
+        self._port = port
+        self._now_ns = monotonic_ns
+        self._dispatch = dispatch
+        self._stopping = stopping
+        self._decoder = wire.Decoder()
+        self._heard_ns = monotonic_ns()
+        self._begun = b""  # of a frame whose end is still to come
+        self._request = 0
+        self._answer: Answer | None = None
+        self.repeated = 0
+
+    @property
+    def heard_ns(self) -> int:
+        """Time right after the last read that brought a message."""
+        return self._heard_ns
+
+    @property
+    def broken(self) -> int:
+        """Frames dropped on this line so far because they were broken."""
+        return self._decoder.faults.total()
+
+    @property
+    def accepted(self) -> int:
+        """Whole frames that have come on this line so far."""
+        return self._decoder.accepted
+
+    def wait(self, seconds: float) -> bool:
+        """Wait for bytes; False after ``seconds`` or a wake-up without any."""
+        return self._port.wait(seconds)
+
+    def read(self, until_ns: int = 0) -> None:
+        """Read what there is and dispatch it.
+
+        Args:
+            until_ns: so long timed samples may come together; anything else among them
+                ends it, an edge above all, and so does a wake-up.
+        """
+        data, received_ns = self._port.read(), self._now_ns()
+        reads, n_bytes = [(data, received_ns)], len(data)
+        while (
+            not self._brings_others(data)
+            and n_bytes < MOST_BYTES
+            and received_ns < until_ns
+            and self._port.wait((until_ns - received_ns) * 1e-9)
+        ):
+            try:
+                data = self._port.read()
+            except DeviceError:
+                break  # the next read says so; what has come is taken up first
+            received_ns = self._now_ns()
+            reads.append((data, received_ns))
+            n_bytes += len(data)
+        before = self._decoder.accepted
+        messages = self._decoder.feed(b"".join(data for data, _ in reads))
+        if messages:
+            self._heard_ns = received_ns
+        earlier = _earlier(reads, self._decoder.accepted - before)
+        for message in messages:
+            if isinstance(message, Answer) and message.request == self._request:
+                self._answer = message
+            self._dispatch(message, received_ns, earlier)
+            earlier = ()  # they are of the first block
+
+    def _brings_others(self, data: bytes) -> bool:
+        """Whether these bytes, the next ones of the line, are not of samples alone.
+
+        An edge is not to wait; what tells the board's time is to be taken when it came.
+        """
+        joined = self._begun + data
+        self._begun = joined.rpartition(b"\0")[2][:MAX_SEGMENT]
+        return _OTHER.search(joined) is not None
+
+    def begin(self) -> None:
+        """End whatever the line carried before."""
+        self._port.write(b"\0")
+
+    def send(self, frame: bytes) -> None:
+        """Send a frame that is not answered."""
+        self._port.write(frame)
+
+    def ask(self, name: str, frame: Callable[[int], bytes]) -> Answer:
+        """Send a request until it is answered; all else is dispatched meanwhile.
+
+        Each try has a number of its own, so that a late answer is not mistaken.
+
+        Args:
+            name: of the request, for people.
+            frame: makes the request's frame from its number.
+
+        Raises:
+            DeviceRefusedError: the board says no.
+            DeviceError: no answer, the port has gone away, or the driver is closed.
+        """
+        for attempt in range(TRIES):
+            self.repeated += attempt > 0
+            self._request = self._request % 255 + 1
+            self._answer = None
+            self._port.write(frame(self._request))
+            until_ns = self._now_ns() + int(ANSWER_S * 1e9)
+            while (left_ns := until_ns - self._now_ns()) > 0:
+                if self._port.wait(left_ns * 1e-9):
+                    self.read()
+                if self._stopping():
+                    raise DeviceError(f"closed while asking {name}", "start again")
+                if (answer := self._take_answer()) is not None:
+                    return self._accepted(answer)
+        raise DeviceError(
+            f"the board on {self._port.path} does not answer {name}",
+            "check power, baud rate, and that this port is a latch board",
+        )
+
+    def check_alive(self) -> None:
+        """Raise DeviceError when nothing valid has come for `SILENCE_S`."""
+        silent_s = (self._now_ns() - self._heard_ns) * 1e-9
+        if silent_s > SILENCE_S:
+            raise DeviceError(
+                f"the board on {self._port.path} has been silent for {SILENCE_S:g} s",
+                "check power and cable of the board",
+            )
+
+    def _take_answer(self) -> Answer | None:
+        answer, self._answer = self._answer, None
+        return answer
+
+    def _accepted(self, answer: Answer) -> Answer:
+        if isinstance(answer, wire.Reply) and answer.result:
+            asked = wire.REQUEST_NAMES.get(answer.request_type, "a request")
+            why = wire.RESULTS.get(answer.result, f"result {answer.result}")
+            raise DeviceRefusedError(
+                f"the board on {self._port.path} refused {asked}: {why} "
+                f"(value {answer.value})",
+                "change the configuration to what the board can do",
+            )
+        return answer
+
+
+def _earlier(reads: Sequence[tuple[bytes, int]], accepted: int) -> PartialReads:
+    """What all reads but the last have brought; nothing where a frame was broken."""
+    if len(reads) == 1:
+        return ()
+    ended, found = 0, []
+    for data, received_ns in reads[:-1]:
+        if n := data.count(0):
+            ended += n
+            found.append((ended - 1, received_ns))
+    return found if ended + reads[-1][0].count(0) == accepted else ()

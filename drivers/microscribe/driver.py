@@ -1,0 +1,250 @@
+"""Driver of a MicroScribe arm (Immersion HCI 2 and 3) on a serial line.
+
+What it rests on without a maker's document: the timer is taken for one of 1 kHz
+(`timer_rate_hz`), and left alone where a look at it says otherwise; the rest stands in
+`traverse.protocol.microscribe.packets` and `traverse.protocol.microscribe.session`.
+
+The encoders are incremental: an arm that has lost power counts from its home position
+again, so it has to stand there when it is switched on.
+"""
+
+import contextlib
+import time
+from collections.abc import Callable
+
+from traverse.drivers.base.delivery_queue import DeliveryQueue
+from traverse.drivers.base.driver import Driver
+from traverse.drivers.base.values import DeviceError, DeviceUp, StreamStarted
+from traverse.drivers.io.serial_port import SerialPort
+from traverse.drivers.microscribe.identification import MicroscribeIdentification
+from traverse.drivers.microscribe.line import Heard
+from traverse.drivers.microscribe.loss_reports import MicroscribeLosses
+from traverse.drivers.microscribe.motion_report import MotionReport
+from traverse.drivers.microscribe.options import MicroscribeOptions
+from traverse.drivers.microscribe.packets import SampleBlock
+from traverse.drivers.microscribe.pedals import Pedals, PendingPedalEdges
+from traverse.drivers.microscribe.session import MicroscribeSession, open_arm
+from traverse.drivers.polling.channel import IMPLAUSIBLE
+from traverse.drivers.polling.read_error_log import ReadErrorLog
+from traverse.drivers.polling.schedule import SampleSchedule
+
+PEDAL_HZ = 100.0  # a press is seen in two packets; so often at least they are asked for
+SILENCE_NS = 500_000_000
+TELL_NS = 200_000_000
+
+
+class Microscribe(Driver):
+    """A MicroScribe; arguments behind the delivery_queue are those of its options."""
+
+    options = MicroscribeOptions
+
+    def __init__(
+        self,
+        device: str,
+        delivery_queue: DeliveryQueue,
+        *,
+        port: str,
+        baud_rate: int = 115200,
+        report: str = "request",
+        timer_rate_hz: float = 1000.0,
+        debounce_ms: int = 20,
+        max_speed_rad_s: float = 20.0,
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        super().__init__(device, delivery_queue, monotonic_ns)
+        self._path = port
+        self._baud_rate = baud_rate
+        self._by_motion = report == "motion"
+        self._timer_rate_hz = timer_rate_hz
+        self._max_speed_rad_s = max_speed_rad_s
+        # Written by the service, read by the thread: what is wanted.
+        self._rate_hz = 0.0
+        self._streams_wanted = 0
+        # The thread's own.
+        self._arm: MicroscribeIdentification | None = None
+        self._port: SerialPort | None = None
+        self._session: MicroscribeSession | None = None
+        self._pedals = Pedals(debounce_ms * 1_000_000)
+        self._edges = PendingPedalEdges(device, delivery_queue.put)
+        self._read_errors = ReadErrorLog(device, delivery_queue.put, self._counters)
+        self._losses = MicroscribeLosses(self._fault, self._counters)
+        self._block = SampleBlock(device)
+        self._last_counts: tuple[int, ...] = ()
+        self._streams_begun = 0
+        self._stream = 0
+        self._next_seq = 0
+        self._told_ns = 0
+        self._answered_ns = 0
+
+    def request_stream(self, rate_hz: float) -> None:
+        """Stream timed samples at ``rate_hz`` from now on; 0 stops the stream."""
+        self._rate_hz = rate_hz
+        self._streams_wanted += 1
+        self._wake()
+
+    # -- in the reader thread -------------------------------------------------
+
+    def _connect(self) -> None:
+        before = self._arm
+        opened = open_arm(
+            lambda rate: SerialPort(self._path, rate, self._wake_read),
+            self._baud_rate,
+            before,
+            self._now_ns,
+            lambda: self._stopping,
+        )
+        self._port = opened.line.port
+        self._session = session = MicroscribeSession(
+            opened, self._timer_rate_hz, self._max_speed_rad_s, self._now_ns
+        )
+        if self._timer_rate_hz and not session.timer_used:
+            self._fault(
+                "timer_unused",
+                f"the timer of {opened.arm.name} does not run at "
+                f"{self._timer_rate_hz:g} Hz; times are those of the exchanges",
+                "set timer_rate_hz, or 0 not to use it",
+            )
+        restarted = before is not None and not opened.resumed
+        self._tell(DeviceUp(self.device, session.identity, restarted))
+        # Not earlier: if that fails, the next try has to tell of the restart.
+        self._arm = opened.arm
+        self._pedals.begin(session.first)
+        self._losses.begin()
+        self._streams_begun = 0  # what was wanted is to be begun again
+        self._answered_ns = self._now_ns()
+
+    def _serve(self) -> None:
+        session = self._session
+        while session is not None and not self._stopping:
+            self._streams_begun = self._streams_wanted
+            rate_hz = self._begin_stream(session, self._rate_hz)
+            if self._by_motion:
+                self._listen(session, rate_hz)
+            else:
+                self._poll(session, rate_hz)
+            self._deliver_block()
+
+    def _disconnect(self) -> None:
+        if self._session is not None and self._stopping:
+            with contextlib.suppress(DeviceError):
+                self._session.line.end()
+        self._session = None
+        self._deliver_block()
+        if self._port is not None:
+            self._port.close()
+            self._port = None
+
+    def _begin_stream(self, session: MicroscribeSession, rate_hz: float) -> float:
+        """Tell of the stream that begins; its rate, 0 for none."""
+        if not rate_hz:
+            return 0.0
+        if rate_hz > session.reached_hz:
+            self._fault(
+                "rate_limited",
+                f"a stream of {rate_hz:g} Hz is wanted, {self.device} reaches "
+                f"{session.reached_hz:.4g} Hz",
+                "lower the rate, raise the baud rate, or set the adapter's latency "
+                "timer to 1 ms",
+            )
+            rate_hz = session.reached_hz
+        self._stream += 1
+        self._next_seq = 0
+        self._tell(StreamStarted(self.device, self._stream, rate_hz))
+        return rate_hz
+
+    def _goes_on(self, session: MicroscribeSession) -> bool:
+        """Whether the same stream is still wanted; also tells what there is to tell."""
+        self._counters["edges_received"] += self._edges.hand_over()
+        now_ns = self._now_ns()
+        if self._block.is_due(now_ns):
+            self._deliver_block()
+        if now_ns - self._told_ns >= TELL_NS:
+            self._told_ns = now_ns
+            self._losses.tell(session, self._path)
+            self._read_errors.check(session.channels)
+            self._read_errors.tell(session.channels, now_ns)
+        self._report_counters()
+        if now_ns - self._answered_ns > SILENCE_NS:
+            raise DeviceError(
+                f"{session.arm.name} on {self._path} does not answer",
+                "check its cable; if it was off, let it stand in its home position "
+                "while it is switched on",
+            )
+        return not self._stopping and self._streams_begun == self._streams_wanted
+
+    def _poll(self, session: MicroscribeSession, rate_hz: float) -> None:
+        """Ask for packets, of which every so many is a sample of the stream."""
+        often_hz = min(PEDAL_HZ, session.reached_hz)
+        every = max(1, int(often_hz / rate_hz)) if rate_hz else 0
+        schedule = SampleSchedule(rate_hz * every or often_hz, self._now_ns())
+        while self._goes_on(session):
+            left_ns = schedule.next_ns - self._now_ns()
+            if left_ns > 0:
+                if session.line.port.wait(left_ns * 1e-9):
+                    session.line.drop_stray()
+                continue
+            number, _, _ = schedule.take(self._now_ns())
+            if (heard := session.ask()) is not None:
+                streamed = every and number % every == 0
+                self._take(session, heard, number // every if streamed else None)
+
+    def _listen(self, session: MicroscribeSession, rate_hz: float) -> None:
+        """Take the packets that come with motion; each is a sample of the stream."""
+        delay_ms = max(1, round(1000.0 / (rate_hz or PEDAL_HZ)))
+        report = MotionReport(session, delay_ms, self._now_ns)
+        report.begin()
+        broken = session.decoder.faults["broken"]
+        while self._goes_on(session):
+            heard = report.hear(0.02)
+            asked = None
+            if report.is_quiet(unsettled=self._pedals.unsettled):
+                report.end()
+                if (asked := session.ask()) is not None:
+                    heard.append(asked)
+                report.begin()
+            for one in heard:  # a broken packet would have had a number too
+                seq = self._next_seq + session.decoder.faults["broken"] - broken
+                broken = session.decoder.faults["broken"]
+                self._take(
+                    session,
+                    one,
+                    seq if rate_hz else None,
+                    reported=one is not asked,
+                )
+        report.end()
+
+    def _take(
+        self,
+        session: MicroscribeSession,
+        heard: Heard,
+        seq: int | None,
+        *,
+        reported: bool = False,
+    ) -> None:
+        """Take a packet.
+
+        Args:
+            session: with the arm.
+            heard: the packet.
+            seq: its number where it belongs to the stream.
+            reported: it came by itself, because something had changed.
+        """
+        self._answered_ns = heard.received_ns
+        self._counters["packets_received"] += 1
+        sample, implausible = session.sample_of(heard)
+        for number in implausible:
+            self._read_errors.note(number, session.channels[number], IMPLAUSIBLE)
+        if sample.complete:
+            certain = reported and sample.counts == self._last_counts
+            self._last_counts = sample.counts
+            for edge in self._pedals.judge(sample, certain=certain):
+                self._losses.edges += self._edges.add(edge)
+        if seq is not None:
+            self._losses.samples += max(0, seq - self._next_seq)
+            self._next_seq = seq + 1
+            self._counters["samples_received"] += 1
+            self._block.add(seq, sample)
+
+    def _deliver_block(self) -> None:
+        if samples := self._block.take(self._stream):
+            self._delivery_queue.put(samples)

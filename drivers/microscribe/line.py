@@ -1,0 +1,232 @@
+"""The line to a MicroScribe: sign-on, questions about itself, packets by request.
+
+The arm finds the baud rate by itself while it waits for sign-on. Once signed on it
+stays at that rate until it is told to end or loses power, also when the host forgets:
+what an earlier program left behind at another rate is ended there first.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+from traverse.drivers.base.values import DeviceError, DeviceRefusedError
+from traverse.drivers.io.serial_port import SerialPort
+from traverse.protocol.microscribe import session as wire
+from traverse.protocol.microscribe.packets import Packet, PacketDecoder, packet_request
+
+SIGN_ON_S = 1.0
+CALL_S = 0.015  # between calls
+QUIET_S = 0.03  # longer than an adapter holds bytes back
+END_MOTION_S = 0.05  # the arm takes so long to stop
+ANSWER_S = 0.3
+PACKET_S = 0.1
+TRIES = 3
+MOST_BYTES = 1024
+
+Answer = TypeVar("Answer")
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """A packet, and when it came, host monotonic.
+
+    Attributes:
+        sent_ns: its request had been written; it was latched after that.
+        begun_ns: its first bytes had been read; it was latched before that.
+        received_ns: all of it had been read.
+        delay_ns: from the latch to its first bytes, as far as that can be told.
+    """
+
+    packet: Packet
+    sent_ns: int
+    begun_ns: int
+    received_ns: int
+    delay_ns: int
+
+
+class MicroscribeLine:
+    """One connection to an arm.
+
+    Args:
+        port: open port; whoever opened it closes it.
+        baud_rate: that it was opened with.
+        monotonic_ns: the host's clock.
+        stopping: asked between waits; True ends whatever is waited for.
+
+    Attributes:
+        stray: bytes that came while nothing was asked.
+        old: packets that answered something asked before.
+        patience_s: so long a packet is waited for.
+    """
+
+    def __init__(
+        self,
+        port: SerialPort,
+        baud_rate: int,
+        monotonic_ns: Callable[[], int],
+        stopping: Callable[[], bool],
+    ) -> None:
+        self.port = port
+        self._byte_ns = 1e10 / baud_rate
+        self._now_ns = monotonic_ns
+        self._stopping = stopping
+        self.stray = self.old = 0
+        self.patience_s = PACKET_S
+
+    def sign_on(self, patience_s: float = SIGN_ON_S) -> str | None:
+        """Begin a session; what kind of box the arm is, None if nobody answers."""
+        until_ns = self._now_ns() + int(patience_s * 1e9)
+        heard = b""
+        while wire.CALL not in heard:
+            if self._now_ns() >= until_ns:
+                return None
+            self.port.write(wire.END_SESSION + wire.CALL)
+            # An adapter may hold an answer back until after the next call.
+            heard = heard[-len(wire.CALL) :] + self._read_for(CALL_S)
+        self.read_until_quiet()
+        self.port.write(wire.BEGIN)
+        said = self._wait_for(
+            lambda data: None if (end := data.find(0)) < 0 else data[:end], ANSWER_S
+        )
+        return None if said is None else wire.plain_text(said)
+
+    def end(self) -> None:
+        """End the session."""
+        self.port.write(wire.END_MOTION + wire.END_SESSION)
+
+    def text(self, name: str) -> str:
+        """One of the texts; empty where the arm does not know it."""
+        command = wire.TEXTS[name]
+        found = self._ask(command, lambda data: wire.text_reply(command, data))
+        return found or ""
+
+    def maxes(self) -> wire.Maxes:
+        """Greatest counts.
+
+        Raises:
+            DeviceRefusedError: the answer is none.
+        """
+        data = b""
+        for _ in range(TRIES):
+            self.read_until_quiet()
+            self.port.write(bytes([wire.MAXES]))
+            data = self._read_for(QUIET_S) + self.read_until_quiet()
+            if (found := wire.maxes_reply(data)) is not None:
+                return found
+        raise DeviceRefusedError(
+            f"the device on {self.port.path} tells its greatest counts as "
+            f"{data[:60].hex(' ') or 'nothing'}, which is neither 24 nor 44 bytes",
+            "check that this is a MicroScribe that speaks HCI 2 or 3",
+        )
+
+    def home(self) -> tuple[int, ...]:
+        """Counts at the home position."""
+        block = self._ask(
+            wire.HOME, lambda data: wire.fixed_reply(wire.HOME, wire.HOME_BYTES, data)
+        )
+        return wire.home_counts(self._given(block, "its home position"))
+
+    def kinematics(self) -> bytes:
+        """The block with the arm's own table."""
+        block = self._ask(
+            wire.GEOMETRY, lambda data: wire.counted_reply(wire.GEOMETRY, data)
+        )
+        return self._given(block, "its own table")
+
+    def still(self) -> None:
+        """Let the arm end whatever it sends by itself."""
+        self.port.write(wire.END_MOTION)
+        self.read_until_quiet(END_MOTION_S)
+
+    def drop_stray(self) -> None:
+        """Read what nobody has asked for."""
+        while self.port.wait(0.0):
+            self.stray += len(self.port.read())
+
+    def packet(
+        self, decoder: PacketDecoder, old: Callable[[Heard], bool] = lambda _: False
+    ) -> Heard | None:
+        """Ask for a packet with timer; None if none comes.
+
+        Args:
+            decoder: of such packets.
+            old: whether a packet is an answer to something asked before.
+        """
+        self.drop_stray()
+        self.port.write(packet_request(timer=True))
+        sent_ns = begun_ns = self._now_ns()
+        delay_ns = 0
+        until_ns = sent_ns + int(self.patience_s * 1e9)
+        while (left_ns := until_ns - self._now_ns()) > 0 and not self._stopping():
+            if not self.port.wait(left_ns * 1e-9):
+                continue
+            now_ns = self._now_ns()
+            data = self.port.read()
+            if not decoder.pending:
+                begun_ns = now_ns
+                delay_ns = self._delay_ns(data, begun_ns - sent_ns)
+            for packet in decoder.feed(data):
+                heard = Heard(packet, sent_ns, begun_ns, self._now_ns(), delay_ns)
+                if not old(heard):
+                    return heard
+                self.old += 1
+        return None
+
+    def read_until_quiet(self, quiet_s: float = QUIET_S) -> bytes:
+        """All that comes until nothing has come for a while, at most some."""
+        data = b""
+        while (more := self._read_for(quiet_s)) and len(data) < MOST_BYTES:
+            data += more
+        return data
+
+    def _delay_ns(self, data: bytes, exchange_ns: int) -> int:
+        """From a latch to the first bytes of its packet.
+
+        They take longer on the line than the request does; what is left of the
+        exchange is taken to be the same both ways.
+        """
+        wire_ns = round(max(0, len(data) - 1) * self._byte_ns)
+        return min((exchange_ns + wire_ns) // 2, exchange_ns)
+
+    def _ask(
+        self, command: int, found: Callable[[bytes], Answer | None]
+    ) -> Answer | None:
+        for _ in range(TRIES):
+            self.drop_stray()
+            self.port.write(bytes([command]))
+            if (answer := self._wait_for(found, ANSWER_S)) is not None:
+                return answer
+        return None
+
+    def _given(self, answer: bytes | None, what: str) -> bytes:
+        if answer is None:
+            raise DeviceError(
+                f"the device on {self.port.path} does not tell {what}",
+                "check the cable, and that no other program uses the port",
+            )
+        return answer
+
+    def _wait_for(
+        self, found: Callable[[bytes], Answer | None], seconds: float
+    ) -> Answer | None:
+        until_ns = self._now_ns() + int(seconds * 1e9)
+        data = b""
+        while (left_ns := until_ns - self._now_ns()) > 0 and len(data) < MOST_BYTES:
+            if self._stopping():
+                break
+            if self.port.wait(left_ns * 1e-9):
+                data += self.port.read()
+                if (answer := found(data)) is not None:
+                    return answer
+        return None
+
+    def _read_for(self, seconds: float) -> bytes:
+        """What comes in a time; a request to stop ends it with DeviceError."""
+        until_ns = self._now_ns() + int(seconds * 1e9)
+        data = b""
+        while (left_ns := until_ns - self._now_ns()) > 0:
+            if self._stopping():
+                raise DeviceError("closed while asking", "start again")
+            if self.port.wait(left_ns * 1e-9):
+                data += self.port.read()
+        return data

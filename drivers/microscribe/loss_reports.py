@@ -1,0 +1,67 @@
+"""What a MicroScribe's line has cost: counted, and told together now and then."""
+
+from collections import Counter
+from typing import Protocol
+
+from traverse.drivers.microscribe.session import MicroscribeSession
+
+
+class Fault(Protocol):
+    """Tells of something that went wrong, as `Driver` does."""
+
+    def __call__(self, code: str, text: str, remedy: str, count: int = 1) -> None:
+        """Tell it."""
+
+
+class MicroscribeLosses:
+    """Losses since they were last told.
+
+    Args:
+        fault: tells one.
+        counters: of the driver.
+
+    Attributes:
+        samples: of the stream.
+        edges: of pedals.
+    """
+
+    def __init__(self, fault: Fault, counters: Counter[str]) -> None:
+        self._fault = fault
+        self._counters = counters
+        self._rejected = 0  # told of this line
+        self.samples = self.edges = 0
+
+    def begin(self) -> None:
+        """Another line begins, which has rejected nothing."""
+        self._rejected = 0
+
+    def tell(self, session: MicroscribeSession, path: str) -> None:
+        """Tell what there is of a session on a port."""
+        line, faults = session.line, session.decoder.faults
+        self._counters["bytes_stray"] = line.stray + faults["stray"]
+        self._counters["packets_old"] = line.old
+        self._counters["clock_steps"] = session.clock_steps
+        if rejected := faults["broken"] + faults["foreign"] - self._rejected:
+            self._rejected += rejected
+            self._fault(
+                "frames_rejected",
+                f"{rejected} broken packets on {path}",
+                "check cable, shielding and baud rate",
+                rejected,
+            )
+        if edges := self.edges:
+            self.edges = 0
+            self._fault(
+                "edges_lost",
+                f"{edges} pedal edges were lost because nobody takes them",
+                "the daemon is overloaded; repeat the last points",
+                edges,
+            )
+        if lost := self.samples:
+            self.samples = 0
+            self._fault(
+                "samples_lost",
+                f"{lost} samples lost between {session.arm.name} and host",
+                "lower the rate, or check cable and adapter",
+                lost,
+            )

@@ -1,0 +1,29 @@
+"""What the `[[device]]` table of a MicroScribe may say."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from traverse.drivers.base.options import DriverOptions
+
+BaudRate = Literal[9600, 14400, 19200, 28800, 38400, 57600, 115200]
+
+
+class MicroscribeOptions(DriverOptions):
+    """Of a MicroScribe.
+
+    Attributes:
+        port: path of the serial port.
+        baud_rate: the arm follows whatever it is.
+        report: packets by "request", or by the arm's own "motion".
+        timer_rate_hz: of the arm's timer; 0 not to use it.
+        debounce_ms: a pedal's next edge is not looked for earlier.
+        max_speed_rad_s: no joint turns faster.
+    """
+
+    port: str = Field(min_length=1)
+    baud_rate: BaudRate = 115200
+    report: Literal["request", "motion"] = "request"
+    timer_rate_hz: float = Field(default=1000.0, ge=0.0, le=100_000.0)
+    debounce_ms: int = Field(default=20, ge=0, le=1000)
+    max_speed_rad_s: float = Field(default=20.0, gt=0.0, le=1000.0)

@@ -1,0 +1,112 @@
+"""Pedals of a MicroScribe: levels in packets become edges, once each.
+
+Packets have no check sum, so a changed level is believed when the next packet shows it
+too; the edge then has the counts and the time of the packet that showed it first. In a
+report of motion a packet whose counts are those of before can only be there because of
+the pedal: it needs no other.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from traverse.drivers.base.values import LatchedCounts
+from traverse.drivers.microscribe.packets import Sample
+from traverse.protocol.microscribe.packets import N_BUTTONS
+
+MAX_WAITING = 64
+
+
+@dataclass(frozen=True, slots=True)
+class PedalEdge:
+    """A pedal went down or up."""
+
+    number: int
+    down: bool
+    first: Sample
+
+
+class Pedals:
+    """Levels of all pedals as they are believed.
+
+    Args:
+        debounce_ns: after an edge further ones of that pedal are ignored so long.
+    """
+
+    def __init__(self, debounce_ns: int) -> None:
+        self._debounce_ns = debounce_ns
+        self._levels = 0
+        self._first: dict[int, Sample] = {}
+        self._until_ns: dict[int, int] = {}
+
+    @property
+    def unsettled(self) -> bool:
+        """A change waits for the next packet."""
+        return bool(self._first)
+
+    def begin(self, sample: Sample) -> None:
+        """Take the levels of a sample; what changed before it is no edge."""
+        self._levels = sample.buttons
+        self._first.clear()
+        self._until_ns.clear()
+
+    def judge(self, sample: Sample, *, certain: bool = False) -> list[PedalEdge]:
+        """The edges that a packet confirms, or tells beyond doubt."""
+        edges = []
+        for number in range(N_BUTTONS):
+            bit = 1 << number
+            if not (self._levels ^ sample.buttons) & bit:
+                self._first.pop(number, None)
+            elif number in self._first or certain:
+                first = self._first.pop(number, sample)
+                self._levels ^= bit
+                self._until_ns[number] = first.time_ns + self._debounce_ns
+                edges.append(PedalEdge(number, bool(sample.buttons & bit), first))
+            elif sample.time_ns >= self._until_ns.get(number, sample.time_ns):
+                self._first[number] = sample
+        return edges
+
+
+class PendingPedalEdges:
+    """Edges that wait until there is room for them; the arm keeps none.
+
+    Args:
+        device: id in the configuration.
+        put: hands an edge over; False where there is no room.
+    """
+
+    def __init__(self, device: str, put: Callable[[LatchedCounts], bool]) -> None:
+        self._device = device
+        self._put = put
+        self._waiting: deque[LatchedCounts] = deque()
+        self._token = 0
+
+    def add(self, edge: PedalEdge) -> int:
+        """Take an edge; gives how many were lost because too many wait."""
+        self._token += 1
+        first = edge.first
+        self._waiting.append(
+            LatchedCounts(
+                self._device,
+                edge.number,
+                edge.down,
+                self._token,
+                first.ticks,
+                first.received_ns,
+                first.time_ns,
+                first.counts,
+                first.status,
+            )
+        )
+        if len(self._waiting) <= MAX_WAITING:
+            return 0
+        self._waiting.popleft()
+        return 1
+
+    def hand_over(self) -> int:
+        """Deliver what waits as far as there is room; how many edges."""
+        handed = 0
+        while self._waiting and self._put(self._waiting[0]):
+            self._waiting.popleft()
+            handed += 1
+        return handed

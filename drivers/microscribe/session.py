@@ -1,0 +1,222 @@
+"""A MicroScribe that has been signed on: what it is, and its packets as samples."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from statistics import median
+
+from traverse.drivers.base.values import STATUS_MISSING, DeviceError, Identity
+from traverse.drivers.io.serial_port import SerialPort
+from traverse.drivers.microscribe.identification import (
+    MicroscribeIdentification,
+    read_identification,
+)
+from traverse.drivers.microscribe.line import PACKET_S, Heard, MicroscribeLine
+from traverse.drivers.microscribe.packets import PacketClock, Sample, timer_runs
+from traverse.drivers.polling.channel import IMPLAUSIBLE, PolledChannel, Reading
+from traverse.protocol.microscribe.packets import N_BUTTONS, PacketDecoder
+
+BAUD_RATES = (115200, 57600, 38400, 19200, 9600, 28800, 14400)
+LOOK_S = 0.06  # to get acquainted
+SHARE_OF_LINE = 0.8
+PATIENCE = 3.0  # times the longest packet so far
+SHORTEST_S = 0.02
+LEAST_JITTER_NS = 100_000  # a host is not quicker than that
+TRIES = 3
+
+OpenPort = Callable[[int], SerialPort]
+
+
+@dataclass(frozen=True, slots=True)
+class Opened:
+    """A line with an arm at its end.
+
+    Attributes:
+        resumed: its session has gone on since it was last spoken to.
+    """
+
+    line: MicroscribeLine
+    arm: MicroscribeIdentification
+    resumed: bool
+
+
+def open_arm(
+    open_port: OpenPort,
+    baud_rate: int,
+    known: MicroscribeIdentification | None,
+    monotonic_ns: Callable[[], int],
+    stopping: Callable[[], bool],
+) -> Opened:
+    """Sign on, or go on with the session of before if the arm still has it.
+
+    Raises:
+        DeviceError: there is no arm, or none that can be read.
+    """
+    if known is not None:
+        port = open_port(baud_rate)
+        try:
+            line = MicroscribeLine(port, baud_rate, monotonic_ns, stopping)
+            line.still()
+            decoder = known.decoder()
+            if any(line.packet(decoder) for _ in range(TRIES)):
+                return Opened(line, known, resumed=True)
+            port.close()
+        except BaseException:
+            port.close()
+            raise
+    line, box, rate = signed_on(open_port, [baud_rate], monotonic_ns, stopping)
+    try:
+        return Opened(line, read_identification(line, box, rate), resumed=False)
+    except BaseException:
+        line.port.close()
+        raise
+
+
+def signed_on(
+    open_port: OpenPort,
+    rates: Sequence[int],
+    monotonic_ns: Callable[[], int],
+    stopping: Callable[[], bool],
+) -> tuple[MicroscribeLine, str, int]:
+    """Open a port and begin a session at the first rate that the arm follows.
+
+    Args:
+        open_port: opens it at a baud rate.
+        rates: to be tried, in this order.
+        monotonic_ns: the host's clock.
+        stopping: asked between waits.
+
+    Returns:
+        The line, what the arm says it is, and the rate.
+
+    Raises:
+        DeviceError: nobody answers at any of them.
+    """
+    path = ""
+    others = [rate for rate in BAUD_RATES if rate not in rates]
+    for rate in [*rates, *others, *rates[:1]]:
+        port = open_port(rate)
+        path = port.path
+        line = MicroscribeLine(port, rate, monotonic_ns, stopping)
+        try:
+            if rate in rates:
+                if (said := line.sign_on()) is not None:
+                    return line, said, rate
+            else:  # a session left behind at another rate hears nothing but this
+                line.end()
+                line.read_until_quiet()
+            port.close()
+        except BaseException:
+            port.close()
+            raise
+    raise DeviceError(
+        f"no MicroScribe answers on {path} at {', '.join(map(str, rates))} baud",
+        "switch the arm on in its home position, check cable and port",
+    )
+
+
+class MicroscribeSession:
+    """Packets of one arm on one line, judged.
+
+    Args:
+        opened: the line and the arm.
+        timer_rate_hz: of the arm's timer, 0 not to use it.
+        max_speed_rad_s: no joint turns faster.
+        monotonic_ns: the host's clock.
+
+    Attributes:
+        channels: what is known of the encoders.
+        decoder: of the packets.
+        reached_hz: packets that can be asked for in a second.
+        delay_ns: from the latch to the first bytes of a packet, at the quickest.
+        first: the last sample before all others that are asked for.
+        timer_used: whether the arm's timer runs as it should.
+    """
+
+    def __init__(
+        self,
+        opened: Opened,
+        timer_rate_hz: float,
+        max_speed_rad_s: float,
+        monotonic_ns: Callable[[], int],
+    ) -> None:
+        self.line, self.arm = opened.line, opened.arm
+        self.channels = [
+            PolledChannel(f"encoder {number}", modulus, modulus, max_speed_rad_s)
+            for number, modulus in enumerate(self.arm.moduli)
+        ]
+        self.decoder: PacketDecoder = self.arm.decoder()
+        self._now_ns = monotonic_ns
+        self._clock = PacketClock(0.0, 1, 0)
+        heard, lengths_ns = self._look()
+        wrap = self.arm.timer_wrap
+        self.timer_used = timer_rate_hz > 0 and timer_runs(heard, timer_rate_hz, wrap)
+        quickest = min(heard, key=lambda one: one.begun_ns - one.sent_ns)
+        self.delay_ns = quickest.delay_ns
+        used_hz = timer_rate_hz if self.timer_used else 0.0
+        self._clock = PacketClock(used_hz, wrap, self.delay_ns)
+        self.first = [self.sample_of(one)[0] for one in heard][-1]
+        if self.timer_used:  # which tells an answer that comes later than that
+            usual_s = PATIENCE * max(lengths_ns) * 1e-9
+            self.line.patience_s = min(max(usual_s, SHORTEST_S), PACKET_S)
+        self.reached_hz = SHARE_OF_LINE * 1e9 / max(1.0, median(lengths_ns))
+        # What is not known to be time on the line may have been on either way.
+        unknown_ns = quickest.begun_ns - quickest.sent_ns - quickest.delay_ns
+        self._jitter_ns = max(unknown_ns, LEAST_JITTER_NS)
+
+    @property
+    def identity(self) -> Identity:
+        """Who it is and what it can do."""
+        return Identity(
+            self.arm.name,
+            self.arm.version,
+            self.arm.moduli,
+            N_BUTTONS,
+            self.reached_hz,
+            latches=False,
+            counts_per_turn=self.arm.moduli,
+            jitter_ns=self._jitter_ns,
+        )
+
+    @property
+    def clock_steps(self) -> int:
+        """How often the arm's timer has jumped."""
+        return self._clock.steps
+
+    def ask(self) -> Heard | None:
+        """Ask for a packet; None if none comes."""
+        return self.line.packet(self.decoder, self._clock.is_old)
+
+    def sample_of(self, heard: Heard) -> tuple[Sample, list[int]]:
+        """A packet as a sample, and the channels whose counts cannot be."""
+        ticks, time_ns = self._clock.time_of(heard)
+        status, implausible = [], []
+        for number, channel in enumerate(self.channels):
+            reading = Reading(heard.packet.encoders[number], time_ns)
+            possible = reading.count < channel.modulus
+            miss = channel.judge(reading if possible else IMPLAUSIBLE, time_ns)
+            status.append(STATUS_MISSING if miss else 0)
+            if miss is IMPLAUSIBLE:
+                implausible.append(number)
+        sample = Sample(
+            time_ns,
+            heard.received_ns,
+            ticks,
+            heard.packet.buttons,
+            tuple(channel.count for channel in self.channels),
+            tuple(status),
+        )
+        return sample, implausible
+
+    def _look(self) -> tuple[list[Heard], list[int]]:
+        """Packets of a short while, and how long each took [ns]."""
+        heard: list[Heard] = []
+        begun_ns = self._now_ns()
+        while (elapsed_s := (self._now_ns() - begun_ns) * 1e-9) < LOOK_S or not heard:
+            if elapsed_s > LOOK_S and not heard:
+                raise DeviceError(
+                    f"{self.arm.name} on {self.line.port.path} sends no packets",
+                    "switch it off and on again in its home position",
+                )
+            if (one := self.ask()) is not None:
+                heard.append(one)
+        return heard, [one.received_ns - one.sent_ns for one in heard]

@@ -1,0 +1,1 @@
+"""Driver of Modbus RTU encoders on an RS-485 line."""

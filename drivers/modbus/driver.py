@@ -1,0 +1,257 @@
+"""Driver of encoders that speak Modbus RTU, several on one line, through pymodbus.
+
+Each is asked in turn; a reading belongs to the middle of its exchange. That an encoder
+latches when the request has come is general knowledge, and differs between makers; many
+renew their position only every few milliseconds. Which registers say what is told by
+the configuration: there is no standard.
+"""
+
+import functools
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, Literal
+
+from pymodbus.exceptions import ModbusException
+
+from traverse.drivers.base.delivery_queue import DeliveryQueue
+from traverse.drivers.base.values import STATUS_ERROR, STATUS_WARNING
+from traverse.drivers.io.byte_port import BytePort, OpenPort
+from traverse.drivers.io.serial_port import SerialPort
+from traverse.drivers.modbus.line import ModbusClient
+from traverse.drivers.modbus.options import (
+    BITS_OF_BYTE,
+    CONDITIONS,
+    FAST_SILENCE_S,
+    SILENCE_CHARACTERS,
+    ModbusEncoder,
+    ModbusOptions,
+)
+from traverse.drivers.polling.channel import PolledChannel, ReadError, Reading
+from traverse.drivers.polling.condition_alarms import ConditionAlarms
+from traverse.drivers.polling.polled_driver import (
+    PolledDriver,
+    WaitForWake,
+    wait_for_wake,
+)
+from traverse.protocol.modbus import PositionRegisters
+
+DOUBTED_TIMEOUTS = 8  # a reply that comes later than that was not asked by us
+LATE_S = 0.002  # more than the usual exchange that a late reply is waited for
+SILENT = ReadError(
+    "silent",
+    "does not answer",
+    "check power, wires A and B, its address, baud rate and parity",
+)
+REFUSED = ReadError(
+    "refused",
+    "refuses to tell its registers",
+    "check function, position_register and words with the encoder's manual",
+)
+SHIFTED = ReadError(
+    "shifted", "answers more than it is asked", "check cable and termination"
+)
+
+
+class Modbus(PolledDriver):
+    """Encoders on one line; channel i is encoder i of ``encoders``.
+
+    Args:
+        device: id in the configuration.
+        delivery_queue: where deliveries go.
+        port: path of the serial port.
+        encoders: tables as `ModbusEncoder` describes them.
+        baud_rate: of the line.
+        parity: of its bytes.
+        stop_bits: of its bytes.
+        echo: the adapter gives back what is sent.
+        status_period_s: so often each one's status register is read; 0 for never.
+        answer_timeout_s: within which a reply comes.
+        max_rate_hz: no faster stream is offered.
+        max_speed_rad_s: no joint turns faster.
+        monotonic_ns: the host's clock.
+        wait_for: waits for the next instant.
+        open_port: opens the line.
+    """
+
+    options = ModbusOptions
+
+    def __init__(
+        self,
+        device: str,
+        delivery_queue: DeliveryQueue,
+        *,
+        port: str,
+        encoders: Sequence[ModbusEncoder | dict[str, Any]],
+        baud_rate: int = 19_200,
+        parity: Literal["none", "even", "odd"] = "even",
+        stop_bits: Literal[1, 2] = 1,
+        echo: bool = False,
+        status_period_s: float = 1.0,
+        answer_timeout_s: float = 0.1,
+        max_rate_hz: float = 500.0,
+        max_speed_rad_s: float = 20.0,
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+        wait_for: WaitForWake = wait_for_wake,
+        open_port: OpenPort | None = None,
+    ) -> None:
+        super().__init__(
+            device,
+            delivery_queue,
+            max_rate_hz=max_rate_hz,
+            monotonic_ns=monotonic_ns,
+            wait_for=wait_for,
+        )
+        self._path = port
+        self._encoders = [ModbusEncoder.model_validate(e) for e in encoders]
+        self._registers = [_registers(encoder) for encoder in self._encoders]
+        self._baud_rate = baud_rate
+        self._echo = echo
+        self._timeout_s = answer_timeout_s
+        self._max_speed_rad_s = max_speed_rad_s
+        silence_s = SILENCE_CHARACTERS * BITS_OF_BYTE[parity] / baud_rate
+        self._silence_s = silence_s if baud_rate <= 19_200 else FAST_SILENCE_S
+        letters = {"none": "N", "even": "E", "odd": "O"}
+        self._open_port = open_port or functools.partial(
+            SerialPort, parity=letters[parity], stop_bits=stop_bits
+        )
+        self._let_pass = wait_for
+        self._port: BytePort | None = None
+        self._client: ModbusClient | None = None
+        self._doubted_until_ns = [0] * len(encoders)
+        self._longest_ns = 0
+        self._strays_before = 0
+        self._asks_status = [
+            n for n, e in enumerate(self._encoders) if e.status_register is not None
+        ]
+        n_asked = max(1, len(self._asks_status))
+        self._status_ns = round(status_period_s * 1e9 / n_asked)
+        self._status_due_ns = 0
+        self._status_turn = 0
+        self._flags = [0] * len(encoders)
+        self._status = ConditionAlarms(device, delivery_queue.put, CONDITIONS)
+        self._names = {
+            n: f"encoder {encoder.address}" for n, encoder in enumerate(self._encoders)
+        }
+
+    def _open(self) -> tuple[str, Sequence[PolledChannel]]:
+        self._port = self._open_port(self._path, self._baud_rate, self._wake_read)
+        self._client = ModbusClient(
+            self._port,
+            self._now_ns,
+            self._pass,
+            timeout_s=self._timeout_s,
+            silence_s=self._silence_s,
+            echo=self._echo,
+        )
+        name = f"{len(self._encoders)} Modbus encoders on {self._path}"
+        return name, [
+            PolledChannel(
+                self._names[n], e.modulus, e.counts_per_turn, self._max_speed_rad_s
+            )
+            for n, e in enumerate(self._encoders)
+        ]
+
+    def _disconnect(self) -> None:
+        if self._client is not None:
+            self._strays_before += self._client.strays
+            self._client = None
+        if self._port is not None:
+            self._port.close()
+            self._port = None
+
+    def _read_channel(self, channel: int) -> Reading | ReadError:
+        encoder, registers = self._encoders[channel], self._registers[channel]
+        said = self._ask(channel, encoder.function, registers.first, registers.words)
+        if isinstance(said, ReadError):
+            return said
+        words, time_ns = said
+        return Reading(registers.count(words), time_ns, self._flags[channel])
+
+    def _cycle_is_valid(self) -> bool:
+        client = self._open_client()
+        now_ns = self._now_ns()
+        if self._asks_status and self._status_ns and now_ns >= self._status_due_ns:
+            self._status_due_ns = now_ns + self._status_ns
+            self._status_turn = (self._status_turn + 1) % len(self._asks_status)
+            self._ask_status(self._asks_status[self._status_turn])
+        self._counters["stray_bytes"] = self._strays_before + client.strays
+        self._counters["longest_exchange_us"] = round(self._longest_ns * 1e-3)
+        self._status.tell(self._names, now_ns)
+        return True
+
+    def _ask_status(self, channel: int) -> None:
+        """Read what an encoder complains of; it marks its samples from now on."""
+        encoder = self._encoders[channel]
+        if encoder.status_register is None or self._channels[channel].missing:
+            return
+        said = self._ask(channel, encoder.status_function, encoder.status_register, 1)
+        if isinstance(said, ReadError):
+            self._counters["status_missed"] += 1
+            return
+        error = bool(said[0][0] & encoder.error_mask)
+        warning = bool(said[0][0] & encoder.warning_mask)
+        self._flags[channel] = STATUS_ERROR * error | STATUS_WARNING * warning
+        codes = {"encoder_error": error, "encoder_warning": warning}
+        self._status.note(channel, [code for code, is_so in codes.items() if is_so])
+
+    def _ask(
+        self, channel: int, function: int, first: int, n_words: int
+    ) -> tuple[list[int], int] | ReadError:
+        """Registers of an encoder, and the middle of the exchange."""
+        client = self._open_client()
+        read = client.read_input_registers
+        if function == 3:
+            read = client.read_holding_registers
+        doubtful = self._now_ns() < self._doubted_until_ns[channel]
+        missing = bool(self._channels) and self._channels[channel].missing
+        client.timeout_s = self._usual_s() if missing else self._timeout_s
+        miss: ReadError | None = None
+        words: list[int] = []
+        try:
+            reply = read(
+                first, count=n_words, device_id=self._encoders[channel].address
+            )
+        except ModbusException:
+            miss = SILENT
+        else:
+            words = list(reply.registers)
+            if reply.isError() or len(words) != n_words:
+                miss = REFUSED
+        sent_ns, received_ns = client.sent_ns, client.received_ns
+        if miss is SILENT or doubtful:
+            # A late reply must not pass for that to the next question.
+            late = client.discard_late_bytes(self._usual_s())
+            miss = miss or (SHIFTED if late else None)
+        if miss is not None:
+            doubt_ns = round(DOUBTED_TIMEOUTS * self._timeout_s * 1e9)
+            self._doubted_until_ns[channel] = sent_ns + doubt_ns * (miss is not REFUSED)
+            return miss
+        self._longest_ns = max(self._longest_ns, received_ns - sent_ns)
+        return words, (sent_ns + received_ns) // 2
+
+    def _usual_s(self) -> float:
+        """A time within which most replies come; the time-out until that is known."""
+        usual_s = self._longest_ns * 1e-9 + LATE_S
+        return min(self._timeout_s, usual_s) if self._longest_ns else self._timeout_s
+
+    def _pass(self, seconds: float) -> None:
+        """Let a time pass, even where something wakes this thread."""
+        until_ns = self._now_ns() + round(seconds * 1e9)
+        while (left_ns := until_ns - self._now_ns()) > 0:
+            self._let_pass(self._wake_read, left_ns * 1e-9)
+
+    def _open_client(self) -> ModbusClient:
+        if self._client is None:
+            raise RuntimeError(f"the line of {self.device} is not open")
+        return self._client
+
+
+def _registers(encoder: ModbusEncoder) -> PositionRegisters:
+    return PositionRegisters(
+        encoder.position_register,
+        encoder.words,
+        encoder.word_order,
+        encoder.signed,
+        encoder.scale,
+        encoder.modulus,
+    )

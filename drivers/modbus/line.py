@@ -1,0 +1,98 @@
+"""A Modbus client of pymodbus that reads and writes through a port of ours.
+
+So the port is exclusive, can be waited for together with what wakes the thread, and it
+is known when a request had left and when its reply was read.
+"""
+
+import logging
+from collections.abc import Callable
+
+from pymodbus.client.base import ModbusBaseSyncClient
+from pymodbus.framer import FramerType
+from pymodbus.transport import CommParams, CommType
+
+from traverse.drivers.io.byte_port import BytePort
+
+
+class ModbusClient(ModbusBaseSyncClient):
+    """One line with Modbus RTU devices.
+
+    Args:
+        port: open port; whoever opened it closes it.
+        monotonic_ns: the host's clock.
+        let_pass: lets so many seconds pass.
+        timeout_s: within which a reply is whole; may be changed.
+        silence_s: between two frames.
+        echo: the adapter gives back what is sent.
+
+    Attributes:
+        sent_ns: when the last request had been written.
+        received_ns: when the last bytes of its reply were read.
+        strays: bytes that nobody had asked for.
+    """
+
+    def __init__(
+        self,
+        port: BytePort,
+        monotonic_ns: Callable[[], int],
+        let_pass: Callable[[float], None],
+        *,
+        timeout_s: float,
+        silence_s: float,
+        echo: bool,
+    ) -> None:
+        line = CommParams(
+            comm_type=CommType.SERIAL,
+            handle_local_echo=echo,
+            timeout_connect=timeout_s,
+        )
+        super().__init__(FramerType.RTU, 0, line, None, None, None)
+        # Replies that fail are counted and told by the driver, all in one place.
+        logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)
+        self._port = port
+        self._now_ns = monotonic_ns
+        self._let_pass = let_pass
+        self.timeout_s = timeout_s
+        self._silence_ns = round(silence_s * 1e9)
+        self.sent_ns = self.received_ns = monotonic_ns()
+        self.strays = 0
+
+    def connect(self) -> bool:
+        """The port is open as long as there is a client."""
+        return True
+
+    def close(self) -> None:
+        """Whoever opened the port closes it."""
+
+    def send(self, request: bytes, addr: tuple[str, int] | None = None) -> int:
+        """Send a frame, after what silence belongs between two of them."""
+        del addr  # of network clients
+        quiet_ns = self._now_ns() - max(self.sent_ns, self.received_ns)
+        if quiet_ns < self._silence_ns:
+            self._let_pass((self._silence_ns - quiet_ns) * 1e-9)
+        if self._port.wait(0.0):
+            self.strays += len(self._port.read())
+        self._port.write(request)
+        self.sent_ns = self.received_ns = self._now_ns()
+        return len(request)
+
+    def recv(self, size: int | None) -> bytes:
+        """What comes next; nothing once the time for the reply is over."""
+        del size  # a frame tells its own
+        until_ns = self.sent_ns + round(self.timeout_s * 1e9)
+        while (left_ns := until_ns - self._now_ns()) > 0:
+            if self._port.wait(left_ns * 1e-9):
+                data = self._port.read()
+                self.received_ns = self._now_ns()
+                return data
+        return b""
+
+    def discard_late_bytes(self, seconds: float) -> int:
+        """Read away what comes for a time; how many bytes it was."""
+        heard = 0
+        until_ns = self._now_ns() + round(seconds * 1e9)
+        while (left_ns := until_ns - self._now_ns()) > 0:
+            if self._port.wait(left_ns * 1e-9):
+                heard += len(self._port.read())
+        self.strays += heard
+        return heard

@@ -1,0 +1,1 @@
+"""Drivers whose encoders are read one after the other."""

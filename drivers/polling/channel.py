@@ -1,0 +1,117 @@
+"""One encoder that is asked again and again: its last count, and whether to believe.
+
+Check bits let bad words pass. So a reading must also be one that the shaft can have
+reached since the last good one, no faster than a given speed; and the first one, also
+after an encoder has been missing, is believed once the next confirms it.
+"""
+
+import math
+from dataclasses import dataclass
+
+READ_ERRORS_FOR_ALARM = 3
+ASK_AGAIN_NS = 500_000_000  # asking in vain costs the other encoders time
+SLACK_NS = 1_000_000  # instants of readings are known to about an exchange
+SLACK_COUNTS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """A count and the host's monotonic time at which it was latched.
+
+    Attributes:
+        status: bits ``STATUS_*`` that the encoder sent with it.
+    """
+
+    count: int
+    time_ns: int
+    status: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class ReadError:
+    """Why there is no reading; ``code`` is also the name of its counter."""
+
+    code: str
+    text: str
+    remedy: str
+
+
+IMPLAUSIBLE = ReadError(
+    "implausible",
+    "has jumped further than a joint can turn in that time",
+    "check cable and shielding, and whether max_speed_rad_s is too small",
+)
+UNCONFIRMED = ReadError("unconfirmed", "answers again", "")
+
+
+class PolledChannel:
+    """What is known of one encoder.
+
+    Args:
+        name: for people, as in "encoder 0x54".
+        modulus: where its count wraps to 0.
+        counts_per_turn: of its shaft.
+        max_speed_rad_s: no joint turns faster.
+
+    Attributes:
+        count: the last good one; 0 before the first.
+        time_ns: when that was; None before the first, and after it has been missing.
+        misses: how many readings in a row have failed.
+    """
+
+    def __init__(
+        self, name: str, modulus: int, counts_per_turn: int, max_speed_rad_s: float
+    ) -> None:
+        self.name = name
+        self.modulus = modulus
+        self.counts_per_turn = counts_per_turn
+        self.count = 0
+        self.time_ns: int | None = None
+        self.misses = 0
+        self._counts_per_ns = max_speed_rad_s * counts_per_turn / math.tau * 1e-9
+        self._unconfirmed: Reading | None = None
+        self._ask_again_ns = 0
+
+    @property
+    def missing(self) -> bool:
+        """It has failed so often that it is asked only now and then."""
+        return self.misses >= READ_ERRORS_FOR_ALARM
+
+    def due(self, now_ns: int) -> bool:
+        """Whether to ask it."""
+        return not self.missing or now_ns >= self._ask_again_ns
+
+    def judge(self, answer: Reading | ReadError, now_ns: int) -> ReadError | None:
+        """Take what asking brought; None where it is a reading to be believed."""
+        if isinstance(answer, ReadError):
+            return self._failed(answer, now_ns)
+        if self.time_ns is not None:
+            before: Reading | None = Reading(self.count, self.time_ns)
+        else:
+            before, self._unconfirmed = self._unconfirmed, answer
+        if before is None:
+            self._ask_again_ns = now_ns
+            return UNCONFIRMED
+        if not self._reachable(before, answer):
+            return self._failed(IMPLAUSIBLE, now_ns)
+        self.count, self.time_ns = answer.count, answer.time_ns
+        self.misses = 0
+        self._unconfirmed = None
+        return None
+
+    def forget(self) -> None:
+        """The next reading is as good as a first one."""
+        self.time_ns = self._unconfirmed = None
+
+    def _failed(self, miss: ReadError, now_ns: int) -> ReadError:
+        self.misses += 1
+        if self.missing:
+            self.forget()
+            self._ask_again_ns = now_ns + ASK_AGAIN_NS
+        return miss
+
+    def _reachable(self, before: Reading, after: Reading) -> bool:
+        half = self.modulus // 2
+        steps = abs((after.count - before.count + half) % self.modulus - half)
+        elapsed_ns = after.time_ns - before.time_ns + SLACK_NS
+        return steps <= SLACK_COUNTS + elapsed_ns * self._counts_per_ns

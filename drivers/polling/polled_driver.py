@@ -1,0 +1,236 @@
+"""What drivers share whose encoders are asked one after the other.
+
+The thread keeps a schedule: sample k belongs to the instant k / rate, and at that
+instant all encoders are asked in turn. Each reading has an instant of its own, told as
+`CountSamples.skew_ns`; to bring them to one instant is the consumer's business. An
+instant that the line was too slow for is skipped, and is a gap in ``seq``.
+"""
+
+import contextlib
+import os
+import select
+import time
+from abc import abstractmethod
+from collections import deque
+from collections.abc import Callable, Sequence
+from statistics import median
+
+from traverse.drivers.base.delivery_queue import DeliveryQueue
+from traverse.drivers.base.driver import ASK_S, Driver
+from traverse.drivers.base.values import DeviceUp, Identity, StreamStarted
+from traverse.drivers.polling.channel import PolledChannel, ReadError, Reading
+from traverse.drivers.polling.read_error_log import ReadErrorLog
+from traverse.drivers.polling.sample_block import SampleBlockBuilder
+from traverse.drivers.polling.schedule import SampleSchedule
+
+FIRST_CYCLES = 8  # to get acquainted, and to learn how long a cycle takes
+LENGTHS = 256  # of asking, that are remembered
+SHARE_OF_LINE = 0.8  # of the time may be spent asking
+IDLE_S = 0.5  # without a stream, so often is looked whether all are there
+
+DISTURBED = ReadError(
+    "disturbed",
+    "was asked while the line carried what nobody had asked for",
+    "check termination, cable and shielding, and that there is no other master",
+)
+
+WaitForWake = Callable[[int, float], None]
+
+
+def wait_for_wake(wake_fd: int, seconds: float) -> None:
+    """Wait until ``wake_fd`` has bytes, which are eaten, at most for a time."""
+    if select.select([wake_fd], [], [], seconds)[0]:
+        with contextlib.suppress(BlockingIOError):
+            os.read(wake_fd, 4096)
+
+
+class PolledDriver(Driver):
+    """A device whose channels are read one after the other.
+
+    A child overrides `_open`, `_read_channel` and `_disconnect`.
+
+    Args:
+        device: id in the configuration.
+        delivery_queue: where deliveries go.
+        max_rate_hz: no faster stream is offered, however fast the line.
+        monotonic_ns: the host's clock.
+        wait_for: waits for the next instant; another clock needs another one.
+    """
+
+    def __init__(
+        self,
+        device: str,
+        delivery_queue: DeliveryQueue,
+        *,
+        max_rate_hz: float,
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+        wait_for: WaitForWake = wait_for_wake,
+    ) -> None:
+        super().__init__(device, delivery_queue, monotonic_ns)
+        self._max_rate_hz = max_rate_hz
+        self._wait_for = wait_for
+        # Written by the service, read by the thread: what is wanted.
+        self._rate_hz = 0.0
+        self._streams_wanted = 0
+        # The thread's own.
+        self._channels: Sequence[PolledChannel] = ()
+        self._reached_hz = 0.0
+        self._streams_begun = 0
+        self._stream = 0
+        self._schedule: SampleSchedule | None = None
+        self._lengths_ns: deque[int] = deque(maxlen=LENGTHS)
+        self._block = SampleBlockBuilder(device)
+        self._read_errors = ReadErrorLog(device, delivery_queue.put, self._counters)
+
+    def request_stream(self, rate_hz: float) -> None:
+        """Stream timed samples at ``rate_hz`` from now on; 0 stops the stream."""
+        self._rate_hz = rate_hz
+        self._streams_wanted += 1
+        self._wake()
+
+    # -- for a child to override ----------------------------------------------
+
+    @abstractmethod
+    def _open(self) -> tuple[str, Sequence[PolledChannel]]:
+        """Open the ports; the device's name and its channels.
+
+        Raises:
+            DeviceError: it is not there, or not what was configured.
+        """
+
+    @abstractmethod
+    def _read_channel(self, channel: int) -> Reading | ReadError:
+        """Ask one encoder.
+
+        Raises:
+            DeviceError: the port is gone.
+        """
+
+    def _cycle_is_valid(self) -> bool:
+        """Asked after each cycle; False makes all of its readings missing."""
+        return True
+
+    # -- in the reader thread -------------------------------------------------
+
+    def _connect(self) -> None:
+        name, self._channels = self._open()
+        self._schedule = None
+        lengths_ns = []
+        for _ in range(FIRST_CYCLES):
+            begun_ns = self._now_ns()
+            self._cycle()
+            lengths_ns.append(self._now_ns() - begun_ns)
+        self._read_errors.check(self._channels)
+        usual_ns = max(1.0, median(lengths_ns))
+        fastest_hz = SHARE_OF_LINE * 1e9 / usual_ns
+        self._reached_hz = min(self._max_rate_hz, fastest_hz)
+        identity = Identity(
+            name,
+            "",
+            tuple(channel.modulus for channel in self._channels),
+            inputs=0,
+            max_rate_hz=self._reached_hz,
+            latches=False,
+            counts_per_turn=tuple(c.counts_per_turn for c in self._channels),
+            jitter_ns=self._jitter_ns(),
+        )
+        self._tell(DeviceUp(self.device, identity, restarted=False))
+        self._streams_begun = 0  # what was wanted is to be begun again
+        self._read_errors.tell(self._channels, self._now_ns())
+
+    def _serve(self) -> None:
+        try:
+            self._serve_until_stopped()
+        finally:
+            self._deliver_block()
+
+    def _serve_until_stopped(self) -> None:
+        while not self._stopping:
+            if self._streams_begun != (wanted := self._streams_wanted):
+                self._streams_begun = wanted
+                self._begin_stream(self._rate_hz)
+            if self._schedule is None:
+                self._wait_for(self._wake_read, IDLE_S)
+                self._cycle()
+            else:
+                self._serve_stream(self._schedule)
+            self._read_errors.check(self._channels)
+            self._read_errors.tell(self._channels, self._now_ns())
+            self._report_counters()
+
+    def _begin_stream(self, rate_hz: float) -> None:
+        self._deliver_block()
+        self._schedule = None
+        if not rate_hz:
+            return
+        if rate_hz > self._reached_hz:
+            self._fault(
+                "rate_limited",
+                f"a stream of {rate_hz:g} Hz is wanted, {self.device} reaches "
+                f"{self._reached_hz:.4g} Hz",
+                "lower the rate, or set the adapter's latency timer to 1 ms",
+            )
+            rate_hz = self._reached_hz
+        self._stream += 1
+        self._tell(StreamStarted(self.device, self._stream, rate_hz))
+        self._schedule = SampleSchedule(rate_hz, self._now_ns())
+
+    def _serve_stream(self, schedule: SampleSchedule) -> None:
+        left_ns = schedule.next_ns - self._now_ns()
+        if left_ns > 0:
+            self._wait_for(self._wake_read, left_ns * 1e-9)
+            return  # perhaps woken early, for another stream or the end
+        seq, instant_ns, skipped = schedule.take(self._now_ns())
+        if skipped:
+            self._fault(
+                "samples_lost",
+                f"{skipped} samples lost because reading {self.device} took too long",
+                "lower the rate; see the counters for encoders that do not answer",
+                skipped,
+            )
+        readings = self._cycle()
+        self._counters["samples_received"] += 1
+        now_ns = self._now_ns()
+        counts = [channel.count for channel in self._channels]
+        self._block.add(seq, instant_ns, readings, counts, now_ns)
+        if self._block.is_due(now_ns):
+            self._deliver_block()
+
+    def _cycle(self) -> list[Reading | None]:
+        """Ask every encoder that is to be asked; None for what cannot be believed."""
+        answers: list[Reading | ReadError | None] = [
+            self._asked(number) if channel.due(self._now_ns()) else None
+            for number, channel in enumerate(self._channels)
+        ]
+        sound = self._cycle_is_valid()
+        return [
+            self._judged(number, answer if sound or answer is None else DISTURBED)
+            for number, answer in enumerate(answers)
+        ]
+
+    def _asked(self, number: int) -> Reading | ReadError:
+        self.pulse.beat(ASK_S)
+        begun_ns = self._now_ns()
+        answer = self._read_channel(number)
+        if isinstance(answer, Reading):
+            self._lengths_ns.append(self._now_ns() - begun_ns)
+        return answer
+
+    def _jitter_ns(self) -> int:
+        """How far the instant of a reading may be off: by half of what asking takes."""
+        return round(median(self._lengths_ns) / 2.0)
+
+    def _judged(
+        self, number: int, answer: Reading | ReadError | None
+    ) -> Reading | None:
+        if answer is None:
+            return None
+        channel = self._channels[number]
+        miss = channel.judge(answer, self._now_ns())
+        if miss is not None:
+            self._read_errors.note(number, channel, miss)
+        return answer if miss is None and isinstance(answer, Reading) else None
+
+    def _deliver_block(self) -> None:
+        if samples := self._block.take(self._stream):
+            self._delivery_queue.put(samples)

@@ -1,0 +1,84 @@
+"""Readings that failed: counted, told together, and as alarms where they go on."""
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+
+from traverse.drivers.base.values import DeviceAlarm, DeviceError, DeviceFault
+from traverse.drivers.polling.channel import UNCONFIRMED, PolledChannel, ReadError
+
+TELL_NS = 200_000_000  # single misses are told so often, together
+
+
+class ReadErrorLog:
+    """What is told of the encoders of one device; lives as long as its driver.
+
+    Args:
+        device: id in the configuration.
+        put: hands a report over; False where there is no room.
+        counters: of the driver.
+    """
+
+    def __init__(
+        self,
+        device: str,
+        put: Callable[[DeviceAlarm | DeviceFault], bool],
+        counters: Counter[str],
+    ) -> None:
+        self._device = device
+        self._put = put
+        self._counters = counters
+        self._last: dict[int, ReadError] = {}
+        self._untold: Counter[tuple[str, ReadError]] = Counter()
+        self._told_ns = 0
+        self._alarms: dict[int, ReadError] = {}  # raised and not yet cleared
+
+    def note(self, number: int, channel: PolledChannel, miss: ReadError) -> None:
+        """A reading of channel ``number`` has failed."""
+        self._counters[miss.code] += 1
+        if miss is UNCONFIRMED:
+            return
+        self._counters[f"missed_{number}"] += 1
+        self._last[number] = miss
+        if not channel.missing:  # else an alarm says so once
+            self._untold[channel.name, miss] += 1
+
+    def check(self, channels: Sequence[PolledChannel]) -> None:
+        """Raise DeviceError where no encoder is left that can be read."""
+        if all(channel.missing for channel in channels):
+            miss = self._last[0]
+            raise DeviceError(
+                f"none of the {len(channels)} encoders of {self._device} can be read: "
+                f"{channels[0].name} {miss.text}",
+                miss.remedy,
+            )
+
+    def tell(self, channels: Sequence[PolledChannel], now_ns: int) -> None:
+        """Alarms that begin and end; single misses now and then."""
+        for number, channel in enumerate(channels):
+            if channel.missing and number not in self._alarms:
+                miss = self._last[number]
+                text = f"{channel.name} {miss.text}"
+                if self._put(self._alarm(number, True, text, miss, channel.misses)):
+                    self._alarms[number] = miss
+            elif channel.time_ns is not None and number in self._alarms:
+                miss = self._alarms[number]
+                text = f"{channel.name} is read again"
+                if self._put(self._alarm(number, False, text, miss, 0)):
+                    del self._alarms[number]
+        if self._untold and now_ns - self._told_ns >= TELL_NS:
+            self._told_ns = now_ns
+            for (name, miss), count in self._untold.items():
+                text = f"{name} {miss.text}"
+                self._fault("readings_missing", text, miss.remedy, count)
+            self._untold.clear()
+
+    def _fault(self, code: str, text: str, remedy: str, count: int) -> None:
+        self._put(DeviceFault(self._device, code, text, remedy, count))
+
+    def _alarm(
+        self, number: int, raised: bool, text: str, miss: ReadError, misses: int
+    ) -> DeviceAlarm:
+        remedy = miss.remedy if raised else ""
+        return DeviceAlarm(
+            self._device, number, raised, "encoder_missing", text, misses, remedy
+        )

@@ -1,0 +1,256 @@
+"""Driver of RLS Orbis and AksIM encoders, each on a serial port of its own.
+
+All are asked at once and answer side by side; a reading belongs to the middle of its
+exchange. In the continuous mode they answer by themselves, each by its own clock, and
+a reading belongs to the begin of its reply. That an encoder latches then is general
+knowledge, and not confirmed by the makers' documents, as is that the bits between
+position and status are 0; there is no check sum. So a reading must also be one that the
+joint can have reached.
+"""
+
+import contextlib
+import time
+from collections.abc import Callable, Sequence
+from typing import Literal
+
+from traverse.drivers.base.delivery_queue import DeliveryQueue
+from traverse.drivers.base.values import (
+    STATUS_ERROR,
+    STATUS_WARNING,
+    DeviceError,
+    DeviceTemperatures,
+)
+from traverse.drivers.io.byte_port import BytePort, OpenPort
+from traverse.drivers.io.serial_port import SerialPort
+from traverse.drivers.io.wait_for_any import WaitForAny, wait_for_any
+from traverse.drivers.polling.channel import PolledChannel, ReadError, Reading
+from traverse.drivers.polling.condition_alarms import ConditionAlarms
+from traverse.drivers.polling.polled_driver import (
+    PolledDriver,
+    WaitForWake,
+    wait_for_wake,
+)
+from traverse.drivers.rls.line import SILENT, Answer
+from traverse.drivers.rls.line_group import RlsLineGroup
+from traverse.drivers.rls.options import CONDITIONS, RlsOptions
+from traverse.protocol import rls
+
+LISTEN_S = 0.02  # so long it must be quiet before the first request
+
+
+class Rls(PolledDriver):
+    """Encoders on ports of their own; channel i is the one on port i.
+
+    Args:
+        device: id in the configuration.
+        delivery_queue: where deliveries go.
+        ports: paths of the serial ports.
+        baud_rate: of all of them.
+        bits: resolution of the encoders.
+        turns: they count whole turns.
+        mode: "asked", or "continuous": the encoders answer by themselves.
+        period_us: of the continuous mode.
+        detailed: read what an encoder complains of, too.
+        temperature_period_s: so often each one's temperature is asked; 0 for never.
+        answer_timeout_s: within which a reply comes.
+        max_rate_hz: no faster stream is offered.
+        max_speed_rad_s: no joint turns faster.
+        monotonic_ns: the host's clock.
+        wait_for: waits for the next instant.
+        open_port: opens a line.
+        wait_any: waits for the first of several lines.
+    """
+
+    options = RlsOptions
+
+    def __init__(
+        self,
+        device: str,
+        delivery_queue: DeliveryQueue,
+        *,
+        ports: Sequence[str],
+        baud_rate: int = 115_200,
+        bits: int = 14,
+        turns: bool = False,
+        mode: Literal["asked", "continuous"] = "asked",
+        period_us: int = 1000,
+        detailed: bool = True,
+        temperature_period_s: float = 10.0,
+        answer_timeout_s: float = 0.01,
+        max_rate_hz: float = 2000.0,
+        max_speed_rad_s: float = 20.0,
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+        wait_for: WaitForWake = wait_for_wake,
+        open_port: OpenPort = SerialPort,
+        wait_any: WaitForAny = wait_for_any,
+    ) -> None:
+        super().__init__(
+            device,
+            delivery_queue,
+            max_rate_hz=max_rate_hz,
+            monotonic_ns=monotonic_ns,
+            wait_for=wait_for,
+        )
+        self._paths = tuple(ports)
+        self._baud_rate = baud_rate
+        self._layout = rls.Layout(bits, turns)
+        self._continuous = mode == "continuous"
+        self._period_us = period_us
+        self._request = rls.DETAILED if detailed else rls.POSITION
+        self._temperature_ns = round(temperature_period_s * 1e9 / len(ports))
+        self._max_speed_rad_s = max_speed_rad_s
+        self._open_port = open_port
+        self._wait_any = wait_any
+        self._let_pass = wait_for
+        if self._continuous:
+            self._wait_for = self._listen_until
+        self._timeout_s = answer_timeout_s
+        self._bank: RlsLineGroup | None = None
+        self._in_hand: set[int] = set()
+        self._strays_before = 0
+        self._status = ConditionAlarms(device, delivery_queue.put, CONDITIONS)
+        self._names = {n: f"encoder on {path}" for n, path in enumerate(ports)}
+        self._temperatures_c: list[float | None] = [None] * len(ports)
+        self._temperature_due_ns = 0
+        self._next_temperature = 0
+
+    # -- opening and closing --------------------------------------------------
+
+    def _open(self) -> tuple[str, Sequence[PolledChannel]]:
+        bank = self._bank = RlsLineGroup(
+            self._opened(),
+            self._layout,
+            self._baud_rate,
+            timeout_s=self._timeout_s,
+            monotonic_ns=self._now_ns,
+            wait_any=self._wait_any,
+            wait_for=self._let_pass,
+            wake_fd=self._wake_read,
+        )
+        self._in_hand.clear()
+        for number in bank.discard_input(LISTEN_S):
+            bank.set_up(number, rls.STOP)  # left in the continuous mode by another
+        bank.exchange(dict.fromkeys(self._names, rls.SERIAL_NUMBER))
+        replies = [line.reply() for line in bank.lines]
+        found = [
+            None if isinstance(r, ReadError) else rls.serial_number(r) for r in replies
+        ]
+        serials = ", ".join(number or "unknown" for number in found)
+        if self._continuous:
+            for number in self._names:
+                bank.start_continuous(number, self._request, self._period_us)
+        per_turn = 1 << self._layout.bits
+        modulus = per_turn
+        if self._layout.turns:
+            modulus = min(1 << 32, modulus << rls.TURNS_BITS)
+        return f"{len(found)} RLS encoders, serial numbers {serials}", [
+            PolledChannel(name, modulus, per_turn, self._max_speed_rad_s)
+            for name in self._names.values()
+        ]
+
+    def _opened(self) -> list[BytePort]:
+        """All ports, or none of them."""
+        with contextlib.ExitStack() as opened:
+            ports = [
+                opened.enter_context(
+                    contextlib.closing(
+                        self._open_port(path, self._baud_rate, self._wake_read)
+                    )
+                )
+                for path in self._paths
+            ]
+            opened.pop_all()
+        return ports
+
+    def _disconnect(self) -> None:
+        bank, self._bank = self._bank, None
+        if bank is None:
+            return
+        if self._continuous and self._stopping:
+            with contextlib.suppress(DeviceError):
+                for number in self._names:
+                    bank.set_up(number, rls.STOP)
+        self._strays_before += bank.strays
+        bank.close()
+
+    # -- reading --------------------------------------------------------------
+
+    def _read_channel(self, channel: int) -> Reading | ReadError:
+        bank = self._open_bank()
+        if self._continuous:
+            answer = self._latest_reply(bank, channel)
+        else:
+            if channel not in self._in_hand:
+                self._ask_all(bank)
+            self._in_hand.discard(channel)
+            answer = bank.lines[channel].answer()
+        return (
+            answer if isinstance(answer, ReadError) else self._reading(channel, answer)
+        )
+
+    def _cycle_is_valid(self) -> bool:
+        bank = self._open_bank()
+        self._in_hand.clear()
+        self._counters["stray_bytes"] = self._strays_before + bank.strays
+        self._counters["longest_exchange_us"] = round(bank.longest_ns * 1e-3)
+        self._status.tell(self._names, self._now_ns())
+        return True
+
+    def _jitter_ns(self) -> int:
+        """By so much the instant of a reading may be off: half of what asking takes."""
+        bank = self._open_bank()
+        return bank.reply_ns // 2 if self._continuous else bank.usual_ns // 2
+
+    def _ask_all(self, bank: RlsLineGroup) -> None:
+        """Ask every encoder that is due in this cycle, one for its temperature."""
+        now_ns = self._now_ns()
+        due = [n for n, c in enumerate(self._channels) if c.due(now_ns)]
+        requests = dict.fromkeys(due, self._request)
+        if self._temperature_ns and now_ns >= self._temperature_due_ns:
+            self._temperature_due_ns = now_ns + self._temperature_ns
+            self._next_temperature = (self._next_temperature + 1) % len(self._names)
+            if self._next_temperature in requests:
+                requests[self._next_temperature] = rls.TEMPERATURE
+        missing = frozenset(n for n, c in enumerate(self._channels) if c.missing)
+        bank.exchange(requests, missing)
+        self._in_hand = set(due)
+
+    def _listen_until(self, wake_fd: int, seconds: float) -> None:
+        """Wait for the next instant, in the continuous mode."""
+        del wake_fd  # the bank knows it
+        self._open_bank().listen(seconds)
+
+    def _latest_reply(self, bank: RlsLineGroup, channel: int) -> Answer | ReadError:
+        """The last reply that came by itself; a new one if that has been taken."""
+        line = bank.lines[channel]
+        if self._channels[channel].missing:
+            # It may have lost power, and with it the continuous mode.
+            bank.start_continuous(channel, self._request, self._period_us)
+        if line.latest is None:
+            patience_ns = 2_000 * self._period_us + round(self._timeout_s * 1e9)
+            bank.listen_for_reply(channel, patience_ns)
+        answer, line.latest = line.latest, None
+        return SILENT if answer is None else answer
+
+    def _reading(self, channel: int, answer: Answer) -> Reading:
+        said = answer.position
+        known = self._channels[channel]
+        count = (said.turns * known.counts_per_turn + said.count) % known.modulus
+        status = STATUS_ERROR * said.error | STATUS_WARNING * said.warning
+        codes = [
+            *(["encoder_error"] if said.error else []),
+            *(["encoder_warning"] if said.warning else []),
+        ]
+        if said.conditions is not None:
+            codes += [c for bit, c in rls.CONDITIONS.items() if said.conditions & bit]
+        self._status.note(channel, codes)
+        if said.temperature_c is not None:
+            self._temperatures_c[channel] = said.temperature_c
+            temperatures_c = tuple(self._temperatures_c)
+            self._delivery_queue.put(DeviceTemperatures(self.device, temperatures_c))
+        return Reading(count, answer.time_ns, status)
+
+    def _open_bank(self) -> RlsLineGroup:
+        if self._bank is None:
+            raise RuntimeError(f"the lines of {self.device} are not open")
+        return self._bank

@@ -1,0 +1,172 @@
+"""The lines to several RLS encoders, which are asked and answer side by side."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from statistics import median
+
+from traverse.drivers.io.byte_port import BytePort
+from traverse.drivers.io.wait_for_any import WaitForAny
+from traverse.drivers.polling.polled_driver import WaitForWake
+from traverse.drivers.rls.line import RlsLine
+from traverse.protocol import rls
+
+BETWEEN_BYTES_S = 0.0015  # of settings; the encoder wants 1 ms
+BITS_OF_BYTE = 10
+DOUBTED_TIMEOUTS = 8  # a reply that comes later than that was not asked by us
+
+
+class RlsLineGroup:
+    """All lines of a device, from opening the ports to losing one.
+
+    Args:
+        ports: open ports; `close` closes them.
+        layout: of the encoders.
+        baud_rate: of the ports.
+        timeout_s: within which a reply comes.
+        monotonic_ns: the host's clock.
+        wait_any: waits for the first of several ports.
+        wait_for: lets time pass.
+        wake_fd: ends waits early.
+
+    Attributes:
+        lines: by channel.
+    """
+
+    def __init__(
+        self,
+        ports: Sequence[BytePort],
+        layout: rls.Layout,
+        baud_rate: int,
+        *,
+        timeout_s: float,
+        monotonic_ns: Callable[[], int],
+        wait_any: WaitForAny,
+        wait_for: WaitForWake,
+        wake_fd: int,
+    ) -> None:
+        byte_ns = round(BITS_OF_BYTE * 1e9 / baud_rate)
+        doubt_ns = round(DOUBTED_TIMEOUTS * timeout_s * 1e9)
+        self.lines = [
+            RlsLine(port, layout, monotonic_ns, byte_ns=byte_ns, doubt_ns=doubt_ns)
+            for port in ports
+        ]
+        self._all = range(len(ports))
+        self._timeout_ns = round(timeout_s * 1e9)
+        self._now_ns = monotonic_ns
+        self._wait_any = wait_any
+        self._wait_for = wait_for
+        self._wake_fd = wake_fd
+
+    @property
+    def strays(self) -> int:
+        """Bytes that nobody had asked for."""
+        return sum(line.strays for line in self.lines)
+
+    @property
+    def longest_ns(self) -> int:
+        """How long the longest good exchange took."""
+        return max(line.exchange_ns for line in self.lines)
+
+    @property
+    def usual_ns(self) -> int:
+        """How long the last good exchanges took."""
+        return round(median(line.last_ns for line in self.lines))
+
+    @property
+    def reply_ns(self) -> int:
+        """Time on the wire of what an encoder says by itself."""
+        return self.lines[0].reply_duration_ns
+
+    def close(self) -> None:
+        """Close the ports."""
+        for line in self.lines:
+            line.port.close()
+
+    def exchange(
+        self, requests: Mapping[int, bytes], impatient: frozenset[int] = frozenset()
+    ) -> None:
+        """Ask encoders, all at the same time, and wait for their replies.
+
+        Args:
+            requests: by channel.
+            impatient: channels whose replies are waited for as long as most take only.
+        """
+        doubtful = {n for n in requests if self.lines[n].doubtful}
+        for number, request in requests.items():
+            self.lines[number].ask(request)
+
+        def left_ns(number: int) -> int:
+            line = self.lines[number]
+            if not line.waits:
+                return 0
+            patience_ns = self._usual_ns() if number in impatient else self._timeout_ns
+            return patience_ns - line.waited_ns()
+
+        while waiting := [n for n in requests if left_ns(n) > 0]:
+            for number in self._ready(waiting, max(map(left_ns, waiting))):
+                self.lines[number].hear()
+        doubtful |= {n for n in requests if self.lines[n].waits}
+        if doubtful:
+            # A late reply must not pass for the next one.
+            for number in self._heard_within(sorted(doubtful), self._usual_ns()):
+                self.lines[number].discard_late_bytes()
+
+    def discard_input(self, seconds: float) -> set[int]:
+        """Throw away what comes for a time; the channels on which something came."""
+        talkers = set()
+        for number in self._heard_within(self._all, round(seconds * 1e9)):
+            self.lines[number].port.read()
+            talkers.add(number)
+        return talkers
+
+    def set_up(self, number: int, setting: bytes) -> None:
+        """Send a setting byte by byte; its echo is read away with what else comes."""
+        port = self.lines[number].port
+        for byte in rls.UNLOCK + setting:
+            port.write(bytes((byte,)))
+            until_ns = self._now_ns() + round(BETWEEN_BYTES_S * 1e9)
+            while (left_ns := until_ns - self._now_ns()) > 0:
+                self._wait_for(self._wake_fd, left_ns * 1e-9)
+            if port.wait(0.0):
+                port.read()
+
+    def start_continuous(self, number: int, request: bytes, period_us: int) -> None:
+        """Let an encoder answer a request again and again."""
+        self.set_up(number, rls.STOP)
+        self.set_up(number, rls.continuous(request, period_us))
+        self.lines[number].follow(request)
+        self.set_up(number, rls.START)
+
+    def listen(self, seconds: float) -> None:
+        """Take what encoders say by themselves, until woken; at most for a time."""
+        until_ns = self._now_ns() + round(seconds * 1e9)
+        while (left_ns := until_ns - self._now_ns()) > 0:
+            ready = self._ready(self._all, left_ns)
+            for number in ready:
+                self.lines[number].listen()
+            if not ready:
+                return  # woken, or over
+
+    def listen_for_reply(self, number: int, patience_ns: int) -> None:
+        """Wait for a reply of one encoder; the others are heard meanwhile."""
+        line = self.lines[number]
+        until_ns = self._now_ns() + patience_ns
+        while line.latest is None and (left_ns := until_ns - self._now_ns()) > 0:
+            for other in self._ready(self._all, left_ns):
+                self.lines[other].listen()
+
+    def _heard_within(self, numbers: Sequence[int], wait_ns: int) -> Iterator[int]:
+        """Numbers of the lines that have bytes, as they have them, for a time."""
+        until_ns = self._now_ns() + wait_ns
+        while (left_ns := until_ns - self._now_ns()) > 0:
+            yield from self._ready(numbers, left_ns)
+
+    def _ready(self, numbers: Sequence[int], wait_ns: int) -> list[int]:
+        ports = [self.lines[n].port for n in numbers]
+        ready = self._wait_any(ports, self._wake_fd, wait_ns * 1e-9)
+        return [numbers[index] for index in ready]
+
+    def _usual_ns(self) -> int:
+        """A time within which most replies come; the time-out until that is known."""
+        longest_ns = self.longest_ns
+        usual_ns = longest_ns + 1_000_000 if longest_ns else self._timeout_ns
+        return min(self._timeout_ns, usual_ns)

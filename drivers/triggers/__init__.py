@@ -1,0 +1,1 @@
+"""Drivers of devices that have inputs and no encoders."""

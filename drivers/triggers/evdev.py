@@ -1,0 +1,205 @@
+"""Driver of a foot pedal, a keyboard or a mouse as trigger: the kernel's input events.
+
+Each key named in the configuration is an input. The kernel stamps an event when the
+device's report has come; how long a USB device takes before that, up to some
+milliseconds, it cannot know.
+"""
+
+import errno
+import fcntl
+import os
+import struct
+import time
+from collections.abc import Callable, Iterator, Sequence
+
+from pydantic import Field, field_validator
+
+from traverse.drivers.base.delivery_queue import DeliveryQueue
+from traverse.drivers.base.options import DriverOptions
+from traverse.drivers.base.values import DeviceError, DeviceNotFoundError
+from traverse.drivers.triggers.evdev_keys import KEY_CODES, MAX_CODE
+from traverse.drivers.triggers.trigger_driver import Change, TriggerDriver
+from traverse.protocol.input_events import (
+    KEY,
+    RELEASED,
+    REPEATED,
+    SYN,
+    SYN_DROPPED,
+    SYN_REPORT,
+    InputEventDecoder,
+)
+
+READ_BYTES = 4096
+KEY_BYTES = MAX_CODE // 8 + 1
+# Requests of linux/input.h: direction, size, 'E' and number.
+EVIOCSCLOCKID = 0x40000000 | 4 << 16 | ord("E") << 8 | 0xA0
+EVIOCGRAB = 0x40000000 | 4 << 16 | ord("E") << 8 | 0x90
+EVIOCGKEY = 0x80000000 | KEY_BYTES << 16 | ord("E") << 8 | 0x18
+
+
+AskKernel = Callable[[int, int, int | bytes], int | bytes]
+
+
+def ask_kernel(fd: int, request: int, argument: int | bytes) -> int | bytes:
+    """The kernel's answer to an ioctl; raises OSError where it has none."""
+    return fcntl.ioctl(fd, request, argument)
+
+
+class EvdevOptions(DriverOptions):
+    """What the table of an input device may say."""
+
+    port: str = Field(min_length=1)
+    keys: tuple[str | int, ...] = Field(min_length=1, max_length=8)
+    exclusive: bool = True
+    debounce_us: int = Field(default=0, ge=0, le=1_000_000)
+
+    @field_validator("keys")
+    @classmethod
+    def _check_keys(cls, keys: tuple[str | int, ...]) -> tuple[str | int, ...]:
+        codes = [key_code(key) for key in keys]
+        for key, code in zip(keys, codes, strict=True):
+            if codes.count(code) > 1:
+                raise ValueError(f"{key!r} is given twice")
+        return keys
+
+
+def key_code(key: str | int) -> int:
+    """The kernel's number of a key.
+
+    Raises:
+        ValueError: there is no such key.
+    """
+    code = KEY_CODES.get(key, -1) if isinstance(key, str) else key
+    if not 0 < code <= MAX_CODE:
+        raise ValueError(
+            f"no key {key!r}; expected a name as KEY_B, KEY_F1 or BTN_LEFT, or the "
+            f"number that the program evtest shows, from 1 to {MAX_CODE}"
+        )
+    return code
+
+
+class EvdevDriver(TriggerDriver):
+    """An input device; input i is key i of ``keys``.
+
+    Args:
+        device: id in the configuration.
+        delivery_queue: where deliveries go.
+        port: path of the device, best one below /dev/input/by-id.
+        keys: names or numbers of keys.
+        exclusive: keep its events from all other programs, if the kernel lets us.
+        debounce_us: how long a key must hold its new state.
+        monotonic_ns: the host's clock.
+        ask_kernel: asks the kernel about the open device.
+    """
+
+    options = EvdevOptions
+
+    def __init__(
+        self,
+        device: str,
+        delivery_queue: DeliveryQueue,
+        *,
+        port: str,
+        keys: Sequence[str | int],
+        exclusive: bool = True,
+        debounce_us: int = 0,
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+        ask_kernel: AskKernel = ask_kernel,
+    ) -> None:
+        super().__init__(
+            device,
+            delivery_queue,
+            n_inputs=len(keys),
+            debounce_us=debounce_us,
+            monotonic_ns=monotonic_ns,
+        )
+        self._path = port
+        self._numbers = {key_code(key): number for number, key in enumerate(keys)}
+        self._exclusive = exclusive
+        self._ask_kernel = ask_kernel
+        self._decoder = InputEventDecoder()
+        self._stamps_ours = False
+        self._dropped = False
+        self._open_fd: int | None = None
+
+    def _open(self) -> tuple[str, int]:
+        try:
+            flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC
+            fd = os.open(self._path, flags)
+        except OSError as error:
+            raise _explain(self._path, error) from error
+        self._open_fd = fd
+        self._decoder, self._dropped = InputEventDecoder(), False
+        monotonic = struct.pack("@i", time.CLOCK_MONOTONIC)
+        self._stamps_ours = self._asked(EVIOCSCLOCKID, monotonic) is not None
+        if not self._stamps_ours:
+            self._fault(
+                "times_estimated",
+                f"{self._path} does not stamp its events with the monotonic clock; the "
+                "time at which they are read stands in",
+                "use an input device below /dev/input",
+            )
+        if self._exclusive and self._asked(EVIOCGRAB, 1) is None:
+            self._counters["not_exclusive"] += 1
+        return f"keys of {self._path}", fd
+
+    def _disconnect(self) -> None:
+        if self._open_fd is not None:
+            os.close(self._open_fd)
+            self._open_fd = None
+
+    def _levels(self) -> Sequence[bool]:
+        held = self._asked(EVIOCGKEY, bytes(KEY_BYTES))
+        bits = held if isinstance(held, bytes) else bytes(KEY_BYTES)
+        return [bool(bits[code // 8] >> code % 8 & 1) for code in self._numbers]
+
+    def _changes(self) -> Iterator[Change]:
+        try:
+            data = os.read(self._fd, READ_BYTES)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        if not data:
+            raise DeviceError(f"{self._path} has gone away", "plug it in again")
+        read_ns = self._now_ns()
+        for event in self._decoder.feed(data):
+            time_ns = event.time_ns if self._stamps_ours else read_ns
+            number = self._numbers.get(event.code)
+            if event.type == SYN:
+                yield from self._synchronised(event.code, time_ns)
+            elif self._dropped or event.type != KEY or event.value == REPEATED:
+                continue
+            elif number is not None:
+                yield Change(number, event.value != RELEASED, time_ns)
+
+    def _synchronised(self, code: int, time_ns: int) -> Iterator[Change]:
+        """After an overrun nothing is believed until the next report is whole."""
+        if code == SYN_DROPPED:
+            self._dropped = True
+        elif code == SYN_REPORT and self._dropped:
+            self._dropped = False
+            self._lose_edges(1, "the kernel's buffer ran over")
+            for number, active in enumerate(self._levels()):
+                yield Change(number, active, time_ns)
+
+    def _asked(self, request: int, argument: int | bytes) -> int | bytes | None:
+        """The kernel's answer; None where this file knows no such request."""
+        try:
+            return self._ask_kernel(self._fd_now(), request, argument)
+        except OSError:
+            return None
+
+    def _fd_now(self) -> int:
+        return -1 if self._open_fd is None else self._open_fd
+
+
+def _explain(path: str, error: OSError) -> DeviceNotFoundError:
+    remedy = "plug the device in, check its name below /dev/input/by-id"
+    reason = error.strerror or str(error)
+    if error.errno == errno.ENOENT:
+        reason = "there is no such device"
+    elif error.errno in (errno.EACCES, errno.EPERM):
+        reason = "not permitted"
+        remedy = "add the service's user to the group input, or write a udev rule"
+    return DeviceNotFoundError(f"cannot open {path}: {reason}", remedy)

@@ -1,0 +1,219 @@
+"""Driver of GPIO lines as triggers, by libgpiod 2: edges with the kernel's time stamps.
+
+The kernel could debounce, but then it stamps an edge when it has settled; so it is
+asked for every change, and debouncing is done here, from the first one.
+"""
+
+import errno
+import time
+from collections.abc import Callable, Iterator, Sequence
+from typing import Literal, Protocol
+
+import gpiod
+from gpiod.line import Bias, Clock, Direction, Edge, Value
+from pydantic import Field, field_validator
+
+from traverse.drivers.base.delivery_queue import DeliveryQueue
+from traverse.drivers.base.options import DriverOptions
+from traverse.drivers.base.values import (
+    DeviceError,
+    DeviceNotFoundError,
+    DeviceRefusedError,
+)
+from traverse.drivers.triggers.trigger_driver import Change, TriggerDriver
+
+BUFFER_EVENTS = 256  # that the kernel keeps, for all lines together
+CONSUMER = "traverse"
+
+BiasName = Literal["as-is", "disabled", "pull-up", "pull-down"]
+BIASES = {
+    "as-is": Bias.AS_IS,
+    "disabled": Bias.DISABLED,
+    "pull-up": Bias.PULL_UP,
+    "pull-down": Bias.PULL_DOWN,
+}
+
+
+class GpioOptions(DriverOptions):
+    """What the table of GPIO lines may say."""
+
+    port: str = Field(min_length=1)
+    lines: tuple[int | str, ...] = Field(min_length=1, max_length=8)
+    active_low: bool = True
+    bias: BiasName = "pull-up"
+    debounce_us: int = Field(default=5000, ge=0, le=1_000_000)
+
+    @field_validator("lines")
+    @classmethod
+    def _check_lines(cls, lines: tuple[int | str, ...]) -> tuple[int | str, ...]:
+        for line in lines:
+            if line == "" or (isinstance(line, int) and line < 0):
+                raise ValueError(f"{line!r} is no line; expected its offset or name")
+            if lines.count(line) > 1:
+                raise ValueError(f"{line!r} is given twice")
+        return lines
+
+
+class Lines(Protocol):
+    """Lines that were requested, as `gpiod.LineRequest` is one."""
+
+    @property
+    def fd(self) -> int:
+        """To wait for."""
+
+    @property
+    def offsets(self) -> list[int]:
+        """Of the lines, in the order in which they were asked for."""
+
+    def get_values(self) -> list[Value]:
+        """Of the lines, in that order."""
+
+    def read_edge_events(self) -> list[gpiod.EdgeEvent]:
+        """Events, of which there is at least one."""
+
+    def release(self) -> None:
+        """Give the lines back."""
+
+
+RequestLines = Callable[[str, dict[int | str, gpiod.LineSettings], str, int], Lines]
+
+
+def request_lines(
+    path: str,
+    settings: dict[int | str, gpiod.LineSettings],
+    consumer: str,
+    buffer_events: int,
+) -> Lines:
+    """Ask the kernel for lines of a chip."""
+    return gpiod.request_lines(
+        path,
+        config=dict(settings.items()),
+        consumer=consumer,
+        event_buffer_size=buffer_events,
+    )
+
+
+class GpioDriver(TriggerDriver):
+    """Lines of one GPIO chip; input i is line i of ``lines``.
+
+    Args:
+        device: id in the configuration.
+        delivery_queue: where deliveries go.
+        port: path of the chip.
+        lines: offsets on the chip, or names.
+        active_low: the input is active where the voltage is low, as with a button that
+            connects the line to ground.
+        bias: resistor inside the chip.
+        debounce_us: how long an input must hold its new level.
+        monotonic_ns: the host's clock.
+        request: asks the kernel for the lines.
+    """
+
+    options = GpioOptions
+
+    def __init__(
+        self,
+        device: str,
+        delivery_queue: DeliveryQueue,
+        *,
+        port: str,
+        lines: Sequence[int | str],
+        active_low: bool = True,
+        bias: BiasName = "pull-up",
+        debounce_us: int = 5000,
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+        request: RequestLines = request_lines,
+    ) -> None:
+        super().__init__(
+            device,
+            delivery_queue,
+            n_inputs=len(lines),
+            debounce_us=debounce_us,
+            monotonic_ns=monotonic_ns,
+        )
+        self._path = port
+        self._names = tuple(lines)
+        self._settings = gpiod.LineSettings(
+            direction=Direction.INPUT,
+            edge_detection=Edge.BOTH,
+            bias=BIASES[bias],
+            active_low=active_low,
+            event_clock=Clock.MONOTONIC,
+        )
+        self._request = request
+        self._lines: Lines | None = None
+        self._numbers: dict[int, int] = {}
+        self._next_seq: dict[int, int] = {}
+
+    def _open(self) -> tuple[str, int]:
+        settings = dict.fromkeys(self._names, self._settings)
+        try:
+            lines = self._request(self._path, settings, CONSUMER, BUFFER_EVENTS)
+        except (OSError, ValueError) as error:
+            raise self._explained(error) from error
+        self._lines = lines
+        self._numbers = {offset: i for i, offset in enumerate(lines.offsets)}
+        self._next_seq = {}
+        names = ", ".join(map(str, self._names))
+        return f"GPIO lines {names} of {self._path}", lines.fd
+
+    def _disconnect(self) -> None:
+        if self._lines is not None:
+            self._lines.release()
+            self._lines = None
+
+    def _levels(self) -> Sequence[bool]:
+        return [value is Value.ACTIVE for value in self._open_lines().get_values()]
+
+    def _changes(self) -> Iterator[Change]:
+        try:
+            events = self._open_lines().read_edge_events()
+        except OSError as error:
+            raise DeviceError(
+                f"{self._path} has gone away ({error.strerror or error})",
+                "plug it in again",
+            ) from error
+        for event in events:
+            self._check_gap(event)
+            # Of the input and not of the voltage: active_low turns it round.
+            active = event.event_type is gpiod.EdgeEvent.Type.RISING_EDGE
+            number = self._numbers[event.line_offset]
+            yield Change(number, active, event.timestamp_ns)
+
+    def _check_gap(self, event: gpiod.EdgeEvent) -> None:
+        """The kernel numbers the events of each line from 1, dropped ones too."""
+        expected = self._next_seq.get(event.line_offset, 1)
+        lost = event.line_seqno - expected
+        self._next_seq[event.line_offset] = event.line_seqno + 1
+        if lost > 0:
+            self._lose_edges(lost, "the kernel's buffer ran over")
+
+    def _open_lines(self) -> Lines:
+        if self._lines is None:
+            raise RuntimeError(f"the lines of {self.device} are not open")
+        return self._lines
+
+    def _explained(self, error: Exception) -> DeviceError:
+        number = getattr(error, "errno", None)
+        reason = getattr(error, "strerror", None) or str(error)
+        if number == errno.ENOENT:
+            remedy = "check the chip's name; gpiodetect lists those that are there"
+            return DeviceNotFoundError(
+                f"cannot open {self._path}: there is no such chip, or no such line",
+                remedy,
+            )
+        if number in (errno.EACCES, errno.EPERM):
+            return DeviceNotFoundError(
+                f"cannot open {self._path}: not permitted",
+                "add the service's user to the group gpio, or write a udev rule",
+            )
+        if number == errno.EBUSY:
+            return DeviceNotFoundError(
+                f"a line of {self._path} is in use by another program",
+                "gpioinfo says by which",
+            )
+        names = ", ".join(map(str, self._names))
+        return DeviceRefusedError(
+            f"{self._path} does not give the lines {names} as inputs: {reason}",
+            'gpioinfo lists its lines; some chips have no bias: try bias = "as-is"',
+        )

@@ -1,0 +1,160 @@
+"""What drivers share of devices that have inputs and no encoders.
+
+An edge is delivered as `LatchedCounts` without counts, at the time of its event; the
+daemon interpolates the arm at that instant. The kernel does not keep edges once they
+are read, so what finds no room in the delivery_queue waits here, bounded.
+"""
+
+import select
+import time
+from abc import abstractmethod
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from os import read
+
+from traverse.drivers.base.delivery_queue import DeliveryQueue
+from traverse.drivers.base.driver import Driver
+from traverse.drivers.base.values import DeviceUp, Identity, LatchedCounts
+from traverse.drivers.triggers.debounce import Debounce, DebouncedEdge
+
+LOOK_S = 0.5  # at least so often
+RETRY_S = 0.02  # while edges wait for room
+MAX_WAITING = 64
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """An input was seen to change, at the host's monotonic time ``time_ns``."""
+
+    number: int
+    active: bool
+    time_ns: int
+
+
+class TriggerDriver(Driver):
+    """A device with inputs alone.
+
+    A child overrides `_open`, `_levels`, `_changes` and `_disconnect`.
+
+    Args:
+        device: id in the configuration.
+        delivery_queue: where deliveries go.
+        n_inputs: how many inputs are watched.
+        debounce_us: how long a level must hold.
+        monotonic_ns: the host's clock.
+    """
+
+    def __init__(
+        self,
+        device: str,
+        delivery_queue: DeliveryQueue,
+        *,
+        n_inputs: int,
+        debounce_us: int,
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        super().__init__(device, delivery_queue, monotonic_ns)
+        self._n_inputs = n_inputs
+        self._hold_ns = debounce_us * 1000
+        self._inputs: list[Debounce] = []
+        self._waiting: deque[LatchedCounts] = deque()
+        self._token = 0
+        self._fd = -1
+
+    def request_stream(self, rate_hz: float) -> None:
+        """There is nothing to stream."""
+
+    @abstractmethod
+    def _open(self) -> tuple[str, int]:
+        """Open the device; its name and the descriptor to wait for.
+
+        Raises:
+            DeviceError: it cannot be opened.
+        """
+
+    @abstractmethod
+    def _levels(self) -> Sequence[bool]:
+        """Which inputs are active now."""
+
+    @abstractmethod
+    def _changes(self) -> Iterable[Change]:
+        """Read what has happened, in order.
+
+        Raises:
+            DeviceError: the device has gone away.
+            OSError: the same.
+        """
+
+    # -- in the reader thread -------------------------------------------------
+
+    def _connect(self) -> None:
+        name, self._fd = self._open()
+        self._inputs = [Debounce(self._hold_ns, active=a) for a in self._levels()]
+        identity = Identity(name, "", (), self._n_inputs, 0.0, latches=False)
+        self._tell(DeviceUp(self.device, identity, restarted=False))
+
+    def _serve(self) -> None:
+        while not self._stopping:
+            ready, _, _ = select.select(
+                [self._fd, self._wake_read], [], [], self._patience_s()
+            )
+            if self._wake_read in ready:
+                with suppress(BlockingIOError):
+                    read(self._wake_read, 4096)
+            if self._fd in ready:
+                for change in self._changes():
+                    edge = self._inputs[change.number].change(
+                        change.active, change.time_ns
+                    )
+                    self._note(change.number, edge)
+            now_ns = self._now_ns()
+            for number, debounce in enumerate(self._inputs):
+                self._note(number, debounce.settle(now_ns))
+            self._deliver()
+            self._report_counters()
+
+    def _patience_s(self) -> float:
+        if self._waiting:
+            return RETRY_S
+        due_ns = [one.due_ns for one in self._inputs if one.due_ns is not None]
+        if not due_ns:
+            return LOOK_S
+        return min(LOOK_S, max(0.0, (min(due_ns) - self._now_ns()) * 1e-9))
+
+    def _note(self, number: int, edge: DebouncedEdge | None) -> None:
+        if edge is None:
+            return
+        self._token += 1
+        latch = LatchedCounts(
+            self.device,
+            number,
+            edge.active,
+            self._token,
+            device_ticks=edge.time_ns,
+            received_ns=self._now_ns(),
+            sample_time_ns=edge.time_ns,
+            counts=(),
+            status=(),
+        )
+        if len(self._waiting) >= MAX_WAITING:
+            self._lose_edges(1, "there was no room for them")
+        else:
+            self._waiting.append(latch)
+
+    def _deliver(self) -> None:
+        # In order of time; inputs settle one after the other, and not by their times.
+        for latch in sorted(self._waiting, key=lambda waiting: waiting.sample_time_ns):
+            if not self._delivery_queue.put(latch):
+                return
+            self._waiting.remove(latch)
+            self._counters["edges_received"] += 1
+
+    def _lose_edges(self, count: int, why: str) -> None:
+        self._fault(
+            "edges_lost",
+            f"{count} edges or more of {self.device} were lost: {why}",
+            "repeat the last points",
+            count,
+        )

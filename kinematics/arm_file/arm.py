@@ -1,0 +1,299 @@
+"""Arm files: strict reading, and writing that keeps every number bit for bit.
+
+The only module of the package that knows pydantic. `parse_strict` and
+`StrictModel` serve other packages for their own TOML files too.
+"""
+
+import hashlib
+from collections.abc import Callable, Iterable, Mapping
+from datetime import date, datetime
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+from pydantic import (
+    AwareDatetime,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    SerializeAsAny,
+    ValidationError,
+    create_model,
+    field_validator,
+)
+
+from traverse.kinematics.arm_file.checks import arm_problems
+from traverse.kinematics.effect_table import EFFECT_KINDS, EffectKind, Vector
+from traverse.strict_toml.problems import (
+    FileError,
+    Problem,
+    in_file_order,
+    toml_table,
+    toml_text,
+    unknown_name_message,
+)
+from traverse.strict_toml.validation import model_problems, tuples_for_lists
+from traverse.strict_toml.writing import arm_text, canonical_text, write_atomically
+
+__all__ = [
+    "EFFECT_KINDS",
+    "Arm",
+    "Effect",
+    "Encoder",
+    "FileError",
+    "Identification",
+    "Joint",
+    "Probe",
+    "Problem",
+    "Reference",
+    "StrictModel",
+    "arm_digest",
+    "effect_from_table",
+    "parse_arm",
+    "parse_strict",
+    "read_arm",
+    "read_strict",
+    "write_arm",
+]
+
+Model = TypeVar("Model", bound=BaseModel)
+CrossCheck = Callable[[Mapping[str, Any]], Iterable[Problem]]
+
+
+class StrictModel(BaseModel):
+    """A frozen table of a file: no unknown keys, no conversions, no NaN.
+
+    Integers are taken for floats; lists of a file become tuples.
+    """
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False
+    )
+
+    @classmethod
+    def variant(cls, table: object) -> type["StrictModel"]:
+        """Say which class a table belongs to; a child with kinds overrides it."""
+        return cls
+
+
+class Encoder(StrictModel):
+    """How counts become radians: reading = sign 2 pi counts / counts_per_turn."""
+
+    counts_per_turn: int = Field(ge=1, le=2**32)
+    sign: int
+    source: str
+
+    @field_validator("sign")
+    @classmethod
+    def _checked_sign(cls, sign: int) -> int:
+        if sign not in (1, -1):
+            raise ValueError(f"{sign} is not valid here; expected 1 or -1")
+        return sign
+
+    @property
+    def device_id(self) -> str:
+        """The device of the daemon's configuration."""
+        return self.source.partition("/")[0]
+
+    @property
+    def channel(self) -> int:
+        """The channel of the device."""
+        return int(self.source.partition("/")[2])
+
+
+class Joint(StrictModel):
+    """A hinge and the element that it carries, in the base posture."""
+
+    name: str
+    axis: Vector
+    link_mm: Vector
+    zero_rad: float
+    mass_kg: float | None = Field(default=None, ge=0.0)
+    centre_of_mass_mm: Vector | None = None
+    encoder: Encoder | None = None
+
+
+class Probe(StrictModel):
+    """What touches; vector and direction are written in the base posture."""
+
+    radius_mm: float = Field(ge=0.0)
+    kind: Literal["hard", "switching"]
+    vector_mm: Vector = (0.0, 0.0, 0.0)
+    direction: Vector | None = None
+    mass_kg: float | None = Field(default=None, ge=0.0)
+
+
+class Reference(StrictModel):
+    """Conditions under which the geometry holds."""
+
+    temperature_c: float
+    gravity_m_s2: Vector
+
+
+Moment = datetime | date | str
+
+
+class Identification(StrictModel):
+    """Provenance and quality of an identified arm."""
+
+    sigma0: float | None = Field(default=None, ge=0.0)
+    redundancy: int | None = None
+    date: Moment | None = None  # no plain `date`: this key would hide the type
+    campaign_digest: str | None = None
+    parameters: tuple[str, ...] | None = None
+    covariance_file: str | None = None
+    covariance_digest: str | None = None
+
+
+class Effect(StrictModel):
+    """What the geometry leaves over; the keys of each kind are in EFFECT_KINDS."""
+
+    kind: str
+    joint: str | None = None
+    epoch_utc: AwareDatetime | None = None
+
+    @property
+    def values(self) -> Mapping[str, Any]:
+        """The keys of its kind with their values."""
+        return {key: getattr(self, key) for key in EFFECT_KINDS[self.kind].keys}
+
+    @classmethod
+    def variant(cls, table: object) -> "type[Effect]":
+        """Say the class of a table by its kind."""
+        kind = table.get("kind") if isinstance(table, Mapping) else None
+        return _EFFECT_MODELS.get(str(kind), _UnknownEffect)
+
+    @field_validator("kind")
+    @classmethod
+    def _known_kind(cls, kind: str) -> str:
+        if kind not in EFFECT_KINDS:
+            raise ValueError(unknown_name_message("kind", kind, EFFECT_KINDS))
+        return kind
+
+
+class _UnknownEffect(Effect):
+    """What is of no known kind: refused for that alone, not for its other keys."""
+
+    model_config = ConfigDict(extra="ignore")
+
+
+def _effect_model(name: str, kind: EffectKind) -> type[Effect]:
+    fields: dict[str, Any] = {key: (of, ...) for key, of in kind.keys.items()}
+    if kind.joint == "required":
+        fields["joint"] = (str, ...)
+    if kind.effect_class == "A":
+        fields["epoch_utc"] = (AwareDatetime, ...)
+    return create_model(name, __base__=Effect, __module__=__name__, **fields)
+
+
+_EFFECT_MODELS = {
+    name: _effect_model(name, kind) for name, kind in EFFECT_KINDS.items()
+}
+
+
+def effect_from_table(table: object) -> Effect:
+    """Make an effect of the class that its kind asks for."""
+    if isinstance(table, Effect):
+        return table
+    return Effect.variant(table).model_validate(tuples_for_lists(table))
+
+
+class Arm(StrictModel):
+    """An articulated arm as its file says it, numbers as written."""
+
+    schema_: Literal["traverse/arm/1"] = Field(alias="schema")
+    name: str
+    origin_mm: Vector
+    joints: tuple[Joint, ...]
+    probe: Probe
+    reference: Reference
+    identification: Identification | None = None
+    effects: tuple[
+        Annotated[SerializeAsAny[Effect], BeforeValidator(effect_from_table)], ...
+    ] = ()
+
+
+def parse_arm(text: str, source: str = "arm file") -> Arm:
+    """Parse the text of an arm file.
+
+    Raises:
+        FileError: With everything that is wrong.
+    """
+    return parse_strict(text, source, Arm, arm_problems)
+
+
+def read_arm(path: str | Path) -> Arm:
+    """Read an arm file.
+
+    Raises:
+        FileError: With everything that is wrong.
+    """
+    return read_strict(path, Arm, arm_problems)
+
+
+def read_strict(
+    path: str | Path, model: type[Model], cross_check: CrossCheck | None = None
+) -> Model:
+    """Read a TOML file into a model; see `parse_strict`."""
+    return parse_strict(toml_text(Path(path)), str(path), model, cross_check)
+
+
+def parse_strict(
+    text: str, source: str, model: type[Model], cross_check: CrossCheck | None = None
+) -> Model:
+    """Parse TOML text into a model and report all mistakes at once.
+
+    Args:
+        text: TOML.
+        source: What to call the file in errors.
+        model: Usually a child of `StrictModel`. Lists arrive as tuples.
+        cross_check: Yields what is wrong between keys, from the raw table, whether or
+            not single keys are wrong; its word precedes ours on the same key.
+
+    Raises:
+        FileError: With everything that is wrong.
+    """
+    raw = toml_table(text, source)
+    problems = list(cross_check(raw)) if cross_check else []
+    try:
+        value = model.model_validate(tuples_for_lists(raw))
+    except ValidationError as error:
+        errors = error.errors(include_url=False)
+        problems = [*problems, *model_problems(model, raw, errors, problems)]
+        raise FileError(source, in_file_order(problems, raw)) from error
+    if problems:
+        raise FileError(source, in_file_order(problems, raw))
+    return value
+
+
+def write_arm(path: str | Path, arm: Arm) -> None:
+    """Write an arm file in place of an old one, whole or not at all.
+
+    Comments of the old file stay, and so do the lines whose values do not change.
+
+    Raises:
+        FileError: The arm breaks a rule of arm files; the old file stays.
+        OSError: The folder cannot be written.
+    """
+    values = arm.model_dump(by_alias=True, exclude_unset=True)
+    text = arm_text(values, _text_before(Path(path)))
+    if parse_arm(text, str(path)) != arm:
+        raise FileError(
+            str(path), [Problem("", "would not hold all values of this arm")]
+        )
+    write_atomically(Path(path), text)
+
+
+def _text_before(path: Path) -> str | None:
+    """The file that is about to be replaced, if it is an arm file."""
+    try:
+        parse_arm(text := toml_text(path), str(path))
+    except FileError:
+        return None
+    return text
+
+
+def arm_digest(arm: Arm) -> str:
+    """Say which arm this is: equal values, equal digest (SHA-256, hexadecimal)."""
+    values = arm.model_dump(by_alias=True, exclude_none=True)
+    return hashlib.sha256(canonical_text(values).encode()).hexdigest()

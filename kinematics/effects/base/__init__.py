@@ -1,0 +1,1 @@
+"""What all effects have in common, and what they are computed from."""

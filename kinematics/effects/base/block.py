@@ -1,0 +1,160 @@
+"""A block of samples with everything that effects may depend on.
+
+Nothing is filled in here: what is absent is None, what is unknown for single samples
+is NaN, and an effect that needs it is refused by name. The one exception is the
+law's own: a contact force that is not known counts as 1 N.
+"""
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.effects.base.covariate import Covariate, Need
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Block:
+    """Samples of an arm, one a row.
+
+    Attributes:
+        angles_rad: Readings alpha, (n_samples, n_joints).
+        speeds_rad_s: d(alpha)/dt, (n_samples, n_joints).
+        approaches: Sense of the last motion, -1, 0, +1, (n_samples, n_joints).
+        temperature_c: Of the arm, (n_samples,).
+        joint_temperatures_c: Of each joint and its element, (n_samples, n_joints);
+            where NaN, the arm's own counts.
+        utc_ns: Since 1970, (n_samples,) int64.
+        campaign_s: Since the start of a campaign, (n_samples,).
+        directions: Unit vectors from the ball towards the touched material, NaN
+            where unknown, (n_samples, 3).
+        force_n: Of the contact, NaN where unknown, (n_samples,).
+        gravity_m_s2: Override of the arm's own (a tilted base), (3,).
+    """
+
+    angles_rad: Floats
+    speeds_rad_s: Floats | None = None
+    approaches: Floats | None = None
+    temperature_c: Floats | None = None
+    joint_temperatures_c: Floats | None = None
+    utc_ns: NDArray[np.int64] | None = None
+    campaign_s: Floats | None = None
+    directions: Floats | None = None
+    force_n: Floats | None = None
+    gravity_m_s2: Floats | None = None
+
+    def __post_init__(self) -> None:
+        shape = self.angles_rad.shape
+        if len(shape) != 2:
+            raise ValueError(
+                f"block: angles_rad has shape {shape}, expected (n_samples, n_joints)"
+            )
+        others = {"directions": (shape[0], 3), "gravity_m_s2": (3,)}
+        for name in _COLUMN_NAMES:
+            column = getattr(self, name)
+            if column is None:
+                continue
+            wanted = shape if name in _OF_JOINTS else others.get(name, shape[:1])
+            if column.shape != wanted:
+                raise ValueError(
+                    f"block: {name} has shape {column.shape}, expected {wanted} "
+                    f"beside angles_rad of shape {shape}"
+                )
+
+    def __len__(self) -> int:
+        return len(self.angles_rad)
+
+    @property
+    def n_joints(self) -> int:
+        """The number of joints."""
+        return int(self.angles_rad.shape[1])
+
+    def part(self, rows: slice) -> "Block":
+        """Take some of the samples."""
+        taken: dict[str, Any] = {}
+        for field in fields(self):
+            column = getattr(self, field.name)
+            whole = column is None or field.name == "gravity_m_s2"
+            taken[field.name] = column if whole else column[rows]
+        return Block(**taken)
+
+    def rows(self, column: str, joints: slice) -> Floats:
+        """Take a column of some joints as contiguous rows, (n_chosen, n_samples).
+
+        Contiguous, because strided numbers may take another path through sine and
+        cosine, and a sample's bits would depend on its neighbours.
+        """
+        return np.ascontiguousarray(_known(self, column)[:, joints].T)
+
+    def row(self, column: str) -> Floats:
+        """Take a column of the whole arm, (n_samples,)."""
+        return np.ascontiguousarray(_known(self, column))
+
+    def temperatures_c(self, joints: slice) -> Floats:
+        """Temperatures of some joints, else of the arm, (n_chosen, n_samples)."""
+        if self.joint_temperatures_c is None:
+            one = self.row("temperature_c")
+            return np.broadcast_to(one, (len(range(self.n_joints)[joints]), len(one)))
+        own = self.rows("joint_temperatures_c", joints)
+        if self.temperature_c is None:
+            return own
+        return np.where(np.isnan(own), self.temperature_c, own)
+
+    def is_known(self, covariate: Covariate) -> bool:
+        """Whether a quantity is known for every sample, and every joint that has it."""
+        column: NDArray[Any] | None = getattr(self, _COLUMNS[covariate])
+        if covariate is Covariate.TEMPERATURE and self.joint_temperatures_c is not None:
+            return False  # one may stand for the other: `lack` knows
+        return column is not None and bool(np.isfinite(column).all())
+
+    def lack(self, need: Need) -> str | None:
+        """Say what is missing of a need, or None where all is there."""
+        column = self._column(need)
+        if column is None:
+            return f"the block has no {need.covariate.value}"
+        unknown = ~np.isfinite(column)
+        if not unknown.any():
+            return None
+        return (
+            f"{need.covariate.value} is unknown in {np.count_nonzero(unknown)} of "
+            f"{len(self)} samples, the first is number {int(np.argmax(unknown))}"
+        )
+
+    def _column(self, need: Need) -> NDArray[Any] | None:
+        """Find what a need asks for, (n_samples,)."""
+        at = slice(None) if need.joint is None else slice(need.joint, need.joint + 1)
+        if need.covariate is Covariate.TEMPERATURE:
+            if need.joint is None or self.joint_temperatures_c is None:
+                return self.temperature_c
+            found: NDArray[Any] = self.temperatures_c(at)[0]
+            return found
+        name = _COLUMNS[need.covariate]
+        column: NDArray[Any] | None = getattr(self, name)
+        if column is None or need.joint is None:
+            return column
+        of_joint: NDArray[Any] = column[:, need.joint]
+        return of_joint
+
+
+# Asked for once: a daemon makes a block for every point.
+_COLUMN_NAMES = tuple(field.name for field in fields(Block))[1:]
+_OF_JOINTS = frozenset(("speeds_rad_s", "approaches", "joint_temperatures_c"))
+
+_COLUMNS = {
+    Covariate.TEMPERATURE: "temperature_c",
+    Covariate.SPEED: "speeds_rad_s",
+    Covariate.APPROACH: "approaches",
+    Covariate.UTC: "utc_ns",
+    Covariate.CAMPAIGN_TIME: "campaign_s",
+    Covariate.FORCE: "force_n",
+}
+
+
+def _known(block: Block, name: str) -> Floats:
+    column: Floats | None = getattr(block, name)
+    if column is None:
+        raise ValueError(f"block: {name} is absent, expected one value a sample")
+    return column

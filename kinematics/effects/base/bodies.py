@@ -1,0 +1,107 @@
+"""The masses of an arm, and the moments of their weight about its joints."""
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.model.batched_quaternions import rotated
+from traverse.kinematics.model.geometry import Geometry
+
+if TYPE_CHECKING:
+    from traverse.kinematics.arm_file.arm import Arm
+
+Floats = NDArray[np.float64]
+
+_M_PER_MM = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """What weighs; without slots, so that a property can be kept once computed.
+
+    Attributes:
+        masses_kg: Of the element that each joint carries, NaN where the arm file has
+            none, (n_joints,).
+        centres_mm: Of those masses, from the joint's origin in the base posture; NaN
+            for the middle of the element, (n_joints, 3).
+        probe_mass_kg: At the ball's centre; NaN where the arm file has none.
+    """
+
+    masses_kg: Floats
+    centres_mm: Floats
+    probe_mass_kg: float
+
+    @cached_property
+    def are_known_beyond(self) -> NDArray[np.bool_]:
+        """Whether any mass is known from each joint outwards, (n_joints,)."""
+        known = np.isfinite(self.masses_kg)
+        known[-1] |= np.isfinite(self.probe_mass_kg)
+        return np.logical_or.accumulate(known[::-1])[::-1]
+
+    def levers_kg_mm(self, geometry: Geometry) -> Floats:
+        """What each element adds to the mass moment, in the base posture.
+
+        Its own mass at its centre, and all that is beyond at its end, (n_joints, 3).
+        """
+        links_mm = geometry.links_mm
+        own = np.where(np.isnan(self.centres_mm), 0.5 * links_mm, self.centres_mm)
+        ends_mm = links_mm.copy()
+        ends_mm[-1] += geometry.probe_vector_mm
+        masses_kg = np.nan_to_num(self.masses_kg)
+        hung_kg = np.append(masses_kg[1:], np.nan_to_num(self.probe_mass_kg))
+        beyond_kg = np.cumsum(hung_kg[::-1])[::-1]
+        return masses_kg[:, np.newaxis] * own + beyond_kg[:, np.newaxis] * ends_mm
+
+
+def bodies_from_arm(arm: "Arm") -> Bodies:
+    """Take the masses out of an arm file's values."""
+    nowhere = (np.nan, np.nan, np.nan)
+    centres = [joint.centre_of_mass_mm or nowhere for joint in arm.joints]
+    masses = [np.nan if j.mass_kg is None else j.mass_kg for j in arm.joints]
+    probe_mass = arm.probe.mass_kg
+    return Bodies(
+        masses_kg=np.array(masses, dtype=np.float64),
+        centres_mm=np.array(centres, dtype=np.float64),
+        probe_mass_kg=np.nan if probe_mass is None else probe_mass,
+    )
+
+
+def gravity_moments_nm(
+    geometry: Geometry, bodies: Bodies, gravity_m_s2: Floats, rotations: Floats
+) -> Floats:
+    """Compute the moments of all weights beyond each joint about its origin.
+
+    Args:
+        geometry: The arm.
+        bodies: Its masses.
+        gravity_m_s2: (3,).
+        rotations: P_1 ... P_n, (4, n_joints, n_samples).
+
+    Returns:
+        sum of m (p - o_k) x g in N m, (3, n_joints, n_samples).
+    """
+    steps_kg_m = _M_PER_MM * rotated(rotations, _levers_kg_mm(geometry, bodies))
+    firsts_kg_m = np.cumsum(steps_kg_m[:, ::-1], axis=1)[:, ::-1]
+    return cross(firsts_kg_m, gravity_m_s2)
+
+
+# Neither ever changes, and most calls are for the same arm.
+@lru_cache(maxsize=8)
+def _levers_kg_mm(geometry: Geometry, bodies: Bodies) -> Floats:
+    return bodies.levers_kg_mm(geometry).T[:, :, np.newaxis]
+
+
+def cross(a: Floats, b: Floats) -> Floats:
+    """Cross product of vectors (3, ...), component by component."""
+    ax, ay, az = a
+    bx, by, bz = b
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+
+
+def dot(a: Floats, b: Floats) -> Floats:
+    """Scalar product of vectors (3, ...), always added in the same order."""
+    product: Floats = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return product

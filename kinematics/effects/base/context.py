@@ -1,0 +1,89 @@
+"""What effects take from the arm file when they are built."""
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from traverse.kinematics.arm_file.arm import Arm, Effect
+
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+
+Span = tuple[datetime, datetime]
+
+
+@dataclass(frozen=True, slots=True)
+class EffectContext:
+    """The arm around its effects.
+
+    Attributes:
+        joint_names: From the base outwards.
+        reference_temperature_c: Where the geometry holds.
+        campaign_utc: Start and end of the campaign that drifts were found in; None
+            where it is not known.
+    """
+
+    joint_names: tuple[str, ...]
+    reference_temperature_c: float
+    campaign_utc: Span | None = None
+
+    @property
+    def n_joints(self) -> int:
+        """The number of joints."""
+        return len(self.joint_names)
+
+    def joint(self, effect: "Effect") -> int:
+        """Find the joint that an effect names, counted from 0."""
+        if effect.joint is None:
+            raise ValueError(
+                f"{effect.kind} names no joint; add joint = one of "
+                f"{', '.join(self.joint_names)}"
+            )
+        if effect.joint not in self.joint_names:
+            raise ValueError(
+                f"{effect.kind} names joint {effect.joint!r}, which this arm does not "
+                f"have; it has {', '.join(self.joint_names)}"
+            )
+        return self.joint_names.index(effect.joint)
+
+    def joints(self, effect: "Effect") -> slice:
+        """Find the joints of an effect: the one it names, or all of them."""
+        if effect.joint is None:
+            return slice(0, self.n_joints)
+        joint = self.joint(effect)
+        return slice(joint, joint + 1)
+
+    def epoch_ns(self, effect: "Effect") -> int:
+        """Find from when the seconds of an effect count, in UTC since 1970."""
+        if effect.epoch_utc is None:
+            raise ValueError(
+                f"{effect.kind} has no epoch_utc, so its seconds count from nowhere; "
+                "add epoch_utc with a time zone"
+            )
+        return utc_ns(effect.epoch_utc)
+
+    def span_ns(self, effect: "Effect") -> tuple[int, int]:
+        """Find between which times a drift may be believed, in UTC since 1970.
+
+        Without a known campaign it is the epoch alone, where a drift is zero.
+        """
+        if self.campaign_utc is None:
+            epoch = self.epoch_ns(effect)
+            return epoch, epoch
+        start, end = self.campaign_utc
+        return utc_ns(start), utc_ns(end)
+
+
+def utc_ns(moment: datetime) -> int:
+    """Turn a moment with a time zone into nanoseconds since 1970, exactly."""
+    gone = moment - _EPOCH
+    return ((gone.days * 86_400 + gone.seconds) * 10**6 + gone.microseconds) * 1000
+
+
+def context_from_arm(arm: "Arm", campaign_utc: Span | None = None) -> EffectContext:
+    """Take an arm file's values for building effects."""
+    return EffectContext(
+        joint_names=tuple(joint.name for joint in arm.joints),
+        reference_temperature_c=arm.reference.temperature_c,
+        campaign_utc=campaign_utc,
+    )

@@ -1,0 +1,187 @@
+"""What all effects have in common, and the three families of those that move a pose.
+
+A correction is linear in its values (amplitudes): it is the sum of value times unit
+amount. That one formula a kind gives both the correction and its derivatives.
+
+    family    depends on                   corrects
+    reading   readings and covariates      d_alpha, which is taken from the reading
+    body      the undeflected posture      turns, tilts, places and lengths of bodies
+    contact   the final pose, the surface  the ball's centre
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from enum import Enum, auto
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.base.context import EffectContext
+from traverse.kinematics.effects.base.covariate import Need
+from traverse.kinematics.kernel.terms import Term
+from traverse.kinematics.model.geometry import Geometry
+
+if TYPE_CHECKING:
+    from traverse.kinematics.arm_file.arm import Effect
+    from traverse.kinematics.effects.base.contact import Contact
+    from traverse.kinematics.effects.base.posture import Posture
+
+Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
+FlagName = Literal["stale_effect", "surface_unknown", "empirical", "beyond_knots"]
+
+
+class Target(Enum):
+    """What a body correction changes, and the shape of its amounts."""
+
+    TURN = auto()  # theta grows: rad, (n_chosen, n_samples)
+    TILT = auto()  # the body turns about the joint's origin: rad, (3, n_chosen, n)
+    SHIFT = auto()  # the joint's origin moves: mm, (3, n_chosen, n_samples)
+    GROWTH = auto()  # the element grows by this fraction, (n_chosen, n_samples)
+    MOUNT = auto()  # everything turns about origin_mm: rad, (3, n_samples)
+    BASE = auto()  # x_0 moves: mm, (3, n_samples)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Correction(ABC):
+    """An effect of an arm file, ready to be applied.
+
+    Tilts and shifts are vectors of the body that carries the joint, written in the
+    base posture: P_(k-1) takes them to where they are.
+
+    Attributes:
+        joints: The affected joints, counted from 0; empty where there are none.
+        values: Of the parameters, in the order of `parameters`.
+    """
+
+    joints: slice
+    values: tuple[float, ...]
+
+    kind: ClassVar[str]
+    uses_gravity: ClassVar[bool] = False
+
+    @classmethod
+    @abstractmethod
+    def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
+        """Build it from an entry of `[[effects]]`."""
+
+    @property
+    @abstractmethod
+    def parameters(self) -> tuple[str, ...]:
+        """Keys of the arm file, `.x .y .z` or `.1 .2 ...` for parts of arrays."""
+
+    @property
+    def affected(self) -> range:
+        """The affected joints one by one."""
+        return range(self.joints.start, self.joints.stop)
+
+    @property
+    def variety(self) -> tuple[str, ...]:
+        """What tells it from others of its kind on the same joint."""
+        return ()
+
+    @property
+    def needs(self) -> tuple[Need, ...]:
+        """What must be known of every sample."""
+        return ()
+
+    def flags(self, block: Block) -> Iterator[tuple[FlagName, Booleans]]:
+        """Yield which samples to flag for what, each (n_samples,)."""
+        yield from ()
+
+    def free_directions(self, geometry: Geometry) -> Floats:
+        """Span the changes of values that the law of the kind allows.
+
+        Returns:
+            Orthonormal columns, (n_parameters, n_free).
+        """
+        del geometry  # only those with vectors about an axis ask
+        return np.eye(len(self.values))
+
+    def with_values(self, values: Floats) -> Self:
+        """Make the same effect of another size.
+
+        Args:
+            values: (n_parameters,).
+        """
+        if values.shape != (len(self.values),):
+            raise ValueError(
+                f"{self.kind}: values have shape {values.shape}, expected "
+                f"({len(self.values)},) for {', '.join(self.parameters)}"
+            )
+        return replace(self, values=tuple(values.tolist()))
+
+    @property
+    def keys(self) -> dict[str, Any]:
+        """The values under the keys of the arm file, arrays as tuples."""
+        found: dict[str, Any] = {}
+        for parameter, value in zip(self.parameters, self.values, strict=True):
+            key, dot, _ = parameter.partition(".")
+            found[key] = (*found.get(key, ()), value) if dot else value
+        return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadingCorrection(Correction):
+    """What is wrong with the readings: theta = alpha - zero - d_alpha."""
+
+    @abstractmethod
+    def unit_amounts(self, geometry: Geometry, block: Block) -> Floats:
+        """d_alpha for each value 1, (n_parameters, n_chosen, n_samples)."""
+
+    def amount(self, geometry: Geometry, block: Block) -> Floats:
+        """d_alpha in rad, (n_chosen, n_samples)."""
+        return weighted_sum(self.values, self.unit_amounts(geometry, block))
+
+    @property
+    @abstractmethod
+    def terms(self) -> tuple[Term, ...]:
+        """The same for the kernel in C."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BodyCorrection(Correction):
+    """What the bodies of the arm do beyond turning about their axes."""
+
+    target: ClassVar[Target]
+
+    @abstractmethod
+    def unit_amounts(self, posture: "Posture") -> Floats:
+        """What happens for each value 1, (n_parameters, *shape of the target)."""
+
+    def amount(self, posture: "Posture") -> Floats:
+        """What happens, in the shape of the target."""
+        return weighted_sum(self.values, self.unit_amounts(posture))
+
+    @property
+    @abstractmethod
+    def terms(self) -> tuple[Term, ...]:
+        """The same for the kernel in C."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContactCorrection(Correction):
+    """What happens where the ball touches; zero where the surface is unknown."""
+
+    @abstractmethod
+    def derivatives(self, contact: "Contact") -> Floats:
+        """How the ball's shift changes with each value, (n_parameters, 3, n)."""
+
+    def amount(self, contact: "Contact") -> Floats:
+        """The shift of the ball's centre in mm, (3, n_samples)."""
+        return weighted_sum(self.values, self.derivatives(contact))
+
+
+def weighted_sum(values: tuple[float, ...], amounts: Floats) -> Floats:
+    """Add up value times amount, one after the other.
+
+    No matrix product: its order of adding depends on the number of samples, and with
+    it the last bit.
+    """
+    total: Floats = values[0] * amounts[0]
+    for value, amount in zip(values[1:], amounts[1:], strict=True):
+        total += value * amount
+    return total

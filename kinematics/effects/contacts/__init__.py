@@ -1,0 +1,1 @@
+"""Effects of the contact and of what is touched."""

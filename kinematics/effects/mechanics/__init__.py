@@ -1,0 +1,1 @@
+"""Effects that move or turn bodies of the arm."""

@@ -1,0 +1,87 @@
+"""Error motions of an axis: a vector that goes round with the turn of the joint.
+
+cos (3) cos(order theta) + sin (3) sin(order theta), turned by P_(k-1)
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from traverse.kinematics.effects.base.correction import BodyCorrection, Floats
+from traverse.kinematics.effects.base.posture import Posture
+from traverse.kinematics.kernel.terms import Form, Term
+from traverse.kinematics.model.geometry import Geometry
+
+_COMPONENTS = ("x", "y", "z")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AxisMotion(BodyCorrection):
+    """Six values: three of the cosine, three of the sine.
+
+    Attributes:
+        order: Periods a turn.
+        is_along: Whether the vectors lie along the axis, else across it.
+    """
+
+    order: int
+    is_along: bool
+
+    vectors: ClassVar[tuple[str, str]]
+    form: ClassVar[Form]
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Components of the two keys of the arm file."""
+        return tuple(f"{key}.{xyz}" for key in self.vectors for xyz in _COMPONENTS)
+
+    def free_directions(self, geometry: Geometry) -> Floats:
+        """Across the axis, (6, 4), or along it, (6, 2)."""
+        axis = geometry.axes[self.joints.start]
+        if self.is_along:
+            one = axis[:, np.newaxis]
+        else:
+            first, second = across(axis)
+            one = np.stack([first, second], axis=1)
+        return np.kron(np.eye(2), one)
+
+    def unit_amounts(self, posture: Posture) -> Floats:
+        """Waves in each component, (6, 3, 1, n_samples)."""
+        cosine, sine = self._waves(posture)
+        amounts = np.zeros((6, 3, 1, len(cosine)))
+        for component in range(3):
+            amounts[component, component, 0] = cosine
+            amounts[3 + component, component, 0] = sine
+        return amounts
+
+    def amount(self, posture: Posture) -> Floats:
+        """The same without the zeros between, (3, 1, n_samples)."""
+        cosine, sine = self._waves(posture)
+        vectors = np.array(self.values).reshape(2, 3, 1, 1)
+        total: Floats = vectors[0] * cosine + vectors[1] * sine
+        return total
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """One wave."""
+        joint = self.joints.start
+        return (
+            Term(form=self.form, joint=joint, order=self.order, values=self.values),
+        )
+
+    def _waves(self, posture: Posture) -> tuple[Floats, Floats]:
+        phases_rad = self.order * posture.turns_rad[self.joints.start]
+        return np.cos(phases_rad), np.sin(phases_rad)
+
+
+def across(axis: Floats) -> tuple[Floats, Floats]:
+    """Span the plane across a unit vector.
+
+    v = normalise(e - (e . u) u) with e the unit vector of the smallest component of
+    u, and w = u x v; each (3,).
+    """
+    smallest = np.eye(3)[np.argmin(np.abs(axis))]
+    rest = smallest - float(smallest @ axis) * axis
+    first = rest / np.linalg.norm(rest)
+    return first, np.cross(axis, first)

@@ -1,0 +1,66 @@
+"""Elements that grow with the temperature.
+
+    r_k grows by the fraction expansion_per_c (T - T_ref)
+
+T is the joint's own temperature where it is known, else the arm's. The probe's vector
+is no element: it does not grow.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Self
+
+from traverse.kinematics.effects.base.context import EffectContext
+from traverse.kinematics.effects.base.correction import BodyCorrection, Floats, Target
+from traverse.kinematics.effects.base.covariate import Covariate, Need, needs_of
+from traverse.kinematics.effects.base.posture import Posture
+from traverse.kinematics.kernel.terms import Form, Quantity, Source, Term
+
+if TYPE_CHECKING:
+    from traverse.kinematics.arm_file.arm import Effect
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ThermalExpansion(BodyCorrection):
+    """One element, or all of them alike."""
+
+    reference_c: float
+
+    kind: ClassVar[str] = "thermal_expansion"
+    target: ClassVar[Target] = Target.GROWTH
+
+    @classmethod
+    def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
+        """Build it from an entry of `[[effects]]`."""
+        return cls(
+            joints=setting.joints(effect),
+            values=(effect.values["expansion_per_c"],),
+            reference_c=setting.reference_temperature_c,
+        )
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """The one key of the arm file."""
+        return ("expansion_per_c",)
+
+    @property
+    def needs(self) -> tuple[Need, ...]:
+        """The temperatures of its elements."""
+        return needs_of(Covariate.TEMPERATURE, self.joints, self.joints.stop)
+
+    def unit_amounts(self, posture: Posture) -> Floats:
+        """T - T_ref, (1, n_chosen, n_samples)."""
+        temperatures_c = posture.block.temperatures_c(self.joints)
+        return (temperatures_c - self.reference_c)[None]
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """One for every element."""
+        return tuple(
+            Term(
+                form=Form.GROWTH_RATE,
+                joint=joint,
+                values=self.values,
+                of=Quantity(Source.TEMPERATURE, joint, self.reference_c),
+            )
+            for joint in self.affected
+        )

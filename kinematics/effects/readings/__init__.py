@@ -1,0 +1,1 @@
+"""Effects that change a joint's reading."""

@@ -1,0 +1,164 @@
+"""A curve found where no named effect fits: d_alpha is a spline of some covariate.
+
+The covariate is named like a column of a campaign: `<joint>_rad`, `temperature_c`,
+`<joint>_temperature_c`, `<joint>_speed_rad_s`, `<joint>_approach`, `force_n`, `time_s`.
+The spline is the natural cubic one; beyond the outer knots its last value is held and
+the sample flagged `beyond_knots`. Every sample is flagged `empirical`.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Self
+
+import numpy as np
+
+from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.base.context import EffectContext
+from traverse.kinematics.effects.base.correction import (
+    Booleans,
+    FlagName,
+    Floats,
+    ReadingCorrection,
+)
+from traverse.kinematics.effects.base.covariate import Covariate, Need
+from traverse.kinematics.effects.readings.spline import spline_amounts, spline_numbers
+from traverse.kinematics.kernel.terms import Form, Quantity, Source, Term
+from traverse.kinematics.model.geometry import Geometry
+
+if TYPE_CHECKING:
+    from traverse.kinematics.arm_file.arm import Effect
+
+_OF_ARM = {
+    "time_s": Need(Covariate.CAMPAIGN_TIME),
+    "temperature_c": Need(Covariate.TEMPERATURE),
+    "force_n": Need(Covariate.FORCE),
+}
+_OF_JOINT = {
+    "_temperature_c": Covariate.TEMPERATURE,
+    "_speed_rad_s": Covariate.SPEED,
+    "_approach": Covariate.APPROACH,
+    "_rad": None,
+}
+_COLUMNS = {
+    Covariate.CAMPAIGN_TIME: "campaign_s",
+    Covariate.TEMPERATURE: "temperature_c",
+    Covariate.FORCE: "force_n",
+    Covariate.SPEED: "speeds_rad_s",
+    Covariate.APPROACH: "approaches",
+}
+
+_SOURCES = {
+    Covariate.CAMPAIGN_TIME: Source.CAMPAIGN,
+    Covariate.TEMPERATURE: Source.TEMPERATURE,
+    Covariate.FORCE: Source.FORCE,
+    Covariate.SPEED: Source.SPEED,
+    Covariate.APPROACH: Source.APPROACH,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Empirical(ReadingCorrection):
+    """A spline of a covariate.
+
+    Attributes:
+        covariate: As the arm file names it.
+        knots: In the unit of the covariate.
+        source: What the covariate needs; None for a reading.
+        source_joint: Whose reading it is; None where `source` says it.
+    """
+
+    covariate: str
+    knots: tuple[float, ...]
+    source: Need | None
+    source_joint: int | None
+
+    kind: ClassVar[str] = "empirical"
+
+    @classmethod
+    def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
+        """Build it from an entry of `[[effects]]`."""
+        values = effect.values
+        covariate = values["covariate"]
+        source, source_joint = _source(covariate, setting)
+        return cls(
+            joints=setting.joints(effect),
+            values=values["values_rad"],
+            covariate=covariate,
+            knots=values["knots"],
+            source=source,
+            source_joint=source_joint,
+        )
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """The values at the knots, from 1."""
+        return tuple(f"values_rad.{n}" for n in range(1, len(self.knots) + 1))
+
+    @property
+    def variety(self) -> tuple[str, ...]:
+        """The covariate."""
+        return (self.covariate,)
+
+    @property
+    def needs(self) -> tuple[Need, ...]:
+        """The covariate, where it is not a reading."""
+        return () if self.source is None else (self.source,)
+
+    def flags(self, block: Block) -> Iterator[tuple[FlagName, Booleans]]:
+        """Flag all, and what is beyond the outer knots."""
+        at = self._at(block)
+        yield "empirical", np.ones(len(block), dtype=np.bool_)
+        yield "beyond_knots", (at < self.knots[0]) | (at > self.knots[-1])
+
+    def unit_amounts(self, geometry: Geometry, block: Block) -> Floats:
+        """The unit splines, (n_knots, 1, n_samples)."""
+        del geometry
+        return spline_amounts(self.knots, self._at(block))[:, np.newaxis]
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """One spline."""
+        if self.source is None:
+            of = Quantity(Source.READING, self.source_joint)
+        else:
+            of = Quantity(_SOURCES[self.source.covariate], self.source.joint)
+        spline = spline_numbers(self.knots, self.values)
+        return tuple(
+            Term(form=Form.READING_SPLINE, joint=joint, of=of, spline=spline)
+            for joint in self.affected
+        )
+
+    def _at(self, block: Block) -> Floats:
+        if self.source is None:
+            return _one(block.rows("angles_rad", _only(self.source_joint)))
+        if self.source.joint is None:
+            return block.row(_COLUMNS[self.source.covariate])
+        joints = _only(self.source.joint)
+        if self.source.covariate is Covariate.TEMPERATURE:
+            return _one(block.temperatures_c(joints))
+        return _one(block.rows(_COLUMNS[self.source.covariate], joints))
+
+
+def _only(joint: int | None) -> slice:
+    return slice(0, 0) if joint is None else slice(joint, joint + 1)
+
+
+def _one(rows: Floats) -> Floats:
+    row: Floats = rows[0]
+    return row
+
+
+def _source(covariate: str, setting: EffectContext) -> tuple[Need | None, int | None]:
+    """Find what a covariate is: a need, or the joint of a reading."""
+    for joint, name in enumerate(setting.joint_names):
+        of = covariate.removeprefix(name)
+        if covariate.startswith(name) and of in _OF_JOINT:
+            found = _OF_JOINT[of]
+            return (None, joint) if found is None else (Need(found, joint), None)
+    if covariate in _OF_ARM:
+        return _OF_ARM[covariate], None
+    raise ValueError(
+        f"empirical: covariate {covariate!r} is none that samples carry; expected "
+        f"{', '.join(_OF_ARM)} or a joint ({', '.join(setting.joint_names)}) followed "
+        f"by {', '.join(_OF_JOINT)}"
+    )

@@ -1,0 +1,66 @@
+"""Harmonics of an encoder: disc tilt, ellipticity, sub-division error.
+
+d_alpha = cos_rad cos(order alpha) + sin_rad sin(order alpha)
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Self
+
+import numpy as np
+
+from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.base.context import EffectContext
+from traverse.kinematics.effects.base.correction import Floats, ReadingCorrection
+from traverse.kinematics.kernel.terms import Form, Term
+from traverse.kinematics.model.geometry import Geometry
+
+if TYPE_CHECKING:
+    from traverse.kinematics.arm_file.arm import Effect
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EncoderHarmonic(ReadingCorrection):
+    """So many periods a turn of the reading."""
+
+    order: int
+
+    kind: ClassVar[str] = "encoder_harmonic"
+
+    @classmethod
+    def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
+        """Build it from an entry of `[[effects]]`."""
+        values = effect.values
+        return cls(
+            joints=setting.joints(effect),
+            values=(values["cos_rad"], values["sin_rad"]),
+            order=values.get("order", 1),
+        )
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Keys of the arm file."""
+        return "cos_rad", "sin_rad"
+
+    @property
+    def variety(self) -> tuple[str, ...]:
+        """The order."""
+        return (str(self.order),)
+
+    def unit_amounts(self, geometry: Geometry, block: Block) -> Floats:
+        """cos(order alpha) and sin(order alpha), (2, 1, n_samples)."""
+        del geometry
+        phases_rad = self.order * block.rows("angles_rad", self.joints)
+        return np.stack([np.cos(phases_rad), np.sin(phases_rad)])
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """One wave for every joint."""
+        return tuple(
+            Term(
+                form=Form.READING_WAVE,
+                joint=joint,
+                order=self.order,
+                values=self.values,
+            )
+            for joint in self.affected
+        )

@@ -1,0 +1,1 @@
+"""The Helmert transformation: adjusted, tested, and its errors in a volume."""

@@ -1,0 +1,240 @@
+"""The Helmert transformation with errors on both sides: a Gauss-Helmert adjustment.
+
+Wanted are the transformation and corrections v of all coordinates of both systems with
+
+    to + v_to = T(from + v_from),    sum of v' C^-1 v = least.
+
+For a given T the corrections are known: with the misclosure w = to - T(from) and its
+covariance S = C_to + s^2 R C_from R', v_from = s C_from R' S^-1 w and v_to = -C_to S^-1
+w, and what they cost is w' S^-1 w. T then moves by xi = (J' S^-1 J)^-1 J' S^-1 w, where
+J is taken at the corrected place T(from + v_from): with J there, and not at T(from), xi
+vanishes exactly where that sum is least (total least squares, no bias by S).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.helmert.closed_form import closed_helmert
+from traverse.kinematics.helmert.shape import (
+    Shape,
+    direction_text,
+    shape_of,
+    undetermined,
+)
+from traverse.kinematics.helmert.transformation import (
+    N_RIGID,
+    Helmert,
+    motions,
+    turned_by,
+)
+
+Floats = NDArray[np.float64]
+
+_MOST_STEPS = 100
+_SMALL_STEP = 1e-12  # of the points' extent
+_SMALL_ENOUGH = 1e-7
+_STRAIGHT = 0.1  # of their length
+_ASTRAY = 3.0  # the start is near: no step is as long as that
+
+
+class HelmertError(ValueError):
+    """The points do not determine the transformation; says what is left open."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AdjustedHelmert:
+    """A transformation, and what is known of it.
+
+    Attributes:
+        transformation: The adjusted one.
+        centre_mm: About which xi is told, in the system it leads to, (3,).
+        cofactors: Of xi; with the stated covariances its covariance, (p, p).
+        misclosures_mm: to - T(from), (n, 3).
+        from_corrections_mm: v_from, (n, 3).
+        to_corrections_mm: v_to, (n, 3).
+        misclosure_covariance_mm2: S as stated, (n, 3, 3).
+        design: J, (n, 3, p).
+        sum_of_squares: Of w' S^-1 w.
+        steps: How many it took.
+    """
+
+    transformation: Helmert
+    centre_mm: Floats
+    cofactors: Floats
+    misclosures_mm: Floats
+    from_corrections_mm: Floats
+    to_corrections_mm: Floats
+    misclosure_covariance_mm2: Floats
+    design: Floats
+    sum_of_squares: float
+    steps: int
+
+    @property
+    def redundancy(self) -> int:
+        """Coordinates less parameters."""
+        return self.misclosures_mm.size - len(self.cofactors)
+
+    @property
+    def sigma0(self) -> float | None:
+        """Errors as found over errors as stated; None without redundancy."""
+        if self.redundancy <= 0:
+            return None
+        return float(np.sqrt(self.sum_of_squares / self.redundancy))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _State:
+    transformation: Helmert
+    misclosures_mm: Floats
+    covariance_mm2: Floats
+    weighted: Floats  # S^-1 w
+    from_corrections_mm: Floats
+    design: Floats
+
+
+def adjusted_helmert(
+    from_mm: Floats,
+    to_mm: Floats,
+    from_covariance_mm2: Floats,
+    to_covariance_mm2: Floats,
+    *,
+    with_scale: bool = False,
+) -> AdjustedHelmert:
+    """Adjust the transformation between two systems.
+
+    Args:
+        from_mm: Common points in the one, (n, 3).
+        to_mm: In the other, (n, 3).
+        from_covariance_mm2: (n, 3, 3). Of each point, one of both may be zero.
+        to_covariance_mm2: (n, 3, 3).
+        with_scale: Seven parameters, else six.
+
+    Raises:
+        HelmertError: The points leave something open, named in the error.
+        ValueError: A sum of both covariances is not positive definite.
+    """
+    for side in (to_mm, from_mm):
+        problem = undetermined(shape_of(side))
+        if problem is not None:
+            raise HelmertError(problem)
+    n_parameters = N_RIGID + int(with_scale)
+    traces = np.einsum("nii->n", from_covariance_mm2 + to_covariance_mm2)
+    if not np.all(traces > 0.0):
+        raise ValueError("a point has no errors on either side; state its covariance")
+    weights = 1.0 / traces
+    centre_mm = (weights / weights.sum()) @ to_mm
+    extent_mm = float(np.sqrt(np.mean(np.sum((to_mm - centre_mm) ** 2, axis=1))))
+    units = np.ones(n_parameters)
+    units[3:] = 1.0 / extent_mm
+
+    def at(transformation: Helmert) -> _State:
+        return _state(
+            transformation,
+            (from_mm, to_mm, from_covariance_mm2, to_covariance_mm2),
+            centre_mm,
+            n_parameters,
+        )
+
+    start = closed_helmert(from_mm, to_mm, weights, with_scale=with_scale)
+    state, size, steps = at(start), np.inf, 0
+    while steps < _MOST_STEPS:
+        steps += 1
+        cofactors = _cofactors(state, units)
+        change = cofactors @ np.einsum("nip,ni->p", state.design, state.weighted)
+        before, size = size, float(np.max(np.abs(change / units))) / extent_mm
+        if not size < _ASTRAY:
+            break
+        state = at(_moved(state.transformation, centre_mm, change))
+        if size < _SMALL_STEP or (size < _SMALL_ENOUGH and size > 0.5 * before):
+            break
+    if not size < _SMALL_ENOUGH:
+        raise HelmertError(_astray(shape_of(to_mm), size))
+    return AdjustedHelmert(
+        transformation=state.transformation,
+        centre_mm=centre_mm,
+        cofactors=_cofactors(state, units),
+        misclosures_mm=state.misclosures_mm,
+        from_corrections_mm=state.from_corrections_mm,
+        to_corrections_mm=-np.einsum("nij,nj->ni", to_covariance_mm2, state.weighted),
+        misclosure_covariance_mm2=state.covariance_mm2,
+        design=state.design,
+        sum_of_squares=float(np.sum(state.weighted * state.misclosures_mm)),
+        steps=steps,
+    )
+
+
+def _astray(shape: Shape, size: float) -> str:
+    """Say why an adjustment does not converge."""
+    text = (
+        f"the adjustment does not converge (last step {size:.1g} of the extent of the "
+        "points): their errors are as large as what they span, or names are exchanged"
+    )
+    if shape.straightness < _STRAIGHT:
+        text += (
+            "; they lie so near to one line that the rotation about it, about the "
+            f"direction {direction_text(shape.axes[0])}, is undetermined"
+        )
+    return f"{text}; look at the names, and measure points farther apart"
+
+
+def _state(
+    transformation: Helmert,
+    given: tuple[Floats, Floats, Floats, Floats],
+    centre_mm: Floats,
+    n_parameters: int,
+) -> _State:
+    from_mm, to_mm, from_covariance_mm2, to_covariance_mm2 = given
+    turn = transformation.scale * transformation.rotation
+    covariance_mm2 = to_covariance_mm2 + turn @ from_covariance_mm2 @ turn.T
+    misclosures_mm = to_mm - transformation.places_mm(from_mm)
+    try:
+        np.linalg.cholesky(covariance_mm2)
+    except np.linalg.LinAlgError as error:
+        raise ValueError(
+            "the covariances of a point, both sides together, are not positive "
+            "definite; state errors in all directions"
+        ) from error
+    weighted = np.asarray(
+        np.linalg.solve(covariance_mm2, misclosures_mm[:, :, np.newaxis])[..., 0],
+        dtype=np.float64,
+    )
+    corrections_mm: Floats = np.einsum(
+        "nij,nj->ni", from_covariance_mm2, weighted @ turn
+    )
+    corrected_mm = transformation.places_mm(from_mm + corrections_mm)
+    return _State(
+        transformation,
+        misclosures_mm,
+        covariance_mm2,
+        weighted,
+        corrections_mm,
+        motions(corrected_mm - centre_mm, n_parameters),
+    )
+
+
+def _cofactors(state: _State, units: Floats) -> Floats:
+    """Compute (J' S^-1 J)^-1, in units in which its parts are alike."""
+    design = state.design * units
+    normal = np.einsum(
+        "nip,niq->pq", design, np.linalg.solve(state.covariance_mm2, design)
+    )
+    try:
+        inverse = np.linalg.inv(normal)
+    except np.linalg.LinAlgError as error:
+        raise HelmertError(
+            "the points leave a direction open within rounding; measure points farther "
+            "apart, not on one line"
+        ) from error
+    scaled = units[:, np.newaxis] * inverse * units
+    cofactors: Floats = 0.5 * (scaled + scaled.T)
+    return cofactors
+
+
+def _moved(transformation: Helmert, centre_mm: Floats, change: Floats) -> Helmert:
+    """Apply xi: y becomes c + shift + (1 + k) turn (y - c)."""
+    turn = turned_by(change[3:6])
+    grown = 1.0 + (float(change[6]) if len(change) > N_RIGID else 0.0)
+    shift_mm = centre_mm + change[:3] - grown * (turn @ centre_mm)
+    return Helmert(turn, shift_mm, grown).after(transformation)

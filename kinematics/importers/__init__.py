@@ -1,0 +1,1 @@
+"""Arms from other descriptions: Denavit-Hartenberg tables, URDF, MicroScribe."""

@@ -1,0 +1,93 @@
+"""An arm file's values from a geometry and what each joint carries."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from traverse.kinematics.arm_file.arm import Arm, parse_arm
+from traverse.kinematics.importers.urdf import Body, Floats
+from traverse.kinematics.model.geometry import Geometry
+from traverse.strict_toml.writing import arm_text
+
+# Arm files from tables show 1 and not 0.9999999999999999: below this no arm is known.
+_AXIS_DECIMALS = 15
+_MM_DECIMALS = 12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointParts:
+    """What an arm file says of a joint beside its geometry; None is left out.
+
+    Attributes:
+        name: Unique in the arm.
+        counts_per_turn: Of its encoder; without it the joint has no encoder.
+        sign: +1 or -1: which way the encoder counts.
+        source: "<device id>/<channel>".
+        body: Mass and its centre from the joint's origin in the base posture.
+    """
+
+    name: str
+    counts_per_turn: int | None
+    sign: int
+    source: str
+    body: Body | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ProbeParts:
+    """What an arm file says of the probe beside its geometry."""
+
+    radius_mm: float
+    kind: str
+
+
+def assemble_arm(
+    name: str,
+    geometry: Geometry,
+    joints: Sequence[JointParts],
+    probe: ProbeParts,
+    source: str,
+) -> Arm:
+    """Put an arm together, at 20 degrees Celsius and gravity along -z.
+
+    Raises:
+        FileError: A value may not stand in an arm file; says all, for `source`.
+    """
+    values = {
+        "schema": "traverse/arm/1",
+        "name": name,
+        "origin_mm": _rounded(geometry.origin_mm, _MM_DECIMALS),
+        "joints": [_joint(geometry, k, parts) for k, parts in enumerate(joints)],
+        "probe": {
+            "radius_mm": probe.radius_mm,
+            "kind": probe.kind,
+            "vector_mm": _rounded(geometry.probe_vector_mm, _MM_DECIMALS),
+            "direction": _rounded(geometry.probe_direction, _AXIS_DECIMALS),
+        },
+        "reference": {"temperature_c": 20.0, "gravity_m_s2": [0.0, 0.0, -9.80665]},
+    }
+    return parse_arm(arm_text(values), source)
+
+
+def _joint(geometry: Geometry, k: int, parts: JointParts) -> dict[str, Any]:
+    joint: dict[str, Any] = {
+        "name": parts.name,
+        "axis": _rounded(geometry.axes[k], _AXIS_DECIMALS),
+        "link_mm": _rounded(geometry.links_mm[k], _MM_DECIMALS),
+        "zero_rad": float(geometry.zeros_rad[k]),
+    }
+    if parts.body is not None:
+        joint["mass_kg"] = parts.body.mass_kg
+        joint["centre_of_mass_mm"] = _rounded(parts.body.centre_mm, _MM_DECIMALS)
+    if parts.counts_per_turn is not None:
+        joint["encoder"] = {
+            "counts_per_turn": parts.counts_per_turn,
+            "sign": parts.sign,
+            "source": parts.source,
+        }
+    return joint
+
+
+def _rounded(vector: Floats, decimals: int) -> list[float]:
+    # Adding zero turns -0.0 into 0.0.
+    return [round(float(value), decimals) + 0.0 for value in vector]

@@ -1,0 +1,158 @@
+"""A chain of robot description joints as an arm: frames merged, masses gathered.
+
+A joint of a URDF places its child's frame in its parent's by an `origin`, xyz and
+roll-pitch-yaw (R = R_z(yaw) R_y(pitch) R_x(roll)), and lets it turn about an `axis`
+written in the child's frame. Here lengths are mm already.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.model.geometry import Geometry, unit_vectors
+from traverse.kinematics.model.quaternion import rotate, turn
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Body:
+    """A mass at a place.
+
+    Attributes:
+        mass_kg: Not negative.
+        centre_mm: Centre of mass in the frame that the body is given in, (3,).
+    """
+
+    mass_kg: float
+    centre_mm: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChainJoint:
+    """A joint between two frames, with the bodies fixed to the frame behind it.
+
+    Attributes:
+        name: As the description has it.
+        origin: Transform from the child's frame to the parent's, not turned, (4, 4).
+        axis: In the child's frame, any length > 0, (3,); nothing for a fixed joint.
+        bodies: What the child carries, in the child's frame.
+    """
+
+    name: str
+    origin: Floats
+    axis: Floats | None
+    bodies: tuple[Body, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChainArm:
+    """A chain with its fixed joints merged away.
+
+    Attributes:
+        geometry: The arm; the probe is the tip's origin moved by the tool.
+        names: Of the turning joints, (n_joints).
+        bodies: What each joint carries as one body, from the joint's origin in the base
+            posture; nothing where the description gives no mass, (n_joints).
+    """
+
+    geometry: Geometry
+    names: tuple[str, ...]
+    bodies: tuple[Body | None, ...]
+
+
+def arm_from_chain(
+    chain: Sequence[ChainJoint], tool: Floats, base_posture_rad: Floats
+) -> ChainArm:
+    """Merge a chain from the root to the tip into an arm.
+
+    What a joint carries reaches up to the next turning joint; what stands before the
+    first one does not move and is left out.
+
+    Args:
+        chain: From the root outwards, at least one joint that turns.
+        tool: Transform from the probe, z along the shank, to the tip's frame, (4, 4).
+        base_posture_rad: Readings of the posture to write it in, (n_joints,).
+    """
+    pose = np.eye(4)
+    axes: list[Floats] = []
+    origins_mm: list[Floats] = []
+    carried: list[list[Body]] = []
+    for joint in chain:
+        pose = pose @ joint.origin
+        if joint.axis is not None:
+            axis = unit_vectors(joint.axis)
+            axes.append(pose[:3, :3] @ axis)
+            origins_mm.append(pose[:3, 3])
+            pose = pose @ _turned_by(axis, float(base_posture_rad[len(carried)]))
+            carried.append([])
+        if carried:
+            carried[-1] += [moved_body(pose, body) for body in joint.bodies]
+    ends_mm = np.array([*origins_mm, pose[:3, 3]])
+    geometry = Geometry(
+        origin_mm=ends_mm[0],
+        axes=unit_vectors(axes),
+        links_mm=np.diff(ends_mm, axis=0),
+        zeros_rad=base_posture_rad,
+        probe_vector_mm=pose[:3, :3] @ tool[:3, 3],
+        probe_direction=unit_vectors(pose[:3, :3] @ tool[:3, 2]),
+    )
+    return ChainArm(
+        geometry,
+        tuple(joint.name for joint in chain if joint.axis is not None),
+        tuple(map(_one_body, carried, origins_mm)),
+    )
+
+
+def moved_body(pose: Floats, body: Body) -> Body:
+    """Write a body in another frame; `pose` maps its frame to that one, (4, 4)."""
+    return Body(body.mass_kg, pose[:3, :3] @ body.centre_mm + pose[:3, 3])
+
+
+def transform(xyz_mm: Sequence[float], rpy_rad: Sequence[float]) -> Floats:
+    """Make a transform of a shift and roll, pitch, yaw: (4, 4) [mm]."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy_rad), np.sin(rpy_rad)
+    placed = np.eye(4)
+    placed[:3, :3] = [
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    ]
+    placed[:3, 3] = xyz_mm
+    return placed
+
+
+def roll_pitch_yaw(rotation: Floats) -> Floats:
+    """Read roll, pitch and yaw off a rotation: (3, 3) -> (3,) [rad].
+
+    With the pitch at a quarter turn only roll minus or plus yaw exists: yaw is 0 then.
+    """
+    cosine = float(np.hypot(rotation[0, 0], rotation[1, 0]))
+    pitch = np.arctan2(-rotation[2, 0], cosine)
+    if cosine < 1e-12:
+        return np.array([np.arctan2(-rotation[1, 2], rotation[1, 1]), pitch, 0.0])
+    return np.array(
+        [
+            np.arctan2(rotation[2, 1], rotation[2, 2]),
+            pitch,
+            np.arctan2(rotation[1, 0], rotation[0, 0]),
+        ]
+    )
+
+
+def _turned_by(axis: Floats, angle_rad: float) -> Floats:
+    """Make the transform that turns about an axis through the origin, (4, 4)."""
+    turned = np.eye(4)
+    quaternion = turn(axis[:, np.newaxis], np.array([angle_rad]))
+    turned[:3, :3] = rotate(quaternion, np.eye(3))
+    return turned
+
+
+def _one_body(bodies: Sequence[Body], origin_mm: Floats) -> Body | None:
+    mass_kg = sum(body.mass_kg for body in bodies)
+    if mass_kg <= 0.0:
+        return None
+    moment = sum((body.mass_kg * body.centre_mm for body in bodies), np.zeros(3))
+    return Body(mass_kg, moment / mass_kg - origin_mm)

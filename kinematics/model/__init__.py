@@ -1,0 +1,1 @@
+"""The arm as mathematics: geometry, readings, forward kinematics, derivatives."""

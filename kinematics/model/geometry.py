@@ -1,0 +1,106 @@
+"""The geometry of an arm in its base posture, as arrays ready for computing."""
+
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    from traverse.kinematics.arm_file.arm import Arm
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Geometry:
+    """An arm in its base posture; every array is read-only float64.
+
+    Attributes:
+        origin_mm: x_0, (3,).
+        axes: u_k, unit vectors, (n_joints, 3).
+        links_mm: r_k, (n_joints, 3).
+        zeros_rad: alpha0_k, readings in the base posture, (n_joints,).
+        probe_vector_mm: From the end of the last link to the ball's centre, (3,).
+        probe_direction: The shank, unit vector towards the ball, (3,).
+    """
+
+    origin_mm: NDArray[np.float64]
+    axes: NDArray[np.float64]
+    links_mm: NDArray[np.float64]
+    zeros_rad: NDArray[np.float64]
+    probe_vector_mm: NDArray[np.float64]
+    probe_direction: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        axes = np.array(self.axes, dtype=np.float64)
+        if axes.ndim != 2 or axes.shape[1] != 3 or len(axes) == 0:
+            raise ValueError(
+                f"geometry: axes have shape {axes.shape}, expected (n_joints, 3) with "
+                "at least one joint"
+            )
+        shapes: dict[str, tuple[int, ...]] = {
+            "axes": axes.shape,
+            "links_mm": axes.shape,
+            "zeros_rad": axes.shape[:1],
+        }
+        for field in fields(self):
+            array = np.array(getattr(self, field.name), dtype=np.float64)
+            expected = shapes.get(field.name, (3,))
+            if array.shape != expected:
+                raise ValueError(
+                    f"geometry: {field.name} has shape {array.shape}, expected "
+                    f"{expected}"
+                )
+            array.setflags(write=False)
+            object.__setattr__(self, field.name, array)
+        for name in ("axes", "probe_direction"):
+            length = np.linalg.norm(getattr(self, name), axis=-1)
+            if not np.all(np.abs(length - 1.0) < 1e-9):
+                raise ValueError(
+                    f"geometry: {name} has lengths {length}, expected unit vectors; "
+                    "use unit_vectors()"
+                )
+
+    @property
+    def n_joints(self) -> int:
+        """The number of joints."""
+        return len(self.zeros_rad)
+
+
+def unit_vectors(vectors: ArrayLike) -> NDArray[np.float64]:
+    """Scale vectors to length 1, however long or short they are.
+
+    Args:
+        vectors: (..., 3), none of them zero.
+
+    Returns:
+        (..., 3).
+    """
+    array = np.array(vectors, dtype=np.float64)
+    largest = np.max(np.abs(array), axis=-1, keepdims=True)
+    if not np.all(largest > 0.0) or not np.all(np.isfinite(largest)):
+        raise ValueError(
+            f"{array.tolist()} holds a vector without a finite length above zero"
+        )
+    # Scaled twice, so that squares neither overflow nor vanish.
+    array = array / largest
+    units: NDArray[np.float64] = array / np.linalg.norm(array, axis=-1, keepdims=True)
+    return units
+
+
+def geometry_from_arm(arm: "Arm") -> Geometry:
+    """Take the geometry out of an arm file's values.
+
+    Axes and direction are normalised here; an absent direction is along the last
+    link plus the probe vector.
+    """
+    vector_mm = np.array(arm.probe.vector_mm)
+    direction = arm.probe.direction
+    shank = vector_mm + arm.joints[-1].link_mm if direction is None else direction
+    return Geometry(
+        origin_mm=np.array(arm.origin_mm),
+        axes=unit_vectors([joint.axis for joint in arm.joints]),
+        links_mm=np.array([joint.link_mm for joint in arm.joints]),
+        zeros_rad=np.array([joint.zero_rad for joint in arm.joints]),
+        probe_vector_mm=vector_mm,
+        probe_direction=unit_vectors(shank),
+    )

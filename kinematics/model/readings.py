@@ -1,0 +1,197 @@
+"""Counts of encoders to readings of joints: alpha = sign 2 pi counts / counts_per_turn.
+
+An encoder counts modulo one turn. The first sample is put into the turn in which its
+reading is nearest to zero_rad; every further one is put nearest to the sample before.
+Half a turn exactly, where both ways are equally near, is taken downwards in counts.
+Until the last step all is integer arithmetic, so nothing is lost over many turns.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from traverse.kinematics.arm_file.arm import Arm
+
+_LARGEST_COUNTS_PER_TURN = 2**32
+# Above, a float no longer holds every count.
+_LARGEST_COUNTS = 2**53
+
+Counts = NDArray[np.int64] | NDArray[np.uint32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Encoders:
+    """The encoders of an arm, one entry a joint; arrays are read-only.
+
+    Attributes:
+        counts_per_turn: 1 to 2^32, (n_joints,) int64.
+        signs: +1 or -1, (n_joints,) int64.
+        zeros_rad: Readings in the base posture, (n_joints,).
+    """
+
+    counts_per_turn: NDArray[np.int64]
+    signs: NDArray[np.int64]
+    zeros_rad: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        counts_per_turn = np.array(self.counts_per_turn, dtype=np.int64)
+        signs = np.array(self.signs, dtype=np.int64)
+        zeros_rad = np.array(self.zeros_rad, dtype=np.float64)
+        shapes = {counts_per_turn.shape, signs.shape, zeros_rad.shape}
+        if len(shapes) != 1 or counts_per_turn.ndim != 1 or not len(counts_per_turn):
+            raise ValueError(f"encoders: shapes {shapes} differ; expected (n_joints,)")
+        if not np.all(
+            (counts_per_turn >= 1) & (counts_per_turn <= _LARGEST_COUNTS_PER_TURN)
+        ):
+            raise ValueError(
+                f"encoders: counts_per_turn is {counts_per_turn.tolist()}, expected "
+                "1 to 2^32 each"
+            )
+        if not np.all(np.abs(signs) == 1):
+            raise ValueError(f"encoders: signs are {signs.tolist()}, expected 1 or -1")
+        largest = np.abs(zeros_rad) * counts_per_turn / (2.0 * np.pi)
+        if not np.all(largest < _LARGEST_COUNTS):
+            raise ValueError(
+                f"encoders: zeros_rad is {zeros_rad.tolist()}, beyond what counts can "
+                "tell apart; expected a reading within some turns of zero"
+            )
+        for name, array in (
+            ("counts_per_turn", counts_per_turn),
+            ("signs", signs),
+            ("zeros_rad", zeros_rad),
+        ):
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    @property
+    def n_joints(self) -> int:
+        """The number of joints."""
+        return len(self.signs)
+
+
+def encoders_from_arm(arm: "Arm") -> Encoders:
+    """Take the encoders out of an arm file's values.
+
+    Raises:
+        ValueError: A joint has no encoder; names all such joints.
+    """
+    encoders = [joint.encoder for joint in arm.joints if joint.encoder is not None]
+    missing = [joint.name for joint in arm.joints if joint.encoder is None]
+    if missing:
+        raise ValueError(
+            f"arm {arm.name}: no encoder for {', '.join(missing)}, so counts cannot "
+            "become angles; add [joints.encoder] to the arm file"
+        )
+    return Encoders(
+        counts_per_turn=np.array([e.counts_per_turn for e in encoders], dtype=np.int64),
+        signs=np.array([e.sign for e in encoders], dtype=np.int64),
+        zeros_rad=np.array([joint.zero_rad for joint in arm.joints]),
+    )
+
+
+class Unwrapper:
+    """Follows the encoders over their turns, block by block.
+
+    The result does not depend on how a stream is cut into blocks.
+    """
+
+    def __init__(self, encoders: Encoders) -> None:
+        self._counts_per_turn = encoders.counts_per_turn
+        # The reading zero_rad in counts; at most half a count of a turn is at stake.
+        self._zero_counts = (
+            encoders.signs
+            * encoders.zeros_rad
+            * (encoders.counts_per_turn / (2.0 * np.pi))
+        )
+        self._last = np.zeros(encoders.n_joints, dtype=np.int64)
+        self._fresh = np.ones(encoders.n_joints, dtype=np.bool_)
+
+    def unwrap(self, counts: Counts) -> NDArray[np.int64]:
+        """Continue the stream by a block.
+
+        Args:
+            counts: As the encoders gave them, (n_samples, n_joints).
+
+        Returns:
+            Counts over all turns, (n_samples, n_joints).
+        """
+        raw = self._checked(counts, dimensions=2)
+        if len(raw) == 0:
+            return raw
+        steps = np.empty_like(raw)
+        steps[0] = self._nearest(raw[0])
+        steps[1:] = self._shortest(raw[1:] - raw[:-1])
+        unwrapped = np.cumsum(steps, axis=0)
+        self._last = unwrapped[-1].copy()
+        self._fresh[:] = False
+        return unwrapped
+
+    def near(self, counts: Counts) -> NDArray[np.int64]:
+        """Unwrap counts latched at an event, leaving the stream where it is.
+
+        Args:
+            counts: As the encoders gave them, (n_joints,).
+
+        Returns:
+            Counts over all turns, nearest to the last sample, (n_joints,).
+        """
+        return self._nearest(self._checked(counts, dimensions=1))
+
+    @property
+    def turns(self) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """The last sample over all turns, and which joints have had none, (n_joints,).
+
+        `resume` takes them; a stream goes on as if it had never been left.
+        """
+        return self._last.copy(), self._fresh.copy()
+
+    def resume(self, last: NDArray[np.int64], fresh: NDArray[np.bool_]) -> None:
+        """Go on from the `turns` of another time."""
+        shape = self._last.shape
+        if last.shape != shape or fresh.shape != shape:
+            raise ValueError(
+                f"turns of {last.shape} and {fresh.shape} joints, expected {shape}"
+            )
+        self._last, self._fresh = last.astype(np.int64), fresh.astype(np.bool_)
+
+    def reset(self, joints: NDArray[np.bool_] | None = None) -> None:
+        """Forget turns: the next sample is a first one.
+
+        Args:
+            joints: Whose, (n_joints,); None for all.
+        """
+        self._fresh |= True if joints is None else joints
+
+    def _nearest(self, raw: NDArray[np.int64]) -> NDArray[np.int64]:
+        near_last = self._last + self._shortest(raw - self._last)
+        if not self._fresh.any():
+            return near_last
+        turns = np.ceil((self._zero_counts - raw) / self._counts_per_turn - 0.5)
+        near_zero = raw + turns.astype(np.int64) * self._counts_per_turn
+        return np.where(self._fresh, near_zero, near_last)
+
+    def _shortest(self, differences: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Reduce differences to -counts_per_turn/2 <= d < counts_per_turn/2."""
+        half = self._counts_per_turn // 2
+        return (differences + half) % self._counts_per_turn - half
+
+    def _checked(self, counts: Counts, dimensions: int) -> NDArray[np.int64]:
+        n_joints = len(self._counts_per_turn)
+        if counts.ndim != dimensions or counts.shape[-1] != n_joints:
+            expected = "(n_samples, n_joints)" if dimensions == 2 else "(n_joints,)"
+            raise ValueError(
+                f"counts have shape {counts.shape}, expected {expected} with "
+                f"{n_joints} joints"
+            )
+        return counts.astype(np.int64) % self._counts_per_turn
+
+
+def counts_to_angles(
+    encoders: Encoders, unwrapped_counts: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Turn counts over all turns into readings in rad, (n_samples, n_joints)."""
+    per_count_rad = encoders.signs * (2.0 * np.pi / encoders.counts_per_turn)
+    return unwrapped_counts * per_count_rad

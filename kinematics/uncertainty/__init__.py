@@ -1,0 +1,1 @@
+"""How well an arm and the points that it measures are known."""

@@ -1,0 +1,173 @@
+"""How well an identified arm is known: the file beside it, and what it says of points.
+
+`arm.cov.npz` holds names, values and the covariance C over the components of axes,
+links, probe vector, effects and origin (docs/reference/identification.md). A ball's
+centre x has from it the covariance A C A^T, A = dx/dp.
+"""
+
+import hashlib
+import io
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.effects.arm_effects import ArmEffects
+from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.columns import columns
+from traverse.kinematics.effects.pose import angle_corrections
+from traverse.kinematics.model.derivatives import ProbeDerivatives, probe_derivatives
+from traverse.kinematics.model.geometry import Geometry
+
+Floats = NDArray[np.float64]
+
+_ROUNDING = 1e-9  # of the largest variance: below, a negative one is rounding
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmCovariance:
+    """The covariance of an arm's parameters as a factor.
+
+    Attributes:
+        factor: F with C = F F^T, (n_parameters, rank); parameters in the order of
+            `parameter_names`.
+    """
+
+    factor: Floats
+
+    @property
+    def covariance(self) -> Floats:
+        """C, (n_parameters, n_parameters)."""
+        return self.factor @ self.factor.T
+
+
+def parameter_names(
+    joint_names: Sequence[str], effects: Sequence[str]
+) -> tuple[str, ...]:
+    """Name all parameters in the order of `parameter_columns`.
+
+    Args:
+        joint_names: From the base outwards.
+        effects: Names of the effects' parameters.
+    """
+    geometry = [
+        f"{joint}.{part}.{component}"
+        for part in ("axis", "link")
+        for joint in joint_names
+        for component in "xyz"
+    ]
+    probe = [f"probe.vector.{component}" for component in "xyz"]
+    origin = [f"origin.{component}" for component in "xyz"]
+    return (*geometry, *probe, *effects, *origin)
+
+
+def parameter_columns(
+    geometry: Geometry, effects: ArmEffects, block: Block
+) -> tuple[Floats, ProbeDerivatives]:
+    """Differentiate the ball's centres by all parameters.
+
+    Columns of the geometry are those of the arm at the corrected readings: how bodies
+    are deflected there changes them by a relative 1e-4 at most.
+
+    Args:
+        geometry: The arm.
+        effects: Of the same arm.
+        block: The samples with what the effects need.
+
+    Returns:
+        dx/dp, (n_samples, 3, n_parameters), and the derivatives that it is made of.
+    """
+    readings_rad = block.angles_rad
+    if effects.readings:
+        readings_rad = readings_rad - angle_corrections(geometry, effects, block)
+    known = probe_derivatives(geometry, readings_rad)
+    n = len(block)
+    by_effects = (
+        columns(geometry, effects, block)
+        if effects.corrections
+        else np.empty((n, 3, 0))
+    )
+    parts = [
+        known.by_axes.reshape(n, 3, -1),
+        known.by_links.reshape(n, 3, -1),
+        known.by_probe_vector,
+        by_effects,
+        known.by_origin,
+    ]
+    return np.concatenate(parts, axis=2), known
+
+
+def read_arm_covariance(
+    path: Path, names: Sequence[str], digest: str | None
+) -> ArmCovariance:
+    """Read `arm.cov.npz`.
+
+    Args:
+        path: Of the file.
+        names: Of the arm's parameters, see `parameter_names`.
+        digest: Of the file as the arm file tells it; None where it does not.
+
+    Raises:
+        ValueError: The file is missing, damaged, or of another arm; says what to do.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise ValueError(
+            f"{path}: {reason}; put the file that `traverse identify` wrote beside "
+            "the arm file, or remove covariance_file from it"
+        ) from error
+    found = hashlib.sha256(data).hexdigest()
+    if digest is not None and digest.removeprefix("sha256:") != found:
+        raise ValueError(
+            f"{path} is not the file that the arm file was written with: its digest "
+            f"is {found}, expected {digest}; copy both from the same identification"
+        )
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as file:
+            told = [str(name) for name in file["names"]]
+            covariance = np.array(file["covariance"], dtype=np.float64)
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile, EOFError) as error:
+        raise ValueError(
+            f"{path} is no covariance of an arm ({error}); identify the arm again"
+        ) from error
+    return ArmCovariance(_factor(path, names, told, covariance))
+
+
+def _factor(
+    path: Path, names: Sequence[str], told: Sequence[str], covariance: Floats
+) -> Floats:
+    places = {name: number for number, name in enumerate(names)}
+    unknown = [name for name in told if name not in places]
+    if unknown or len(set(told)) != len(told):
+        wrong = ", ".join(unknown[:5]) or "a name that stands twice"
+        raise ValueError(
+            f"{path} has parameters that this arm has not: {wrong}; use the file of "
+            "the same identification as the arm file"
+        )
+    n = len(told)
+    if covariance.shape != (n, n) or not np.isfinite(covariance).all():
+        raise ValueError(
+            f"{path}: covariance has shape {covariance.shape} or is not finite, "
+            f"expected finite ({n}, {n}); identify the arm again"
+        )
+    scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    safe = np.where(scale > 0.0, scale, 1.0)
+    correlations = covariance / safe[:, np.newaxis] / safe
+    values, vectors = np.linalg.eigh(0.5 * (correlations + correlations.T))
+    largest = max(float(np.max(values, initial=0.0)), 1.0)
+    asymmetry = float(np.max(np.abs(correlations - correlations.T), initial=0.0))
+    if float(np.min(values, initial=0.0)) < -_ROUNDING * largest or asymmetry > 1e-6:
+        raise ValueError(
+            f"{path}: what it holds is no covariance (smallest eigenvalue "
+            f"{float(values.min()):g} of the correlations); identify the arm again"
+        )
+    rank = values > _ROUNDING * largest
+    factor = np.zeros((len(names), int(rank.sum())))
+    rows = [places[name] for name in told]
+    factor[rows] = safe[:, np.newaxis] * vectors[:, rank] * np.sqrt(values[rank])
+    return factor

@@ -1,0 +1,1 @@
+"""Certificates: values, page, PDF, and checking them."""

@@ -1,0 +1,35 @@
+"""What a verification writes: certificate.json, .html, .pdf, and the data beside it."""
+
+import json
+from pathlib import Path
+
+from traverse.lab.acceptance.certificate.check import DATA
+from traverse.lab.acceptance.certificate.page import certificate_page
+from traverse.lab.acceptance.certificate.pdf import certificate_pdf
+from traverse.lab.acceptance.certificate.pdf_attachments import with_attachments
+from traverse.lab.acceptance.certificate.values import SealedCertificate
+from traverse.strict_toml.writing import write_atomically
+
+CERTIFICATE = "certificate.json"
+
+
+def write_certificate(certificate: SealedCertificate, folder: Path) -> None:
+    """Write everything into a folder, which is made if need be.
+
+    The JSON comes last: what it states is there.
+
+    Raises:
+        OSError: The folder cannot be written.
+    """
+    data = folder / DATA
+    data.mkdir(parents=True, exist_ok=True)
+    for name, content in certificate.files.items():
+        (data / name).write_bytes(content)
+    values = certificate.values
+    lines = json.dumps(values, indent=1, allow_nan=False, ensure_ascii=False)
+    text = f"{lines}\n".encode()
+    write_atomically(folder / "certificate.html", certificate_page(certificate))
+    document = certificate_pdf(values)
+    document = with_attachments(document, {**certificate.files, CERTIFICATE: text})
+    (folder / "certificate.pdf").write_bytes(document)
+    write_atomically(folder / CERTIFICATE, text.decode())

@@ -1,0 +1,141 @@
+"""The certificate as plain values, and the digest that ties it to its data."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+from traverse.kinematics.arm_file.arm import Arm, arm_digest
+from traverse.lab.acceptance.conformity.figure import Figure, Verification
+from traverse.lab.acceptance.conformity.limits import Limits
+
+SCHEMA = "traverse/acceptance/1"
+ALGORITHM = "SHA-256"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SealedCertificate:
+    """A verification with everything that it was made of.
+
+    Attributes:
+        verification: The figures.
+        arm: As read.
+        limits: As read, or none.
+        files: Contents of the files, by the names that they get in the folder `data`.
+        when: Of the computation.
+    """
+
+    verification: Verification
+    arm: Arm
+    limits: Limits
+    files: Mapping[str, bytes]
+    when: datetime
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """The certificate with its digest."""
+        result = result_values(self)
+        files = {
+            name: hashlib.sha256(content).hexdigest()
+            for name, content in sorted(self.files.items())
+        }
+        return {**result, "digest": digest_values(result, files)}
+
+
+def sealed(
+    verification: Verification,
+    arm: Arm,
+    limits: Limits,
+    files: Mapping[str, bytes],
+    when: datetime | None = None,
+) -> SealedCertificate:
+    """Put together what the certificate is made of.
+
+    Args:
+        verification: The figures.
+        arm: As read.
+        limits: As read.
+        files: Contents by the names that they get.
+        when: Of the computation; default now.
+    """
+    moment = (when or datetime.now(UTC)).replace(microsecond=0)
+    return SealedCertificate(verification, arm, limits, dict(files), moment)
+
+
+def result_values(certificate: SealedCertificate) -> dict[str, Any]:
+    """Put everything but the digest into plain values."""
+    found, limits = certificate.verification, certificate.limits
+    return {
+        "schema": SCHEMA,
+        "standard": found.standard,
+        "title": found.title,
+        "date_utc": certificate.when.isoformat().replace("+00:00", "Z"),
+        "arm": {"name": certificate.arm.name, "digest": arm_digest(certificate.arm)},
+        "verdict": found.verdict,
+        "complete": not found.missing,
+        "decision": {
+            "rule": limits.decision,
+            "guard_factor": limits.guard_factor,
+            "coverage_factor": limits.coverage_factor,
+        },
+        "figures": [_figure(figure, limits) for figure in found.figures],
+        "missing": [
+            {"name": missing.name, "what": list(missing.what)}
+            for missing in found.missing
+        ],
+        "lengths": [asdict(error) for error in found.lengths],
+        "scatters": [
+            {"name": scatter.name, "deviations_mm": list(scatter.deviations_mm)}
+            for scatter in found.scatters
+        ],
+        "remarks": list(found.remarks),
+    }
+
+
+def digest_values(
+    result: Mapping[str, Any], files: Mapping[str, str]
+) -> dict[str, Any]:
+    """Say the digests of files and result, and the one over both.
+
+    Args:
+        result: The certificate without its digest.
+        files: Digests by name.
+    """
+    of_result = hashlib.sha256(canonical(result)).hexdigest()
+    both = {"files": dict(files), "result": of_result}
+    whole = hashlib.sha256(canonical(both)).hexdigest()
+    return {"algorithm": ALGORITHM, **both, "digest": whole}
+
+
+def canonical(values: Mapping[str, Any]) -> bytes:
+    """Write values in the one way that is hashed: sorted keys, no spaces, UTF-8."""
+    text = json.dumps(
+        values,
+        sort_keys=True,
+        separators=(",", ":"),
+        allow_nan=False,
+        ensure_ascii=False,
+    )
+    return text.encode()
+
+
+def _figure(figure: Figure, limits: Limits) -> dict[str, Any]:
+    decision = figure.decision
+    return {
+        "key": figure.key,
+        "name": figure.name,
+        "definition": figure.definition,
+        "source": figure.source,
+        "confirm": figure.confirm,
+        "value_mm": figure.value_mm,
+        "expanded_uncertainty_mm": limits.coverage_factor * figure.budget.standard_mm,
+        "budget": [asdict(line) for line in figure.budget.lines],
+        "limit_mm": None if decision is None else decision.limit_mm,
+        "guard_mm": None if decision is None else decision.guard_mm,
+        "rule": None if decision is None else decision.rule,
+        "verdict": None if decision is None else decision.verdict,
+        "parts": [{"name": name, "value_mm": value} for name, value in figure.parts],
+        "remarks": list(figure.remarks),
+    }

@@ -1,0 +1,1 @@
+"""Figures, limits, uncertainties and decisions."""

@@ -1,0 +1,1 @@
+"""The test procedures of the standards."""

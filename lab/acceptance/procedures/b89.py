@@ -1,0 +1,153 @@
+"""Tests of ASME B89.4.22 beside the effective diameter: articulation, volume."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.lab.acceptance.conformity.figure import (
+    Figure,
+    LengthError,
+    Missing,
+    Part,
+    Scatter,
+)
+from traverse.lab.acceptance.conformity.limits import Limits
+from traverse.lab.acceptance.conformity.uncertainty_budget import fixture_budget
+from traverse.lab.acceptance.procedures.length_sets import largest_of, length_sets
+from traverse.lab.acceptance.procedures.point_distribution import direction_remarks
+from traverse.lab.acceptance.procedures.probing import decided, exactly
+from traverse.lab.measured_points.articulation import articulation_of
+from traverse.lab.measured_points.certified_values import IncompleteError
+from traverse.lab.measured_points.measurement import Measurement
+
+Floats = NDArray[np.float64]
+
+ZONES = {"near": (0.0, 0.2), "middle": (0.2, 0.8), "far": (0.8, 1.0)}
+N_BARS = 20
+SHORT, LONG = (0.50, 0.75), (1.20, 1.50)
+_ARTICULATION = (
+    "a cone's seat in three zones (near 0-20 %, middle 20-80 %, far 80-100 % of the "
+    "reach), 10 points each, the elbow to both sides: delta_i = |p_i - mean|; the "
+    "worst zone counts"
+)
+_VOLUME = (
+    "a short bar (50-75 % of the arm's length) and a long one (120-150 %) in 20 "
+    "positions spread over the octants: D = L_measured - L_certified, corrected for "
+    "expansion"
+)
+
+
+def articulation(measured: Measurement, limits: Limits) -> Iterator[Part]:
+    """Single-point articulation: cones `spat-near`, `spat-middle`, `spat-far`."""
+    problems: list[str] = []
+    largest: dict[str, float] = {}
+    two_s: dict[str, float] = {}
+    spans: list[tuple[str, float]] = []
+    remarks: list[str] = []
+    for zone, bounds in ZONES.items():
+        name = f"spat-{zone}"
+        touched = measured.of(name)
+        try:
+            if name not in measured.artefacts:
+                raise IncompleteError(f"{name}: is not among the artefacts")
+            exactly(touched, 10, name)
+        except IncompleteError as error:
+            problems.append(str(error))
+            continue
+        seat = articulation_of(touched)
+        largest[zone], two_s[zone] = seat.largest_mm, seat.two_s_mm
+        half_mm = 0.5 * np.ptp(touched.places_mm, axis=0)
+        spans += [
+            (f"{zone}, (max - min)/2 {axis}", float(half))
+            for axis, half in zip("xyz", half_mm, strict=True)
+        ]
+        share = float(measured.distance_share(seat.mean_mm[np.newaxis])[0])
+        if not bounds[0] <= share <= bounds[1]:
+            remarks.append(
+                f"{name} is at {share:.0%} of the reach, expected {bounds[0]:.0%} to "
+                f"{bounds[1]:.0%}"
+            )
+        if len(set(touched.features)) < 2:
+            remarks.append(f"{name}: features do not tell on which side the elbow was")
+        yield Scatter(name, tuple(seat.delta_mm.tolist()))
+    if problems:
+        yield Missing("SPAT", tuple(problems))
+        return
+    budget = fixture_budget(limits.standards)
+    for key, name, formula, values, parts in (
+        ("spat_max", "SPAT, largest", "max delta_i", largest, spans),
+        ("spat_2s", "SPAT, 2 s", "2 s, s = sqrt(sum delta_i^2/(n - 1))", two_s, []),
+    ):
+        value_mm = max(values.values())
+        yield Figure(
+            key,
+            name,
+            f"{_ARTICULATION}; {formula}",
+            "general knowledge",
+            value_mm,
+            budget,
+            decided(limits, key, value_mm, budget.standard_mm),
+            (*values.items(), *parts),
+            tuple(remarks),
+        )
+
+
+def bar_names() -> list[str]:
+    """List the ids of all bar positions."""
+    return [f"volumetric-{number:02d}" for number in range(1, N_BARS + 1)]
+
+
+def volumetric(measured: Measurement, limits: Limits) -> Iterator[Part]:
+    """Volumetric test: bars `volumetric-01` to `volumetric-20`, measured once each."""
+    sets, problems = length_sets(
+        measured, bar_names(), "volumetric_max", limits, {1: "once"}
+    )
+    if problems:
+        yield Missing("volumetric", tuple(problems))
+        return
+    found = [error for errors in sets for error in errors]
+    yield from found
+    values = np.array([error.error_mm for error in found])
+    worst, budget = largest_of(found, measured, limits)
+    two_rms_mm = 2.0 * float(np.sqrt(np.mean(values**2)))
+    remarks = tuple(_bar_remarks(measured, found))
+    yield Figure(
+        "volumetric_max",
+        "volumetric, largest",
+        f"{_VOLUME}; the D with the largest size",
+        "general knowledge",
+        worst.error_mm,
+        budget,
+        decided(limits, "volumetric_max", worst.error_mm, budget.standard_mm),
+        (
+            ("mean", float(values.mean())),
+            ("twice the standard deviation", 2.0 * float(values.std(ddof=1))),
+        ),
+        remarks,
+    )
+    yield Figure(
+        "volumetric_2rms",
+        "volumetric, 2 RMS",
+        f"{_VOLUME}; 2 sqrt(sum D^2/20)",
+        "general knowledge",
+        two_rms_mm,
+        budget,
+        decided(limits, "volumetric_2rms", two_rms_mm, 2.0 * budget.standard_mm),
+    )
+
+
+def _bar_remarks(measured: Measurement, found: Sequence[LengthError]) -> Iterator[str]:
+    lengths = np.array([error.length_mm for error in found]) / measured.reach_mm
+    for text, (low, high) in (("short", SHORT), ("long", LONG)):
+        if not np.any((low <= lengths) & (lengths <= high)):
+            yield (
+                f"no {text} bar: lengths are {lengths.min():.0%} to "
+                f"{lengths.max():.0%} of the arm's reach, expected one of {low:.0%} to "
+                f"{high:.0%}"
+            )
+    yield from direction_remarks(measured, [error.artefact for error in found])
+    places = [measured.of(error.artefact).places_mm.mean(axis=0) for error in found]
+    octants = {tuple((place > measured.shoulder_mm).tolist()) for place in places}
+    if len(octants) < 4:
+        yield f"the bars' middles lie in {len(octants)} octants about the shoulder"

@@ -1,0 +1,165 @@
+"""E_UNI and E_BI: five lengths in seven positions, three times each.
+
+Rule for repeats, as of ISO 10360 [K]: of at most five of the 35 sets of three one error
+may lie outside of what can be accepted; that length is measured ten times again in the
+same place, and all ten must be inside.
+"""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from traverse.lab.acceptance.conformity.decision import (
+    Decision,
+    Verdict,
+    decision_of,
+    guard_of,
+    rule_text,
+    worst,
+)
+from traverse.lab.acceptance.conformity.figure import Figure, LengthError, Missing, Part
+from traverse.lab.acceptance.conformity.limits import Limits
+from traverse.lab.acceptance.procedures.length_sets import largest_of, length_sets
+from traverse.lab.acceptance.procedures.lengths import SET
+from traverse.lab.acceptance.procedures.point_distribution import direction_remarks
+from traverse.lab.measured_points.measurement import Measurement
+
+POSITIONS, LENGTHS = 7, 5
+AGAIN = 10
+MOST_SETS = 5
+LEAST_SHARE = 0.66
+DEFINITION = (
+    "5 lengths in 7 positions, 3 times each: 105 errors E = L_measured - L_certified, "
+    "corrected for expansion; the largest counts, all must be within the limit. The "
+    "longest length at least 66 % of the measuring range. Repeats: in at most 5 of the "
+    "35 sets of three one error may be outside; it is measured 10 times again, all in"
+)
+_WAYS = {
+    "e_uni": "Lengths from centre to centre, probed alike at both ends: unidirectional",
+    "e_bi": "Lengths between opposite faces: bidirectional",
+}
+
+
+def length_names(prefix: str) -> list[str]:
+    """List the ids of all 35 sets: position, then length."""
+    return [
+        f"{prefix}-{position}-{length}"
+        for position in range(1, POSITIONS + 1)
+        for length in range(1, LENGTHS + 1)
+    ]
+
+
+def length_test(
+    measured: Measurement, key: str, prefix: str, limits: Limits
+) -> Iterator[Part]:
+    """E_UNI or E_BI of ISO 10360-12."""
+    times = {SET: str(SET), SET + AGAIN: f"{SET + AGAIN} with ten again"}
+    sets, problems = length_sets(measured, length_names(prefix), key, limits, times)
+    if problems:
+        yield Missing(key.upper(), tuple(problems))
+        return
+    for found in sets:
+        yield from found
+    yield _figure(measured, key, sets, limits)
+
+
+def _figure(
+    measured: Measurement, key: str, sets: Sequence[list[LengthError]], limits: Limits
+) -> Figure:
+    counted = [error for found in sets for error in found[:SET]]
+    largest, budget = largest_of(counted, measured, limits)
+    verdict, remarks = _judged(sets, limits)
+    decision = None
+    if verdict is not None and largest.limit_mm is not None:
+        guard_mm = guard_of(largest.standard_mm, limits)
+        decision = Decision(verdict, largest.limit_mm, guard_mm, rule_text(limits))
+    values = np.array([error.error_mm for error in counted])
+    return Figure(
+        key,
+        key.upper(),
+        f"{DEFINITION}. {_WAYS[key]}",
+        "general knowledge",
+        largest.error_mm,
+        budget,
+        decision,
+        (
+            ("mean error", float(values.mean())),
+            ("standard deviation", float(values.std(ddof=1))),
+            ("largest error", float(values.max())),
+            ("smallest error", float(values.min())),
+        ),
+        (
+            *remarks,
+            *_range_remarks(measured, counted, limits),
+            *direction_remarks(measured, [found[0].artefact for found in sets]),
+        ),
+    )
+
+
+def _judged(
+    sets: Sequence[list[LengthError]], limits: Limits
+) -> tuple[Verdict | None, list[str]]:
+    """Apply the rule for repeats to sets of 3, or 3 and ten again."""
+    outside: list[tuple[LengthError, Verdict, bool]] = []
+    remarks: list[str] = []
+    too_many = False
+    for found in sets:
+        verdicts = [_verdict(error, limits) for error in found]
+        if None in verdicts:
+            return None, remarks
+        bad = [row for row in range(SET) if verdicts[row] != "accept"]
+        again = verdicts[SET:]
+        cured = len(bad) == 1 and len(again) == AGAIN and set(again) == {"accept"}
+        too_many = too_many or len(bad) > 1
+        verdict = worst([v for v in verdicts if v is not None])
+        if bad:
+            outside.append((found[bad[0]], verdict, cured))
+    if not outside:
+        return "accept", remarks
+    open_ = [entry for entry in outside if not entry[2]]
+    if not open_ and len(outside) <= MOST_SETS:
+        names = ", ".join(error.artefact for error, _, _ in outside)
+        remarks.append(f"one error outside in {names}: measured ten times again, good")
+        return "accept", remarks
+    may = not too_many and len(outside) <= MOST_SETS
+    first_time = [entry for entry in open_ if _is_first(entry[0], sets)]
+    if may and first_time and len(first_time) == len(open_):
+        names = ", ".join(error.artefact for error, _, _ in open_)
+        remarks.append(
+            f"one error outside in {names}: measure each ten times again in the same "
+            "place; until then nothing is decided"
+        )
+        return "neither", remarks
+    remarks.append(f"errors outside in {len(outside)} of {len(sets)} sets")
+    return worst([verdict for _, verdict, _ in outside]), remarks
+
+
+def _is_first(error: LengthError, sets: Sequence[list[LengthError]]) -> bool:
+    """Say whether its set was not measured again yet."""
+    return any(
+        found[0].artefact == error.artefact and len(found) == SET for found in sets
+    )
+
+
+def _verdict(error: LengthError, limits: Limits) -> Verdict | None:
+    if error.limit_mm is None:
+        return None
+    return decision_of(
+        error.error_mm, error.limit_mm, error.standard_mm, limits
+    ).verdict
+
+
+def _range_remarks(
+    measured: Measurement, counted: Sequence[LengthError], limits: Limits
+) -> Iterator[str]:
+    range_mm = limits.measuring_range_mm or 2.0 * measured.reach_mm
+    longest_mm = max(error.length_mm for error in counted)
+    if longest_mm < LEAST_SHARE * range_mm:
+        yield (
+            f"the longest length is {longest_mm:.0f} mm, "
+            f"{longest_mm / range_mm:.0%} of the measuring range of {range_mm:.0f} mm; "
+            f"expected at least {LEAST_SHARE:.0%}"
+        )
+    lengths = {round(error.length_mm, 1) for error in counted}
+    if len(lengths) < LENGTHS:
+        yield f"{len(lengths)} different lengths, expected {LENGTHS}"

@@ -1,0 +1,173 @@
+"""Measured lengths: from the touches of a standard to errors of length.
+
+    ball bar          |c_2 - c_1|, centres of spheres of the calibrated radius, fitted
+                      to at least four points each: unidirectional
+    two seats         |x_2 - x_1|, the ball sits in a cone: unidirectional
+    parallel planes   distance of two planes with a common normal, fitted to at least
+                      three points each, less twice the tip's radius: bidirectional
+
+    E = L_measured - L_certified (1 + a (T - T_ref))
+
+A repeat of a bar or a pair of planes is a run of touches of one end, then one of the
+other, in the order of time; of two seats the r-th touches of both belong together.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.lab.acceptance.conformity.figure import LengthError
+from traverse.lab.acceptance.conformity.limits import Limits
+from traverse.lab.acceptance.conformity.uncertainty_budget import Budget, length_budget
+from traverse.lab.artefacts import Artefact
+from traverse.lab.artefacts.ball_bar import BallBar
+from traverse.lab.artefacts.parallel_planes import ParallelPlanes
+from traverse.lab.artefacts.points import Points
+from traverse.lab.measured_points.certified_values import (
+    IncompleteError,
+    certified_length,
+    growth,
+    warmer_c,
+)
+from traverse.lab.measured_points.fitted_sphere import fitted
+from traverse.lab.measured_points.measurement import ArtefactTouches, Measurement
+
+Floats = NDArray[np.float64]
+
+_LEAST_PER_PLANE = 3
+SET = 3
+
+
+def errors_of(
+    measured: Measurement, name: str, key: str, limits: Limits
+) -> list[LengthError]:
+    """Measure all repeats of a length.
+
+    Args:
+        measured: All touches.
+        name: Id of the artefact.
+        key: Of the figure, for its limit.
+        limits: With what else is known of the standard.
+
+    Raises:
+        IncompleteError: Something is missing or does not fit.
+    """
+    artefact = measured.artefacts.get(name)
+    if artefact is None:
+        raise IncompleteError(f"{name}: is not among the artefacts")
+    if len(measured.of(name)) == 0:
+        raise IncompleteError(f"{name}: was not measured")
+    length_mm, _ = certified_length(artefact)
+    limit = limits.mpe.of(key)
+    found = []
+    for number, (first, second) in enumerate(_pairs(artefact, measured.of(name)), 1):
+        where = f"{name} repeat {number}"
+        both = _joined(first, second)
+        error_mm = _measured_mm(artefact, first, second, where) - length_mm * growth(
+            artefact, both
+        )
+        found.append(
+            LengthError(
+                name,
+                number,
+                length_mm,
+                error_mm,
+                None if limit is None else limit.at(length_mm),
+                budget_of(artefact, both, limits).standard_mm,
+                "set" if number <= SET else "repeat",
+            )
+        )
+    return found
+
+
+def budget_of(artefact: Artefact, touched: ArtefactTouches, limits: Limits) -> Budget:
+    """Draw up the budget of an error of length."""
+    length_mm, std_mm = certified_length(artefact)
+    return length_budget(
+        length_mm,
+        std_mm,
+        limits.standards,
+        artefact.expansion[0],
+        warmer_c(artefact, touched),
+    )
+
+
+def _pairs(
+    artefact: Artefact, touched: ArtefactTouches
+) -> list[tuple[ArtefactTouches, ArtefactTouches]]:
+    """Take repeats: the touches of both ends."""
+    names = tuple(artefact.features)
+    if isinstance(artefact, Points):
+        ends = [touched.of(name) for name in names]
+        if len(ends[0]) != len(ends[1]):
+            raise IncompleteError(
+                f"{artefact.id}: seat {names[0]} was touched {len(ends[0])} times, "
+                f"seat {names[1]} {len(ends[1])} times; expected as often"
+            )
+        return [
+            (ends[0].part([row]), ends[1].part([row])) for row in range(len(ends[0]))
+        ]
+    runs = touched.runs()
+    if len(runs) % 2:
+        raise IncompleteError(
+            f"{artefact.id}: {len(runs)} runs of touches, ending with feature "
+            f"{runs[-1].features[0]}; expected one of each feature in every repeat"
+        )
+    pairs = []
+    for first, second in zip(runs[::2], runs[1::2], strict=True):
+        swapped = first.features[0] != names[0]
+        pairs.append((second, first) if swapped else (first, second))
+    return pairs
+
+
+def _measured_mm(
+    artefact: Artefact, first: ArtefactTouches, second: ArtefactTouches, where: str
+) -> float:
+    if isinstance(artefact, BallBar):
+        centres_mm = []
+        for number, part in enumerate((first, second)):
+            grown = growth(artefact, part)
+            around_mm = float(artefact.radii_mm[number] * grown + part.tip_mm.mean())
+            what = f"{where} sphere {number + 1}"
+            centres_mm.append(fitted(part, what, around_mm).centre_mm)
+        return float(np.linalg.norm(centres_mm[1] - centres_mm[0]))
+    if isinstance(artefact, ParallelPlanes):
+        return _between_planes_mm(artefact, first, second, where)
+    return float(np.linalg.norm(second.places_mm[0] - first.places_mm[0]))
+
+
+def _between_planes_mm(
+    artefact: ParallelPlanes,
+    first: ArtefactTouches,
+    second: ArtefactTouches,
+    where: str,
+) -> float:
+    """Fit a common normal: the direction in which both scatter least."""
+    for part in (first, second):
+        if len(part) < _LEAST_PER_PLANE:
+            raise IncompleteError(
+                f"{where}: {len(part)} points on face {part.features[0]}, expected at "
+                f"least {_LEAST_PER_PLANE}"
+            )
+    middles_mm = [part.places_mm.mean(axis=0) for part in (first, second)]
+    within_mm = np.concatenate(
+        [first.places_mm - middles_mm[0], second.places_mm - middles_mm[1]]
+    )
+    _, sizes, rows = np.linalg.svd(within_mm)
+    if not sizes[1] > 1e-6 * sizes[0]:
+        raise IncompleteError(f"{where}: the points of the faces lie on lines")
+    apart_mm = abs(float((middles_mm[1] - middles_mm[0]) @ rows[2]))
+    tip_mm = float(np.concatenate([first.tip_mm, second.tip_mm]).mean())
+    return (
+        apart_mm - 2.0 * tip_mm
+        if artefact.side == "outside"
+        else (apart_mm + 2.0 * tip_mm)
+    )
+
+
+def _joined(first: ArtefactTouches, second: ArtefactTouches) -> ArtefactTouches:
+    return ArtefactTouches(
+        np.concatenate([first.places_mm, second.places_mm]),
+        (*first.features, *second.features),
+        np.concatenate([first.temperature_c, second.temperature_c]),
+        np.concatenate([first.tip_mm, second.tip_mm]),
+    )

@@ -1,0 +1,77 @@
+"""Whether touches are spread as a standard wants: remarks, no reasons to refuse."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.lab.measured_points.measurement import ArtefactTouches, Measurement
+
+Floats = NDArray[np.float64]
+
+_LEAST_FROM_POLE = 75.0  # degrees; the pattern goes to 90
+_LARGEST_HOLE = 50.0  # degrees from a spot on the half sphere to the nearest touch
+_LEAST_SPREAD = 0.10  # least mean square of cosines; 1/3 where directions are even
+_N_SPOTS = 200
+
+
+def half_sphere_remarks(
+    touched: ArtefactTouches, centre_mm: Floats, name: str
+) -> Iterator[str]:
+    """Say where 25 points do not cover the half sphere about their pole.
+
+    Args:
+        touched: The touches.
+        centre_mm: Of the fitted sphere, (3,).
+        name: What to call them.
+    """
+    outwards = touched.places_mm - centre_mm
+    outwards = outwards / np.linalg.norm(outwards, axis=1, keepdims=True)
+    pole = outwards.mean(axis=0)
+    if not np.linalg.norm(pole) > 0.1:
+        return  # all around, which is more than is wanted
+    pole = pole / np.linalg.norm(pole)
+    farthest = float(np.degrees(np.arccos(np.clip(outwards @ pole, -1.0, 1.0)).max()))
+    if farthest < _LEAST_FROM_POLE:
+        yield (
+            f"{name}: points go to {farthest:.0f} degrees from their middle, expected "
+            "about 90"
+        )
+        return
+    numbers = np.arange(_N_SPOTS)
+    heights = (numbers + 0.5) / _N_SPOTS
+    turns = numbers * np.pi * (3.0 - np.sqrt(5.0))
+    radii = np.sqrt(1.0 - heights**2)
+    spots = np.column_stack([radii * np.cos(turns), radii * np.sin(turns), heights])
+    # About the pole: reflect the third axis onto it.
+    across = pole - np.array([0.0, 0.0, 1.0])
+    if np.linalg.norm(across) > 1e-9:
+        across = across / np.linalg.norm(across)
+        spots = spots - 2.0 * np.outer(spots @ across, across)
+    nearest = np.max(spots @ outwards.T, axis=1)
+    hole = float(np.degrees(np.arccos(np.clip(nearest.min(), -1.0, 1.0))))
+    if hole > _LARGEST_HOLE:
+        yield (
+            f"{name}: a part of the half sphere has no point within {hole:.0f} degrees"
+        )
+
+
+def direction_remarks(measured: Measurement, names: Sequence[str]) -> Iterator[str]:
+    """Say where lengths lie all alike, in one plane or along one line."""
+    ways = []
+    for name in names:
+        touched = measured.of(name)
+        ends = list(dict.fromkeys(touched.features))
+        if len(ends) == 2:
+            first, second = (touched.of(end).places_mm.mean(axis=0) for end in ends)
+            ways.append((second - first) / np.linalg.norm(second - first))
+    if len(ways) < 3:
+        return
+    cosines = np.array(ways)
+    sizes, directions = np.linalg.eigh(cosines.T @ cosines / len(cosines))
+    if sizes[0] < _LEAST_SPREAD:
+        x, y, z = directions[:, 0]
+        yield (
+            f"lengths hardly go along ({x:.2f}, {y:.2f}, {z:.2f}): root mean square "
+            f"cosine {np.sqrt(sizes[0]):.2f}, 0.58 where directions are even"
+        )

@@ -1,0 +1,233 @@
+"""Tests on a calibrated sphere: size, form, location by articulation.
+
+Touched are places of the ball's centre: they lie on a sphere of the test sphere's
+radius plus that of the tip, at the temperature of the measurement.
+"""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from traverse.kinematics.fits import enclosing_sphere
+from traverse.lab.acceptance.conformity.decision import Decision, decision_of
+from traverse.lab.acceptance.conformity.figure import Figure, Missing, Part, Scatter
+from traverse.lab.acceptance.conformity.limits import Limits
+from traverse.lab.acceptance.conformity.uncertainty_budget import (
+    form_budget,
+    length_budget,
+)
+from traverse.lab.acceptance.procedures.point_distribution import half_sphere_remarks
+from traverse.lab.measured_points.certified_values import (
+    IncompleteError,
+    certified_sphere,
+    growth,
+    warmer_c,
+)
+from traverse.lab.measured_points.fitted_sphere import fitted, fitted_sphere
+from traverse.lab.measured_points.measurement import ArtefactTouches, Measurement
+
+SIZE = (
+    "25 points on a calibrated sphere, least-squares sphere (c, r) of them: "
+    "P_SIZE = 2 r - D_cal, with sign. Two locations, the one with the larger size "
+    "counts. Pattern of the points (1 on the pole, 4 at 22.5, 8 at 45, 4 at 67.5, 8 at "
+    "90 degrees from it): general knowledge"
+)
+FORM = (
+    "of the same points: P_FORM = max|p - c| - min|p - c|. Two locations, the worse "
+    "counts"
+)
+LOCATION = (
+    "5 groups of 5 points on one sphere, the probe pointing another way in each group; "
+    "a least-squares sphere each; L_DIA is the diameter of the smallest sphere that "
+    "encloses the five centres"
+)
+DIAMETER = (
+    "9 points on a calibrated sphere (4 on the equator, 4 at 45 degrees, 1 on the "
+    "pole), least-squares sphere, three times: max|D - D_cal|"
+)
+
+
+def exactly(touched: ArtefactTouches, wanted: int, what: str) -> None:
+    """Refuse another number of touches.
+
+    Raises:
+        IncompleteError: There are fewer or more.
+    """
+    if len(touched) < wanted:
+        missing = wanted - len(touched)
+        raise IncompleteError(f"{what}: {missing} of {wanted} points are missing")
+    if len(touched) > wanted:
+        raise IncompleteError(
+            f"{what}: {len(touched)} points, expected {wanted}; take "
+            f"{len(touched) - wanted} out"
+        )
+
+
+def decided(
+    limits: Limits, key: str, error_mm: float, standard_mm: float
+) -> Decision | None:
+    """Decide on a figure, where it has a limit that does not depend on a length."""
+    limit = limits.mpe.of(key)
+    if limit is None:
+        return None
+    return decision_of(error_mm, limit.constant_mm, standard_mm, limits)
+
+
+def size_and_form(
+    measured: Measurement, names: Sequence[str], limits: Limits
+) -> Iterator[Part]:
+    """P_SIZE and P_FORM of ISO 10360-12 at some locations."""
+    sizes_mm: dict[str, float] = {}
+    forms_mm: dict[str, float] = {}
+    problems: list[str] = []
+    remarks: list[str] = []
+    for name in names:
+        touched = measured.of(name)
+        try:
+            sphere = certified_sphere(measured.artefacts.get(name), name)
+            exactly(touched, 25, name)
+            found = fitted_sphere(sphere, touched, name)
+        except IncompleteError as error:
+            problems.append(str(error))
+            continue
+        sizes_mm[name], forms_mm[name] = found.size_mm, found.form_mm
+        remarks += half_sphere_remarks(touched, found.centre_mm, name)
+        yield Scatter(name, tuple(found.off_mm.tolist()))
+    if problems:
+        yield Missing("P_SIZE", tuple(problems))
+        yield Missing("P_FORM", tuple(problems))
+        return
+    worst = max(sizes_mm, key=lambda name: abs(sizes_mm[name]))
+    sphere = certified_sphere(measured.artefacts.get(worst), worst)
+    budget = length_budget(
+        2.0 * float(sphere.radius_mm or 0.0),
+        2.0 * (sphere.radius_std_mm or 0.0),
+        limits.standards,
+        sphere.expansion[0],
+        warmer_c(sphere, measured.of(worst)),
+    )
+    yield Figure(
+        "p_size",
+        "P_SIZE",
+        SIZE,
+        "published",
+        sizes_mm[worst],
+        budget,
+        decided(limits, "p_size", sizes_mm[worst], budget.standard_mm),
+        tuple(sizes_mm.items()),
+        (*remarks, *_location_remarks(measured, names)),
+    )
+    form_mm, budget = max(forms_mm.values()), form_budget(limits.standards)
+    yield Figure(
+        "p_form",
+        "P_FORM",
+        FORM,
+        "published",
+        form_mm,
+        budget,
+        decided(limits, "p_form", form_mm, budget.standard_mm),
+        tuple(forms_mm.items()),
+    )
+
+
+def _location_remarks(measured: Measurement, names: Sequence[str]) -> Iterator[str]:
+    """Say where the two locations are one and the same."""
+    centres = [measured.of(name).places_mm.mean(axis=0) for name in names]
+    if np.linalg.norm(centres[0] - centres[1]) < 0.1 * measured.reach_mm:
+        yield (
+            f"{' and '.join(names)} are less than a tenth of the reach apart: two "
+            "locations are wanted"
+        )
+
+
+def _told_apart(touched: ArtefactTouches, name: str, n: int, what: str) -> list[str]:
+    """List the features by which the parts of a test are told apart.
+
+    Raises:
+        IncompleteError: There are more or fewer of them.
+    """
+    found = list(dict.fromkeys(touched.features))
+    if len(found) != n:
+        raise IncompleteError(
+            f"{name}: has {len(found)} {what} ({', '.join(found) or 'none'}), "
+            f"expected {n}, told apart by their feature"
+        )
+    return found
+
+
+def location(measured: Measurement, name: str, limits: Limits) -> Iterator[Part]:
+    """L_DIA of ISO 10360-12; features name the five groups."""
+    touched = measured.of(name)
+    try:
+        sphere = certified_sphere(measured.artefacts.get(name), name)
+        groups = _told_apart(touched, name, 5, "groups")
+        centres_mm = []
+        for group in groups:
+            part = touched.of(group)
+            exactly(part, 5, f"{name} group {group}")
+            radius_mm = None
+            if limits.l_dia_radius == "calibrated":
+                radius_mm = float(sphere.radius_mm or 0.0) * growth(sphere, part)
+                radius_mm += float(part.tip_mm.mean())
+            centres_mm.append(
+                fitted(part, f"{name} group {group}", radius_mm).centre_mm
+            )
+    except IncompleteError as error:
+        yield Missing("L_DIA", (str(error),))
+        return
+    around = enclosing_sphere(np.array(centres_mm))
+    value_mm, budget = 2.0 * around.radius_mm, form_budget(limits.standards)
+    away_mm = np.linalg.norm(np.array(centres_mm) - around.centre_mm, axis=1)
+    held = ", ".join(groups[index] for index in around.supports)
+    yield Figure(
+        "l_dia",
+        "L_DIA (5x5)",
+        f"{LOCATION}. Radius of the five spheres: {limits.l_dia_radius}. Groups that "
+        f"hold the sphere: {held}",
+        "general knowledge",
+        value_mm,
+        budget,
+        decided(limits, "l_dia", value_mm, budget.standard_mm),
+        tuple(
+            (f"{group} from the middle", float(away))
+            for group, away in zip(groups, away_mm, strict=True)
+        ),
+    )
+
+
+def effective_diameter(
+    measured: Measurement, name: str, limits: Limits
+) -> Iterator[Part]:
+    """Effective diameter of ASME B89.4.22; features name the three repeats."""
+    touched = measured.of(name)
+    try:
+        sphere = certified_sphere(measured.artefacts.get(name), name)
+        repeats = _told_apart(touched, name, 3, "repeats")
+        errors_mm: dict[str, float] = {}
+        for repeat in repeats:
+            part = touched.of(repeat)
+            exactly(part, 9, f"{name} repeat {repeat}")
+            found = fitted_sphere(sphere, part, f"{name} repeat {repeat}")
+            errors_mm[repeat] = found.size_mm
+        warm_c = warmer_c(sphere, touched)
+    except IncompleteError as error:
+        yield Missing("effective diameter", (str(error),))
+        return
+    value_mm = max(map(abs, errors_mm.values()))
+    budget = length_budget(
+        2.0 * float(sphere.radius_mm or 0.0),
+        2.0 * (sphere.radius_std_mm or 0.0),
+        limits.standards,
+        sphere.expansion[0],
+        warm_c,
+    )
+    yield Figure(
+        "effective_diameter",
+        "effective diameter",
+        DIAMETER,
+        "general knowledge",
+        value_mm,
+        budget,
+        decided(limits, "effective_diameter", value_mm, budget.standard_mm),
+        tuple((f"repeat {name}", error) for name, error in errors_mm.items()),
+    )

@@ -1,0 +1,1 @@
+"""Alignment of the part: best fit, 3-2-1, leapfrog."""

@@ -1,0 +1,242 @@
+"""Best fit and leapfrog: the adjusted Helmert transformation with all it is worth."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.helmert.adjustment import (
+    AdjustedHelmert,
+    HelmertError,
+    adjusted_helmert,
+)
+from traverse.kinematics.helmert.closed_form import mirrored_share
+from traverse.kinematics.helmert.reliability import (
+    Reliability,
+    point_statistics,
+    reliability_of,
+)
+from traverse.kinematics.helmert.shape import shape_of
+from traverse.kinematics.helmert.volume import Volume, disposition_index, mean_motions
+from traverse.lab.alignment.common_points import CommonPoints, Place
+from traverse.lab.alignment.flags import (
+    disposition_flags,
+    revealed_flags,
+    scale_flags,
+    scatter_flags,
+    turn_problem,
+)
+from traverse.lab.alignment.result import AlignmentResult, AlignmentWarning, PointResult
+from traverse.lab.alignment.statistics import (
+    FOUND,
+    POINT_LEVEL,
+    global_test,
+    point_p_value,
+)
+from traverse.lab.alignment.volume import VolumeFunction
+
+Floats = NDArray[np.float64]
+
+_MIRRORED = 0.1
+
+
+def best_fit_alignment(
+    common: CommonPoints,
+    volume_of: VolumeFunction,
+    volume_source: str,
+    *,
+    method: str = "best-fit",
+    with_scale: bool = False,
+    remarks: Sequence[str] = (),
+) -> AlignmentResult:
+    """Adjust the transformation, and say what it is worth.
+
+    Args:
+        common: Points with two places.
+        volume_of: Where it will be used, see
+            `traverse.lab.alignment.volume`.
+        volume_source: Where that comes from.
+        method: What to call it.
+        with_scale: Seven parameters.
+        remarks: What is to be said of the points.
+
+    Raises:
+        HelmertError: The points do not determine it; says what is left open.
+        ValueError: Errors are stated of some points only.
+    """
+    from_mm, to_mm = _places_mm(common.measured), _places_mm(common.nominal)
+    from_covariance, to_covariance, is_stated = _errors(common)
+    adjusted = adjusted_helmert(
+        from_mm, to_mm, from_covariance, to_covariance, with_scale=with_scale
+    )
+    if mirrored_share(from_mm, to_mm) < _MIRRORED:
+        raise HelmertError(
+            "the points fit the mirror image of the nominal ones far better than "
+            "these: a system is left-handed, a sign of a coordinate is wrong, or names "
+            "are exchanged"
+        )
+    test = global_test(
+        adjusted.sum_of_squares, adjusted.redundancy, is_stated=is_stated
+    )
+    sigma0 = 1.0 if test is None else test.sigma0
+    # Stated errors are trusted until a test says that they are too small.
+    trusted = is_stated and (test is None or test.passed)
+    variance_factor = 1.0 if trusted else sigma0**2
+    covariance = variance_factor * adjusted.cofactors
+    shape = shape_of(to_mm)
+    problem = turn_problem(covariance, shape)
+    if problem is not None:
+        raise HelmertError(problem)
+    volume = volume_of(adjusted.transformation)
+    index = disposition_index(to_mm, volume, with_scale=with_scale)
+    points = _points(common, adjusted, volume, None if is_stated else sigma0)
+    flags = [
+        *disposition_flags(shape, index),
+        *scatter_flags(common),
+        *scale_flags(adjusted.transformation.scale),
+        *revealed_flags(test, points, is_stated=is_stated),
+        *_suspects(points, is_stated=is_stated),
+    ]
+    return AlignmentResult(
+        method=method,
+        transformation=adjusted.transformation,
+        centre_mm=adjusted.centre_mm,
+        covariance=covariance,
+        is_stated=is_stated,
+        points=points,
+        test=test,
+        volume=volume,
+        volume_source=volume_source,
+        index=index,
+        flags=tuple(flags),
+        remarks=tuple(remarks),
+    )
+
+
+def _places_mm(places: Sequence[Place]) -> Floats:
+    return np.array([place.place_mm for place in places]).reshape(-1, 3)
+
+
+def _errors(common: CommonPoints) -> tuple[Floats, Floats, bool]:
+    """List the covariances of both sides; alike where nothing is stated at all.
+
+    Raises:
+        ValueError: They are stated of some only.
+    """
+    n = len(common.names)
+    lacking = [
+        name
+        for name, place in zip(common.names, common.measured, strict=True)
+        if place.covariance_mm2 is None
+    ]
+    none = np.zeros((n, 3, 3))
+    nominal = [place.covariance_mm2 for place in common.nominal]
+    to_covariance = np.array(
+        [np.zeros((3, 3)) if c is None else c for c in nominal]
+    ).reshape(n, 3, 3)
+    if len(lacking) == n and not np.any(to_covariance):
+        return none, np.tile(np.eye(3), (n, 1, 1)), False
+    if lacking:
+        raise ValueError(
+            f"errors are stated, but not of these measured points: "
+            f"{', '.join(lacking)}; state them for all with --std"
+        )
+    measured = [place.covariance_mm2 for place in common.measured]
+    from_covariance = np.array([c for c in measured if c is not None])
+    return from_covariance.reshape(n, 3, 3), to_covariance, True
+
+
+def _points(
+    common: CommonPoints,
+    adjusted: AdjustedHelmert,
+    volume: Volume,
+    unit_mm: float | None,
+) -> tuple[PointResult, ...]:
+    """Say of every point what its errors could have done, and whether it was seen.
+
+    Args:
+        common: The points.
+        adjusted: With weights of stated errors, or of errors alike.
+        volume: Where it will be used.
+        unit_mm: Standard deviation of a coordinate where none are stated.
+    """
+    sigma0 = 1.0 if unit_mm is None else unit_mm
+    found = reliability_of(adjusted)
+    statistics = point_statistics(adjusted, found)
+    mean = mean_motions(volume, adjusted.centre_mm, len(adjusted.cofactors))
+    return tuple(
+        PointResult(
+            name=name,
+            measured_mm=common.measured[row].place_mm,
+            nominal_mm=common.nominal[row].place_mm,
+            residual_mm=adjusted.misclosures_mm[row],
+            touches=common.measured[row].touches,
+            spread_mm=common.measured[row].spread_mm,
+            redundancy=found.shares[row],
+            detectable_mm=_detectable(found.seen_per_mm2[row], sigma0),
+            worst_direction=_towards_positive(found.directions[row, 0]),
+            hidden_mm=_hidden_mm(found, row, mean, sigma0),
+            hidden_ratio=_hidden_ratio(found, row, mean),
+            p_value=point_p_value(
+                float(statistics[row]), int(np.count_nonzero(found.seen_per_mm2[row]))
+            )
+            if unit_mm is None
+            else None,
+        )
+        for row, name in enumerate(common.names)
+    )
+
+
+def _towards_positive(direction: Floats) -> Floats:
+    """Turn a direction, of which both senses are alike, the same way each time."""
+    largest = np.flatnonzero(np.abs(direction) > 0.99 * np.max(np.abs(direction)))[0]
+    turned: Floats = direction * np.sign(direction[largest])
+    return turned
+
+
+def _detectable(
+    seen_per_mm2: Floats, sigma0: float
+) -> tuple[float | None, float | None]:
+    """Say the least error that is found, in the best and the worst direction."""
+    best, worst = (
+        sigma0 * FOUND / float(np.sqrt(seen)) if seen > 0.0 else None
+        for seen in (seen_per_mm2[-1], seen_per_mm2[0])
+    )
+    return best, worst
+
+
+def _hidden_mm(
+    found: Reliability, row: int, mean: Floats, sigma0: float
+) -> float | None:
+    """Maximise e'G e over e'B e = FOUND^2, G what an error does to the volume."""
+    seen = found.seen_per_mm2[row]
+    if not seen[0] > 0.0:
+        return None
+    scaled = found.moves[row] @ found.directions[row].T / np.sqrt(seen)
+    largest = float(np.linalg.eigvalsh(scaled.T @ mean @ scaled)[-1])
+    return sigma0 * FOUND * float(np.sqrt(max(largest, 0.0)))
+
+
+def _hidden_ratio(found: Reliability, row: int, mean: Floats) -> float:
+    """Say what an error in the worst direction does to the volume, per mm."""
+    moves = found.moves[row] @ found.directions[row, 0]
+    return float(np.sqrt(max(float(moves @ mean @ moves), 0.0)))
+
+
+def _suspects(
+    points: Sequence[PointResult], *, is_stated: bool
+) -> list[AlignmentWarning]:
+    """Name the point whose residuals stand out, if any does."""
+    tested = [p for p in points if p.p_value is not None]
+    if not is_stated or not tested:
+        return []
+    worst = min(tested, key=lambda point: point.p_value or 0.0)
+    if not (worst.p_value or 0.0) < POINT_LEVEL:
+        return []
+    return [
+        AlignmentWarning(
+            "suspect_point",
+            f"{worst.name} does not fit the others (p = {worst.p_value:.2g}): measure "
+            "it again, or leave it out; with few points another one can be the cause",
+        )
+    ]

@@ -1,0 +1,67 @@
+"""Files of an alignment: written, read again, joined to one another."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from traverse.kinematics.arm_file.arm import FileError, Problem
+from traverse.kinematics.helmert.transformation import Helmert
+from traverse.lab.alignment.page import alignment_page
+from traverse.lab.alignment.values import SCHEMA
+from traverse.protocol.messages import AlignArgs
+from traverse.strict_toml.writing import write_atomically
+
+FILE = "alignment.json"
+
+
+def write_alignment(values: Mapping[str, Any], folder: Path) -> None:
+    """Write alignment.html and alignment.json into a folder, made if need be.
+
+    Raises:
+        OSError: The folder cannot be written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    write_atomically(folder / "alignment.html", alignment_page(values))
+    text = json.dumps(values, indent=1, allow_nan=False, ensure_ascii=False)
+    write_atomically(folder / FILE, f"{text}\n")
+
+
+def read_alignment(path: Path) -> dict[str, Any]:
+    """Read an alignment.json, or the folder that it is in.
+
+    Raises:
+        FileError: It is none.
+        OSError: It cannot be read.
+    """
+    file = path / FILE if path.is_dir() else path
+    try:
+        values = json.loads(file.read_text("utf-8"))
+        if not isinstance(values, dict) or values.get("schema") != SCHEMA:
+            raise ValueError(f"its schema is not {SCHEMA}")
+        align_args(values)
+    except (ValueError, RecursionError) as error:
+        message = f"is no alignment: {str(error).splitlines()[0]}"
+        raise FileError(str(file), [Problem("", message)]) from error
+    return values
+
+
+def transformation_of(values: Mapping[str, Any]) -> Helmert:
+    """Take the transformation out of an alignment's values."""
+    given = values["alignment"]
+    return Helmert(
+        np.array(given["rotation"]),
+        np.array(given["translation_mm"]),
+        float(given["scale"]),
+    )
+
+
+def align_args(values: Mapping[str, Any]) -> AlignArgs:
+    """Make the arguments of the command `align` of an alignment's values.
+
+    Raises:
+        ValueError: It is no alignment.
+    """
+    return AlignArgs.model_validate_json(json.dumps(values.get("alignment")))

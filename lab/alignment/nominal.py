@@ -1,0 +1,162 @@
+"""Where a part's points should be: a table in CSV, or a TOML file with more in it."""
+
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from traverse.kinematics.arm_file.arm import (
+    FileError,
+    Problem,
+    StrictModel,
+    read_strict,
+)
+from traverse.kinematics.helmert.volume import Ball, Box, Volume
+from traverse.lab.alignment.touches import read_touch_table
+
+Floats = NDArray[np.float64]
+Vector = tuple[float, float, float]
+
+_PARALLEL = 1e-6
+
+
+class NominalPoint(StrictModel):
+    """A point of the part.
+
+    Attributes:
+        name: As in the labels of what is measured.
+        std_mm: Standard deviation of each coordinate; 0 where it counts as exact.
+    """
+
+    name: Annotated[str, Field(min_length=1)]
+    x_mm: float
+    y_mm: float
+    z_mm: float
+    std_mm: float = Field(default=0.0, ge=0.0)
+
+
+class NominalVolume(StrictModel):
+    """Where the alignment will be used: a box, or a ball."""
+
+    min_mm: Vector | None = None
+    max_mm: Vector | None = None
+    centre_mm: Vector | None = None
+    radius_mm: float | None = Field(default=None, gt=0.0)
+
+    @model_validator(mode="after")
+    def _is_one_of_both(self) -> Self:
+        box, ball = (self.min_mm, self.max_mm), (self.centre_mm, self.radius_mm)
+        missing = [sum(value is None for value in pair) for pair in (box, ball)]
+        if sorted(missing) != [0, 2]:
+            raise ValueError("give min_mm and max_mm, or centre_mm and radius_mm")
+        if self.min_mm and self.max_mm and not _is_box(self.min_mm, self.max_mm):
+            raise ValueError("max_mm is not above min_mm")
+        return self
+
+    def volume(self) -> Volume:
+        """Make the volume."""
+        if self.min_mm is not None and self.max_mm is not None:
+            return Box(np.array(self.min_mm), np.array(self.max_mm))
+        return Ball(np.array(self.centre_mm), float(self.radius_mm or 0.0))
+
+
+def _is_box(low: Vector, high: Vector) -> bool:
+    sides = [b - a for a, b in zip(low, high, strict=True)]
+    return min(sides) >= 0.0 and max(sides) > 0.0
+
+
+class NominalPlane(StrictModel):
+    """The plane of 3-2-1: touches lie on it; the normal leaves the part."""
+
+    feature: str
+    point_mm: Vector
+    normal: Vector
+
+
+class NominalLine(StrictModel):
+    """The line of 3-2-1; touches of the feature go from its start to its end."""
+
+    feature: str
+    point_mm: Vector
+    direction: Vector
+
+
+class NominalStop(StrictModel):
+    """The point of 3-2-1."""
+
+    feature: str
+    point_mm: Vector
+
+
+class Nominal(StrictModel):
+    """A part as it should be."""
+
+    schema_: Literal["traverse/nominal/1"] = Field(alias="schema")
+    name: str | None = None
+    points: tuple[NominalPoint, ...] = ()
+    volume: NominalVolume | None = None
+    plane: NominalPlane | None = None
+    line: NominalLine | None = None
+    point: NominalStop | None = None
+
+    @model_validator(mode="after")
+    def _is_consistent(self) -> Self:
+        names = [point.name for point in self.points]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(f"points named twice: {', '.join(twice)}")
+        for what, vector in (
+            ("plane.normal", self.plane and self.plane.normal),
+            ("line.direction", self.line and self.line.direction),
+        ):
+            if vector and not np.linalg.norm(vector) > 0.0:
+                raise ValueError(f"{what} has no length")
+        if self.plane and self.line:
+            across = np.cross(self.plane.normal, self.line.direction)
+            sizes = (
+                np.linalg.norm(self.plane.normal),
+                np.linalg.norm(self.line.direction),
+            )
+            if not np.linalg.norm(across) > _PARALLEL * sizes[0] * sizes[1]:
+                raise ValueError("line.direction is along plane.normal")
+        return self
+
+    def places_mm(self) -> Floats:
+        """List the points, (n, 3)."""
+        places = [(point.x_mm, point.y_mm, point.z_mm) for point in self.points]
+        return np.array(places, dtype=np.float64).reshape(-1, 3)
+
+
+def read_nominal(path: Path) -> Nominal:
+    """Read a nominal file, by its ending: .toml, else a table in CSV.
+
+    Raises:
+        FileError: With everything that is wrong.
+    """
+    if path.suffix == ".toml":
+        return read_strict(path, Nominal)
+    points = []
+    for touch in read_touch_table(path, "centre"):
+        covariance = touch.covariance_mm2
+        x_mm, y_mm, z_mm = touch.place_mm.tolist()
+        std_mm = 0.0 if covariance is None else float(np.sqrt(np.trace(covariance) / 3))
+        if not touch.names:
+            raise FileError(
+                str(path), [Problem("", "a point has no name; give it one")]
+            )
+        points.append(
+            NominalPoint(
+                name=touch.names[0], x_mm=x_mm, y_mm=y_mm, z_mm=z_mm, std_mm=std_mm
+            )
+        )
+    try:
+        return Nominal(schema="traverse/nominal/1", points=tuple(points))
+    except ValueError as error:
+        raise FileError(str(path), [Problem("", _last_line(error))]) from error
+
+
+def _last_line(error: ValueError) -> str:
+    words = str(error).split("Value error, ")[-1]
+    return words.split(" [type=", maxsplit=1)[0].strip()

@@ -1,0 +1,226 @@
+"""3-2-1: a plane, a line and a point bring the part into its system."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.helmert.shape import shape_of
+from traverse.kinematics.helmert.volume import Volume, VolumeError, mean_motions
+from traverse.kinematics.helmert.volume import volume_error as error_in
+from traverse.lab.alignment.common_points import stated_covariances
+from traverse.lab.alignment.flags import (
+    revealed_flags,
+    turn_problem,
+)
+from traverse.lab.alignment.nominal import Nominal
+from traverse.lab.alignment.plane_line_point_frames import (
+    PartFrame,
+    PlaneLinePointTouches,
+    local_heights,
+    measured_frame,
+    nominal_frame,
+    redundancy_shares,
+    sensitivity,
+    transformation_between,
+)
+from traverse.lab.alignment.result import AlignmentResult
+from traverse.lab.alignment.statistics import global_test
+from traverse.lab.alignment.touch_results import (
+    centre_flags,
+    feature_values,
+    plane_flags,
+    touch_results,
+)
+from traverse.lab.alignment.touches import Touch
+from traverse.lab.alignment.volume import VolumeFunction
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_SIDE = 0.3  # mean cosine of shanks and normal, from which on they tell its side
+
+
+def align_plane_line_point(
+    touches: Sequence[Touch],
+    nominal: Nominal,
+    volume_of: VolumeFunction,
+    volume_source: str,
+    *,
+    std_mm: float | None,
+) -> AlignmentResult:
+    """Align by plane, line and point.
+
+    Args:
+        touches: With the features' names; those of the line in their order.
+        nominal: With plane, line, point.
+        volume_of: Where it will be used.
+        volume_source: Where that comes from.
+        std_mm: Of each coordinate of a touch; None: as the touches say.
+
+    Raises:
+        ValueError: A feature is not there, not touched often enough, or touched so that
+            something is left open.
+    """
+    goal = nominal_frame(nominal)
+    groups = _groups(touches, nominal)
+    everything = [touch for group in groups for touch in group]
+    touched = PlaneLinePointTouches(*(_places_mm(group) for group in groups))
+    frame = measured_frame(touched, _upwards(groups, touched, nominal, goal))
+    transformation = transformation_between(frame, goal)
+    on_plane_mm = transformation.places_mm(touched.plane_mm)
+    local_mm, axis, heights_mm = local_heights(touched, frame)
+    moves = sensitivity(local_mm, axis)
+    shares = redundancy_shares(local_mm, axis)
+    covariances = stated_covariances(everything, std_mm)
+    is_stated = covariances is not None
+    redundancy = len(axis) - 6
+    used = np.eye(3)[axis] @ frame.axes.T  # the direction that counts, arm's system
+    if covariances is not None:
+        stds_mm = np.sqrt(np.einsum("ni,nij,nj->n", used, covariances, used))
+    else:
+        stds_mm = np.ones(len(axis))
+    squares = float(np.sum((heights_mm / stds_mm) ** 2))
+    test = global_test(squares, redundancy, is_stated=is_stated)
+    trusted = is_stated and (test is None or bool(test.passed))
+    factor = 1.0 if trusted else (None if test is None else test.sigma0)
+    to_part = np.zeros((6, 6))
+    to_part[:3, :3] = to_part[3:, 3:] = goal.axes
+    moves = to_part @ moves
+    covariance = None
+    if factor is not None:
+        covariance = factor**2 * (moves * stds_mm**2) @ moves.T
+        problem = turn_problem(covariance, shape_of(on_plane_mm))
+        if problem is not None:
+            raise ValueError(problem.replace("common points", "touches of the plane"))
+    volume = volume_of(transformation)
+    index = _index(volume, goal, moves)
+    unit = 1.0 if is_stated else (test.sigma0 if test is not None else 0.0)
+    names = [touch.names[0] for touch in everything]
+    points = tuple(
+        touch_results(
+            names=names,
+            touched=touched,
+            axes=goal.axes,
+            axis=axis,
+            residuals_mm=-heights_mm,
+            shares=shares,
+            stds_mm=unit * stds_mm,
+            in_volume=_in_volume(volume, goal, moves),
+            is_stated=is_stated,
+        )
+    )
+    flags = [
+        *plane_flags(index, on_plane_mm),
+        *centre_flags(everything),
+        *revealed_flags(test, points, is_stated=is_stated),
+    ]
+    return AlignmentResult(
+        method="3-2-1",
+        transformation=transformation,
+        centre_mm=goal.origin_mm,
+        covariance=covariance,
+        is_stated=is_stated,
+        points=points,
+        test=test,
+        volume=volume,
+        volume_source=volume_source,
+        index=index,
+        flags=tuple(flags),
+        remarks=(
+            "each touch counts in one direction only: off the plane, across the line, "
+            "along the line; errors in the others change nothing",
+        ),
+        features=tuple(feature_values(nominal, axis, heights_mm)),
+    )
+
+
+def _groups(touches: Sequence[Touch], nominal: Nominal) -> list[list[Touch]]:
+    """Sort touches by feature: plane, line, point."""
+    groups = []
+    problems = []
+    for what, feature, least in (
+        ("plane", nominal.plane, 3),
+        ("line", nominal.line, 2),
+        ("point", nominal.point, 1),
+    ):
+        name = "" if feature is None else feature.feature
+        group = [touch for touch in touches if name in touch.names]
+        if len(group) < least:
+            problems.append(
+                f"the {what} '{name}' has {len(group)} touches, at least {least} are "
+                "needed"
+            )
+        groups.append([Touch((name,), *_rest(touch)) for touch in group])
+    if problems:
+        raise ValueError("; ".join(problems))
+    return groups
+
+
+def _rest(touch: Touch) -> tuple[Any, ...]:
+    return (
+        touch.place_mm,
+        touch.covariance_mm2,
+        touch.shank,
+        touch.arm,
+        touch.flags,
+        touch.off_mm,
+    )
+
+
+def _places_mm(group: Sequence[Touch]) -> Floats:
+    return np.array([touch.place_mm for touch in group])
+
+
+def _upwards(
+    groups: Sequence[Sequence[Touch]],
+    touched: PlaneLinePointTouches,
+    nominal: Nominal,
+    goal: PartFrame,
+) -> Floats:
+    """Tell the two sides of the plane: the shank comes from outside the part.
+
+    Where no shanks are known, by the side on which line or point are nominally.
+    """
+    shanks = [touch.shank for touch in groups[0]]
+    known = [shank for shank in shanks if shank is not None]
+    heights_mm = touched.plane_mm - touched.plane_mm.mean(axis=0)
+    normal = np.linalg.svd(heights_mm)[2][2]
+    if len(known) == len(shanks):
+        upwards: Floats = -np.mean(known, axis=0)
+        if abs(float(upwards @ normal)) > _SIDE:
+            return upwards
+    spread_mm = float(np.std(heights_mm @ normal))
+    beside = []
+    for places_mm, feature in (
+        (touched.line_mm, nominal.line),
+        (touched.point_mm, nominal.point),
+    ):
+        if feature is not None:
+            away = np.array(feature.point_mm) - goal.origin_mm
+            beside.append((places_mm, float(away @ goal.axes[:, 2])))
+    places_mm, nominal_mm = max(beside, key=lambda pair: abs(pair[1]))
+    away_mm = places_mm.mean(axis=0) - touched.plane_mm.mean(axis=0)
+    height_mm = float(away_mm @ normal)
+    if min(abs(height_mm), abs(nominal_mm)) > max(10.0 * spread_mm, 1.0):
+        return np.asarray(normal * np.sign(height_mm * nominal_mm), dtype=np.float64)
+    raise ValueError(
+        "the side of the plane is not told: a part and its turned image fit alike; "
+        "give points with the direction of the shank (i, j, k, across the plane), or a "
+        "line or point that is nominally more than 1 mm beside the plane"
+    )
+
+
+def _index(volume: Volume, goal: PartFrame, moves: Floats) -> VolumeError:
+    """Judge the touches: errors in the volume per error of a touch."""
+    found = error_in(volume, goal.origin_mm, moves @ moves.T)
+    unit = np.sqrt(3.0)
+    return VolumeError(found.rms_mm / unit, found.max_mm / unit, found.max_at_mm)
+
+
+def _in_volume(volume: Volume, goal: PartFrame, moves: Floats) -> Floats:
+    """Say what the errors of touches do to the volume, per mm, (n,)."""
+    mean = mean_motions(volume, goal.origin_mm, 6)
+    sizes_mm: Floats = np.sqrt(np.einsum("pn,pq,qn->n", moves, mean, moves))
+    return sizes_mm

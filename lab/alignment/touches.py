@@ -1,0 +1,188 @@
+"""Touches with names: what an alignment is made of, from points or from a table."""
+
+import csv
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.arm_file.arm import FileError, Problem
+from traverse.protocol.messages import Point
+from traverse.strict_toml.problems import shown
+
+Floats = NDArray[np.float64]
+Coordinates = Literal["centre", "surface"]
+
+_PLACES = {
+    "centre": ("x_mm", "y_mm", "z_mm"),
+    "surface": ("surface_x_mm", "surface_y_mm", "surface_z_mm"),
+}
+_SHANK = ("i", "j", "k")
+_TENSOR = tuple(
+    f"covariance_{axes}_mm2" for axes in ("xx", "xy", "xz", "yy", "yz", "zz")
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Touch:
+    """One measured place.
+
+    Attributes:
+        names: By which it may be known, the first that is known counts.
+        place_mm: (3,).
+        covariance_mm2: (3, 3); None where it is not known.
+        shank: Unit vector towards the ball, (3,); None where it is not known.
+        arm: Name of the arm; None where it is not known.
+        flags: What is doubtful about it.
+        off_mm: How far from the touched surface the place is: the ball's radius for
+            its centre; None where it is not known.
+    """
+
+    names: tuple[str, ...]
+    place_mm: Floats
+    covariance_mm2: Floats | None = None
+    shank: Floats | None = None
+    arm: str | None = None
+    flags: tuple[str, ...] = ()
+    off_mm: float | None = None
+
+    def name_among(self, known: Iterable[str]) -> str | None:
+        """Say by which of the known names it is called; None by none of them."""
+        there = set(known)
+        return next((name for name in self.names if name in there), None)
+
+
+def names_of(artefact: str | None, feature: str | None) -> tuple[str, ...]:
+    """List the names of a label: artefact/feature, feature, artefact."""
+    both = f"{artefact}/{feature}" if artefact and feature else None
+    return tuple(name for name in (both, feature, artefact) if name)
+
+
+def touches_of_points(points: Sequence[Point], coordinates: Coordinates) -> list[Touch]:
+    """Make touches of captured points, none of which is taken back.
+
+    Args:
+        points: As published.
+        coordinates: Of the ball's centre, or of the touched place.
+
+    Raises:
+        ValueError: A point has no touched place.
+    """
+    return [_touch_of(point, coordinates) for point in points]
+
+
+def _touch_of(point: Point, coordinates: Coordinates) -> Touch:
+    place = point.xyz_mm if coordinates == "centre" else point.surface_mm
+    if place is None:
+        raise ValueError(
+            f"point {point.seq} of session {point.session} was taken without "
+            "compensation, so it has no touched place; use --coordinates centre"
+        )
+    covariance = point.covariance_mm2
+    return Touch(
+        names_of(point.label.artefact, point.label.feature),
+        np.array(place),
+        None if covariance is None else matrix_of(covariance),
+        np.array(point.ijk),
+        point.arm,
+        tuple(point.quality.flags),
+        point.probe_radius_mm if coordinates == "centre" else 0.0,
+    )
+
+
+def matrix_of(tensor: Sequence[float]) -> Floats:
+    """Write xx, xy, xz, yy, yz, zz as a matrix."""
+    xx, xy, xz, yy, yz, zz = tensor
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], dtype=np.float64)
+
+
+def read_touch_table(path: Path, coordinates: Coordinates) -> list[Touch]:
+    """Read a table: as `traverse points export` writes it, or name, x_mm, y_mm, z_mm.
+
+    Of other columns std_mm, the covariance, i, j, k and flags are looked at.
+
+    Raises:
+        FileError: With all lines that cannot be used.
+    """
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            reader = csv.DictReader(file)
+            header = [name.strip() for name in reader.fieldnames or ()]
+            reader.fieldnames = header
+            rows = [(reader.line_num, row) for row in reader]
+    except (UnicodeDecodeError, csv.Error) as error:
+        message = f"is no table in CSV: {error}"
+        raise FileError(str(path), [Problem("", message)]) from error
+    problems = [
+        Problem("line 1", f"column '{name}' is missing; add it")
+        for name in _PLACES[coordinates]
+        if name not in header
+    ]
+    if not {"name", "artefact", "feature"} & set(header):
+        problems.append(
+            Problem("line 1", "column 'name' is missing; add it, or artefact, feature")
+        )
+    touches = []
+    if not problems:
+        gone = {row.get("retracts") for _, row in rows} - {"", None}
+        for line, row in rows:
+            if row.get("retracts") or (row.get("id") and row["id"] in gone):
+                continue
+            try:
+                touches.append(_row_touch(row, coordinates))
+            except ValueError as error:
+                problems.append(Problem(f"line {line}", str(error)))
+    if problems:
+        raise FileError(str(path), problems)
+    return touches
+
+
+def _row_touch(row: dict[str, str], coordinates: Coordinates) -> Touch:
+    if None in row or None in row.values():
+        raise ValueError("has not as many cells as the first line")
+    place_mm = _numbers(row, _PLACES[coordinates])
+    if place_mm is None:
+        raise ValueError(
+            "has no touched place: it was taken without compensation; use "
+            "--coordinates centre"
+            if coordinates == "surface"
+            else "has no coordinates"
+        )
+    tensor = _numbers(row, _TENSOR)
+    std_mm = _numbers(row, ("std_mm",))
+    covariance = None if tensor is None else matrix_of(tensor.tolist())
+    if std_mm is not None:
+        if not std_mm[0] > 0.0:
+            raise ValueError(f"std_mm is {std_mm[0]:g}, expected a length above zero")
+        covariance = std_mm[0] ** 2 * np.eye(3)
+    names = names_of(row.get("artefact"), row.get("feature"))
+    radius_mm = _numbers(row, ("probe_radius_mm",))
+    off_mm = None if radius_mm is None else float(radius_mm[0])
+    return Touch(
+        (row["name"],) if row.get("name") else names,
+        place_mm,
+        covariance,
+        _numbers(row, _SHANK),
+        None,
+        tuple(row.get("flags", "").split()),
+        off_mm if coordinates == "centre" else 0.0,
+    )
+
+
+def _numbers(row: dict[str, str], columns: Sequence[str]) -> Floats | None:
+    """Read some cells; None where they are not there, or empty."""
+    cells = [(row.get(column) or "").strip() for column in columns]
+    if not any(cells):
+        return None
+    try:
+        values = np.array([float(cell) for cell in cells])
+    except ValueError:
+        raise ValueError(
+            f"{shown(cells)} are not numbers ({', '.join(columns)})"
+        ) from None
+    if not np.all(np.isfinite(values)):
+        raise ValueError(f"{shown(cells)} are not finite ({', '.join(columns)})")
+    return values

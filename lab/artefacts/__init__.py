@@ -1,0 +1,58 @@
+"""The kinds of artefacts: one file and one entry here each."""
+
+from collections.abc import Mapping
+
+from pydantic import ConfigDict, field_validator
+
+from traverse.kinematics.arm_file.arm import StrictModel
+from traverse.lab.artefacts.artefact import Artefact
+from traverse.lab.artefacts.ball_bar import BallBar
+from traverse.lab.artefacts.cone import Cone
+from traverse.lab.artefacts.parallel_planes import ParallelPlanes
+from traverse.lab.artefacts.plane import Plane
+from traverse.lab.artefacts.points import Points
+from traverse.lab.artefacts.sphere import Sphere
+from traverse.strict_toml.problems import unknown_name_message
+from traverse.strict_toml.validation import tuples_for_lists
+
+__all__ = ["ARTEFACT_KINDS", "Artefact", "ArtefactTable", "artefact_from_table"]
+
+ARTEFACT_KINDS: Mapping[str, type[Artefact]] = {
+    "cone": Cone,
+    "ball_bar": BallBar,
+    "sphere": Sphere,
+    "plane": Plane,
+    "parallel_planes": ParallelPlanes,
+    "points": Points,
+}
+
+
+class ArtefactTable(StrictModel):
+    """A table of any kind; by itself one of no known kind, refused for that alone."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    kind: str
+
+    @classmethod
+    def variant(cls, table: object) -> type[StrictModel]:
+        """Say the class of a table by its kind."""
+        return artefact_class(table)
+
+    @field_validator("kind")
+    @classmethod
+    def _unknown(cls, kind: str) -> str:
+        raise ValueError(unknown_name_message("kind", kind, ARTEFACT_KINDS))
+
+
+def artefact_class(table: object) -> type[StrictModel]:
+    """Say the class of a table by its kind."""
+    kind = table.get("kind") if isinstance(table, Mapping) else None
+    return ARTEFACT_KINDS.get(str(kind), ArtefactTable)
+
+
+def artefact_from_table(table: object) -> object:
+    """Make an artefact of the class that its kind asks for."""
+    if isinstance(table, Artefact):
+        return table
+    return artefact_class(table).model_validate(tuples_for_lists(table))

@@ -1,0 +1,167 @@
+"""What every artefact says about the ball centres that touched it.
+
+An artefact is a table of the campaign file that knows its own condition equations
+w(x, z) = 0 between a ball centre x and the artefact's own unknowns z (where it
+stands, how large it is), their derivatives, starting values for z, and what its
+certificate adds. `state` is z as an array; a step of z may have fewer components
+than the state (a unit vector turns in two directions only).
+"""
+
+from abc import abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, field_validator
+
+from traverse.kinematics.arm_file.arm import StrictModel
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+# Standard deviation of a certified length whose uncertainty is not given: a
+# nanometre, which is as good as exact and still an ordinary observation.
+EXACT_MM = 1e-6
+REFERENCE_TEMPERATURE_C = 20.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Touches:
+    """The poses that touched one artefact.
+
+    Attributes:
+        features: Index of the touched feature in the artefact's list, (n_poses,).
+        growths: expansion_per_c (T - T_ref) of the artefact, (n_poses,).
+        directions: From the ball towards the material, NaN where unknown,
+            (n_poses, 3).
+        radius_mm: Of the probe's ball.
+        feature_names: The artefact's features, in the order of the indices.
+    """
+
+    features: Integers
+    growths: Floats
+    directions: Floats
+    radius_mm: float
+    feature_names: tuple[str, ...]
+
+    def part(self, rows: slice | Integers) -> "Touches":
+        """Take some of the poses."""
+        return Touches(
+            self.features[rows],
+            self.growths[rows],
+            self.directions[rows],
+            self.radius_mm,
+            self.feature_names,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Equations:
+    """Condition equations of some poses, n_rows (1 or 3) each.
+
+    Attributes:
+        misclosures_mm: w, (n_poses, n_rows).
+        by_centre: dw/dx, (n_poses, n_rows, 3).
+        by_unknowns: dw/dz, mm per unit, (n_poses, n_rows, n_unknowns).
+    """
+
+    misclosures_mm: Floats
+    by_centre: Floats
+    by_unknowns: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Certificate:
+    """Observations of the artefact's own unknowns.
+
+    Attributes:
+        misclosures_mm: Unknowns less certified values, (n_values,).
+        by_unknowns: Derivatives, (n_values, n_unknowns).
+        std_mm: Of the certified values, (n_values,).
+    """
+
+    misclosures_mm: Floats
+    by_unknowns: Floats
+    std_mm: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Length:
+    """A length of the artefact as estimated.
+
+    Attributes:
+        name: For example `distance_mm`.
+        value_mm: Of the state.
+        by_unknowns: Derivatives, (n_unknowns,).
+        certificate_row: Which value of the certificate is about it, or None.
+    """
+
+    name: str
+    value_mm: float
+    by_unknowns: Floats
+    certificate_row: int | None
+
+
+class Artefact(StrictModel):
+    """A table `[[artefacts]]`; a child a kind."""
+
+    id: str = Field(min_length=1)
+    kind: str
+
+    @field_validator("id")
+    @classmethod
+    def _printable_id(cls, text: str) -> str:
+        if text != text.strip() or not text.isprintable():
+            raise ValueError(f"{text!r} has spaces around it or unprintable characters")
+        return text
+
+    @property
+    def features(self) -> tuple[str, ...]:
+        """The features that may be touched; none: the column is not looked at."""
+        return ()
+
+    @property
+    def rows_per_pose(self) -> int:
+        """3 where a point is known, 1 where a surface is touched."""
+        return 1
+
+    def tells_length(self, touches: Touches) -> bool:
+        """Say whether these touches tell the arm how long a millimetre is."""
+        return False
+
+    @property
+    def fixes_datum(self) -> bool:
+        """Whether it is known in the arm's own system."""
+        return False
+
+    @property
+    def expansion(self) -> tuple[float, float]:
+        """Expansion per degree Celsius, and the temperature of the certificate."""
+        return 0.0, REFERENCE_TEMPERATURE_C
+
+    def certificate(self, state: Floats, touches: Touches) -> Certificate:
+        """Compare the unknowns with the certificate; by default there is none."""
+        n_unknowns = len(self.unknown_scales(touches))
+        return Certificate(np.empty(0), np.empty((0, n_unknowns)), np.empty(0))
+
+    def lengths(self, state: Floats) -> tuple[Length, ...]:
+        """Say the lengths to report; by default there are none."""
+        return ()
+
+    def moved(self, state: Floats, step: Floats) -> Floats:
+        """Apply a step of the unknowns, (n_unknowns,)."""
+        return state + step
+
+    @abstractmethod
+    def unknown_scales(self, touches: Touches) -> Floats:
+        """Say what would be a hopeless standard deviation of each unknown."""
+
+    @abstractmethod
+    def start(self, centres_mm: Floats, touches: Touches) -> Floats:
+        """Find a state from centres (n_poses, 3) in closed form."""
+
+    @abstractmethod
+    def equations(
+        self, state: Floats, centres_mm: Floats, touches: Touches
+    ) -> Equations:
+        """Set up the condition equations of centres (n_poses, 3)."""

@@ -1,0 +1,133 @@
+"""A ball bar: two spheres of known radii, at a known distance (case d).
+
+State: centres c_1 and c_2 at the reference temperature. With growth g the bar
+stretches about its middle m, c_i(g) = c_i + g (c_i - m), and
+
+    w = |x - c_i(g)| - R_i (1 + g) - r
+    certificate: |c_2 - c_1| = D
+"""
+
+from typing import Literal
+
+import numpy as np
+from pydantic import Field, field_validator
+
+from traverse.lab.artefacts.artefact import (
+    EXACT_MM,
+    REFERENCE_TEMPERATURE_C,
+    Artefact,
+    Certificate,
+    Equations,
+    Floats,
+    Length,
+    Touches,
+)
+from traverse.lab.artefacts.spheres import (
+    PLACE_SCALE_MM,
+    RADIUS_SCALE_MM,
+    distances,
+    start_centre,
+)
+
+
+class BallBar(Artefact):
+    """Two spheres; state: both centres, then both radii."""
+
+    kind: Literal["ball_bar"]
+    radius_mm: float | tuple[float, float]
+    radius_std_mm: float | None = Field(default=None, gt=0.0)
+    distance_mm: float = Field(gt=0.0)
+    distance_std_mm: float | None = Field(default=None, gt=0.0)
+    expansion_per_c: float = 0.0
+    reference_temperature_c: float = REFERENCE_TEMPERATURE_C
+
+    @field_validator("radius_mm")
+    @classmethod
+    def _radii_above_zero(
+        cls, radius_mm: float | tuple[float, float]
+    ) -> float | tuple[float, float]:
+        if not np.all(np.asarray(radius_mm) > 0.0):
+            raise ValueError(f"{radius_mm} is too small; radii are greater than 0")
+        return radius_mm
+
+    @property
+    def features(self) -> tuple[str, ...]:
+        """The two spheres."""
+        return ("1", "2")
+
+    def tells_length(self, touches: Touches) -> bool:
+        """Say that it is made for that; even one sphere alone has a radius."""
+        return True
+
+    @property
+    def expansion(self) -> tuple[float, float]:
+        """As in the file."""
+        return self.expansion_per_c, self.reference_temperature_c
+
+    @property
+    def radii_mm(self) -> Floats:
+        """Of both spheres, (2,)."""
+        return np.broadcast_to(np.asarray(self.radius_mm, dtype=np.float64), (2,))
+
+    def unknown_scales(self, touches: Touches) -> Floats:
+        """Two centres, two radii."""
+        return np.array([PLACE_SCALE_MM] * 6 + [RADIUS_SCALE_MM] * 2)
+
+    def start(self, centres_mm: Floats, touches: Touches) -> Floats:
+        """Fit two spheres; one that was not touched lies somewhere near."""
+        middle_mm = centres_mm.mean(axis=0)
+        places = np.array(
+            [middle_mm, middle_mm + np.array([self.distance_mm, 0.0, 0.0])]
+        )
+        for index in range(2):
+            mine = touches.features == index
+            if np.any(mine):
+                around_mm = float(self.radii_mm[index]) + touches.radius_mm
+                places[index] = start_centre(centres_mm[mine], around_mm)[0]
+        return np.concatenate([places.ravel(), self.radii_mm])
+
+    def equations(
+        self, state: Floats, centres_mm: Floats, touches: Touches
+    ) -> Equations:
+        """Set up w = |x - c_i(g)| - R_i (1 + g) - r."""
+        places_mm = state[:6].reshape(2, 3)
+        mine = touches.features
+        half = 0.5 * touches.growths[:, np.newaxis]
+        grown_mm = places_mm[mine] + half * (places_mm[mine] - places_mm[1 - mine])
+        distances_mm, units = distances(centres_mm, grown_mm)
+        growths = 1.0 + touches.growths
+        radii_mm = state[6:][mine] * growths
+        by_unknowns = np.zeros((len(centres_mm), 1, 8))
+        rows = np.arange(len(centres_mm))
+        for component in range(3):
+            unit = units[:, component]
+            by_unknowns[rows, 0, 3 * mine + component] = -unit * (1.0 + half[:, 0])
+            by_unknowns[rows, 0, 3 * (1 - mine) + component] = unit * half[:, 0]
+        by_unknowns[rows, 0, 6 + mine] = -growths
+        return Equations(
+            (distances_mm - radii_mm - touches.radius_mm)[:, np.newaxis],
+            units[:, np.newaxis, :],
+            by_unknowns,
+        )
+
+    def certificate(self, state: Floats, touches: Touches) -> Certificate:
+        """Distance and radii."""
+        (distance,) = self.lengths(state)
+        by_unknowns = np.zeros((3, 8))
+        by_unknowns[0] = distance.by_unknowns
+        by_unknowns[1, 6] = by_unknowns[2, 7] = 1.0
+        distance_mm = distance.value_mm - self.distance_mm
+        radius_std_mm = self.radius_std_mm or EXACT_MM
+        return Certificate(
+            np.array([distance_mm, *(state[6:] - self.radii_mm)]),
+            by_unknowns,
+            np.array([self.distance_std_mm or EXACT_MM, radius_std_mm, radius_std_mm]),
+        )
+
+    def lengths(self, state: Floats) -> tuple[Length, ...]:
+        """The distance."""
+        along_mm = state[3:6] - state[:3]
+        distance_mm = float(np.linalg.norm(along_mm))
+        unit = along_mm / max(distance_mm, 1e-9)
+        by_unknowns = np.concatenate([-unit, unit, np.zeros(2)])
+        return (Length("distance_mm", distance_mm, by_unknowns, 0),)

@@ -1,0 +1,49 @@
+"""A cone: one unknown point, touched again and again (the paper's case c).
+
+w = x - c
+"""
+
+from typing import Literal
+
+import numpy as np
+
+from traverse.lab.artefacts.artefact import (
+    Artefact,
+    Equations,
+    Floats,
+    Touches,
+)
+
+# Nobody needs a seat that is known to a metre only.
+_PLACE_SCALE_MM = 1000.0
+
+
+class Cone(Artefact):
+    """A conical seat that centres the ball."""
+
+    kind: Literal["cone"]
+
+    @property
+    def rows_per_pose(self) -> int:
+        """Three coordinates."""
+        return 3
+
+    def unknown_scales(self, touches: Touches) -> Floats:
+        """The point."""
+        return np.full(3, _PLACE_SCALE_MM)
+
+    def start(self, centres_mm: Floats, touches: Touches) -> Floats:
+        """The median point, which a few blunders do not move far."""
+        point: Floats = np.median(centres_mm, axis=0)
+        return point
+
+    def equations(
+        self, state: Floats, centres_mm: Floats, touches: Touches
+    ) -> Equations:
+        """Set up w = x - c."""
+        shape = (len(centres_mm), 3, 3)
+        return Equations(
+            centres_mm - state,
+            np.broadcast_to(np.eye(3), shape),
+            np.broadcast_to(-np.eye(3), shape),
+        )

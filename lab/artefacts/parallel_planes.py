@@ -1,0 +1,118 @@
+"""Two parallel planes at a known distance: a gauge block or a gap (case d).
+
+State: the unit normal n from plane 1 to plane 2, the height d of their middle and
+the distance D at the reference temperature. With growth g and i = -1, +1 for the
+planes 1 and 2,
+
+    w = n . x - d - i (D (1 + g) / 2 + r) outside, - r inside
+"""
+
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from traverse.lab.artefacts.artefact import (
+    EXACT_MM,
+    REFERENCE_TEMPERATURE_C,
+    Artefact,
+    Certificate,
+    Equations,
+    Floats,
+    Length,
+    Touches,
+)
+from traverse.lab.artefacts.planes import (
+    ATTITUDE_SCALE_RAD,
+    HEIGHT_SCALE_MM,
+    start_normal,
+    tangent_basis,
+    turned_normal,
+)
+from traverse.lab.artefacts.spheres import offset_sign
+
+
+class ParallelPlanes(Artefact):
+    """A pair of parallel surfaces; state: normal, middle height, distance."""
+
+    kind: Literal["parallel_planes"]
+    distance_mm: float = Field(gt=0.0)
+    distance_std_mm: float | None = Field(default=None, gt=0.0)
+    side: Literal["outside", "inside"] = "outside"
+    expansion_per_c: float = 0.0
+    reference_temperature_c: float = REFERENCE_TEMPERATURE_C
+
+    @property
+    def features(self) -> tuple[str, ...]:
+        """The two surfaces."""
+        return ("1", "2")
+
+    def tells_length(self, touches: Touches) -> bool:
+        """Say whether both were touched: their distance is the length."""
+        return len(np.unique(touches.features)) == 2
+
+    @property
+    def expansion(self) -> tuple[float, float]:
+        """As in the file."""
+        return self.expansion_per_c, self.reference_temperature_c
+
+    def unknown_scales(self, touches: Touches) -> Floats:
+        """Attitude, height, distance."""
+        return np.array([ATTITUDE_SCALE_RAD] * 2 + [HEIGHT_SCALE_MM] * 2)
+
+    def start(self, centres_mm: Floats, touches: Touches) -> Floats:
+        """Fit two planes with one normal."""
+        normal = start_normal(centres_mm, touches.features.astype(np.float64))
+        signs = 2.0 * touches.features - 1.0
+        heights_mm = centres_mm @ normal
+        both = np.any(signs < 0.0) and np.any(signs > 0.0)
+        if both and np.median(heights_mm[signs > 0.0]) < np.median(
+            heights_mm[signs < 0.0]
+        ):
+            normal, heights_mm = -normal, -heights_mm
+        offset_mm = offset_sign(self.side) * touches.radius_mm
+        middles_mm = heights_mm - signs * (0.5 * self.distance_mm + offset_mm)
+        return np.array([*normal, float(np.median(middles_mm)), self.distance_mm])
+
+    def equations(
+        self, state: Floats, centres_mm: Floats, touches: Touches
+    ) -> Equations:
+        """Set up w = n . x - d - i (D (1 + g) / 2 +- r)."""
+        normal = state[:3]
+        signs = 2.0 * touches.features - 1.0
+        halves = 0.5 * (1.0 + touches.growths)
+        offset_mm = offset_sign(self.side) * touches.radius_mm
+        misclosures_mm = (
+            centres_mm @ normal - state[3] - signs * (halves * state[4] + offset_mm)
+        )
+        by_unknowns = np.column_stack(
+            [
+                centres_mm @ tangent_basis(normal).T,
+                -np.ones(len(centres_mm)),
+                -signs * halves,
+            ]
+        )
+        return Equations(
+            misclosures_mm[:, np.newaxis],
+            np.broadcast_to(normal, (len(centres_mm), 1, 3)),
+            by_unknowns[:, np.newaxis, :],
+        )
+
+    def certificate(self, state: Floats, touches: Touches) -> Certificate:
+        """The distance."""
+        return Certificate(
+            np.array([state[4] - self.distance_mm]),
+            np.array([[0.0, 0.0, 0.0, 1.0]]),
+            np.array([self.distance_std_mm or EXACT_MM]),
+        )
+
+    def lengths(self, state: Floats) -> tuple[Length, ...]:
+        """The distance."""
+        by_unknowns = np.array([0.0, 0.0, 0.0, 1.0])
+        return (Length("distance_mm", float(state[4]), by_unknowns, 0),)
+
+    def moved(self, state: Floats, step: Floats) -> Floats:
+        """Turn the normal, change height and distance."""
+        return np.concatenate(
+            [turned_normal(state[:3], step[:2]), state[3:] + step[2:]]
+        )

@@ -1,0 +1,195 @@
+"""Known points: in the arm's own system (case a) or in one of their own (case b).
+
+State: a unit quaternion q, a translation t, a scale s, then the coordinates A of
+every point. With growth g
+
+    w = x - t - s (1 + g) R(q) A        frame "own" (s held) and "own_scaled"
+    w = x - (1 + g) A                   frame "arm"
+    certificate: A as given, where points_std_mm says that they are not exact
+"""
+
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from traverse.kinematics.effect_table import Vector
+from traverse.kinematics.model.quaternion import multiply, rotate
+from traverse.lab.artefacts.artefact import (
+    REFERENCE_TEMPERATURE_C,
+    Artefact,
+    Certificate,
+    Equations,
+    Floats,
+    Touches,
+)
+
+_PLACE_SCALE_MM = 1000.0
+_POINT_SCALE_MM = 100.0
+_N_FRAME_UNKNOWNS = {"arm": 0, "own": 6, "own_scaled": 7}
+
+
+class Points(Artefact):
+    """A set of points whose coordinates are known in some system."""
+
+    kind: Literal["points"]
+    frame: Literal["arm", "own", "own_scaled"]
+    points_mm: dict[str, Vector] | str
+    points_std_mm: float | None = Field(default=None, gt=0.0)
+    expansion_per_c: float = 0.0
+    reference_temperature_c: float = REFERENCE_TEMPERATURE_C
+
+    @property
+    def features(self) -> tuple[str, ...]:
+        """The names of the points."""
+        return tuple(self.points_mm) if isinstance(self.points_mm, dict) else ()
+
+    @property
+    def rows_per_pose(self) -> int:
+        """Three coordinates."""
+        return 3
+
+    def tells_length(self, touches: Touches) -> bool:
+        """Say whether there are distances to known points and no scale of their own."""
+        n_points = len(np.unique(touches.features))
+        return self.frame == "arm" or (self.frame == "own" and n_points > 1)
+
+    @property
+    def fixes_datum(self) -> bool:
+        """Known in the arm's system: they are the datum."""
+        return self.frame == "arm"
+
+    @property
+    def expansion(self) -> tuple[float, float]:
+        """As in the file."""
+        return self.expansion_per_c, self.reference_temperature_c
+
+    def unknown_scales(self, touches: Touches) -> Floats:
+        """Rotation, translation, scale; coordinates where they are not exact."""
+        frame = np.array([1.0] * 3 + [_PLACE_SCALE_MM] * 3 + [1.0])
+        n_points = len(touches.feature_names) if self.points_std_mm else 0
+        return np.concatenate(
+            [
+                frame[: _N_FRAME_UNKNOWNS[self.frame]],
+                np.full(3 * n_points, _POINT_SCALE_MM),
+            ]
+        )
+
+    def start(self, centres_mm: Floats, touches: Touches) -> Floats:
+        """Fit a similarity by singular values; blunders are weighted down."""
+        known_mm = self._known_mm(touches)
+        frame = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+        if self.frame != "arm":
+            grown_mm = known_mm[touches.features]
+            weights = np.ones(len(centres_mm))
+            for _ in range(10):
+                rotation, shift_mm, scale = _similarity(
+                    grown_mm, centres_mm, weights, self.frame == "own_scaled"
+                )
+                away_mm = np.linalg.norm(
+                    centres_mm - shift_mm - scale * grown_mm @ rotation.T, axis=1
+                )
+                least_mm = max(3.0 * float(np.median(away_mm)), 1e-9)
+                weights = 1.0 / (1.0 + (away_mm / least_mm) ** 2)
+            frame = np.array([*_quaternion(rotation), *shift_mm, scale])
+        return np.concatenate([frame, known_mm.ravel()])
+
+    def equations(
+        self, state: Floats, centres_mm: Floats, touches: Touches
+    ) -> Equations:
+        """Set up w = x - t - s (1 + g) R(q) A."""
+        n_poses, n_frame = len(centres_mm), _N_FRAME_UNKNOWNS[self.frame]
+        coordinates_mm = state[8:].reshape(-1, 3)[touches.features]
+        factors = state[7] * (1.0 + touches.growths)
+        turned_mm = rotate(state[:4, np.newaxis], coordinates_mm.T)
+        placed_mm = (factors * turned_mm).T
+        by_unknowns = np.zeros((n_poses, 3, len(self.unknown_scales(touches))))
+        if n_frame:
+            # A small turn e before R moves the point by e x placed.
+            by_unknowns[:, :, :3] = np.cross(
+                placed_mm[:, np.newaxis], np.eye(3)
+            ).swapaxes(1, 2)
+            by_unknowns[:, :, 3:6] = -np.eye(3)
+        if n_frame > 6:
+            by_unknowns[:, :, 6] = -placed_mm / state[7]
+        if self.points_std_mm:
+            columns = rotate(state[:4, np.newaxis], np.eye(3))
+            rows = np.arange(n_poses)
+            for component in range(3):
+                by_unknowns[rows, :, n_frame + 3 * touches.features + component] = (
+                    -factors[:, np.newaxis] * columns[:, component]
+                )
+        return Equations(
+            centres_mm - state[4:7] - placed_mm,
+            np.broadcast_to(np.eye(3), (n_poses, 3, 3)),
+            by_unknowns,
+        )
+
+    def certificate(self, state: Floats, touches: Touches) -> Certificate:
+        """The coordinates, where they have an uncertainty."""
+        if self.points_std_mm is None:
+            return super().certificate(state, touches)
+        n_frame = _N_FRAME_UNKNOWNS[self.frame]
+        deviations_mm = state[8:] - self._known_mm(touches).ravel()
+        n_values = len(deviations_mm)
+        return Certificate(
+            deviations_mm,
+            np.hstack([np.zeros((n_values, n_frame)), np.eye(n_values)]),
+            np.full(n_values, self.points_std_mm),
+        )
+
+    def moved(self, state: Floats, step: Floats) -> Floats:
+        """Turn, shift, stretch, and move the points with an uncertainty."""
+        n_frame = _N_FRAME_UNKNOWNS[self.frame]
+        moved = state.copy()
+        if n_frame:
+            small = np.append(1.0, 0.5 * step[:3])
+            moved[:4] = multiply(small / np.linalg.norm(small), state[:4])
+            moved[4:7] += step[3:6]
+        if n_frame > 6:
+            moved[7] += step[6]
+        moved[8 : 8 + len(step) - n_frame] += step[n_frame:]
+        return moved
+
+    def _known_mm(self, touches: Touches) -> Floats:
+        if not isinstance(self.points_mm, dict):
+            raise TypeError(f"points of {self.id!r} are still in {self.points_mm!r}")
+        return np.array([self.points_mm[name] for name in touches.feature_names])
+
+
+def _similarity(
+    known_mm: Floats, centres_mm: Floats, weights: Floats, scaled: bool
+) -> tuple[Floats, Floats, float]:
+    """Find R, t, s that take known points (n, 3) to centres (n, 3) best."""
+    mean_known = np.average(known_mm, axis=0, weights=weights)
+    mean_centres = np.average(centres_mm, axis=0, weights=weights)
+    known, centres = known_mm - mean_known, centres_mm - mean_centres
+    left, sizes, right = np.linalg.svd((weights[:, np.newaxis] * centres).T @ known)
+    proper = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
+    rotation: Floats = (left * proper) @ right
+    size = float(np.sum(weights * np.einsum("ij,ij->i", known, known)))
+    scale = float(sizes @ proper) / size if scaled and size > 0.0 else 1.0
+    return rotation, mean_centres - scale * rotation @ mean_known, scale
+
+
+def _quaternion(rotation: Floats) -> Floats:
+    """Turn a rotation matrix into a unit quaternion, by its largest component."""
+    m = rotation
+    squares = np.array(
+        [
+            1.0 + m[0, 0] + m[1, 1] + m[2, 2],
+            1.0 + m[0, 0] - m[1, 1] - m[2, 2],
+            1.0 - m[0, 0] + m[1, 1] - m[2, 2],
+            1.0 - m[0, 0] - m[1, 1] + m[2, 2],
+        ]
+    )
+    products = np.array(
+        [
+            [squares[0], m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]],
+            [m[2, 1] - m[1, 2], squares[1], m[1, 0] + m[0, 1], m[0, 2] + m[2, 0]],
+            [m[0, 2] - m[2, 0], m[1, 0] + m[0, 1], squares[2], m[2, 1] + m[1, 2]],
+            [m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[2, 1] + m[1, 2], squares[3]],
+        ]
+    )
+    row: Floats = products[np.argmax(squares)]
+    return row / np.linalg.norm(row)

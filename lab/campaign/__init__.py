@@ -1,0 +1,1 @@
+"""Campaigns: what was measured for identification, as arrays."""

@@ -1,0 +1,216 @@
+"""A campaign: what was measured for identification or diagnosis, as arrays."""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.lab.artefacts.artefact import Artefact, Touches
+from traverse.lab.artefacts.points import Points
+from traverse.lab.campaign.campaign_file import CampaignFile, read_campaign_file
+from traverse.lab.campaign.pose_table import PoseTable, read_pose_table
+from traverse.lab.campaign.stream_table import SUFFIX, read_stream_table
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_CHUNK_BYTES = 1 << 20
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Poses:
+    """Probed poses, one a row; NaN where a file had an empty cell.
+
+    Attributes:
+        lines: Line of the file that each came from, or number of the sample in a
+            stream, counting from 1, (n_poses,).
+        time_s: Since the campaign's start, (n_poses,).
+        artefacts: Index of the touched artefact, (n_poses,).
+        features: Index into `Campaign.feature_names` of the artefact, (n_poses,).
+        angles_rad: Readings, (n_poses, n_joints).
+        temperature_c: (n_poses,).
+        joint_temperatures_c: (n_poses, n_joints).
+        approaches: Sense of the last motion, -1, 0, +1, (n_poses, n_joints).
+        speeds_rad_s: (n_poses, n_joints).
+        directions: Unit vectors from the ball towards the material, (n_poses, 3).
+        force_n: (n_poses,).
+    """
+
+    lines: Integers
+    time_s: Floats
+    artefacts: Integers
+    features: Integers
+    angles_rad: Floats
+    temperature_c: Floats | None = None
+    joint_temperatures_c: Floats | None = None
+    approaches: Floats | None = None
+    speeds_rad_s: Floats | None = None
+    directions: Floats | None = None
+    force_n: Floats | None = None
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    def part(self, rows: NDArray[np.bool_] | Integers | slice) -> "Poses":
+        """Take some of the poses."""
+        taken: dict[str, Any] = {}
+        for field in fields(self):
+            column = getattr(self, field.name)
+            taken[field.name] = None if column is None else column[rows]
+        return Poses(**taken)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Campaign:
+    """What was measured, with the artefacts' certificates.
+
+    Attributes:
+        artefacts: As in the file, in its order.
+        feature_names: The features of every artefact, in the order of the indices.
+        joint_names: Of the arm, from the base outwards.
+        poses: What was touched.
+        start_utc: From where time_s counts.
+        gravity_m_s2: Override of the arm's, or None.
+        encoder_rad: A-priori standard deviation of a reading, or None.
+        contact_mm: A-priori standard deviation of a contact, or None.
+        digest: SHA-256 over the files, hexadecimal; empty if there were none.
+        is_stream: Poses are the samples of a recording: their errors are correlated.
+        notes: What is not as it should be, but no reason to refuse.
+    """
+
+    artefacts: tuple[Artefact, ...]
+    feature_names: tuple[tuple[str, ...], ...]
+    joint_names: tuple[str, ...]
+    poses: Poses
+    start_utc: datetime | None = None
+    gravity_m_s2: tuple[float, float, float] | None = None
+    encoder_rad: float | None = None
+    contact_mm: float | None = None
+    digest: str = ""
+    is_stream: bool = False
+    notes: tuple[str, ...] = ()
+
+    def part(self, rows: NDArray[np.bool_] | Integers | slice) -> "Campaign":
+        """Take some of the poses; all artefacts stay."""
+        return replace(self, poses=self.poses.part(rows))
+
+    def touches(self, index: int, rows: Integers, radius_mm: float) -> Touches:
+        """Say how an artefact was touched in some poses.
+
+        Args:
+            index: Of the artefact.
+            rows: Indices of poses.
+            radius_mm: Of the probe's ball.
+        """
+        per_c, reference_c = self.artefacts[index].expansion
+        growths = np.zeros(len(rows))
+        if self.poses.temperature_c is not None and per_c != 0.0:
+            warmer_c = self.poses.temperature_c[rows] - reference_c
+            growths = per_c * np.nan_to_num(warmer_c, nan=0.0)
+        directions = np.full((len(rows), 3), np.nan)
+        if self.poses.directions is not None:
+            directions = self.poses.directions[rows]
+        return Touches(
+            self.poses.features[rows],
+            growths,
+            directions,
+            radius_mm,
+            self.feature_names[index],
+        )
+
+
+def read_campaign(folder: str | Path, joint_names: Sequence[str]) -> Campaign:
+    """Read a campaign's folder.
+
+    Args:
+        folder: With `campaign.toml` in it.
+        joint_names: Of the arm, from the base outwards.
+
+    Raises:
+        FileError: With everything that is wrong with a file.
+    """
+    path = Path(folder) / "campaign.toml"
+    file = read_campaign_file(path)
+    poses = path.parent / file.poses
+    features = {artefact.id: artefact.features for artefact in file.artefacts}
+    if poses.suffix == SUFFIX:
+        table = read_stream_table(poses, joint_names, features, file.start_utc)
+    else:
+        table = read_pose_table(poses, joint_names, features)
+    return _campaign(path, file, table, tuple(joint_names))
+
+
+def _campaign(
+    path: Path, file: CampaignFile, table: PoseTable, joint_names: tuple[str, ...]
+) -> Campaign:
+    features = table.features.copy()
+    artefacts: list[Artefact] = []
+    names: list[tuple[str, ...]] = []
+    for index, artefact in enumerate(file.artefacts):
+        listed = artefact.features or table.free_features
+        if isinstance(artefact, Points) and isinstance(artefact.points_mm, dict):
+            # Points that nobody touched would be unknowns for nothing.
+            mine = table.artefacts == index
+            kept, features[mine] = np.unique(features[mine], return_inverse=True)
+            listed = tuple(listed[at] for at in kept)
+            kept_points = {name: artefact.points_mm[name] for name in listed}
+            artefact = artefact.model_copy(update={"points_mm": kept_points})  # noqa: PLW2901 the artefact without its untouched points
+        artefacts.append(artefact)
+        names.append(listed)
+    directions = _columns(table, [f"direction_{axis}" for axis in "xyz"])
+    if directions is not None:
+        directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    poses = Poses(
+        lines=table.lines,
+        time_s=table.time_s,
+        artefacts=table.artefacts,
+        features=features,
+        angles_rad=table.angles_rad,
+        temperature_c=table.optional.get("temperature_c"),
+        joint_temperatures_c=_columns(table, _each(joint_names, "temperature_c")),
+        approaches=_columns(table, _each(joint_names, "approach")),
+        speeds_rad_s=_columns(table, _each(joint_names, "speed_rad_s")),
+        directions=directions,
+        force_n=table.optional.get("force_n"),
+    )
+    return Campaign(
+        artefacts=tuple(artefacts),
+        feature_names=tuple(names),
+        joint_names=joint_names,
+        poses=poses,
+        start_utc=file.start_utc or table.start_utc,
+        gravity_m_s2=file.gravity_m_s2,
+        encoder_rad=file.noise.encoder_rad,
+        contact_mm=file.noise.contact_mm,
+        digest=_digest(path, file),
+        is_stream=Path(file.poses).suffix == SUFFIX,
+        notes=table.notes,
+    )
+
+
+def _each(joint_names: Sequence[str], quantity: str) -> list[str]:
+    return [f"{name}_{quantity}" for name in joint_names]
+
+
+def _columns(table: PoseTable, names: Sequence[str]) -> Floats | None:
+    """Put optional columns side by side; None where none of them is there."""
+    if not any(name in table.optional for name in names):
+        return None
+    empty = np.full(len(table.time_s), np.nan)
+    return np.column_stack([table.optional.get(name, empty) for name in names])
+
+
+def _digest(path: Path, file: CampaignFile) -> str:
+    """Hash the file, the poses, and then every list of points."""
+    digest = hashlib.sha256(path.read_bytes())
+    with (path.parent / file.poses).open("rb") as poses:
+        while chunk := poses.read(_CHUNK_BYTES):
+            digest.update(chunk)
+    for artefact in file.artefacts:
+        digest.update(artefact.model_dump_json().encode())
+    return digest.hexdigest()

@@ -1,0 +1,140 @@
+"""The strict reading of `campaign.toml` and of the point lists that it names."""
+
+import csv
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import (
+    AwareDatetime,
+    Field,
+    PlainValidator,
+)
+
+from traverse.kinematics.arm_file.arm import (
+    FileError,
+    Problem,
+    StrictModel,
+    read_strict,
+)
+from traverse.kinematics.effect_table import Vector
+from traverse.lab.artefacts import (
+    Artefact,
+    ArtefactTable,
+    artefact_from_table,
+)
+from traverse.lab.artefacts.points import Points
+from traverse.strict_toml.problems import shown
+from traverse.strict_toml.raw_values import tables_in
+
+_POINT_COLUMNS = ["feature", "x_mm", "y_mm", "z_mm"]
+
+
+class KeysByKind:
+    """Stands beside a list of artefacts: where errors look up the keys of a kind."""
+
+    model_fields: ClassVar[Mapping[str, object]] = {}
+
+    @staticmethod
+    def variant(table: object) -> type[StrictModel]:
+        """Say the class of a table by its kind."""
+        return ArtefactTable.variant(table)
+
+
+class Noise(StrictModel):
+    """A-priori standard deviations; what is absent is estimated."""
+
+    encoder_rad: float | None = Field(default=None, gt=0.0)
+    contact_mm: float | None = Field(default=None, gt=0.0)
+
+
+class CampaignFile(StrictModel):
+    """`campaign.toml` as written."""
+
+    schema_: Literal["traverse/campaign/1"] = Field(alias="schema")
+    poses: str
+    start_utc: AwareDatetime | None = None
+    gravity_m_s2: Vector | None = None
+    noise: Noise = Noise()
+    tables: tuple[
+        Annotated[Any, PlainValidator(artefact_from_table), KeysByKind()], ...
+    ] = Field(alias="artefacts", min_length=1)
+
+    @property
+    def artefacts(self) -> tuple[Artefact, ...]:
+        """The tables, each of the class of its kind."""
+        return self.tables
+
+
+def read_campaign_file(path: Path) -> CampaignFile:
+    """Read `campaign.toml`; point lists in other files are read in.
+
+    Raises:
+        FileError: With everything that is wrong with the first file that is.
+    """
+    file = read_strict(path, CampaignFile, _identity_problems)
+    artefacts = tuple(
+        artefact.model_copy(
+            update={"points_mm": read_points(path.parent / artefact.points_mm)}
+        )
+        if isinstance(artefact, Points) and isinstance(artefact.points_mm, str)
+        else artefact
+        for artefact in file.artefacts
+    )
+    return file.model_copy(update={"tables": artefacts})
+
+
+def read_points(path: Path) -> dict[str, tuple[float, float, float]]:
+    """Read a list of points with the columns feature, x_mm, y_mm, z_mm.
+
+    Raises:
+        FileError: With every line that is wrong.
+    """
+    points: dict[str, tuple[float, float, float]] = {}
+    problems: list[Problem] = []
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        message = f"cannot be read: {error}; check points_mm"
+        raise FileError(str(path), [Problem("", message)]) from error
+    reader = csv.reader(text.splitlines())
+    header = next(reader, [])
+    if header != _POINT_COLUMNS:
+        message = f"columns are {shown(header)}, expected {','.join(_POINT_COLUMNS)}"
+        raise FileError(str(path), [Problem("line 1", message)])
+    for cells in reader:
+        where = f"line {reader.line_num}"
+        try:
+            name, *numbers = cells
+            x_mm, y_mm, z_mm = (float(number) for number in numbers)
+        except ValueError:
+            problems.append(
+                Problem(where, f"{shown(cells)} is not a name and three numbers")
+            )
+            continue
+        if not all(abs(value) < float("inf") for value in (x_mm, y_mm, z_mm)):
+            problems.append(Problem(where, f"{shown(cells)} is not finite"))
+        if name in points:
+            problems.append(Problem(where, f"{shown(name)} was given before"))
+        points[name] = (x_mm, y_mm, z_mm)
+    if not points and not problems:
+        problems.append(Problem("", "holds no points; give at least one"))
+    if problems:
+        raise FileError(str(path), problems)
+    return points
+
+
+def _identity_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
+    first_with_id: dict[str, int] = {}
+    for index, table in enumerate(tables_in(raw.get("artefacts"))):
+        name = table.get("id")
+        if isinstance(name, str) and name in first_with_id:
+            yield Problem(
+                f"artefacts[{index}].id",
+                f"{shown(name)} is also the id of artefacts[{first_with_id[name]}]; "
+                "ids must differ",
+            )
+        if isinstance(name, str):
+            first_with_id.setdefault(name, index)
+        if table.get("kind") == "points" and table.get("points_mm") == {}:
+            yield Problem(f"artefacts[{index}].points_mm", "holds no points; add some")

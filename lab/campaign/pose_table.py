@@ -1,0 +1,198 @@
+"""Reading a table of poses: by blocks of columns, fast where nothing is wrong.
+
+A block that does not convert whole is gone through cell by cell, only to say what
+is wrong in which line. Nothing is half-read: any problem refuses the file.
+"""
+
+import csv
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.arm_file.arm import FileError, Problem
+from traverse.lab.campaign.pose_columns import PoseColumns, columns_from_header
+from traverse.lab.campaign.pose_problems import row_problems
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_BLOCK_ROWS = 20_000
+# More problems than anybody reads; the rest is counted.
+_MOST_PROBLEMS = 100
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseTable:
+    """The columns of a file.
+
+    Attributes:
+        artefacts: Index into the campaign's artefacts, (n_poses,).
+        features: Index into the artefact's features; for artefacts without a list
+            of features an index into `free_features`, (n_poses,).
+        free_features: Names met at artefacts without a list of features.
+        time_s: (n_poses,).
+        angles_rad: (n_poses, n_joints).
+        optional: Numbers by name of optional column, NaN where empty, (n_poses,).
+        lines: Of the file, or numbers of the samples of a stream, from 1, (n_poses,).
+        start_utc: From where time_s counts, where the table itself tells it.
+        notes: What is not as it should be, but no reason to refuse.
+    """
+
+    artefacts: Integers
+    features: Integers
+    free_features: tuple[str, ...]
+    time_s: Floats
+    angles_rad: Floats
+    optional: Mapping[str, Floats]
+    lines: Integers
+    start_utc: datetime | None = None
+    notes: tuple[str, ...] = ()
+
+
+def read_pose_table(
+    path: Path,
+    joint_names: Sequence[str],
+    features: Mapping[str, tuple[str, ...]],
+) -> PoseTable:
+    """Read a table of poses.
+
+    Args:
+        path: The CSV file.
+        joint_names: Of the arm, in order.
+        features: The features that each artefact has, by its id; none: any.
+
+    Raises:
+        FileError: With the lines that cannot be used.
+    """
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            return _read_rows(path, csv.reader(file), joint_names, features)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        message = f"cannot be read: {reason}; check `poses`"
+        raise FileError(str(path), [Problem("", message)]) from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        message = f"is not CSV in UTF-8: {error}"
+        raise FileError(str(path), [Problem("", message)]) from error
+
+
+def _read_rows(
+    path: Path,
+    reader: Iterable[list[str]],
+    joint_names: Sequence[str],
+    features: Mapping[str, tuple[str, ...]],
+) -> PoseTable:
+    rows = iter(reader)
+    header = next(rows, [])
+    columns = columns_from_header([name.strip() for name in header], joint_names)
+    if isinstance(columns, list):
+        raise FileError(str(path), columns)
+    words = _Words(features)
+    blocks: list[tuple[Integers, Integers, Floats]] = []
+    problems: list[Problem] = []
+    n_problems, line = 0, 2
+    while block := list(islice(rows, _BLOCK_ROWS)):
+        numbers = _numbers(block, columns)
+        names = None if numbers is None else words.indices(block, columns)
+        if numbers is None or names is None:
+            found = list(row_problems(block, line, columns, features))
+            n_problems += len(found)
+            problems += found[: _MOST_PROBLEMS - len(problems)]
+        else:
+            blocks.append((*names, numbers))
+        line += len(block)
+    if n_problems > len(problems):
+        more = n_problems - len(problems)
+        problems.append(Problem("", f"and {more} more problems like these"))
+    if not blocks and not problems:
+        problems.append(Problem("", "holds no poses; measure some"))
+    if problems:
+        raise FileError(str(path), problems)
+    numbers = np.concatenate([block[2] for block in blocks])
+    return PoseTable(
+        artefacts=np.concatenate([block[0] for block in blocks]),
+        features=np.concatenate([block[1] for block in blocks]),
+        free_features=words.free_features,
+        time_s=numbers[:, columns.time],
+        angles_rad=np.ascontiguousarray(numbers[:, columns.angles]),
+        optional={name: numbers[:, at].copy() for name, at in columns.optional.items()},
+        lines=np.arange(2, len(numbers) + 2),
+    )
+
+
+class _Words:
+    """Turns names of artefacts and features into indices."""
+
+    def __init__(self, features: Mapping[str, tuple[str, ...]]) -> None:
+        self._artefacts = {name: index for index, name in enumerate(features)}
+        self._known = {
+            (name, feature): index
+            for name, listed in features.items()
+            for index, feature in enumerate(listed)
+        }
+        self._unlisted = {name for name, listed in features.items() if not listed}
+        self._free: dict[str, int] = {}
+
+    @property
+    def free_features(self) -> tuple[str, ...]:
+        return tuple(self._free)
+
+    def indices(
+        self, block: list[list[str]], columns: PoseColumns
+    ) -> tuple[Integers, Integers] | None:
+        names = [row[columns.artefact] for row in block]
+        pairs = list(zip(names, [row[columns.feature] for row in block], strict=True))
+        for pair in set(pairs) - self._known.keys():
+            if pair[0] not in self._unlisted:
+                return None
+            self._known[pair] = self._free.setdefault(pair[1], len(self._free))
+        return (
+            np.array([self._artefacts[name] for name in names], dtype=np.int64),
+            np.array([self._known[pair] for pair in pairs], dtype=np.int64),
+        )
+
+
+def _numbers(block: list[list[str]], columns: PoseColumns) -> Floats | None:
+    """Convert a block, (n_rows, n_columns), or nothing where a cell is wrong."""
+    n_columns = len(columns.names)
+    if any(len(row) != n_columns for row in block):
+        return None
+    numbers = np.full((len(block), n_columns), np.nan)
+    by_column = list(zip(*block, strict=True))
+    optional = set(columns.optional.values())
+    for index in (*columns.numeric, *optional):
+        cells = by_column[index]
+        if any("_" in cell for cell in cells):
+            return None
+        if index in optional:
+            cells = tuple(cell or "nan" for cell in cells)
+        try:
+            numbers[:, index] = np.array(cells, dtype=np.float64)
+        except ValueError:
+            return None
+        empty = sum(not cell for cell in by_column[index])
+        if np.count_nonzero(~np.isfinite(numbers[:, index])) != empty:
+            return None
+    return numbers if _rules_hold(numbers, columns) else None
+
+
+def _rules_hold(numbers: Floats, columns: PoseColumns) -> bool:
+    """Check approaches and directions of a whole block."""
+    for name, index in columns.optional.items():
+        if name.endswith("_approach"):
+            cells = numbers[:, index]
+            if not np.all(np.isnan(cells) | np.isin(cells, (-1.0, 0.0, 1.0))):
+                return False
+    if "direction_x" in columns.optional:
+        at = [columns.optional[f"direction_{axis}"] for axis in "xyz"]
+        lengths = np.linalg.norm(numbers[:, at], axis=1)
+        n_empty = np.count_nonzero(np.isnan(numbers[:, at]), axis=1)
+        unit = np.abs(np.nan_to_num(lengths) - 1.0) < 1e-3
+        if not np.all((n_empty == 3) | ((n_empty == 0) & unit)):
+            return False
+    return True

@@ -1,0 +1,193 @@
+"""Poses out of a recorded stream: every sample in which something is touched is one.
+
+Counts become readings by the encoders of the arm file in the recording: the first
+sample takes the turn nearest zero_rad, then counts are unwrapped. Speeds and senses
+of motion come from the readings around each sample; a sample at the end of a stretch,
+which has none, is no pose.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.arm_file.arm import Arm, FileError, Problem, parse_arm
+from traverse.kinematics.model.readings import (
+    Unwrapper,
+    counts_to_angles,
+    encoders_from_arm,
+)
+from traverse.lab.campaign.pose_table import PoseTable
+from traverse.lab.campaign.stream_motion import senses_of, speeds_of, stretches_of
+from traverse.recording.reader import read_recording
+from traverse.recording.values import Recording
+from traverse.strict_toml.problems import unknown_name_message
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+SUFFIX = ".mcap"
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_LONG_GAP_S = 0.5
+
+
+def read_stream_table(
+    path: Path,
+    joint_names: Sequence[str],
+    features: Mapping[str, tuple[str, ...]],
+    start_utc: datetime | None,
+) -> PoseTable:
+    """Read the poses of a recording.
+
+    Args:
+        path: The MCAP file.
+        joint_names: Of the arm, in order.
+        features: The features that each artefact has, by its id; none: any.
+        start_utc: From where time_s counts; None: from the first sample.
+
+    Raises:
+        FileError: Everything in the recording that does not fit.
+    """
+    recording = read_recording(path)
+    problems = list(_problems(recording, joint_names, features))
+    if problems:
+        raise FileError(str(path), problems)
+    samples = recording.samples
+    arm = parse_arm(recording.arm_text)
+    encoders = encoders_from_arm(arm)
+    angles_rad = counts_to_angles(encoders, Unwrapper(encoders).unwrap(samples.counts))
+    first_utc = _EPOCH + timedelta(microseconds=int(samples.utc_ns[0]) // 1000)
+    start_utc = start_utc or first_utc
+    since_s = 1e-9 * (samples.sample_time_ns - samples.sample_time_ns[0])
+    stretches = stretches_of(since_s)
+    speeds_rad_s = speeds_of(since_s, angles_rad, stretches)
+    senses = senses_of(since_s, angles_rad, speeds_rad_s)
+    artefacts, feature_indices, free = _touched(recording, features)
+    poses = np.flatnonzero((artefacts >= 0) & np.isfinite(speeds_rad_s[:, 0]))
+    if len(poses) == 0:
+        message = "nothing is touched in any sample; see the channel `touching`"
+        raise FileError(str(path), [Problem("", message)])
+    optional = _conditions(recording)
+    for joint, name in enumerate(joint_names):
+        optional[f"{name}_speed_rad_s"] = speeds_rad_s[:, joint]
+        optional[f"{name}_approach"] = senses[:, joint]
+    return PoseTable(
+        artefacts=artefacts[poses],
+        features=feature_indices[poses],
+        free_features=free,
+        time_s=since_s[poses] + (first_utc - start_utc).total_seconds(),
+        angles_rad=np.ascontiguousarray(angles_rad[poses]),
+        optional={name: values[poses] for name, values in optional.items()},
+        lines=poses + 1,
+        start_utc=start_utc,
+        notes=tuple(_notes(recording, since_s)),
+    )
+
+
+def _problems(
+    recording: Recording,
+    joint_names: Sequence[str],
+    features: Mapping[str, tuple[str, ...]],
+) -> Iterator[Problem]:
+    expected = tuple(joint_names)
+    if recording.joints != expected:
+        yield Problem("", _other_joints(recording.joints, expected))
+    try:
+        arm = parse_arm(recording.arm_text)
+    except FileError as error:
+        for problem in error.problems:
+            yield Problem(f"arm.toml {problem.where}".strip(), problem.message)
+    else:
+        yield from _arm_problems(recording, arm)
+    if all(touching.artefact is None for touching in recording.touching):
+        yield Problem("touching", "names no artefact; say what is touched, and when")
+    for name in dict.fromkeys(t.artefact for t in recording.touching):
+        if name is not None and name not in features:
+            yield Problem("touching", unknown_name_message("artefact", name, features))
+    pairs = dict.fromkeys((t.artefact, t.feature) for t in recording.touching)
+    for artefact, feature in pairs:
+        known = features.get(artefact or "", ())
+        if known and feature not in known:
+            message = unknown_name_message("feature", feature, known)
+            yield Problem("touching", f"{message} ({artefact})")
+
+
+def _arm_problems(recording: Recording, arm: Arm) -> Iterator[Problem]:
+    names = tuple(joint.name for joint in arm.joints)
+    if names != recording.joints:
+        yield Problem("arm.toml", _other_joints(names, recording.joints))
+        return
+    try:
+        per_turn = encoders_from_arm(arm).counts_per_turn
+    except ValueError as error:
+        yield Problem("arm.toml", str(error))
+        return
+    largest = recording.samples.counts.max(axis=0).astype(np.int64)
+    for name, most, of_turn in zip(
+        names, largest.tolist(), per_turn.tolist(), strict=True
+    ):
+        if most >= of_turn:
+            message = f"{name} has counts up to {most}, expected less than {of_turn}"
+            yield Problem("samples", f"{message}, its counts_per_turn")
+
+
+def _other_joints(found: Sequence[str], expected: Sequence[str]) -> str:
+    return f"has the joints {', '.join(found)}; expected {', '.join(expected)}"
+
+
+def _touched(
+    recording: Recording, features: Mapping[str, tuple[str, ...]]
+) -> tuple[Integers, Integers, tuple[str, ...]]:
+    """Say what each sample touches: artefact (-1: none) and feature, (n,) each."""
+    times_ns = recording.samples.sample_time_ns
+    numbers = {name: number for number, name in enumerate(features)}
+    free: dict[str, int] = {}
+    artefacts = np.full(len(times_ns), -1, dtype=np.int64)
+    indices = np.zeros(len(times_ns), dtype=np.int64)
+    starts_ns = [touching.sample_time_ns for touching in recording.touching]
+    ends = [*np.searchsorted(times_ns, starts_ns[1:]).tolist(), len(times_ns)]
+    starts = np.searchsorted(times_ns, starts_ns).tolist()
+    for touching, first, end in zip(recording.touching, starts, ends, strict=True):
+        if touching.artefact is None:
+            artefacts[first:end] = -1
+            continue
+        artefacts[first:end] = numbers[touching.artefact]
+        known = features[touching.artefact]
+        if known:
+            indices[first:end] = known.index(touching.feature)
+        else:
+            indices[first:end] = free.setdefault(touching.feature, len(free))
+    return artefacts, indices, tuple(free)
+
+
+def _conditions(recording: Recording) -> dict[str, Floats]:
+    """Interpolate what was measured now and then, by column, (n,) each."""
+    times_ns = recording.samples.sample_time_ns
+    found: dict[str, Floats] = {}
+    for name in ("temperature_c", "force_n"):
+        known = [
+            (float(one.sample_time_ns - times_ns[0]), value)
+            for one in recording.conditions
+            if (value := getattr(one, name)) is not None
+        ]
+        if known:
+            at_ns, values = np.array(known).T
+            found[name] = np.interp(times_ns - times_ns[0], at_ns, values)
+    return found
+
+
+def _notes(recording: Recording, since_s: Floats) -> Iterator[str]:
+    """Yield what is not as it should be, but no reason to refuse."""
+    if recording.tear is not None:
+        n = len(recording.samples)
+        yield f"{recording.tear}; the {n} samples before that are used"
+    gaps_s = np.diff(since_s)
+    n_long = int(np.count_nonzero(gaps_s > _LONG_GAP_S))
+    if n_long:
+        yield (
+            f"{n_long} gaps of more than {_LONG_GAP_S} s, the longest "
+            f"{float(gaps_s.max()):.3g} s: a joint that turned by half a turn "
+            "meanwhile is taken to be a turn off"
+        )

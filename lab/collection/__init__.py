@@ -1,0 +1,1 @@
+"""Collecting a campaign: plan, targets, what has been touched."""

@@ -1,0 +1,241 @@
+"""A campaign while it is collected: what is touched, and the files that say so.
+
+`collected.jsonl` beside the campaign is written first, a line a point or retraction,
+and is on the disk before a point counts; `poses.csv` is made anew from it each time.
+So a collection goes on where it was, whatever ended it.
+"""
+
+import csv
+import io
+import json
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from traverse.kinematics.arm_file.arm import FileError, Problem
+from traverse.lab.campaign.campaign_file import CampaignFile
+from traverse.lab.collection.plan import PlanFile
+from traverse.lab.collection.targets import Target
+from traverse.protocol.messages import Point
+from traverse.strict_toml.writing import write_atomically
+
+JOURNAL = "collected.jsonl"
+
+
+@dataclass(frozen=True, slots=True)
+class CollectedTouch:
+    """One collected point; lists have an entry a joint.
+
+    Attributes:
+        time_ns: UTC.
+        approach: -1, 0, +1; None where the motion is not known.
+        speed_rad_s: None likewise.
+        direction: towards the material; None where it is not known.
+        xyz_mm: as the daemon computed it, for the running figures.
+    """
+
+    id: str
+    session: str
+    seq: int
+    time_ns: int
+    artefact: str
+    feature: str
+    angles_rad: list[float]
+    temperature_c: float | None
+    approach: list[int] | None
+    speed_rad_s: list[float] | None
+    direction: list[float] | None
+    xyz_mm: list[float]
+
+
+@dataclass(slots=True)
+class Collection:
+    """What has been collected of a campaign.
+
+    Args:
+        file: the campaign.
+        folder: where it is.
+        joint_names: of the arm, from the base outwards.
+        targets: what is wanted, in order; a feature may come again, counted up.
+        plan: that they are of, or None.
+
+    Attributes:
+        touches: by id, in the order of time.
+    """
+
+    file: CampaignFile
+    folder: Path
+    joint_names: Sequence[str]
+    targets: tuple[Target, ...]
+    plan: PlanFile | None = None
+    touches: dict[str, CollectedTouch] = field(default_factory=dict)
+    _retracted: set[str] = field(default_factory=set)
+
+    def resume(self) -> None:
+        """Take up what was collected before.
+
+        Raises:
+            FileError: the files are not of this collection; nothing is changed.
+        """
+        journal, table = self.folder / JOURNAL, self.folder / self.file.poses
+        if not journal.exists():
+            if table.exists():
+                told = (
+                    f"is there, and was not written by `traverse collect` ({JOURNAL} "
+                    "is missing); move it away, or name another file in the campaign"
+                )
+                raise FileError(str(table), [Problem("", told)])
+            return
+        problems = []
+        lines = journal.read_bytes().split(b"\n")
+        if lines[-1]:
+            # Torn by a loss of power: it was never acknowledged.
+            with journal.open("r+b") as file:
+                file.truncate(sum(len(line) + 1 for line in lines[:-1]))
+        for number, line in enumerate(lines[:-1], 1):
+            try:
+                self._apply(json.loads(line))
+            except (ValueError, TypeError, KeyError) as error:
+                problems.append(
+                    Problem(f"line {number}", f"is no collected point: {error}")
+                )
+        if problems:
+            raise FileError(str(journal), problems)
+        self._write_table()
+
+    def take(self, touch: CollectedTouch) -> bool:
+        """Keep a point, on the disk too; False where it is known already."""
+        if touch.id in self.touches or touch.id in self._retracted:
+            return False
+        self._keep(asdict(touch))
+        return True
+
+    def take_all(self, touches: Iterable[CollectedTouch]) -> None:
+        """Keep many points that were captured before."""
+        entries = [asdict(touch) for touch in touches if touch.id not in self.touches]
+        self._keep(*entries)
+
+    def retract(self, point_id: str) -> bool:
+        """Take a point back; False where it is not of this collection."""
+        if point_id not in self.touches:
+            return False
+        self._keep({"retracts": point_id})
+        return True
+
+    def count(self, target: Target) -> int:
+        """How often a target has been touched."""
+        return len(self.of(target.artefact, target.feature))
+
+    def of(self, artefact: str, feature: str | None = None) -> list[CollectedTouch]:
+        """The touches of an artefact, or of one of its features."""
+        return [
+            touch
+            for touch in self.touches.values()
+            if touch.artefact == artefact and feature in (None, touch.feature)
+        ]
+
+    def unfinished(self) -> list[Target]:
+        """What is not yet touched as often as wanted, in order."""
+        return [t for t in self.targets if self.count(t) < t.wanted]
+
+    def target(self, artefact: str, feature: str) -> Target | None:
+        """The target of that name."""
+        wanted = (artefact, feature)
+        return next(
+            (t for t in self.targets if (t.artefact, t.feature) == wanted), None
+        )
+
+    def _keep(self, *entries: Mapping[str, Any]) -> None:
+        lines = [json.dumps(entry, allow_nan=False) + "\n" for entry in entries]
+        with (self.folder / JOURNAL).open("a", encoding="utf-8") as file:
+            file.write("".join(lines))
+            file.flush()
+            os.fsync(file.fileno())
+        for entry in entries:
+            self._apply(entry)
+        self._write_table()
+
+    def _apply(self, entry: Mapping[str, Any]) -> None:
+        if "retracts" in entry:
+            self.touches.pop(entry["retracts"])
+            self._retracted.add(entry["retracts"])
+            return
+        touch = CollectedTouch(**entry)
+        if len(touch.angles_rad) != len(self.joint_names):
+            raise ValueError(
+                f"{len(touch.angles_rad)} angles, but the arm has "
+                f"{len(self.joint_names)} joints"
+            )
+        if self.target(touch.artefact, touch.feature) is None:
+            name = f"{touch.artefact} {touch.feature}".strip()
+            raise ValueError(f"{name!r} is not in the campaign")
+        self.touches[touch.id] = touch
+
+    def _write_table(self) -> None:
+        text = io.StringIO()
+        names = self.joint_names
+        table = csv.writer(text, lineterminator="\n")
+        table.writerow(
+            [
+                *("time_s", "artefact", "feature"),
+                *(f"{name}_rad" for name in names),
+                "temperature_c",
+                *(f"{name}_approach" for name in names),
+                *(f"{name}_speed_rad_s" for name in names),
+                *(f"direction_{c}" for c in "xyz"),
+            ]
+        )
+        touches = sorted(self.touches.values(), key=lambda touch: touch.time_ns)
+        start = self.file.start_utc
+        begin_ns = touches[0].time_ns if touches else 0
+        if start is not None:
+            begin_ns = round(start.timestamp() * 1e6) * 1000
+        nothing: list[float | None] = [None] * len(names)
+        for touch in touches:
+            table.writerow(
+                [
+                    f"{(touch.time_ns - begin_ns) * 1e-9:.6f}",
+                    touch.artefact,
+                    touch.feature,
+                    *map(repr, touch.angles_rad),
+                    touch.temperature_c,
+                    *(touch.approach or nothing),
+                    *(touch.speed_rad_s or nothing),
+                    *(touch.direction or (None, None, None)),
+                ]
+            )
+        write_atomically(self.folder / self.file.poses, text.getvalue())
+
+
+def touch_of(
+    point: Point,
+    target: Target,
+    approach: np.ndarray | None,
+    speed_rad_s: np.ndarray | None,
+) -> CollectedTouch:
+    """A captured point as one touch of a target."""
+    direction = None
+    # Along the shank is assumed, the other methods have seen the direction.
+    if point.surface_mm is not None and point.compensation != "shank":
+        way_mm = np.subtract(point.surface_mm, point.xyz_mm)
+        length_mm = float(np.linalg.norm(way_mm))
+        if length_mm > 0.0:
+            direction = (way_mm / length_mm).tolist()
+    return CollectedTouch(
+        id=point.id,
+        session=point.session,
+        seq=point.seq,
+        time_ns=point.time_ns,
+        artefact=target.artefact,
+        feature=target.feature,
+        angles_rad=list(point.angles_rad),
+        temperature_c=point.temperature_c,
+        approach=None if approach is None else [int(a) for a in approach],
+        speed_rad_s=None if speed_rad_s is None else speed_rad_s.tolist(),
+        direction=direction,
+        xyz_mm=list(point.xyz_mm),
+    )

@@ -1,0 +1,93 @@
+"""Running figures of a collection: how well touches agree, where the joints have been.
+
+Computed from the coordinates that the daemon sent, so with the arm file it has: they
+show a bad touch at once, they are no identification.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.fits import fit_sphere, spread_about_mean
+from traverse.lab.artefacts.ball_bar import BallBar
+from traverse.lab.collection.collection import CollectedTouch, Collection
+
+Floats = NDArray[np.float64]
+
+SECTORS = 36
+_HEIGHTS = " ▁▂▃▄▅▆▇█"
+
+
+def agreement(collection: Collection, artefact: str, kind: str) -> str:
+    """How well the touches of an artefact agree so far; empty if that is not known."""
+    touches = collection.of(artefact)
+    by_feature: dict[str, list[CollectedTouch]] = {}
+    for touch in touches:
+        by_feature.setdefault(touch.feature, []).append(touch)
+    try:
+        match kind:
+            case "cone":
+                spread = spread_about_mean(_places(touches))
+                return (
+                    f"{spread.max_deviation_mm:.4f} mm at most from the mean, rms "
+                    f"{spread.rms_mm:.4f} mm"
+                )
+            case "sphere":
+                sphere = fit_sphere(_places(touches))
+                return f"radius {sphere.radius_mm:.4f} mm, rms {sphere.rms_mm:.4f} mm"
+            case "ball_bar":
+                first, second = (fit_sphere(_places(by_feature[f])) for f in "12")
+                apart_mm = np.linalg.norm(first.centre_mm - second.centre_mm)
+                worse_mm = max(first.rms_mm, second.rms_mm)
+                known_mm = _known_mm(collection, artefact)
+                return (
+                    f"distance {apart_mm:.4f} mm (known {known_mm:g}), "
+                    f"rms {worse_mm:.4f} mm"
+                )
+            case "plane" | "parallel_planes":
+                rms_mm = max(_flatness(_places(own)) for own in by_feature.values())
+                return f"flat within rms {rms_mm:.4f} mm"
+            case _:
+                repeated = [own for own in by_feature.values() if len(own) > 1]
+                worst = max(
+                    spread_about_mean(_places(own)).max_deviation_mm for own in repeated
+                )
+                return f"repeats within {worst:.4f} mm"
+    except (ValueError, KeyError):
+        return ""  # too few touches for a figure
+
+
+def coverage(touches: Sequence[CollectedTouch], n_joints: int) -> NDArray[np.int64]:
+    """Touches in each of 36 sectors of a turn from reading 0 on, (n_joints, 36)."""
+    counts = np.zeros((n_joints, SECTORS), dtype=np.int64)
+    for touch in touches:
+        turns = np.mod(np.array(touch.angles_rad) / (2.0 * np.pi), 1.0)
+        sectors = np.minimum((turns * SECTORS).astype(np.int64), SECTORS - 1)
+        counts[np.arange(n_joints), sectors] += 1
+    return counts
+
+
+def picture(counts: NDArray[np.int64]) -> str:
+    """One joint's sectors (36,) as a row of blocks, the fullest one highest."""
+    largest = max(1, int(counts.max()))
+    heights = -(-counts * (len(_HEIGHTS) - 1) // largest)
+    return "".join(_HEIGHTS[height] for height in heights.tolist())
+
+
+def _known_mm(collection: Collection, artefact: str) -> float:
+    """The distance that a bar is said to have."""
+    (bar,) = (a for a in collection.file.artefacts if a.id == artefact)
+    return bar.distance_mm if isinstance(bar, BallBar) else np.nan
+
+
+def _places(touches: Sequence[CollectedTouch]) -> Floats:
+    return np.array([touch.xyz_mm for touch in touches], dtype=np.float64)
+
+
+def _flatness(places_mm: Floats) -> float:
+    """Root mean square distance from the best plane."""
+    if len(places_mm) < 4:
+        raise ValueError("three points are always in a plane")
+    singular = np.linalg.svd(places_mm - places_mm.mean(axis=0), compute_uv=False)
+    return float(singular[-1] / np.sqrt(len(places_mm)))

@@ -1,0 +1,80 @@
+"""A plan beside a campaign: what to touch step by step, and the working volume."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from traverse.kinematics.arm_file.arm import StrictModel, read_strict
+from traverse.kinematics.effect_table import Vector
+
+PLAN = "plan.toml"
+SHELLS = 3
+_MARKS = "·▁▂▃▄▅▆▇█"
+
+
+class PlanStep(StrictModel):
+    """One step: so many touches of a feature, and what to do in a sentence."""
+
+    artefact: str
+    feature: str = ""
+    touches: int = Field(ge=1, le=100_000)
+    say: str = ""
+
+
+class PlanFile(StrictModel):
+    """`plan.toml` as written.
+
+    Attributes:
+        centre_mm: Middle of the working volume.
+        reach_mm: Its radius.
+        steps: In the order in which they are done.
+    """
+
+    schema_: Literal["traverse/collection-plan/1"] = Field(alias="schema")
+    centre_mm: Vector = (0.0, 0.0, 0.0)
+    reach_mm: float | None = Field(default=None, gt=0.0)
+    steps: tuple[PlanStep, ...] = Field(min_length=1)
+
+
+def read_plan(path: Path) -> PlanFile:
+    """Read a plan.
+
+    Raises:
+        FileError: With everything that is wrong with it.
+    """
+    return read_strict(path, PlanFile)
+
+
+def volume_picture(
+    places_mm: Sequence[Sequence[float]], plan: PlanFile
+) -> list[tuple[str, str]]:
+    """Say where in the working volume has been touched.
+
+    Returns:
+        A shell of the volume, and its eight octants about the middle as blocks, each.
+    """
+    if plan.reach_mm is None or not places_mm:
+        return []
+    counts = volume_counts(np.array(places_mm, dtype=np.float64), plan)
+    largest = max(1, int(counts.max()))
+    lines = []
+    for shell, row in enumerate(counts.tolist()):
+        low, high = shell / SHELLS, (shell + 1) / SHELLS
+        marks = "".join(_MARKS[-(-count * 8 // largest)] for count in row)
+        lines.append((f"{low:.0%} to {high:.0%} of the reach", marks))
+    return lines
+
+
+def volume_counts(places_mm: NDArray[np.float64], plan: PlanFile) -> NDArray[np.int64]:
+    """Count places (n, 3) in shells and octants, (3, 8)."""
+    from_middle_mm = places_mm - np.array(plan.centre_mm)
+    away = np.linalg.norm(from_middle_mm, axis=1) / (plan.reach_mm or 1.0)
+    shells = np.clip((away * SHELLS).astype(np.int64), 0, SHELLS - 1)
+    octants = (from_middle_mm > 0.0) @ np.array([1, 2, 4])
+    counts = np.zeros((SHELLS, 8), dtype=np.int64)
+    np.add.at(counts, (shells, octants), 1)
+    return counts

@@ -1,0 +1,172 @@
+"""Control charts as pictures: PNG and HTML, and as characters for a terminal."""
+
+import base64
+import html
+import io
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from traverse.lab.daily_check.control_chart import ChartPoint
+from traverse.lab.daily_check.false_alarm_rates import EWMA_LIMIT
+from traverse.lab.daily_check.report import DailyCheckReport, FigureChart
+from traverse.lab.report.figures import BLUE, GREY, ORANGE, VERMILION
+from traverse.strict_toml.writing import write_atomically
+
+DPI = 110
+ROWS = 9
+SHOWN = 60
+_UM = 1000.0
+
+
+def chart_png(report: DailyCheckReport) -> bytes:
+    """All charts as a picture: values with limits, moving ranges, weighted means."""
+    figure = Figure(figsize=(11.0, 2.6 * len(report.charts)), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(len(report.charts), 3, squeeze=False, width_ratios=[2, 1, 1])
+    for row, chart in zip(axes, report.charts, strict=True):
+        numbers = np.arange(1, len(chart.points) + 1)
+        _paint_values(row[0], chart, numbers)
+        _paint(row[1], numbers, [p.moving_range for p in chart.points], chart)
+        row[1].set_title("moving range / sigma", fontsize=8)
+        _paint(
+            row[2],
+            numbers,
+            [p.ewma if p.q is not None else None for p in chart.points],
+            chart,
+        )
+        row[2].axhline(EWMA_LIMIT, color=VERMILION, linewidth=0.8)
+        if not chart.kind.positive:
+            row[2].axhline(-EWMA_LIMIT, color=VERMILION, linewidth=0.8)
+        row[2].set_title("EWMA / sigma", fontsize=8)
+    for cell in axes[-1]:
+        cell.set_xlabel("check", fontsize=8)
+    for cell in axes.flat:
+        cell.tick_params(labelsize=7)
+    file = io.BytesIO()
+    figure.savefig(file, format="png", dpi=DPI)
+    return file.getvalue()
+
+
+def write_charts(report: DailyCheckReport, folder: Path) -> list[str]:
+    """Write chart.png and chart.html; gives their names."""
+    folder.mkdir(parents=True, exist_ok=True)
+    picture = chart_png(report)
+    (folder / "chart.png").write_bytes(picture)
+    write_atomically(folder / "chart.html", _page(report, picture))
+    return ["chart.png", "chart.html"]
+
+
+def chart_lines(chart: FigureChart, width: int = SHOWN) -> list[str]:
+    """The last checks of a figure as characters, a column a check.
+
+    `o` is a check, `X` one that broke a rule; `-` are the limits and `.` is the middle
+    of the last one.
+    """
+    points = chart.points[-width:]
+    last = chart.last
+    marks_um = [_UM * x for x in (last.centre, last.low, last.high) if x is not None]
+    values_um = [_UM * p.value for p in points]
+    low, high = min(values_um + marks_um), max(values_um + marks_um)
+    step = (high - low) / (ROWS - 1) or 1.0
+
+    def row_of(um: float) -> int:
+        return round((high - um) / step)
+
+    grid = [[" "] * len(points) for _ in range(ROWS)]
+    for mark, sign in ((last.low, "-"), (last.high, "-"), (last.centre, ".")):
+        if mark is not None:
+            grid[row_of(_UM * mark)] = [sign] * len(points)
+    for column, (point, um) in enumerate(zip(points, values_um, strict=True)):
+        grid[row_of(um)][column] = "X" if point.alarms else "o"
+    return [
+        f"{high - row * step:9.1f} |{''.join(cells)}|" for row, cells in enumerate(grid)
+    ]
+
+
+def _paint_values(cell: Axes, chart: FigureChart, numbers: NDArray[np.int64]) -> None:
+    points = chart.points
+    values = [_UM * p.value for p in points]
+    cell.plot(numbers, values, color=GREY, linewidth=0.8)
+    for name, style in (("centre", "-"), ("low", "--"), ("high", "--")):
+        cell.plot(
+            numbers,
+            [_or_nan(getattr(p, name)) * _UM for p in points],
+            style,
+            color=BLUE,
+            linewidth=0.8,
+        )
+    _mark(cell, numbers, values, points)
+    if chart.limit_mm is not None:
+        cell.axhline(_UM * chart.limit_mm, color=VERMILION, linewidth=1.0)
+    if chart.accepted_mm is not None:
+        cell.axhline(_UM * chart.accepted_mm, color=ORANGE, linestyle=":")
+    # Limits of the first checks are very wide.
+    span = max(values) - min(values) or 1.0
+    ends = [_UM * x for x in (points[-1].low, points[-1].high) if x is not None]
+    cell.set_ylim(
+        min([*values, *ends]) - 0.1 * span, max([*values, *ends]) + 0.1 * span
+    )
+    cell.set_title(f"{chart.kind.name} [um]", fontsize=8)
+
+
+def _paint(
+    cell: Axes,
+    numbers: NDArray[np.int64],
+    values: list[float | None],
+    chart: FigureChart,
+) -> None:
+    shown = [_or_nan(value) for value in values]
+    cell.plot(numbers, shown, color=GREY, linewidth=0.8)
+    _mark(cell, numbers, shown, chart.points)
+
+
+def _mark(
+    cell: Axes,
+    numbers: NDArray[np.int64],
+    values: list[float],
+    points: tuple[ChartPoint, ...],
+) -> None:
+    colours = [VERMILION if p.alarms else BLUE for p in points]
+    cell.scatter(numbers, values, c=colours, s=9, zorder=3)
+
+
+def _or_nan(value: float | None) -> float:
+    return float("nan") if value is None else value
+
+
+def _page(report: DailyCheckReport, picture: bytes) -> str:
+    check = report.checks[-1]
+    state = "in control" if report.is_in_control else "OUT OF CONTROL"
+    rows = "".join(
+        f"<tr><td>{html.escape(c.kind.name)}</td><td>{_UM * c.last.value:.1f}</td>"
+        f"<td>{'' if c.accepted_mm is None else f'{_UM * c.accepted_mm:.1f}'}</td>"
+        f"<td>{'' if c.limit_mm is None else f'{_UM * c.limit_mm:.1f}'}</td>"
+        f"<td>{html.escape('; '.join(c.last.alarms))}</td>"
+        f"<td>{html.escape(c.kind.definition)}</td></tr>"
+        for c in report.charts
+    )
+    remarks = "".join(f"<li>{html.escape(text)}</li>" for text in report.remarks)
+    beside = html.escape(report.acceptance or "none given")
+    data = base64.b64encode(picture).decode()
+    return (
+        '<!doctype html><html lang="en"><meta charset="utf-8">'
+        f"<title>Daily check of {html.escape(check.arm)}</title>"
+        "<style>body{font:15px sans-serif;max-width:75em;margin:2em auto}"
+        "td,th{padding:.2em .8em;text-align:left}img{max-width:100%}</style>"
+        f"<h1>{html.escape(check.arm)}, {html.escape(check.time_utc)}: {state}</h1>"
+        f"<p>{len(report.checks)} checks since the base began; last acceptance: "
+        f"{beside}.</p>"
+        "<table><tr><th>figure</th><th>now [um]</th><th>at acceptance</th>"
+        f"<th>limit</th><th>warnings</th><th>definition</th></tr>{rows}</table>"
+        f"<ul>{remarks}</ul>"
+        '<img alt="control charts" '
+        f'src="data:image/png;base64,{data}">'
+        "<p>Blue: the value, its expected middle and the limits of one check. Orange: "
+        "the last acceptance. Red: the permitted error, and checks that broke a "
+        "rule.</p></html>\n"
+    )

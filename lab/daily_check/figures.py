@@ -1,0 +1,125 @@
+"""The figures of a daily check: a cone and a calibrated sphere, a few touches each."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from traverse.lab.measured_points.articulation import articulation_of
+from traverse.lab.measured_points.certified_values import (
+    IncompleteError,
+    certified_sphere,
+)
+from traverse.lab.measured_points.fitted_sphere import fitted_sphere
+from traverse.lab.measured_points.measurement import Measurement
+
+FEWEST_CONE, FEWEST_SPHERE = 5, 9
+
+
+@dataclass(frozen=True, slots=True)
+class FigureKind:
+    """One of the figures.
+
+    Attributes:
+        key: In files.
+        name: For people.
+        definition: How it is computed.
+        positive: It cannot be negative.
+        like: Key of the figure of an acceptance test that it is beside.
+    """
+
+    key: str
+    name: str
+    definition: str
+    positive: bool
+    like: str
+
+
+KINDS = (
+    FigureKind(
+        "spat_2s_mm",
+        "articulation, 2 s",
+        "cone: delta_i = |p_i - mean|; 2 s, s = sqrt(sum delta_i^2 / (n - 1))",
+        True,
+        "spat_2s",
+    ),
+    FigureKind(
+        "spat_max_mm", "articulation, largest", "cone: max delta_i", True, "spat_max"
+    ),
+    FigureKind(
+        "sphere_form_mm",
+        "sphere, form",
+        "least-squares sphere (c, r): max|p - c| - min|p - c|",
+        True,
+        "p_form",
+    ),
+    FigureKind(
+        "sphere_diameter_mm",
+        "sphere, diameter less the calibrated one",
+        "least-squares sphere: 2 (r - tip radius) - D_cal, corrected for expansion",
+        False,
+        "p_size",
+    ),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class DailyCheckFigures:
+    """What a check gave.
+
+    Attributes:
+        spat_2s_mm, spat_max_mm: Of the cone.
+        sphere_form_mm: Of the sphere.
+        sphere_diameter_mm: Its diameter less the calibrated one.
+        n_cone, n_sphere: Touches of each.
+        sphere_radius_mm: Calibrated.
+        temperature_c: Mean of all touches; None where unknown.
+    """
+
+    spat_2s_mm: float
+    spat_max_mm: float
+    sphere_form_mm: float
+    sphere_diameter_mm: float
+    n_cone: int
+    n_sphere: int
+    sphere_radius_mm: float
+    temperature_c: float | None
+
+
+def daily_check_figures(measured: Measurement) -> DailyCheckFigures:
+    """Compute the figures of a campaign with one cone and one calibrated sphere.
+
+    Raises:
+        IncompleteError: Something is missing, or there is more than one.
+    """
+    by_kind = {
+        kind: [name for name, a in measured.artefacts.items() if a.kind == kind]
+        for kind in ("cone", "sphere")
+    }
+    for kind, names in by_kind.items():
+        if len(names) != 1:
+            raise IncompleteError(
+                f"the campaign has {len(names)} artefacts of the kind {kind} "
+                f"({', '.join(names) or 'none'}), expected one"
+            )
+    (cone,), (ball,) = by_kind.values()
+    sphere = certified_sphere(measured.artefacts[ball], ball)
+    seat, touched = measured.of(cone), measured.of(ball)
+    for name, n, fewest in (
+        (cone, len(seat), FEWEST_CONE),
+        (ball, len(touched), FEWEST_SPHERE),
+    ):
+        if n < fewest:
+            raise IncompleteError(f"{name}: {n} touches, expected {fewest} or more")
+    scatter, found = articulation_of(seat), fitted_sphere(sphere, touched, ball)
+    warm_c = np.concatenate([seat.temperature_c, touched.temperature_c])
+    known_c = warm_c[np.isfinite(warm_c)]
+    return DailyCheckFigures(
+        spat_2s_mm=scatter.two_s_mm,
+        spat_max_mm=scatter.largest_mm,
+        sphere_form_mm=found.form_mm,
+        sphere_diameter_mm=found.size_mm,
+        n_cone=len(seat),
+        n_sphere=len(touched),
+        sphere_radius_mm=float(sphere.radius_mm or 0.0),
+        temperature_c=float(known_c.mean()) if len(known_c) else None,
+    )

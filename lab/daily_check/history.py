@@ -1,0 +1,145 @@
+"""The history of daily checks: one SQLite file, one row a check.
+
+Only this is written: what is drawn and judged is computed anew from it each time.
+"""
+
+import contextlib
+import sqlite3
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+from traverse.lab.daily_check.figures import DailyCheckFigures
+
+VERSION = 1
+APPLICATION = 0x54525649  # "TRVI"
+_TABLE = """
+CREATE TABLE checks (
+    number INTEGER PRIMARY KEY AUTOINCREMENT,
+    time_utc TEXT NOT NULL,
+    arm TEXT NOT NULL,
+    arm_digest TEXT NOT NULL,
+    data_digest TEXT NOT NULL,
+    begins TEXT NOT NULL,
+    spat_2s_mm REAL NOT NULL,
+    spat_max_mm REAL NOT NULL,
+    sphere_form_mm REAL NOT NULL,
+    sphere_diameter_mm REAL NOT NULL,
+    n_cone INTEGER NOT NULL,
+    n_sphere INTEGER NOT NULL,
+    sphere_radius_mm REAL NOT NULL,
+    temperature_c REAL,
+    UNIQUE (arm, data_digest)
+)
+"""
+_FIGURES = [field.name for field in fields(DailyCheckFigures)]
+_COLUMNS = ["time_utc", "arm", "arm_digest", "data_digest", "begins", *_FIGURES]
+
+
+class HistoryRefusedError(Exception):
+    """The file is none that this version may use; says what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One daily check.
+
+    Attributes:
+        time_utc: ISO 8601, to the second, with Z.
+        arm: Its name.
+        arm_digest: Of the arm file.
+        data_digest: Of the poses, so that none counts twice.
+        begins: Why a new base begins with this check; empty where none does.
+        figures: What it gave.
+    """
+
+    time_utc: str
+    arm: str
+    arm_digest: str
+    data_digest: str
+    begins: str
+    figures: DailyCheckFigures
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[sqlite3.Connection]:
+    with contextlib.closing(sqlite3.connect(path, isolation_level=None)) as connection:
+        execute = connection.execute
+        try:
+            (version,) = execute("PRAGMA user_version").fetchone()
+            (application,) = execute("PRAGMA application_id").fetchone()
+            (tables,) = execute("SELECT count(*) FROM sqlite_master").fetchone()
+        except sqlite3.DatabaseError as error:
+            raise HistoryRefusedError(
+                f"{path}: is no history of checks ({error}); name another file"
+            ) from error
+        if (version, application, tables) == (0, 0, 0):
+            execute("BEGIN IMMEDIATE")
+            execute(_TABLE)
+            execute(f"PRAGMA application_id = {APPLICATION}")
+            execute(f"PRAGMA user_version = {VERSION}")
+            execute("COMMIT")
+        elif application != APPLICATION:
+            raise HistoryRefusedError(
+                f"{path}: is a database of another program; name another file"
+            )
+        elif version != VERSION:
+            raise HistoryRefusedError(
+                f"{path}: has a table of version {version}, this program knows "
+                f"{VERSION}; use the version of traverse that wrote it"
+            )
+        execute("PRAGMA synchronous = FULL")
+        yield connection
+
+
+def add_check(path: Path, check: Check) -> bool:
+    """Keep a check, on the disk; False where its data has been counted before.
+
+    Raises:
+        HistoryRefusedError: The file is not a history, or of another version.
+        sqlite3.Error: It cannot be written.
+    """
+    values = [
+        check.time_utc,
+        check.arm,
+        check.arm_digest,
+        check.data_digest,
+        check.begins,
+        *asdict(check.figures).values(),
+    ]
+    marks = ", ".join("?" * len(values))
+    with _opened(path) as connection:
+        done = connection.execute(
+            f"INSERT OR IGNORE INTO checks ({', '.join(_COLUMNS)}) VALUES ({marks})",
+            values,
+        )
+        return done.rowcount == 1
+
+
+def checks_of(path: Path, arm: str) -> list[Check]:
+    """All checks of an arm, in the order in which they were made.
+
+    Raises:
+        HistoryRefusedError: The file is not a history, or of another version.
+        sqlite3.Error: It cannot be read.
+    """
+    with _opened(path) as connection:
+        rows = connection.execute(
+            f"SELECT {', '.join(_COLUMNS)} FROM checks WHERE arm = ? "
+            "ORDER BY time_utc, number",
+            (arm,),
+        ).fetchall()
+    n = len(_COLUMNS) - len(_FIGURES)
+    own = [field.name for field in fields(Check)][:n]
+    return [
+        Check(
+            **dict(zip(own, row[:n], strict=True)), figures=DailyCheckFigures(*row[n:])
+        )
+        for row in rows
+    ]
+
+
+def since_base(checks: list[Check]) -> list[Check]:
+    """Those that the charts are of: since the last new base."""
+    begins = [place for place, check in enumerate(checks) if check.begins]
+    return checks[begins[-1] :] if begins else checks

@@ -1,0 +1,199 @@
+"""What a history of daily checks says: charts, warnings, the last acceptance beside."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from traverse.kinematics.arm_file.arm import FileError, Problem
+from traverse.lab.acceptance.certificate.values import SCHEMA as CERTIFICATE
+from traverse.lab.acceptance.conformity.limits import NO_LIMITS, Limits
+from traverse.lab.daily_check.control_chart import ChartPoint, charted, rules
+from traverse.lab.daily_check.figures import KINDS, FigureKind
+from traverse.lab.daily_check.history import Check, since_base
+
+SCHEMA = "traverse/interim/1"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FigureChart:
+    """The chart of one figure.
+
+    Attributes:
+        kind: Which.
+        points: Since the base began.
+        limit_mm: Permitted; None where nothing says so.
+        accepted_mm: Of the last acceptance; None without.
+    """
+
+    kind: FigureKind
+    points: tuple[ChartPoint, ...]
+    limit_mm: float | None
+    accepted_mm: float | None
+
+    @property
+    def last(self) -> ChartPoint:
+        """The check in question."""
+        return self.points[-1]
+
+    @property
+    def exceeds(self) -> bool:
+        """Whether it is beyond the limit."""
+        return self.limit_mm is not None and abs(self.last.value) > self.limit_mm
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DailyCheckReport:
+    """All charts, judged at the last check.
+
+    Attributes:
+        checks: Since the base began.
+        charts: In the order of `KINDS`.
+        acceptance: Date and standard of the certificate compared with, or None.
+        remarks: What is not as it should be.
+    """
+
+    checks: tuple[Check, ...]
+    charts: tuple[FigureChart, ...]
+    acceptance: str | None
+    remarks: tuple[str, ...]
+
+    @property
+    def is_in_control(self) -> bool:
+        """Neither a rule is broken at the last check, nor a limit."""
+        return not any(chart.last.alarms or chart.exceeds for chart in self.charts)
+
+    @property
+    def false_alarms(self) -> float:
+        """Of all rules together, a check, if they never coincided."""
+        return sum(
+            rule.rate
+            for chart in self.charts
+            for rule in rules("above" if chart.kind.positive else "both")
+        )
+
+
+def report_of(
+    checks: Sequence[Check],
+    limits: Limits = NO_LIMITS,
+    certificate: Mapping[str, Any] | None = None,
+) -> DailyCheckReport:
+    """Judge the last of some checks of an arm.
+
+    Args:
+        checks: At least one, all of its history.
+        limits: Permitted errors.
+        certificate: Of the last acceptance.
+    """
+    own = since_base(list(checks))
+    accepted = {f["key"]: f for f in (certificate or {}).get("figures", ())}
+    charts = []
+    for kind in KINDS:
+        values = [float(getattr(check.figures, kind.key)) for check in own]
+        beside = accepted.get(kind.like, {})
+        limit = limits.mpe.of(kind.like)
+        limit_mm = None if limit is None else limit.constant_mm
+        charts.append(
+            FigureChart(
+                kind,
+                tuple(charted(values, positive=kind.positive)),
+                limit_mm if limit_mm is not None else beside.get("limit_mm"),
+                beside.get("value_mm"),
+            )
+        )
+    told = None
+    if certificate is not None:
+        told = f"{certificate['standard']} of {certificate['date_utc']}"
+    return DailyCheckReport(
+        tuple(own), tuple(charts), told, tuple(_remarks(own, certificate))
+    )
+
+
+def read_certificate(path: Path, arm: str) -> dict[str, Any]:
+    """Read `certificate.json` of the last acceptance.
+
+    Raises:
+        FileError: It is none, or of another arm.
+    """
+    try:
+        values = json.loads(path.read_text("utf-8"))
+        schema, name = values["schema"], values["arm"]["name"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        text = f"is no certificate ({error}); name certificate.json of `verify --out`"
+        raise FileError(str(path), [Problem("", text)]) from error
+    if schema != CERTIFICATE or name != arm:
+        text = f"is {schema!r} of arm {name!r}, expected {CERTIFICATE!r} of {arm!r}"
+        raise FileError(str(path), [Problem("", text)])
+    return dict(values)
+
+
+def report_values(report: DailyCheckReport) -> dict[str, Any]:
+    """Put a report into plain values."""
+    check = report.checks[-1]
+    return {
+        "schema": SCHEMA,
+        "time_utc": check.time_utc,
+        "arm": {"name": check.arm, "digest": check.arm_digest},
+        "checks": len(report.checks),
+        "in_control": report.is_in_control,
+        "acceptance": report.acceptance,
+        "false_alarms_per_check": report.false_alarms,
+        "figures": [_values(chart) for chart in report.charts],
+        "remarks": list(report.remarks),
+    }
+
+
+def _values(chart: FigureChart) -> dict[str, Any]:
+    last = chart.last
+    return {
+        "key": chart.kind.key,
+        "name": chart.kind.name,
+        "definition": chart.kind.definition,
+        "value_mm": last.value,
+        "centre_mm": last.centre,
+        "low_mm": last.low,
+        "high_mm": last.high,
+        "q": last.q,
+        "moving_range": last.moving_range,
+        "ewma": last.ewma,
+        "limit_mm": chart.limit_mm,
+        "exceeds_limit": chart.exceeds,
+        "accepted_mm": chart.accepted_mm,
+        "alarms": list(last.alarms),
+        "rules": [
+            {"name": rule.name, "false_alarms_per_check": rule.rate}
+            for rule in rules("above" if chart.kind.positive else "both")
+        ],
+    }
+
+
+def _remarks(
+    checks: Sequence[Check], certificate: Mapping[str, Any] | None
+) -> list[str]:
+    found = []
+    if len(checks) > 1:
+        last, before = checks[-1], checks[-2]
+        if last.arm_digest != before.arm_digest:
+            found.append(
+                "the arm file is another than at the check before; after an "
+                "identification or a repair begin a new base with --new-base"
+            )
+        counts = {(c.figures.n_cone, c.figures.n_sphere) for c in checks}
+        if len(counts) > 1:
+            found.append(
+                "numbers of touches differ between checks: ranges and largest values "
+                "grow with them; touch equally often each time"
+            )
+        if last.figures.sphere_radius_mm != before.figures.sphere_radius_mm:
+            found.append("the sphere is another than at the check before")
+    if len(checks) < 3:
+        found.append(
+            f"{len(checks)} checks since the base began: the charts judge from the "
+            "third on"
+        )
+    if certificate is not None:
+        digest = certificate["arm"]["digest"]
+        if digest != checks[-1].arm_digest:
+            found.append("the last acceptance was of another arm file")
+    return found

@@ -1,0 +1,257 @@
+"""Which experiment would tell a finding from what else it may be, in words."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.arm_file.arm import Arm
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.diagnosis.advice.known_pairs import KnownPair, known_pair
+from traverse.lab.diagnosis.advice.optimal_poses import Experiment, experiment
+from traverse.lab.diagnosis.candidates.aliases import is_alias
+from traverse.lab.diagnosis.model.candidate import Candidate
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
+from traverse.lab.diagnosis.model.result import Alternative
+from traverse.lab.diagnosis.search.naming import NamedTerm
+
+Floats = NDArray[np.float64]
+
+# Evidence that takes a name out of the printed set, as natural logarithm.
+_SETTLED = float(np.log(100.0))
+# Of the normal distribution: 90 % of the experiments bring that evidence.
+_SURE = 1.28
+_MOST_POSES = 40
+_MOST_RIVALS = 4
+# Correlation below which two effects are hardly ever taken for each other.
+_UNLIKE = 0.3
+# How far a joint may go beyond what it has travelled.
+_BEYOND_RAD = 1.0
+# Correlation above which a pair of the table that is one by structure is one here.
+_NEARLY_ALIAS = 0.99
+# These depend on when, how warm or how fast, rather than on where.
+_NOT_OF_POSES = (
+    "encoder_drift",
+    "encoder_temperature",
+    "thermal_expansion",
+    "base_drift",
+    "base_step",
+    "count_slip",
+    "encoder_latency",
+    "backlash",
+    "artefact_length",
+)
+
+
+def separate_by(naming: NamedTerm, rows: ObservationEquations, arm: Arm) -> str:
+    """Say which experiment separates a finding from its alternatives.
+
+    Args:
+        naming: The finding and its alternatives, the best first.
+        rows: Of the fit with all terms.
+        arm: Of that fit.
+
+    Returns:
+        Empty where there are no alternatives.
+    """
+    own = naming.own.candidate
+    told, apart = [], []
+    named = [o for o in naming.alternatives if o.candidate.kind != "empirical"]
+    if not named or own.kind == "empirical":
+        return _curve_in_words(own, naming.alternatives)
+    for other in named:
+        known = known_pair(own, other.candidate, rows)
+        if _is_structural(other, known):
+            told.append(_alias_in_words(own, other.candidate, known))
+        else:
+            apart.append(other)
+    if not apart:
+        return " ".join(told[:1])
+    for others in _goals(apart):
+        found = optimal_experiment(naming, others, rows, arm)
+        if found is not None:
+            told.insert(0, _poses_in_words(own, others, found, rows))
+            break
+    else:
+        told.insert(0, _experiment_in_words(own, apart[0], rows))
+    return " ".join(told[:2])
+
+
+def optimal_experiment(
+    naming: NamedTerm,
+    others: Sequence[Alternative],
+    rows: ObservationEquations,
+    arm: Arm,
+) -> Experiment | None:
+    """Choose the poses that tell a finding from other names.
+
+    Within what the joints have travelled, or, where that is not enough, a radian
+    beyond it in the joints of the effects.
+
+    Args:
+        naming: The finding.
+        others: What it is to be told from.
+        rows: Of the fit with all terms.
+        arm: Of that fit.
+
+    Returns:
+        None where it depends on other things than on poses, or where more poses than
+        anyone likes to measure would be needed.
+    """
+    own = naming.own
+    effects = (own.candidate, *(other.candidate for other in others))
+    if any(other.kind in _NOT_OF_POSES for other in effects[1:]) and (
+        own.candidate.kind in _NOT_OF_POSES
+    ):
+        return None
+    amplitudes, _ = own.found.amplitudes(own.residuals)
+    gains = [
+        gain_needed(own.score - other.log_bayes_factor - other.candidate.log_prior)
+        for other in others
+    ]
+    joints = {one.joint for one in effects}
+    names = rows.adjustment.network.campaign.joint_names
+    beyond_rad = np.array([_BEYOND_RAD * (name in joints) for name in names])
+    for wider_rad in (np.zeros(len(names)), beyond_rad):
+        found = experiment(
+            effects,
+            amplitudes,
+            rows,
+            arm,
+            gains=gains,
+            index=naming.added.index,
+            wider_rad=wider_rad,
+            n_most=_MOST_POSES,
+        )
+        if found is None or found.is_enough:
+            return found
+    return None
+
+
+def gain_needed(ahead: float) -> float:
+    """Say by how much the separation must grow to take a name out of the set.
+
+    A separation of Delta brings the evidence Delta / 2 on average, with the standard
+    deviation sqrt(Delta).
+
+    Args:
+        ahead: Evidence by which the finding leads already, natural logarithm.
+    """
+    lacking = max(_SETTLED - ahead, 1.0)
+    return float((_SURE + np.sqrt(_SURE**2 + 2.0 * lacking)) ** 2)
+
+
+def postures_text(poses_rad: Floats, campaign: Campaign, joints: Sequence[str]) -> str:
+    """Say where chosen poses lie, compared with those that were measured.
+
+    Args:
+        poses_rad: Readings of the chosen poses, (n_poses, n_joints).
+        campaign: What was measured.
+        joints: Those that matter first.
+    """
+    names = list(campaign.joint_names)
+    order = [names.index(joint) for joint in joints]
+    order += [at for at in range(len(names)) if at not in order]
+    measured_rad = campaign.poses.angles_rad
+    for at in order:
+        least, largest = measured_rad[:, at].min(), measured_rad[:, at].max()
+        outside = (poses_rad[:, at] < least) | (poses_rad[:, at] > largest)
+        if np.mean(outside) > 0.5:
+            return (
+                f"with {names[at]} beyond what it has travelled, below {least:.1f} rad "
+                f"or above {largest:.1f} rad"
+            )
+        low, high = np.quantile(measured_rad[:, at], (0.2, 0.8))
+        below = float(np.mean(poses_rad[:, at] < low))
+        above = float(np.mean(poses_rad[:, at] > high))
+        if max(below, above) > 0.6:
+            return (
+                f"with {names[at]} above {high:.1f} rad"
+                if above > below
+                else f"with {names[at]} below {low:.1f} rad"
+            )
+        if below + above > 0.75:
+            return (
+                f"with {names[at]} near the ends of its travel, below {low:.1f} rad "
+                f"and above {high:.1f} rad"
+            )
+    return "in postures all over the travelled ranges"
+
+
+def _goals(apart: list[Alternative]) -> list[list[Alternative]]:
+    """List what to tell a finding from: all its rivals, or at least the best one."""
+    return [apart[:n] for n in (_MOST_RIVALS, 1) if n == 1 or len(apart) > 1]
+
+
+def _curve_in_words(own: Candidate, alternatives: Sequence[Alternative]) -> str:
+    """Say what becomes of curves, which fit whatever depends on the same."""
+    if not alternatives:
+        return ""
+    curve = own if own.kind == "empirical" else alternatives[0].candidate
+    what = curve.covariate or "the readings"
+    return (
+        f"A curve over {what} imitates every effect that depends on it: poses spread "
+        f"evenly over the whole range of {what} show whether its shape is that of a "
+        "named effect."
+    )
+
+
+def _is_structural(other: Alternative, known: KnownPair | None) -> bool:
+    if known is not None and known.is_structural:
+        return other.correlation >= _NEARLY_ALIAS
+    return known is None and is_alias(other.correlation)
+
+
+def _alias_in_words(own: Candidate, other: Candidate, known: KnownPair | None) -> str:
+    why = "they do the same to every pose of this kind"
+    remedy = "use another stylus, payload, base attitude or sensor"
+    if known is not None:
+        why, remedy = known.why, known.experiment
+    return (
+        f"{own.name} and {other.name} are aliases by structure: {why}. No further "
+        f"poses of this kind tell them apart; {remedy}."
+    )
+
+
+def _experiment_in_words(
+    own: Candidate, other: Alternative, rows: ObservationEquations
+) -> str:
+    beginning = f"To tell {own.name} from {other.candidate.name}: "
+    known = known_pair(own, other.candidate, rows)
+    if known is not None:
+        return f"{beginning}{known.experiment} ({known.why})."
+    if other.correlation < _UNLIKE:
+        return (
+            f"{beginning}repeat the campaign; the two are unlike, and only the scatter "
+            "of so small an effect leaves the other name open."
+        )
+    return (
+        f"{beginning}turn the joints through wider ranges, or change the stylus or the "
+        f"payload; {_MOST_POSES} further poses like those so far are not enough."
+    )
+
+
+def _poses_in_words(
+    own: Candidate,
+    others: Sequence[Alternative],
+    found: Experiment,
+    rows: ObservationEquations,
+) -> str:
+    """Say how many poses, where, and what they bring; and the known experiment."""
+    n, campaign = len(found.poses), rows.adjustment.network.campaign
+    effects = (own, *(other.candidate for other in others))
+    joints = dict.fromkeys(one.joint for one in effects if one.joint is not None)
+    where = postures_text(found.poses.angles_rad, campaign, tuple(joints))
+    touched = np.bincount(found.poses.artefacts, minlength=len(campaign.artefacts))
+    best = int(np.argmax(touched))
+    mostly = "" if touched[best] == n else "mostly "
+    chance = max(100.0 * float(np.max(found.chances[-1])), 0.1)
+    names = " and ".join(other.candidate.name for other in others)
+    known = known_pair(own, others[0].candidate, rows)
+    instead = "" if known is None else f"; or {known.experiment}"
+    poses = "1 more pose" if n == 1 else f"{n} more poses"
+    return (
+        f"To tell {own.name} from {names}: {poses} {where}, "
+        f"{mostly}at {campaign.artefacts[best].id}, bring the chance of a wrong name "
+        f"to {chance:.1f} %{instead}."
+    )

@@ -1,0 +1,251 @@
+"""Pairs of effects that are hard to tell apart: why, and what separates them.
+
+Some are aliases by structure: no poses of the same kind ever would.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from traverse.lab.diagnosis.advice.invisibility import is_vertical, probe_is_on_axis
+from traverse.lab.diagnosis.model.candidate import Candidate
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
+
+_OWN_ANGLE = ("encoder_eccentricity", "encoder_harmonic", "encoder_scale")
+_AXIS_MOTION = ("axis_wobble", "axis_runout")
+_GRAVITY = ("joint_compliance", "bearing_compliance", "mount_compliance")
+_WARM = ("encoder_temperature", "thermal_expansion")
+_SLOW = ("encoder_drift", "base_drift", "count_slip", "base_step")
+_MOVING = ("encoder_latency", "backlash")
+_CONTACT = ("probe_radius", "probe_lobing", "stylus_bending")
+
+
+@dataclass(frozen=True, slots=True)
+class KnownPair:
+    """Two effects that are hard to tell apart.
+
+    Attributes:
+        why: What they have in common.
+        experiment: What separates them.
+        is_structural: No poses of the kinds that the campaign has would.
+    """
+
+    why: str
+    experiment: str
+    is_structural: bool = False
+
+
+def known_pair(
+    first: Candidate, second: Candidate, rows: ObservationEquations
+) -> KnownPair | None:
+    """Look two effects up in the table of pairs that are hard to tell apart.
+
+    Args:
+        first: One effect.
+        second: Another.
+        rows: Of the fit: which joint is the last, what each has travelled.
+    """
+    for rule in _RULES:
+        for one, other in ((first, second), (second, first)):
+            found = rule(one, other, rows)
+            if found is not None:
+                return found
+    return None
+
+
+def _mount_and_first_bearing(
+    one: Candidate, other: Candidate, rows: ObservationEquations
+) -> KnownPair | None:
+    first_joint = rows.adjustment.network.campaign.joint_names[0]
+    if (one.kind, other.kind) != ("mount_compliance", "bearing_compliance") or (
+        other.joint != first_joint
+    ):
+        return None
+    return KnownPair(
+        "both tilt everything above the base by the overturning moment",
+        "hang a known mass on the mount beside the arm, or touch a cone on the mount "
+        "plate and one on the floor, or measure with the base tilted",
+        is_vertical(rows, first_joint),
+    )
+
+
+def _angle_and_motion(
+    one: Candidate, other: Candidate, rows: ObservationEquations
+) -> KnownPair | None:
+    if one.kind not in _OWN_ANGLE or other.kind not in _AXIS_MOTION:
+        return None
+    if one.joint != other.joint:
+        return None
+    if one.joint == _last_moving(rows):
+        return KnownPair(
+            f"with one stylus an angle error of {one.joint} is a shift of the ball",
+            "measure with a second stylus of another length or offset",
+            True,
+        )
+    return KnownPair(
+        f"the probe is always about as far from the axis of {one.joint}",
+        f"touch with the joints beyond {one.joint} stretched and bent, and with a "
+        "stylus of another length",
+    )
+
+
+def _of_one_angle(
+    one: Candidate, other: Candidate, rows: ObservationEquations
+) -> KnownPair | None:
+    if one.joint != other.joint or one.joint is None:
+        return None
+    both_angles = one.kind in _OWN_ANGLE and other.kind in _OWN_ANGLE
+    if not both_angles and (one.kind != other.kind or one.kind not in _AXIS_MOTION):
+        return None
+    travelled_rad = _travelled_rad(rows, one.joint)
+    return KnownPair(
+        f"{one.joint} travelled {travelled_rad:.1f} rad only, where both look alike"
+        if travelled_rad < 2.0 * np.pi
+        else f"both are functions of the reading of {one.joint}",
+        f"turn {one.joint} through a wider range, out to both of its stops, with one "
+        "artefact close to the base and one far from it",
+    )
+
+
+def _wobble_and_runout(
+    one: Candidate, other: Candidate, _rows: ObservationEquations
+) -> KnownPair | None:
+    if (one.kind, other.kind) != _AXIS_MOTION or one.joint != other.joint:
+        return None
+    return KnownPair(
+        f"the lever arm from {one.joint} to the ball hardly varies",
+        "measure with styli of two lengths, the joints beyond stretched and bent",
+    )
+
+
+def _gravity(
+    one: Candidate, other: Candidate, _rows: ObservationEquations
+) -> KnownPair | None:
+    if one.kind not in _GRAVITY:
+        return None
+    if other.kind in _GRAVITY:
+        return KnownPair(
+            "both follow the moments of the arm's own weight",
+            "hang a known mass at the wrist and then at the elbow, or tilt the base",
+        )
+    if other.kind in _OWN_ANGLE or other.kind in _AXIS_MOTION:
+        return KnownPair(
+            "the moment of gravity is a first harmonic of a joint that is not vertical",
+            "measure with a known mass at the wrist and without (only what gravity "
+            "does grows), or with the base tilted",
+        )
+    return None
+
+
+def _contact(
+    one: Candidate, other: Candidate, _rows: ObservationEquations
+) -> KnownPair | None:
+    if one.kind not in _CONTACT or other.kind not in _CONTACT:
+        return None
+    if {one.kind, other.kind} == {"probe_radius", "stylus_bending"}:
+        return KnownPair(
+            "along the normal of a surface both are the same for a constant force",
+            "touch with two forces, a sphere from outside and one from inside, and a "
+            "cone",
+            True,
+        )
+    return KnownPair(
+        "both act along the normal of a touched surface",
+        "touch a sphere all around with the shank in many attitudes and two forces",
+    )
+
+
+def _length(
+    one: Candidate, other: Candidate, rows: ObservationEquations
+) -> KnownPair | None:
+    if one.kind != "artefact_length":
+        return None
+    lengths = {of for _, of, _ in rows.certificates}
+    return KnownPair(
+        "an error of the standard's length changes the scale of the whole arm",
+        "measure a second calibrated length, of another standard"
+        if len(lengths) < 2
+        else "measure one more calibrated length, of another standard",
+        len(lengths) < 2 and other.kind == "thermal_expansion",
+    )
+
+
+def _slow(
+    one: Candidate, other: Candidate, _rows: ObservationEquations
+) -> KnownPair | None:
+    if one.kind in _WARM and other.kind in _SLOW:
+        return KnownPair(
+            "the temperature went up while time went by",
+            "let the temperature go up and down again while measuring, and repeat the "
+            "first artefact at the end",
+        )
+    if one.kind in _WARM and other.kind in _WARM:
+        return KnownPair(
+            "one warm-up moves everything at once",
+            "touch stretched and bent at the same temperature, and warm one link "
+            "after the other",
+        )
+    if one.kind in _SLOW and other.kind in _SLOW:
+        return KnownPair(
+            "both change slowly with time",
+            "go through the artefacts in turn, all around the base, and touch one "
+            "cone again every 20 poses",
+        )
+    if one.kind in _WARM:
+        return KnownPair(
+            "poses and temperatures went together",
+            "repeat the same poses at another temperature",
+        )
+    if one.kind in _SLOW:
+        return KnownPair(
+            "poses were measured in an order that follows a joint",
+            "repeat the same poses later, in another order",
+        )
+    return None
+
+
+def _moving(
+    one: Candidate, other: Candidate, _rows: ObservationEquations
+) -> KnownPair | None:
+    if one.kind not in _MOVING:
+        return None
+    if other.kind in _MOVING:
+        return KnownPair(
+            "both follow the sense of the last motion",
+            "approach the same points at two speeds, from both sides, turning one "
+            "joint at a time",
+        )
+    return KnownPair(
+        "poses and motions went together",
+        "repeat the same poses at another speed and from the other side",
+    )
+
+
+def _last_moving(rows: ObservationEquations) -> str:
+    """Find the last joint that moves the probe."""
+    names = rows.adjustment.network.campaign.joint_names
+    moving = [name for name in names if not probe_is_on_axis(rows, name)]
+    return moving[-1] if moving else names[-1]
+
+
+def _travelled_rad(rows: ObservationEquations, joint: str) -> float:
+    campaign = rows.adjustment.network.campaign
+    used = np.unique(rows.poses[rows.poses >= 0])
+    readings_rad = campaign.poses.angles_rad[used, campaign.joint_names.index(joint)]
+    return float(np.ptp(readings_rad))
+
+
+_RULES: tuple[
+    Callable[[Candidate, Candidate, ObservationEquations], KnownPair | None], ...
+] = (
+    _mount_and_first_bearing,
+    _angle_and_motion,
+    _of_one_angle,
+    _wobble_and_runout,
+    _gravity,
+    _contact,
+    _length,
+    _moving,
+    _slow,
+)

@@ -1,0 +1,211 @@
+"""Which further poses tell two effects apart best (T-optimality).
+
+An effect does y to the equations. Another can be told from it by as much as it cannot
+imitate, the unknowns X of the model and the other's amplitudes adjusted,
+
+    Delta = min over b of |y - X b|^2
+
+and is taken for it with the chance Phi(-sqrt(Delta) / 2). Poses are added one by one,
+each time the one that raises Delta most, by e^T (I + X_p N^-1 X_p^T)^-1 e for its
+misclosures e (Atkinson and Fedorov); of several others, for the one that lacks most.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special  # type: ignore[import-untyped] # scipy ships no types
+
+from traverse.kinematics.arm_file.arm import Arm
+from traverse.lab.campaign.campaign import Poses
+from traverse.lab.diagnosis.advice.further_contacts import (
+    extended_rows,
+    further_contacts,
+)
+from traverse.lab.diagnosis.candidates.harmonics import harmonic_bank
+from traverse.lab.diagnosis.candidates.library import library_bank
+from traverse.lab.diagnosis.candidates.steps import step_columns
+from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
+from traverse.lab.diagnosis.model.terms import rows_without
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_SEED = 7
+_MOST_CONTACTS = 360
+# Fewer could not contradict a blunder among them.
+_LEAST_POSES = 5
+# What a combination of unknowns must do to the data to count; the banks' limit.
+_LEAST_EFFECT = 0.016
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Experiment:
+    """Further poses that tell an effect from others, the best first.
+
+    Attributes:
+        poses: What to touch and how, (n_poses,).
+        separations: Delta from each other effect, now and after each pose,
+            (n_poses + 1, n_others).
+        is_enough: Whether all grow by what was wanted.
+    """
+
+    poses: Poses
+    separations: Floats
+    is_enough: bool
+
+    @property
+    def chances(self) -> Floats:
+        """Of taking another effect for this one, (n_poses + 1, n_others)."""
+        found: Floats = special.ndtr(-0.5 * np.sqrt(self.separations))
+        return found
+
+
+def experiment(
+    effects: tuple[Candidate, ...],
+    amplitudes: Floats,
+    rows: ObservationEquations,
+    arm: Arm,
+    *,
+    gains: Sequence[float],
+    index: int | None = None,
+    wider_rad: Floats | float = 0.0,
+    n_most: int = 40,
+) -> Experiment | None:
+    """Choose poses on the campaign's artefacts.
+
+    Args:
+        effects: What is there, and then what is to be excluded.
+        amplitudes: Of the first, in the unit of its keys, (n_columns,).
+        rows: Of a fit.
+        arm: For the columns of effects.
+        gains: By how much each Delta is to grow.
+        index: Of the first effect among those of the fit's arm, if it is one.
+        wider_rad: By how much joints may go beyond what they have travelled,
+            (n_joints,) or one number.
+        n_most: Poses at most.
+
+    Returns:
+        None where an effect has no columns at other poses.
+    """
+    adjustment = rows.adjustment
+    n_tries = _MOST_CONTACTS // len(adjustment.network.stations)
+    beyond_rad = np.broadcast_to(wider_rad, adjustment.network.parameters.n_joints)
+    further = further_contacts(adjustment, n_tries, _SEED, beyond_rad)
+    wider = extended_rows(adjustment, further)
+    blocks = _blocks(wider, arm, effects)
+    if blocks is None:
+        return None
+    own = blocks[0] @ (amplitudes / np.array(effects[0].scales))
+    unknowns = (wider if index is None else rows_without(wider, index)).columns
+    n_measured = len(adjustment.network.campaign.poses)
+    contests = [
+        _Contest(own, np.hstack([unknowns, block]), wider.poses - n_measured, gain)
+        for block, gain in zip(blocks[1:], gains, strict=True)
+    ]
+    chosen: list[int] = []
+    while len(chosen) < min(n_most, len(further)) and (
+        len(chosen) < _LEAST_POSES or any(one.lacking > 0.0 for one in contests)
+    ):
+        worst = max(contests, key=lambda one: one.lacking)
+        growths = worst.growths()
+        growths[chosen] = -1.0
+        chosen.append(int(np.argmax(growths)))
+        for one in contests:
+            one.add(chosen[-1])
+    separations = np.array([one.separations for one in contests]).T
+    return Experiment(
+        further.part(np.array(chosen, dtype=np.int64)),
+        np.maximum(separations, 0.0),
+        all(one.lacking <= 0.0 for one in contests),
+    )
+
+
+def _blocks(
+    rows: ObservationEquations, arm: Arm, effects: tuple[Candidate, ...]
+) -> list[Floats] | None:
+    """Compute the columns of effects in units of their scales."""
+    banks: dict[BankName, Bank] = {}
+    blocks = []
+    for effect in effects:
+        if effect.at_s is not None:
+            blocks.append(step_columns(rows, effect.joint, effect.at_s))
+            continue
+        if effect.bank is BankName.GENERIC:
+            return None
+        if effect.bank not in banks:
+            in_library = effect.bank is BankName.LIBRARY
+            banks[effect.bank] = (
+                library_bank(rows, arm) if in_library else harmonic_bank(rows)
+            )
+        bank = banks[effect.bank]
+        places = [
+            part
+            for one, part in zip(bank.candidates, bank.slices, strict=True)
+            if one.identity == effect.identity
+        ]
+        if not places:
+            return None
+        blocks.append(bank.columns[:, places[0]])
+    return blocks
+
+
+class _Contest:
+    """An effect against another one: Delta while poses are added.
+
+    Args:
+        own: y of the one, (n_rows,).
+        columns: X with the other, (n_rows, n_columns).
+        numbers: Of each row's further pose; below 0: measured already, (n_rows,).
+        gain: By how much Delta is to grow.
+    """
+
+    def __init__(
+        self, own: Floats, columns: Floats, numbers: Integers, gain: float
+    ) -> None:
+        measured = numbers < 0
+        _, values, turned = np.linalg.svd(columns[measured], full_matrices=False)
+        # Unknowns of unit variance: N is the unit matrix before anything is added.
+        columns = columns @ (turned.T / np.sqrt(values**2 + _LEAST_EFFECT**2))
+        self._inverse = np.eye(columns.shape[1])
+        self._best = columns[measured].T @ own[measured]
+        left = own[measured] - columns[measured] @ self._best
+        self.separations = [float(own[measured] @ left)]
+        self._gain = gain
+        # Three rows a pose: those of surfaces are filled up with zeros.
+        rows = np.flatnonzero(~measured)
+        rows = rows[np.argsort(numbers[rows], kind="stable")]
+        poses = numbers[rows]
+        within = np.arange(len(rows)) - np.searchsorted(poses, poses)
+        n_poses = int(poses.max(initial=-1)) + 1
+        self._columns = np.zeros((n_poses, 3, columns.shape[1]))
+        self._columns[poses, within] = columns[rows]
+        self._own = np.zeros((n_poses, 3))
+        self._own[poses, within] = own[rows]
+
+    @property
+    def lacking(self) -> float:
+        """The part of the wanted growth that is still lacking."""
+        return 1.0 - (self.separations[-1] - self.separations[0]) / self._gain
+
+    def growths(self) -> Floats:
+        """Compute by how much each further pose raises Delta, (n_poses,)."""
+        covariances = self._columns @ self._inverse @ self._columns.swapaxes(1, 2)
+        covariances = covariances + np.eye(3)
+        misses = (self._own - self._columns @ self._best)[:, :, np.newaxis]
+        solved = np.linalg.solve(covariances, misses)
+        found: Floats = np.sum(misses * solved, axis=(1, 2))
+        return found
+
+    def add(self, pose: int) -> None:
+        """Measure a further pose."""
+        part = self._columns[pose]
+        across = self._inverse @ part.T
+        weights = np.linalg.inv(np.eye(3) + part @ across)
+        misses = self._own[pose] - part @ self._best
+        growth = float(misses @ weights @ misses)
+        self.separations.append(self.separations[-1] + growth)
+        self._best = self._best + across @ (weights @ misses)
+        self._inverse = self._inverse - across @ weights @ across.T

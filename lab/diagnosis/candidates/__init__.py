@@ -1,0 +1,1 @@
+"""Everything that might be missing, as columns, and its scores."""

@@ -1,0 +1,105 @@
+"""A stage of a diagnosis: a fit, and every candidate judged on what it leaves over."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.arm_file.arm import Arm
+from traverse.lab.diagnosis.candidates.curves import generic_bank
+from traverse.lab.diagnosis.candidates.harmonics import harmonic_bank
+from traverse.lab.diagnosis.candidates.library import library_bank
+from traverse.lab.diagnosis.candidates.scoring import (
+    BankScores,
+    ProjectedCandidate,
+    judge,
+    project,
+)
+from traverse.lab.diagnosis.candidates.steps import StepScan, scan_steps, step_bank
+from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
+
+Floats = NDArray[np.float64]
+
+# Harmonics up to this order are in the library.
+_LIBRARY_ORDERS = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CandidateScores:
+    """A fit with everything judged on it.
+
+    Attributes:
+        rows: Of the fit.
+        banks: Candidates with their columns.
+        findings: All of them, judged; steps at their best moments.
+        scans: Of steps, at every moment.
+    """
+
+    rows: ObservationEquations
+    banks: Mapping[BankName, Bank]
+    findings: Mapping[BankName, BankScores]
+    scans: tuple[StepScan, ...]
+
+    def lowest_log_p(self, name: BankName) -> float:
+        """Say the smallest log p of a bank."""
+        return float(np.min(self.findings[name].log_p, initial=0.0))
+
+
+def score_candidates(rows: ObservationEquations, arm: Arm) -> CandidateScores:
+    """Build all banks at a fit and judge them."""
+    return judged(
+        rows,
+        {
+            BankName.LIBRARY: library_bank(rows, arm),
+            BankName.GENERIC: generic_bank(rows),
+            BankName.HARMONIC: without_library_orders(harmonic_bank(rows)),
+        },
+    )
+
+
+def judged(
+    rows: ObservationEquations, banks: Mapping[BankName, Bank]
+) -> CandidateScores:
+    """Judge banks on the residuals of rows."""
+    findings = {name: judge(rows, project(rows, bank)) for name, bank in banks.items()}
+    scans: tuple[StepScan, ...] = ()
+    if BankName.LIBRARY in banks:
+        scans = scan_steps(rows)
+        findings[BankName.STEPS] = _judged_steps(rows, scans)
+    return CandidateScores(
+        rows, MappingProxyType(dict(banks)), MappingProxyType(findings), scans
+    )
+
+
+def _judged_steps(
+    rows: ObservationEquations, scans: tuple[StepScan, ...]
+) -> BankScores:
+    """Judge steps at their best moments; evidence is the mean over all moments."""
+    found = judge(rows, project(rows, step_bank(rows, scans)))
+    return replace(found, evidences=np.array([scan.evidence for scan in scans]))
+
+
+def beside(
+    rows: ObservationEquations, found: ProjectedCandidate
+) -> ObservationEquations:
+    """Let one more candidate absorb what it can of the rows."""
+    return replace(rows, basis=np.hstack([rows.basis, found.directions]))
+
+
+def without_library_orders(bank: Bank) -> Bank:
+    """Leave out harmonics that the library has too."""
+    kept = [at for at, one in enumerate(bank.candidates) if is_beyond_library(one)]
+    slices = bank.slices
+    columns = [bank.columns[:, slices[at]] for at in kept]
+    return Bank(
+        tuple(bank.candidates[at] for at in kept),
+        np.concatenate(columns, axis=1) if columns else bank.columns[:, :0],
+    )
+
+
+def is_beyond_library(candidate: Candidate) -> bool:
+    """Say whether a harmonic is only in the bank of harmonics."""
+    return (candidate.order or 0) > _LIBRARY_ORDERS

@@ -1,0 +1,182 @@
+"""Curves without a name: every joint moved as a smooth function of every covariate.
+
+The curves are those of the arm file's kind `empirical`: natural cubic splines through
+values at knots, so that what is found here can be applied as it is, and leaves
+nothing of itself behind. Knots are at quantiles of the covariate: each has its poses.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.effects.mechanics.axis_motion import across
+from traverse.kinematics.effects.readings.spline import spline_amounts
+from traverse.kinematics.model.derivatives import probe_derivatives
+from traverse.lab.diagnosis.candidates.priors import CURVE_MM, CURVE_RAD
+from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
+from traverse.lab.diagnosis.model.covariates import (
+    CovariateColumn,
+    covariate_columns,
+    used_poses,
+)
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
+
+Floats = NDArray[np.float64]
+
+N_KNOTS = 10
+# Of a joint's angle over its own reading also so many: a fault of the encoder may be
+# narrower than the knots lie apart. Each has its poses, or it would follow blunders.
+N_FINE_KNOTS = 20
+_POSES_A_KNOT = 8
+# Of the covariate's range: knots closer than that are one.
+_LEAST_STEP = 1e-3
+_OF_ALL = ("time_s", "temperature_c")
+
+
+def generic_bank(rows: ObservationEquations) -> Bank:
+    """Compute curves of every joint over every covariate that varies.
+
+    A joint's angle is curved over all readings, time, temperature and force, and over
+    the joint's own temperature and speed; over its own reading once more with finer
+    knots. Two tilts of its axis and three shifts of its origin are curved over its own
+    reading, time and temperature; the base over time and temperature.
+
+    Args:
+        rows: Of the fit.
+
+    Returns:
+        Columns in units of 1e-5 rad or 0.01 mm at a knot, less their mean over the
+        poses that take part, whitened, (n_rows, n_columns).
+    """
+    joints = rows.adjustment.network.campaign.joint_names
+    by_tilts, by_shifts = _by_carriers(rows)
+    candidates: list[Candidate] = []
+    parts: list[Floats] = []
+    used = used_poses(rows)
+    n_fine = min(N_FINE_KNOTS, len(used) // _POSES_A_KNOT)
+    for found in covariate_columns(rows):
+        knots = spline_knots(found.values[used])
+        curves = _curves(rows, found, knots)
+        parts_of = "x", "y", "z"
+        if found.name in _OF_ALL:
+            candidates.append(_candidate(found, knots, None, "shift", parts_of))
+            parts.append(_products(rows.by_centre * CURVE_MM, curves))
+        for joint, name in enumerate(joints):
+            if found.joint not in (None, joint) and not found.is_reading:
+                continue
+            candidates.append(_candidate(found, knots, name, "angle", ()))
+            own = rows.by_readings[:, joint : joint + 1]
+            parts.append(_products(own * CURVE_RAD, curves))
+            is_own = found.is_reading and found.joint == joint
+            if is_own and n_fine > N_KNOTS:
+                fine = spline_knots(found.values[used], n_fine)
+                candidates.append(_candidate(found, fine, name, "angle", ()))
+                parts.append(_products(own * CURVE_RAD, _curves(rows, found, fine)))
+            if found.name in _OF_ALL or is_own:
+                candidates.append(_candidate(found, knots, name, "tilt", ("v", "w")))
+                parts.append(_products(by_tilts[:, joint] * CURVE_RAD, curves))
+                directions = "v", "w", "u"
+                candidates.append(_candidate(found, knots, name, "shift", directions))
+                parts.append(_products(by_shifts[:, joint] * CURVE_MM, curves))
+    stacked = np.concatenate(parts, axis=1) if parts else np.empty((len(rows.poses), 0))
+    return Bank(tuple(candidates), rows.decorrelated(stacked))
+
+
+def spline_knots(values: Floats, most: int = N_KNOTS) -> tuple[float, ...]:
+    """Place knots where the values are: as many between any two of them.
+
+    Args:
+        values: Of a covariate that varies, (n,).
+        most: Knots.
+
+    Returns:
+        Rising; fewer where there are fewer different values.
+    """
+    quantiles = np.quantile(values, np.linspace(0.0, 1.0, most))
+    distinct = np.unique(values)
+    if len(distinct) < most:
+        quantiles = distinct
+    step = _LEAST_STEP * (quantiles[-1] - quantiles[0])
+    knots = [float(quantiles[0])]
+    for quantile in quantiles[1:].tolist():
+        if quantile - knots[-1] > step:
+            knots.append(quantile)
+    # The last knot is the largest value, or beyond it nothing would be told apart.
+    knots[-1] = float(quantiles[-1])
+    return tuple(knots)
+
+
+def _curves(
+    rows: ObservationEquations, found: CovariateColumn, knots: tuple[float, ...]
+) -> Floats:
+    """Unit curves at every row, their mean taken out, (n_rows, n_knots)."""
+    curves = spline_amounts(knots, found.values).T
+    curves = curves - curves[used_poses(rows)].mean(axis=0)
+    at_rows: Floats = curves[rows.poses]
+    return at_rows
+
+
+def _products(directions: Floats, curves: Floats) -> Floats:
+    """Multiply each direction by each curve, (n_rows, n_directions * n_knots)."""
+    products: Floats = directions[:, :, np.newaxis] * curves[:, np.newaxis]
+    return products.reshape(len(products), -1)
+
+
+def _by_carriers(rows: ObservationEquations) -> tuple[Floats, Floats]:
+    """How rows change where a joint's carrier tilts by 1 rad or shifts by 1 mm.
+
+    Returns:
+        Tilts about v and w across the axis, (n_rows, n_joints, 2), and shifts of the
+        joint's origin along v, w and u, (n_rows, n_joints, 3).
+    """
+    network, state = rows.adjustment.network, rows.adjustment.state
+    geometry, angles_rad = state.arm.geometry, rows.block.angles_rad
+    effects = network.parameters.effects
+    if effects is not None:
+        values = state.arm.amplitudes
+        angles_rad = angles_rad - effects.reading_corrections(
+            geometry, values, rows.block
+        )
+    rotations = probe_derivatives(geometry, angles_rad).by_links
+    links_mm = geometry.links_mm.copy()
+    links_mm[-1] += geometry.probe_vector_mm
+    steps_mm = np.einsum("nikj,kj->nki", rotations, links_mm)
+    reaches_mm = np.cumsum(steps_mm[:, ::-1], axis=1)[:, ::-1]
+    frames = np.stack([[*across(axis), axis] for axis in geometry.axes])
+    # Directions in the posture, (n_poses, n_joints, which, 3): P_(k-1) times each.
+    carried = np.empty((len(angles_rad), *frames.shape))
+    carried[:, 0] = frames[0]
+    carried[:, 1:] = np.einsum("nikj,kdj->nkdi", rotations[:, :, :-1], frames[1:])
+    tilts_mm = np.cross(carried[:, :, :2], reaches_mm[:, :, np.newaxis])
+    both = np.concatenate([tilts_mm, carried], axis=2)[rows.poses]
+    by_both = np.einsum("ri,rkdi->rkd", rows.by_centre, both)
+    return by_both[:, :, :2], by_both[:, :, 2:]
+
+
+def _candidate(
+    found: CovariateColumn,
+    knots: tuple[float, ...],
+    joint: str | None,
+    component: str,
+    directions: tuple[str, ...],
+) -> Candidate:
+    key, scale = ("shift_mm", CURVE_MM) if component == "shift" else ("", CURVE_RAD)
+    numbers = range(1, len(knots) + 1)
+    if component == "angle":
+        parameters = tuple(f"values_rad.{number}" for number in numbers)
+    else:
+        key = key or "tilt_rad"
+        parameters = tuple(f"{key}.{of}.{n}" for of in directions for n in numbers)
+    return Candidate(
+        bank=BankName.GENERIC,
+        kind="empirical",
+        joint=joint,
+        order=None,
+        component=component,
+        covariate=found.name,
+        artefact=None,
+        at_s=None,
+        parameters=parameters,
+        scales=(scale,) * len(parameters),
+        log_prior=0.0,
+        keys=(("covariate", found.name), ("knots", knots)),
+    )

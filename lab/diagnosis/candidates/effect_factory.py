@@ -1,0 +1,92 @@
+"""From a candidate and the amplitudes of its columns to an entry of the arm file."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.arm_file.arm import Effect, effect_from_table
+from traverse.kinematics.effect_table import EFFECT_KINDS, Vector
+from traverse.kinematics.effects.mechanics.axis_motion import across
+from traverse.lab.diagnosis.model.candidate import Candidate
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
+from traverse.lab.identification.equations.plausible_sizes import campaign_start
+
+Floats = NDArray[np.float64]
+
+_AXIS_MOTIONS = ("axis_wobble", "axis_runout")
+
+
+def parameter_names(kind: str, component: str | None = None) -> tuple[str, ...]:
+    """Name the columns of a kind of effect.
+
+    Numbers have one column. Vectors have one for each direction in which they are
+    free: v and w across the joint's axis, u along it, x, y, z in the arm's system.
+    Lobes have two, since their phase is not linear: of cos 3 psi and sin 3 psi.
+
+    Args:
+        kind: Of the arm file's effects, but for `empirical`.
+        component: Of a runout.
+    """
+    if kind == "probe_lobing":
+        return "amplitude_mm.cos", "amplitude_mm.sin"
+    if kind in _AXIS_MOTIONS:
+        directions = "u" if component == "axial" else "vw"
+    else:
+        directions = "xyz"
+    names: list[str] = []
+    for key, of in EFFECT_KINDS[kind].keys.items():
+        if of is Vector:
+            names += [f"{key}.{direction}" for direction in directions]
+        elif of is float and key != "at_s":
+            names.append(key)
+    return tuple(names)
+
+
+def effect_of_candidate(
+    candidate: Candidate, values: Floats, rows: ObservationEquations
+) -> Effect:
+    """Write a candidate down as an entry of the arm file.
+
+    Args:
+        candidate: Of the library or the harmonics, or a curve of a joint's angle.
+        values: Amplitude of each column in the unit of the keys, (n_columns,).
+        rows: Of the fit that the amplitudes belong to: directions across an axis are
+            those of its geometry, times count from the start of its campaign.
+
+    Raises:
+        ValueError: A curve that tilts or shifts a joint has no entry in an arm file.
+    """
+    if candidate.kind == "empirical" and candidate.component != "angle":
+        raise ValueError(
+            f"{candidate.name}: the arm file has no curve that moves a joint by its "
+            f"{candidate.component}; expected a candidate with the component 'angle'"
+        )
+    table: dict[str, Any] = {"kind": candidate.kind, **dict(candidate.keys)}
+    campaign = rows.adjustment.network.campaign
+    if candidate.joint is not None:
+        table["joint"] = candidate.joint
+    if EFFECT_KINDS[candidate.kind].effect_class == "A":
+        table["epoch_utc"] = campaign_start(campaign)
+    if candidate.kind == "probe_lobing":
+        cosine, sine = values.tolist()
+        table["amplitude_mm"] = float(np.hypot(cosine, sine))
+        table["phase_rad"] = float(np.arctan2(sine, cosine))
+        return effect_from_table(table)
+    directions: dict[str, Floats] = {}
+    if candidate.kind in _AXIS_MOTIONS:
+        joint = campaign.joint_names.index(str(candidate.joint))
+        axis = rows.adjustment.state.arm.geometry.axes[joint]
+        directions = dict(zip("vwu", (*across(axis), axis), strict=True))
+    vectors: dict[str, Floats] = {}
+    for name, value in zip(candidate.parameters, values.tolist(), strict=True):
+        key, dot, part = name.partition(".")
+        if not dot:
+            table[key] = value
+        elif part in directions:
+            vectors[key] = vectors.get(key, np.zeros(3)) + value * directions[part]
+        else:
+            vectors[key] = np.append(vectors.get(key, np.empty(0)), value)
+    for key, vector in vectors.items():
+        table[key] = tuple(vector.tolist())
+    return effect_from_table(table)

@@ -1,0 +1,214 @@
+"""The library: every effect of the arm file on every joint, as columns.
+
+Left out are steps, whose moments are scanned (`steps`), and curves without a name
+(`generic`). What the campaign cannot speak about, since it has no such column or the
+column does not vary, is told with the reason.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.arm_file.arm import Arm
+from traverse.kinematics.effects import EFFECTS
+from traverse.kinematics.effects.arm_effects import ArmEffects, effects_of
+from traverse.kinematics.effects.base.bodies import bodies_from_arm
+from traverse.kinematics.effects.base.context import context_from_arm
+from traverse.kinematics.effects.base.correction import ContactCorrection, Correction
+from traverse.kinematics.effects.base.covariate import Need
+from traverse.kinematics.effects.columns import columns
+from traverse.lab.diagnosis.candidates.effect_factory import (
+    effect_of_candidate,
+    parameter_names,
+)
+from traverse.lab.diagnosis.candidates.priors import column_scales, log_prior
+from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
+from traverse.lab.diagnosis.model.covariates import course, used_poses, varies
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
+from traverse.lab.identification.equations.plausible_sizes import campaign_span
+
+Floats = NDArray[np.float64]
+
+_EACH_JOINT = (
+    "encoder_eccentricity",
+    "encoder_scale",
+    "encoder_temperature",
+    "encoder_drift",
+    "encoder_latency",
+    "backlash",
+    "joint_compliance",
+    "bearing_compliance",
+    "thermal_expansion",
+)
+_WHOLE_ARM = (
+    "encoder_latency",
+    "thermal_expansion",
+    "mount_compliance",
+    "probe_radius",
+    "probe_lobing",
+    "stylus_bending",
+    "base_drift",
+)
+# Higher orders of the encoders are found by the bank of harmonics.
+_HIGHEST_ORDER = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Entry:
+    """A candidate with the effect that makes its columns.
+
+    Attributes:
+        candidate: As it is offered.
+        correction: Of unit size where sizes do not enter linearly, else of none.
+        reason: Why the campaign says nothing about it; None where it does.
+    """
+
+    candidate: Candidate
+    correction: Correction
+    reason: str | None
+
+
+def library_bank(rows: ObservationEquations, arm: Arm) -> Bank:
+    """Compute the columns of all effects that the campaign can speak about.
+
+    Args:
+        rows: Of the fit; columns are taken at its estimates, its effects applied.
+        arm: With masses, reference temperature and joint names; its geometry and its
+            effects are not looked at.
+
+    Returns:
+        Columns in units of plausible amplitudes, whitened, (n_rows, n_columns).
+    """
+    entries = [entry for entry in _entries(rows, arm) if entry.reason is None]
+    geometry = rows.adjustment.state.arm.geometry
+    moving = [e.correction for e in entries if e.candidate.artefact is None]
+    moves = columns(geometry, applied_effects(rows, arm), rows.block, moving)
+    by_values = rows.moved(moves)
+    parts, at = [], 0
+    for entry in entries:
+        candidate, n_values = entry.candidate, len(entry.correction.values)
+        if candidate.artefact is not None:
+            part = rows.by_artefact_length(candidate.artefact)
+        else:
+            part = by_values[:, at : at + n_values]
+            at += n_values
+        if n_values != candidate.size:
+            part = part @ entry.correction.free_directions(geometry)
+        parts.append(part * np.array(candidate.scales))
+    return Bank(tuple(e.candidate for e in entries), np.concatenate(parts, axis=1))
+
+
+def absent_candidates(
+    rows: ObservationEquations, arm: Arm
+) -> tuple[tuple[Candidate, str], ...]:
+    """List the effects that the campaign or the arm file says nothing about.
+
+    Args:
+        rows: Of the fit.
+        arm: As for `library_bank`.
+
+    Returns:
+        Each with the reason.
+    """
+    return tuple(
+        (entry.candidate, entry.reason)
+        for entry in _entries(rows, arm)
+        if entry.reason is not None
+    )
+
+
+def applied_effects(rows: ObservationEquations, arm: Arm) -> ArmEffects:
+    """Take the effects of a fit, with the values that it ended with."""
+    network, state = rows.adjustment.network, rows.adjustment.state
+    model = network.parameters.effects
+    if model is None:
+        return effects_of(arm, (), campaign_span(network.campaign))
+    return model.at(state.arm.amplitudes)
+
+
+def _entries(rows: ObservationEquations, arm: Arm) -> list[_Entry]:
+    campaign = rows.adjustment.network.campaign
+    setting = context_from_arm(arm, campaign_span(campaign))
+    are_known = bodies_from_arm(arm).are_known_beyond
+    found = []
+    for plain in _candidates(rows):
+        # Lobes of unit size: their columns are the derivatives there.
+        template = np.zeros(plain.size)
+        template[0] = plain.kind == "probe_lobing"
+        effect = effect_of_candidate(plain, template, rows)
+        correction = EFFECTS[plain.kind].from_file(effect, setting)
+        scales = column_scales(correction, plain.size, campaign)
+        candidate = replace(plain, scales=scales)
+        if correction.uses_gravity and not are_known[correction.joints.start]:
+            beyond = plain.joint or setting.joint_names[0]
+            reason: str | None = f"no mass is known from {beyond} outwards"
+        else:
+            reason = _silence(rows, correction)
+        found.append(_Entry(candidate, correction, reason))
+    return found
+
+
+def _candidates(rows: ObservationEquations) -> Iterator[Candidate]:
+    """Go through the whole library, without scales."""
+    joints = rows.adjustment.network.campaign.joint_names
+    orders = range(2, _HIGHEST_ORDER + 1)
+    for joint in joints:
+        for kind in _EACH_JOINT:
+            yield _candidate(kind, joint)
+        for order in orders:
+            yield _candidate("encoder_harmonic", joint, order)
+            yield _candidate("axis_wobble", joint, order)
+            yield _candidate("axis_runout", joint, order, "radial")
+        for order in range(1, _HIGHEST_ORDER + 1):
+            yield _candidate("axis_runout", joint, order, "axial")
+    for kind in _WHOLE_ARM:
+        yield _candidate(kind)
+    for artefact in dict.fromkeys(of for _, of, _ in rows.certificates):
+        yield _candidate("artefact_length", artefact=artefact)
+
+
+def _candidate(
+    kind: str,
+    joint: str | None = None,
+    order: int | None = None,
+    component: str | None = None,
+    artefact: str | None = None,
+) -> Candidate:
+    parameters = parameter_names(kind, component)
+    fixed = {"component": component, "order": order, "artefact": artefact}
+    return Candidate(
+        bank=BankName.LIBRARY,
+        kind=kind,
+        joint=joint,
+        order=order,
+        component=component,
+        covariate=None,
+        artefact=artefact,
+        at_s=None,
+        parameters=parameters,
+        scales=(1.0,) * len(parameters),
+        log_prior=log_prior(kind, joint, order),
+        keys=tuple((key, value) for key, value in fixed.items() if value is not None),
+    )
+
+
+def _silence(rows: ObservationEquations, correction: Correction) -> str | None:
+    """Say why the campaign says nothing about an effect, or None where it does."""
+    block = rows.block
+    lacks = [lack for need in correction.needs if (lack := block.lack(need))]
+    if lacks:
+        return lacks[0]
+    constant = [need for need in correction.needs if not _varies(rows, need)]
+    if constant and len(constant) == len(correction.needs):
+        return f"the {constant[0].covariate.value} does not vary"
+    if isinstance(correction, ContactCorrection):
+        directions, used = block.directions, used_poses(rows)
+        if directions is None or not np.isfinite(directions[used]).all(axis=1).any():
+            return "no direction of a touched surface is known"
+    return None
+
+
+def _varies(rows: ObservationEquations, need: Need) -> bool:
+    return varies(rows, course(rows, need))

@@ -1,0 +1,206 @@
+"""Judging candidates: the part of what is left over that each of them explains.
+
+With the projected block P C = U S W^T of a candidate and z = U^T v of the residuals v,
+
+    T = |z|^2      its score statistic; F with T_0 = |v|^2 where the noise level is
+                   not known (here always)
+    evidence       log of the Bayes factor against nothing missing, with the prior
+                   N(0, k^2 scale^2) of the amplitudes and k chosen best, at a cost
+
+Statistics of blocks of different size are never compared, evidences are (diagnosis
+after Teunissen; evidence after Jeffreys and Zellner).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special  # type: ignore[import-untyped] # scipy ships no types
+
+from traverse.lab.diagnosis.model.candidate import Bank, Candidate
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+# Factors of the plausible size that are tried, and what an unusual one costs.
+_FACTORS = 10.0 ** np.linspace(-1.5, 1.5, 31)
+_FACTOR_PRIOR = 0.5 * (np.log10(_FACTORS) / 0.7) ** 2
+# Directions that move the data less than that at the largest factor cannot be seen.
+LEAST_SINGULAR_VALUE = 0.016
+# Of the squared singular values: what rounding leaves of a direction that vanishes.
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProjectedCandidate:
+    """What a candidate looks like once the unknowns have absorbed their part.
+
+    Attributes:
+        candidate: Which.
+        directions: U, orthonormal, (n_rows, n_visible).
+        singular_values: S, (n_visible,).
+        combinations: W, in units of the scales, (n_columns, n_visible).
+    """
+
+    candidate: Candidate
+    directions: Floats
+    singular_values: Floats
+    combinations: Floats
+
+    def amplitudes(self, residuals: Floats) -> tuple[Floats, Floats]:
+        """Estimate the columns' amplitudes, invisible directions left at zero.
+
+        Args:
+            residuals: Of the rows, (n_rows,).
+
+        Returns:
+            Amplitudes in the unit of the keys, (n_columns,), and their covariance for
+            noise of unit weight.
+        """
+        scales = np.array(self.candidate.scales)
+        inverse = scales[:, np.newaxis] * self.combinations / self.singular_values
+        return inverse @ (self.directions.T @ residuals), inverse @ inverse.T
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BankScores:
+    """All candidates of a bank, judged.
+
+    Attributes:
+        projected: Each candidate.
+        statistics: T, (n_candidates,).
+        degrees: q, the number of visible directions, (n_candidates,).
+        log_p: Natural logarithm of the p-values, (n_candidates,).
+        evidences: Log Bayes factors, (n_candidates,).
+    """
+
+    projected: tuple[ProjectedCandidate, ...]
+    statistics: Floats
+    degrees: Integers
+    log_p: Floats
+    evidences: Floats
+
+    @property
+    def candidates(self) -> tuple[Candidate, ...]:
+        """In the order of the arrays."""
+        return tuple(one.candidate for one in self.projected)
+
+    @property
+    def scores(self) -> Floats:
+        """Evidence with the preference for each kind: for ranking only."""
+        priors = [one.candidate.log_prior for one in self.projected]
+        scores: Floats = self.evidences + np.array(priors)
+        return scores
+
+
+def project(rows: ObservationEquations, bank: Bank) -> tuple[ProjectedCandidate, ...]:
+    """Project the columns of a bank and find what is visible of them."""
+    if not bank.candidates:
+        return ()
+    columns = rows.project(bank.columns)
+    slices = bank.slices
+    sizes = np.array([candidate.size for candidate in bank.candidates])
+    found: dict[int, ProjectedCandidate] = {}
+    for size in np.unique(sizes):
+        members = np.flatnonzero(sizes == size)
+        blocks = np.stack([columns[:, slices[at]].T for at in members])
+        values, vectors = np.linalg.eigh(blocks @ blocks.swapaxes(1, 2))
+        for at, squares, turns, block in zip(
+            members, values, vectors, blocks, strict=True
+        ):
+            least = max(LEAST_SINGULAR_VALUE**2, _ROUNDING * float(squares[-1]))
+            visible = squares > least
+            singular_values = np.sqrt(squares[visible])
+            combinations = turns[:, visible]
+            found[int(at)] = ProjectedCandidate(
+                bank.candidates[at],
+                block.T @ (combinations / singular_values),
+                singular_values,
+                combinations,
+            )
+    return tuple(found[at] for at in range(len(bank.candidates)))
+
+
+def judge(
+    rows: ObservationEquations, projected: tuple[ProjectedCandidate, ...]
+) -> BankScores:
+    """Test every candidate on the residuals of a fit."""
+    total, redundancy = rows.sum_of_squares, rows.redundancy
+    n = len(projected)
+    degrees = np.array([len(p.singular_values) for p in projected], dtype=np.int64)
+    widest = int(degrees.max(initial=0))
+    along = np.zeros((n, widest))
+    squares = np.zeros((n, widest))
+    for at, one in enumerate(projected):
+        along[at, : degrees[at]] = one.directions.T @ rows.residuals
+        squares[at, : degrees[at]] = one.singular_values**2
+    statistics = np.sum(along**2, axis=1)
+    return BankScores(
+        projected,
+        statistics,
+        degrees,
+        log_p_values(statistics / total, degrees, redundancy),
+        log_evidences(along**2, squares, total, redundancy),
+    )
+
+
+def log_evidences(
+    along_squared: Floats, singular_squared: Floats, total: float, redundancy: int
+) -> Floats:
+    """Compute log Bayes factors with the noise level integrated out.
+
+        log BF(k) = - r/2 log(1 - S/T_0) - 1/2 sum log(1 + k^2 s^2),
+        S = sum k^2 s^2 / (1 + k^2 s^2) z^2
+
+    Args:
+        along_squared: z^2, (..., n_directions), zero where there is none.
+        singular_squared: s^2, (..., n_directions), likewise.
+        total: T_0.
+        redundancy: r.
+
+    Returns:
+        (...,), the largest over the factors k less what an unusual k costs.
+    """
+    best = np.full(along_squared.shape[:-1], -np.inf)
+    for factor, cost in zip(_FACTORS, _FACTOR_PRIOR, strict=True):
+        grown = factor**2 * singular_squared
+        explained = np.sum(grown / (1.0 + grown) * along_squared, axis=-1)
+        part = np.minimum(explained / total, 1.0 - 1e-12)
+        occam = 0.5 * np.sum(np.log1p(grown), axis=-1)
+        found = -0.5 * redundancy * np.log1p(-part) - occam - cost
+        best = np.maximum(best, found)
+    return best
+
+
+def log_p_values(parts: Floats, degrees: Integers, redundancy: int) -> Floats:
+    """Compute log p of F tests, without underflow.
+
+    P(F > f) = I_x(a, b) with x = 1 - T/T_0, a = (r - q)/2, b = q/2.
+
+    Args:
+        parts: T/T_0, (...,).
+        degrees: q, (...,).
+        redundancy: r.
+    """
+    parts = np.clip(parts, 0.0, 1.0 - 1e-15)
+    shown = np.maximum(degrees, 1)
+    a, b = 0.5 * (redundancy - shown), 0.5 * shown
+    rest = 1.0 - parts
+    with np.errstate(divide="ignore"):
+        plain = np.log(special.betainc(a, b, rest))
+        # I_x(a, b) = x^a (1-x)^b / (a B(a, b)) * 2F1(a + b, 1; a + 1; x), of which
+        # the series stops where terms no longer count: x is small in the far tail.
+        front = a * np.log(rest) + b * np.log(parts) - np.log(a) - special.betaln(a, b)
+    series = np.log(_series(a, b, rest))
+    found: Floats = np.where(plain > -600.0, plain, front + series)
+    return np.where(degrees > 0, found, 0.0)
+
+
+def _series(a: Floats, b: Floats, x: Floats) -> Floats:
+    """Sum 2F1(a + b, 1; a + 1; x) = sum of x^n (a+b)_n / (a+1)_n."""
+    total, term = np.ones_like(x), np.ones_like(x)
+    for n in range(200):
+        term = term * x * (a + b + n) / (a + 1.0 + n)
+        total = total + term
+    return total

@@ -1,0 +1,1 @@
+"""Poses kept aside, and models compared on them."""

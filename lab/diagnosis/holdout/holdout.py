@@ -1,0 +1,108 @@
+"""Poses that are kept aside, chosen before anything is looked at.
+
+Of each artefact about three poses in ten, in whole groups that are contiguous in
+time: neighbours share what changes slowly, so single poses between their neighbours
+would be predicted too well.
+"""
+
+from zlib import crc32
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.lab.campaign.campaign import Campaign
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Booleans = NDArray[np.bool_]
+
+PART = 0.3
+# Poses of a group, and how many groups an artefact is cut into where it has enough.
+_LEAST_SIZE, _LARGEST_SIZE, _GROUPS = 3, 20, 10
+# Equations that stay beyond the unknowns they are needed for.
+_SPARE_ROWS = 2
+# Kinds whose features have unknowns of their own.
+_OWN_FEATURES = ("ball_bar", "parallel_planes")
+_UNKNOWNS_A_JOINT = 4
+
+
+def split(campaign: Campaign, seed: int) -> tuple[Booleans, Booleans]:
+    """Choose the poses that are held out.
+
+    It depends on the poses, not on their order in the file. An artefact that cannot
+    spare any gives none; nor does a campaign whose rest would not determine the arm.
+
+    Args:
+        campaign: What was measured.
+        seed: Of the choice.
+
+    Returns:
+        Poses for choosing and held-out poses, (n_poses,) each.
+    """
+    held_out = np.zeros(len(campaign.poses), dtype=np.bool_)
+    n_left = -_UNKNOWNS_A_JOINT * len(campaign.joint_names) - _SPARE_ROWS
+    for index, artefact in enumerate(campaign.artefacts):
+        poses = _in_time(campaign, index)
+        if len(poses) == 0:
+            continue
+        rng = np.random.default_rng([seed, crc32(artefact.id.encode())])
+        held_out[_given_away(campaign, index, poses, rng)] = True
+        n_kept = len(poses) - int(np.count_nonzero(held_out[poses]))
+        n_left += n_kept * artefact.rows_per_pose - _n_unknowns(campaign, index, poses)
+    if n_left < 0:
+        held_out[:] = False
+    return ~held_out, held_out
+
+
+def _given_away(
+    campaign: Campaign, index: int, poses: Integers, rng: np.random.Generator
+) -> Integers:
+    """Choose groups of an artefact's poses, given in the order of time."""
+    size = min(max(len(poses) // _GROUPS, _LEAST_SIZE), _LARGEST_SIZE)
+    groups = np.array_split(poses, max(len(poses) // size, 1))
+    wanted = PART * len(poses)
+    given: list[Integers] = []
+    n_given = 0
+    for at in rng.permutation(len(groups)):
+        group = groups[at]
+        # A group that would overshoot more than it lacks now stays.
+        if n_given + 0.5 * len(group) > wanted:
+            break
+        trial = np.concatenate([*given, group])
+        if _can_spare(campaign, index, poses, trial):
+            given.append(group)
+            n_given += len(group)
+    return np.concatenate(given) if given else poses[:0]
+
+
+def _can_spare(
+    campaign: Campaign, index: int, poses: Integers, given: Integers
+) -> bool:
+    """Say whether the rest still determines the artefact, and each own feature."""
+    artefact = campaign.artefacts[index]
+    n_rows, n_unknowns = artefact.rows_per_pose, _n_unknowns(campaign, index, poses)
+    kept = np.setdiff1d(poses, given)
+    if n_rows * len(kept) < n_unknowns + _SPARE_ROWS:
+        return False
+    if artefact.kind not in _OWN_FEATURES:
+        return True
+    features = campaign.poses.features
+    needed = -(-n_unknowns // len(artefact.features)) + _SPARE_ROWS
+    return all(
+        n_rows * np.count_nonzero(features[kept] == feature) >= needed
+        for feature in np.unique(features[given])
+    )
+
+
+def _n_unknowns(campaign: Campaign, index: int, poses: Integers) -> int:
+    # How many there are does not depend on the size of the ball.
+    touches = campaign.touches(index, poses, 1.0)
+    return len(campaign.artefacts[index].unknown_scales(touches))
+
+
+def _in_time(campaign: Campaign, index: int) -> Integers:
+    """Sort an artefact's poses by time; equal times by feature and readings."""
+    mine = np.flatnonzero(campaign.poses.artefacts == index)
+    poses = campaign.poses.part(mine)
+    keys = (*poses.angles_rad.T[::-1], poses.features, poses.time_s)
+    return mine[np.lexsort(keys)]

@@ -1,0 +1,1 @@
+"""What a diagnosis works with: fits, equations, candidates, results."""

@@ -1,0 +1,103 @@
+"""What a campaign says beside the touches, under the names of its columns."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.effects.base.covariate import Covariate, Need
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+# Of the largest value: a spread below that is rounding.
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CovariateColumn:
+    """A covariate that varies.
+
+    Attributes:
+        name: As the arm file's curves call it.
+        joint: Whose it is, counted from 0; None: of the whole arm.
+        is_reading: Whether it is the joint's own angle.
+        values: Of every pose of the campaign, (n_poses,).
+    """
+
+    name: str
+    joint: int | None
+    is_reading: bool
+    values: Floats
+
+
+def used_poses(rows: ObservationEquations) -> Integers:
+    """List the campaign's poses that take part in a fit, in rising order, (n_used,)."""
+    return np.unique(rows.poses[rows.poses >= 0])
+
+
+def varies(rows: ObservationEquations, values: Floats) -> bool:
+    """Say whether a covariate differs between the poses that take part.
+
+    Args:
+        rows: Of the fit.
+        values: Of every pose of the campaign, (n_poses,).
+    """
+    used = values[used_poses(rows)]
+    spread = float(np.ptp(used)) if len(used) else 0.0
+    return spread > _ROUNDING * max(float(np.abs(used).max(initial=0.0)), 1e-3)
+
+
+def course(rows: ObservationEquations, need: Need) -> Floats:
+    """Take what an effect needs from a campaign that has it, (n_poses,)."""
+    block, joint = rows.block, slice(need.joint, (need.joint or 0) + 1)
+    match need.covariate:
+        case Covariate.TEMPERATURE if need.joint is not None:
+            return np.asarray(block.temperatures_c(joint)[0])
+        case Covariate.TEMPERATURE:
+            return block.row("temperature_c")
+        case Covariate.SPEED:
+            return np.asarray(block.rows("speeds_rad_s", joint)[0])
+        case Covariate.APPROACH:
+            return np.asarray(block.rows("approaches", joint)[0])
+        case Covariate.FORCE:
+            return block.row("force_n")
+        # The time in UTC differs from it by a constant.
+        case Covariate.UTC | Covariate.CAMPAIGN_TIME:
+            return block.row("campaign_s")
+
+
+def covariate_columns(rows: ObservationEquations) -> Iterator[CovariateColumn]:
+    """Go through the covariates that curves may depend on and that vary.
+
+    Readings of all joints, time, temperature, force, and of each joint the speed and
+    its own temperature.
+    """
+    block = rows.block
+    names = rows.adjustment.network.campaign.joint_names
+    for joint, name in enumerate(names):
+        angles_rad = block.angles_rad[:, joint]
+        if varies(rows, angles_rad):
+            yield CovariateColumn(f"{name}_rad", joint, True, angles_rad)
+    whole = {
+        "time_s": Covariate.CAMPAIGN_TIME,
+        "temperature_c": Covariate.TEMPERATURE,
+        "force_n": Covariate.FORCE,
+    }
+    wanted: list[tuple[str, int | None, Need]]
+    wanted = [(name, None, Need(of)) for name, of in whole.items()]
+    own = {"temperature_c": Covariate.TEMPERATURE, "speed_rad_s": Covariate.SPEED}
+    if block.joint_temperatures_c is None:
+        del own["temperature_c"]
+    for suffix, of in own.items():
+        wanted += [
+            (f"{name}_{suffix}", joint, Need(of, joint))
+            for joint, name in enumerate(names)
+        ]
+    for name, of_joint, need in wanted:
+        if block.lack(need) is None:
+            values = course(rows, need)
+            if varies(rows, values):
+                yield CovariateColumn(name, of_joint, False, values)

@@ -1,0 +1,217 @@
+"""What a diagnosis found."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.arm_file.arm import Arm, Effect
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.diagnosis.model.candidate import BankName, Candidate
+from traverse.lab.diagnosis.model.outlier_clusters import Cluster
+from traverse.lab.identification.solve.adjustment import Adjustment
+
+Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
+Status = Literal["named", "tentative", "unknown"]
+Verdict = Literal["clean", "named", "tentative", "unknown"]
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A key of an effect as estimated, with its standard deviation.
+
+    Attributes:
+        value: A number, or a vector's components, or a spline's values.
+        std: Of the same shape.
+        unit: Of both.
+    """
+
+    value: float | tuple[float, ...]
+    std: float | tuple[float, ...]
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class Alternative:
+    """Another name that the data cannot exclude.
+
+    Attributes:
+        candidate: The other name.
+        log_bayes_factor: Natural logarithm, against nothing missing.
+        correlation: Of this finding with the other block, 0 to 1.
+        alias: No poses of this kind would ever tell the two apart.
+    """
+
+    candidate: Candidate
+    log_bayes_factor: float
+    correlation: float
+    alias: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Term:
+    """Something that the model lacked.
+
+    Attributes:
+        status: How sure the name is.
+        candidate: The name; of an unknown one, where the discrepancy lives.
+        effect: As an entry of the arm file; None: a curve that has no form there.
+        estimates: By key of the effect.
+        log_bayes_factor: Natural logarithm, against the model without the term.
+        log10_p: Of its test in the model with all other terms.
+        harmonic: Periods a turn of an unknown, periodic discrepancy, or None.
+        alternatives: What else it may be, the best first.
+        separate_by: The experiment that would tell them apart, in words.
+        accepted: Whether it is in the adapted arm.
+        cluster: Where poses lie together that were left out, if it tells of these.
+    """
+
+    status: Status
+    candidate: Candidate
+    effect: Effect | None
+    estimates: Mapping[str, Estimate]
+    log_bayes_factor: float
+    log10_p: float
+    harmonic: int | None
+    alternatives: tuple[Alternative, ...]
+    separate_by: str
+    accepted: bool
+    cluster: Cluster | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Detectable:
+    """The smallest size of an effect that would have been seen.
+
+    Attributes:
+        candidate: The effect.
+        key: Of the arm file, whose size is told.
+        minimum: In the unit of the key, in its worst direction; None: it cannot be
+            seen at all.
+        best: In its best direction.
+        unit: Of both.
+        probe_mm: What the undetected minimum does to the probe (root mean square).
+        why: Where it cannot be seen: the reason, else empty.
+    """
+
+    candidate: Candidate
+    key: str
+    minimum: float | None
+    best: float | None
+    unit: str
+    probe_mm: float
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class HoldoutResult:
+    """How a model predicts poses that it has not seen.
+
+    Attributes:
+        rms_mm: Of their misclosures.
+        chi2: S, their mean square over the predictive covariance.
+        n: How many equations.
+        mean_distance_mm: To known points, where there are any.
+    """
+
+    rms_mm: float
+    chi2: float
+    n: int
+    mean_distance_mm: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """A line of the ledger.
+
+    Attributes:
+        effect: What was added, or None for the start.
+        held_out: With it and all before it.
+        sigma0: On the poses used for choosing.
+    """
+
+    effect: str | None
+    held_out: HoldoutResult
+    sigma0: float
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseEstimate:
+    """The noise as it was found.
+
+    Attributes:
+        encoder_rad: Of every joint, (n_joints,).
+        contact_mm: Of every artefact, (n_artefacts,).
+        serial_share: Part of the variance that is correlated from pose to pose.
+        serial_phi: Its correlation from one pose to the next.
+    """
+
+    encoder_rad: tuple[float, ...]
+    contact_mm: tuple[float, ...]
+    serial_share: float
+    serial_phi: float
+
+
+@dataclass(frozen=True, slots=True)
+class BankRemainder:
+    """The largest finding of a bank when nothing more was added.
+
+    Attributes:
+        bank: Which.
+        candidate: Its most significant candidate.
+        log10_p: Of that.
+        threshold_log10_p: What it would have needed.
+    """
+
+    bank: BankName
+    candidate: Candidate
+    log10_p: float
+    threshold_log10_p: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Diagnosis:
+    """The whole result.
+
+    Attributes:
+        verdict: The weakest status among the terms, or clean.
+        terms: What was found, in the order of finding.
+        arm: As given.
+        adapted: With the accepted terms, everything estimated together.
+        campaign: As given.
+        before: Fit of the geometry to the choosing poses, without terms.
+        after: Fit with all terms, accepted or not.
+        choosing: Poses that were used for choosing, (n_poses,).
+        held_out: Poses kept aside, (n_poses,).
+        excluded: Poses that contradict all others, (n_poses,).
+        ledger: The gap after every term.
+        closed: Part of the gap that was closed on held-out poses, or None.
+        vetoed: Whether held-out poses got worse, so that nothing was accepted.
+        noise: As found.
+        leftovers: What remains in each bank.
+        detectable: What would have been seen, and what cannot be.
+        seed: Of the split and the thresholds.
+        seconds: By stage of the work.
+    """
+
+    verdict: Verdict
+    terms: tuple[Term, ...]
+    arm: Arm
+    adapted: Arm
+    campaign: Campaign
+    before: Adjustment
+    after: Adjustment
+    choosing: Booleans
+    held_out: Booleans
+    excluded: Booleans
+    ledger: tuple[Step, ...]
+    closed: float | None
+    vetoed: bool
+    noise: NoiseEstimate
+    leftovers: tuple[BankRemainder, ...]
+    detectable: tuple[Detectable, ...]
+    seed: int
+    seconds: Mapping[str, float]

@@ -1,0 +1,129 @@
+"""The terms of a fit, one by one: what each explains when all others stay."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.effects.base.correction import Correction
+from traverse.lab.diagnosis.model.candidate import BankName, Candidate
+from traverse.lab.diagnosis.model.observation_equations import (
+    LEAST_EFFECT,
+    ObservationEquations,
+    orthonormal_basis,
+)
+from traverse.lab.diagnosis.model.result import Estimate
+from traverse.lab.identification.equations.plausible_sizes import key_unit
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class AddedTerm:
+    """A term in the model.
+
+    Attributes:
+        candidate: What it was chosen as.
+        bank: Where it was found.
+        index: Of the effect in the arm.
+    """
+
+    candidate: Candidate
+    bank: BankName
+    index: int
+
+
+def rows_without(rows: ObservationEquations, index: int) -> ObservationEquations:
+    """Take an effect out of a fit, everything else linearised.
+
+    Args:
+        rows: Of a fit with effects.
+        index: Of the effect.
+    """
+    parameters = rows.adjustment.network.parameters
+    model = parameters.effects
+    if model is None:
+        raise ValueError("the fit has no effects to take out")
+    coordinates = _coordinates(rows, index)
+    amplitudes = rows.adjustment.state.arm.amplitudes
+    directions = model.directions(rows.adjustment.state.arm.geometry)
+    sizes = directions.T @ amplitudes
+    correction = model.effects.corrections[index]
+    moved = sizes[coordinates] / model.tolerances[coordinates]
+    if correction.kind == "probe_lobing":
+        moved[1] = 0.0  # the phase: its column is no size
+    own = _columns(rows, coordinates)
+    values = rows.values + rows.columns[:, own] @ moved
+    columns = np.delete(rows.columns, np.arange(own.start, own.stop), axis=1)
+    return replace(
+        rows, values=values, columns=columns, basis=orthonormal_basis(columns)
+    )
+
+
+def estimates_of(rows: ObservationEquations, index: int) -> dict[str, Estimate]:
+    """Say the values of an effect with their standard deviations.
+
+    From the rows, so that serially correlated noise is accounted for; the noise level
+    is that of the residuals.
+    """
+    parameters = rows.adjustment.network.parameters
+    model = parameters.effects
+    if model is None:
+        raise ValueError("the fit has no effects")
+    state = rows.adjustment.state.arm
+    values = state.amplitudes
+    correction = model.at(values).corrections[index]
+    covariance = _value_covariance(rows, index)
+    stds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    return _by_key(correction, stds)
+
+
+def _by_key(correction: Correction, stds: Floats) -> dict[str, Estimate]:
+    as_stds = correction.with_values(stds).keys
+    return {
+        key: Estimate(value, as_stds[key], key_unit(key))
+        for key, value in correction.keys.items()
+    }
+
+
+def _value_covariance(rows: ObservationEquations, index: int) -> Floats:
+    parameters = rows.adjustment.network.parameters
+    model = parameters.effects
+    if model is None:
+        raise ValueError("the fit has no effects")
+    coordinates = _coordinates(rows, index)
+    own = _columns(rows, coordinates)
+    others = np.delete(rows.columns, np.arange(own.start, own.stop), axis=1)
+    basis = orthonormal_basis(others)
+    mine = rows.columns[:, own]
+    left = mine - basis @ (basis.T @ mine)
+    variance = rows.sum_of_squares / max(rows.redundancy, 1)
+    scales = model.tolerances[coordinates]
+    # What the data do not see of it, such as the mean of a curve, was not estimated.
+    squares, turns = np.linalg.eigh(left.T @ left)
+    seen = squares > LEAST_EFFECT**2
+    cofactors = (turns[:, seen] / squares[seen]) @ turns[:, seen].T
+    covariance = variance * scales[:, np.newaxis] * cofactors * scales
+    geometry = rows.adjustment.state.arm.geometry
+    directions = model.effects.corrections[index].free_directions(geometry)
+    found: Floats = directions @ covariance @ directions.T
+    return found
+
+
+def _coordinates(rows: ObservationEquations, index: int) -> slice:
+    """Find the coordinates of an effect among those of all effects."""
+    model = rows.adjustment.network.parameters.effects
+    if model is None:
+        raise ValueError("the fit has no effects")
+    geometry = rows.adjustment.state.arm.geometry
+    sizes = [c.free_directions(geometry).shape[1] for c in model.effects.corrections]
+    return slice(sum(sizes[:index]), sum(sizes[: index + 1]))
+
+
+def _columns(rows: ObservationEquations, coordinates: slice) -> slice:
+    """Find the columns of coordinates: all effects are free and come last."""
+    parameters = rows.adjustment.network.parameters
+    model = parameters.effects
+    n_effects = 0 if model is None else len(model.names)
+    first = parameters.n_free - n_effects
+    return slice(first + coordinates.start, first + coordinates.stop)

@@ -1,0 +1,98 @@
+"""The adapted arm as it is written: which terms are in it, and where it comes from."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+from traverse.kinematics.arm_file.arm import Arm, FileError, Problem, parse_arm
+from traverse.kinematics.arm_file.arm import Identification as Provenance
+from traverse.kinematics.effect_table import EFFECT_KINDS
+from traverse.kinematics.effects.arm_effects import effects_of
+from traverse.lab.diagnosis.model.result import Diagnosis, Term
+from traverse.lab.identification.equations.plausible_sizes import (
+    campaign_span,
+    campaign_start,
+)
+from traverse.strict_toml.writing import arm_text, write_atomically
+
+
+def terms_without_epoch(diagnosis: Diagnosis) -> tuple[Term, ...]:
+    """List accepted terms that cannot be written: bound to a time nobody knows.
+
+    The moment that such an effect counts from is the campaign's start; where the
+    campaign does not say when it began there is none.
+    """
+    if diagnosis.campaign.start_utc is not None:
+        return ()
+    return tuple(
+        term
+        for term in diagnosis.terms
+        if term.effect is not None
+        and term.accepted
+        and _is_bound_to_time(term.effect.kind)
+    )
+
+
+def arm_with_provenance(diagnosis: Diagnosis, when: datetime | None = None) -> Arm:
+    """Make the arm that is written.
+
+    Args:
+        diagnosis: With the adapted arm.
+        when: Date of the diagnosis; default now.
+    """
+    arm, campaign = diagnosis.adapted, diagnosis.campaign
+    effects = arm.effects
+    if campaign.start_utc is None:
+        nowhere = campaign_start(campaign)
+        effects = tuple(
+            effect
+            for effect in effects
+            if not (_is_bound_to_time(effect.kind) and effect.epoch_utc == nowhere)
+        )
+    provenance = Provenance(
+        sigma0=diagnosis.after.sigma0,
+        redundancy=diagnosis.after.redundancy,
+        date=(when or datetime.now(UTC)).replace(microsecond=0),
+        campaign_digest=campaign.digest or None,
+        parameters=_parameters(diagnosis, arm.model_copy(update={"effects": effects})),
+    )
+    return arm.model_copy(update={"effects": effects, "identification": provenance})
+
+
+def _parameters(diagnosis: Diagnosis, arm: Arm) -> tuple[str, ...]:
+    """Name what was estimated, as far as it is in the arm."""
+    parameters = diagnosis.after.network.parameters
+    if parameters.effects is None:
+        return parameters.free_names
+    built = effects_of(arm, arm.effects, campaign_span(diagnosis.campaign))
+    written = {built.name(correction) for correction in built.corrections}
+    missing = {
+        name
+        for name in parameters.effects.names
+        if name.rpartition(".")[0] not in written
+        and name.rpartition(".")[0].rpartition(".")[0] not in written
+    }
+    return tuple(name for name in parameters.free_names if name not in missing)
+
+
+def write_adapted(path: Path, arm: Arm, source: Path) -> None:
+    """Write an arm file whole, with the comments of the file that it came from.
+
+    Args:
+        path: Where to.
+        arm: To write.
+        source: The arm file that was diagnosed; may be the same file.
+
+    Raises:
+        FileError: The arm breaks a rule of arm files; an old file stays.
+        OSError: A file cannot be read or written.
+    """
+    values = arm.model_dump(by_alias=True, exclude_unset=True)
+    text = arm_text(values, source.read_text("utf-8"))
+    if parse_arm(text, str(path)) != arm:
+        problem = Problem("", "would not hold all values of this arm")
+        raise FileError(str(path), [problem])
+    write_atomically(path, text)
+
+
+def _is_bound_to_time(kind: str) -> bool:
+    return EFFECT_KINDS[kind].effect_class == "A"

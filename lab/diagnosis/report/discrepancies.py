@@ -1,0 +1,196 @@
+"""Simulation against measurement, pose by pose: where the discrepancy lives.
+
+The simulation is the model of the arm. A pose's misclosure w is where the model puts
+the ball, less where the artefact is. Whitened by its noise, L^-1 w = v, it also says
+what a single cause would have to be: moved by e = L^-1 B d for each unit of a cause,
+
+    amount = - e . v / e . e        standard deviation 1 / |e|
+
+explains a pose best, be the cause a shift of the ball along a direction or a joint's
+reading that is too large (then: measured reading less the simulated one).
+"""
+
+import csv
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.identification.equations.network import Station, stations
+from traverse.lab.identification.equations.noise import Noise
+from traverse.lab.identification.equations.station_equations import (
+    station_centres,
+    white_rows,
+)
+from traverse.lab.identification.solve.adjustment import Adjustment
+
+Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Discrepancies:
+    """Measurement against one model, an entry a pose of the campaign.
+
+    Attributes:
+        campaign: What was measured.
+        misclosures_mm: (n_poses, 3); NaN where there is none: surfaces have only the
+            first.
+        whitened: In standard deviations of noise, zero where there is none,
+            (n_poses, 3).
+        by_centre: How that changes with the model's ball centre [1/mm],
+            (n_poses, 3, 3).
+        by_readings: How it changes with readings [1/rad], (n_poses, 3, n_joints).
+        took_part: In the fit, (n_poses,).
+    """
+
+    campaign: Campaign
+    misclosures_mm: Floats
+    whitened: Floats
+    by_centre: Floats
+    by_readings: Floats
+    took_part: Booleans
+
+    @property
+    def sizes(self) -> Floats:
+        """Root mean square of a pose's misclosures in sigma, (n_poses,)."""
+        n_rows = np.count_nonzero(np.isfinite(self.misclosures_mm), axis=1)
+        total = np.sum(self.whitened**2, axis=1)
+        found: Floats = np.sqrt(total / np.maximum(n_rows, 1))
+        return found
+
+    def along(self, directions: Floats) -> tuple[Floats, Floats]:
+        """Say how far the ball is off along directions, as each pose alone sees it.
+
+        Args:
+            directions: Of one unit each, (n_poses, 3) [mm].
+
+        Returns:
+            The amount and its standard deviation, NaN where it cannot be seen, both
+            (n_poses,): measured less simulated.
+        """
+        return self._amount(np.einsum("nij,nj->ni", self.by_centre, directions))
+
+    def reading_errors_rad(self, joint: int) -> tuple[Floats, Floats]:
+        """Say by how much a reading is larger than the simulation's, (n_poses,).
+
+        As each pose alone sees it, if this joint were the only cause; with its
+        standard deviation.
+
+        Args:
+            joint: Counted from 0.
+        """
+        return self._amount(-self.by_readings[:, :, joint])
+
+    def as_reading_rad(self, joint: int, moves_mm: Floats) -> Floats:
+        """Say which error of a reading does the same as moves of the ball, (n_poses,).
+
+        Args:
+            joint: Counted from 0.
+            moves_mm: (n_poses, 3).
+        """
+        moved = np.einsum("nij,nj->ni", self.by_centre, moves_mm)
+        own = -self.by_readings[:, :, joint]
+        squares = np.sum(own**2, axis=1)
+        safe = np.where(squares > 0.0, squares, np.nan)
+        found: Floats = np.sum(own * moved, axis=1) / safe
+        return found
+
+    def _amount(self, effects: Floats) -> tuple[Floats, Floats]:
+        squares = np.sum(effects**2, axis=1)
+        safe = np.where(squares > 0.0, squares, np.nan)
+        along = np.sum(effects * self.whitened, axis=1)
+        return -along / safe, 1.0 / np.sqrt(safe)
+
+
+def discrepancies(adjustment: Adjustment, noise: Noise | None = None) -> Discrepancies:
+    """Compare all poses of a campaign with a fitted model.
+
+    Poses that took no part are compared at the same artefacts; an artefact that was
+    held out whole is put where its own poses say.
+
+    Args:
+        adjustment: The fit.
+        noise: In whose units; default the fit's.
+    """
+    network = adjustment.network
+    campaign = network.campaign
+    n_poses, n_joints = len(campaign.poses), network.parameters.n_joints
+    network = replace(
+        network, noise=noise or network.noise, weights=np.ones(n_poses, dtype=float)
+    )
+    found = Discrepancies(
+        campaign,
+        np.full((n_poses, 3), np.nan),
+        np.zeros((n_poses, 3)),
+        np.zeros((n_poses, 3, 3)),
+        np.zeros((n_poses, 3, n_joints)),
+        np.zeros(n_poses, dtype=np.bool_),
+    )
+    for station in adjustment.network.stations:
+        found.took_part[station.poses] = True
+    radius_mm = network.stations[0].touches.radius_mm
+    arm = adjustment.state.arm
+    for station in stations(campaign, radius_mm, np.ones(n_poses, dtype=np.bool_)):
+        unknowns = _unknowns(adjustment, station)
+        for rows in white_rows(network, station, arm, unknowns):
+            poses = station.poses[rows.part]
+            n_rows = rows.misclosures.shape[1]
+            found.misclosures_mm[poses, :n_rows] = rows.misclosures_mm
+            found.whitened[poses, :n_rows] = rows.misclosures
+            found.by_centre[poses, :n_rows] = rows.by_centre
+            by_readings = rows.by_readings / network.noise.encoder_rad
+            found.by_readings[poses, :n_rows] = by_readings
+    return found
+
+
+def _unknowns(adjustment: Adjustment, station: Station) -> Floats:
+    for at, known in enumerate(adjustment.network.stations):
+        if known.index == station.index:
+            return adjustment.state.unknowns[at]
+    centres_mm = station_centres(adjustment.network, station, adjustment.state.arm)
+    return station.artefact.start(centres_mm, station.touches)
+
+
+def write_discrepancies(
+    path: Path, before: Discrepancies, after: Discrepancies, parts: tuple[str, ...]
+) -> None:
+    """Write both comparisons as CSV, a line a pose.
+
+    Args:
+        path: Of the file.
+        before: With the model as it was.
+        after: With what was added.
+        parts: What became of each pose, (n_poses,).
+    """
+    campaign = before.campaign
+    poses = campaign.poses
+    numbers = [poses.time_s]
+    header = ["line", "artefact", "feature", "part", "time_s"]
+    if poses.temperature_c is not None:
+        numbers.append(poses.temperature_c)
+        header.append("temperature_c")
+    for when, compared in (("before", before), ("after", after)):
+        numbers += [*compared.misclosures_mm.T, compared.sizes]
+        header += [f"{when}_{row}_mm" for row in (1, 2, 3)] + [f"{when}_sigma"]
+        for joint, name in enumerate(campaign.joint_names):
+            numbers.append(compared.reading_errors_rad(joint)[0])
+            header.append(f"{when}_{name}_rad")
+    values = np.column_stack(numbers)
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header)
+        for at, row in enumerate(values.tolist()):
+            artefact = int(poses.artefacts[at])
+            writer.writerow(
+                [
+                    int(poses.lines[at]),
+                    campaign.artefacts[artefact].id,
+                    campaign.feature_names[artefact][int(poses.features[at])],
+                    parts[at],
+                    *("" if math.isnan(value) else f"{value:.6g}" for value in row),
+                ]
+            )

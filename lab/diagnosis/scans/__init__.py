@@ -1,0 +1,1 @@
+"""Diagnosis of dense scans."""

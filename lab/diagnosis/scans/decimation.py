@@ -1,0 +1,247 @@
+"""A recorded stream, thinned until its errors are no longer correlated.
+
+Neighbouring samples share most of their error, so as poses they would count many
+times over. What a model lacks changes with the posture, noise within less than that:
+so the misclosures of a first fit, less their running mean over a small part of the
+motion, tell how long noise lasts. Of each stretch over an artefact every so manyth
+sample is kept.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.arm_file.arm import Arm
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.diagnosis.model.fit import fitted
+from traverse.lab.diagnosis.scans.directions import with_surface_directions
+from traverse.lab.identification.equations.network import Network, State, stations
+from traverse.lab.identification.equations.station_equations import misclosures_mm
+from traverse.lab.identification.solve.adjustment import Adjustment
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+MOST_POSES = 2000
+_FIRST_POSES = 800
+# Below this correlation samples count as independent.
+_LEAST_CORRELATION = 0.02
+# How it falls is seen where it is above this, at so many lags at least.
+_STEEP = 0.15
+_LEAST_LAGS = 3
+_LONGEST_LAG = 500
+_MOST_LOOKED_AT = 100_000
+# Motion of the fastest joint over which the running mean is taken.
+_SAME_POSTURE_RAD = 1.0
+_LEAST_WINDOW = 20
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Decimation:
+    """Which samples of a stream serve as poses.
+
+    Attributes:
+        poses: Indices of those, rising, (n_kept,).
+        n_samples: Of the stream, in which something is touched.
+        rate_hz: Of the stream.
+        lasting_s: For how long noise lasts on each artefact; NaN: never touched.
+        apart_s: How far apart the poses on each artefact are.
+    """
+
+    poses: Integers
+    n_samples: int
+    rate_hz: float
+    lasting_s: tuple[float, ...]
+    apart_s: tuple[float, ...]
+
+    @property
+    def is_capped(self) -> bool:
+        """Whether fewer poses were kept than are independent."""
+        pairs = zip(self.apart_s, self.lasting_s, strict=True)
+        return any(apart > lasting for apart, lasting in pairs)
+
+
+def thinned(
+    campaign: Campaign, arm: Arm, most_poses: int = MOST_POSES
+) -> tuple[Campaign, Decimation]:
+    """Find out which samples to keep, and where surfaces were touched.
+
+    Args:
+        campaign: A whole stream.
+        arm: The design, or an identified arm.
+        most_poses: That are kept at most.
+
+    Returns:
+        The whole campaign with directions where an artefact tells them, and which of
+        its poses to keep.
+    """
+    first = campaign.part(_spread(campaign))
+    everyone = np.ones(len(first.poses), dtype=np.bool_)
+    fit = fitted(first, arm, everyone)
+    network, state = undecimated_network(fit.adjustment, campaign, arm.probe.radius_mm)
+    stretches = _stretches(campaign)
+    usual_s = _usual_s(campaign)
+    lasting = np.ones(len(campaign.artefacts), dtype=np.int64)
+    for station, unknowns in zip(network.stations, state.unknowns, strict=True):
+        found_mm = misclosures_mm(network, station, state.arm, unknowns)
+        window = _window(campaign, station.poses)
+        lasting[station.index] = _lasting(found_mm, stretches[station.poses], window)
+    touched = np.isin(np.arange(len(lasting)), campaign.poses.artefacts)
+    apart, poses = lasting, _every(campaign, stretches, lasting)
+    while len(poses) > most_poses:
+        apart = np.ceil(apart * 1.02 * len(poses) / most_poses).astype(np.int64)
+        poses = _every(campaign, stretches, apart)
+    return with_surface_directions(campaign, network, state), Decimation(
+        poses=poses,
+        n_samples=len(campaign.poses),
+        rate_hz=1.0 / usual_s,
+        lasting_s=tuple(np.where(touched, usual_s * lasting, np.nan).tolist()),
+        apart_s=tuple(np.where(touched, usual_s * apart, np.nan).tolist()),
+    )
+
+
+def undecimated_network(
+    adjustment: Adjustment, campaign: Campaign, radius_mm: float
+) -> tuple[Network, State]:
+    """Set up all samples as a fit of some of them sees them.
+
+    Args:
+        adjustment: The fit; artefacts that took no part in it are left out.
+        campaign: All samples.
+        radius_mm: Of the probe's ball.
+    """
+    everyone = np.ones(len(campaign.poses), dtype=np.bool_)
+    known = {
+        station.index: unknowns
+        for station, unknowns in zip(
+            adjustment.network.stations, adjustment.state.unknowns, strict=True
+        )
+    }
+    found = tuple(
+        station
+        for station in stations(campaign, radius_mm, everyone)
+        if station.index in known
+    )
+    network = replace(
+        adjustment.network,
+        campaign=campaign,
+        stations=found,
+        weights=np.ones(len(campaign.poses)),
+    )
+    unknowns = tuple(known[station.index] for station in found)
+    return network, State(adjustment.state.arm, unknowns, ())
+
+
+def _spread(campaign: Campaign) -> Integers:
+    """Take as many samples from each artefact, evenly."""
+    indices = campaign.poses.artefacts
+    each = -(-_FIRST_POSES // len(campaign.artefacts))
+    chosen = []
+    for index in np.unique(indices):
+        mine = np.flatnonzero(indices == index)
+        places = np.linspace(0, len(mine) - 1, min(each, len(mine)))
+        chosen.append(mine[places.astype(np.int64)])
+    return np.sort(np.concatenate(chosen))
+
+
+def _usual_s(campaign: Campaign) -> float:
+    """Say the usual time from sample to sample; streams of one sample: a second."""
+    if len(campaign.poses) < 2:
+        return 1.0
+    return float(np.median(np.diff(campaign.poses.time_s)))
+
+
+def _stretches(campaign: Campaign) -> Integers:
+    """Number the stretches in which one thing is touched without a gap, (n,)."""
+    poses = campaign.poses
+    breaks = np.diff(poses.lines) != 1
+    breaks |= np.diff(poses.time_s) > 1.5 * _usual_s(campaign)
+    breaks |= np.diff(poses.artefacts) != 0
+    breaks |= np.diff(poses.features) != 0
+    return np.concatenate([[0], np.cumsum(breaks)]).astype(np.int64)
+
+
+def _window(campaign: Campaign, poses: Integers) -> int:
+    """Say how many samples the fastest joint usually takes for the same posture."""
+    speeds = campaign.poses.speeds_rad_s
+    if speeds is None:
+        return _LONGEST_LAG
+    fastest_rad_s = float(np.median(np.max(np.abs(speeds[poses]), axis=1)))
+    samples = _SAME_POSTURE_RAD / (fastest_rad_s + 1e-9) / _usual_s(campaign)
+    return int(np.clip(samples, _LEAST_WINDOW, _LONGEST_LAG))
+
+
+def _lasting(values: Floats, stretches: Integers, window: int) -> int:
+    """Find the first lag at which noise is hardly correlated any more.
+
+    Args:
+        values: Misclosures in the order of time, (n, n_rows).
+        stretches: Numbers of their stretches, (n,).
+        window: Of the running mean, in samples.
+    """
+    values, stretches = values[:_MOST_LOOKED_AT], stretches[:_MOST_LOOKED_AT]
+    ends = np.flatnonzero(np.append(np.diff(stretches) != 0, True)) + 1
+    starts = np.append(0, ends[:-1])
+    rest = np.concatenate(
+        [
+            _without_mean(values[first:end], window)
+            for first, end in zip(starts, ends, strict=True)
+        ]
+    )
+    lags = np.arange(1, min(window, len(rest) - 1) + 1)
+    total = float(np.mean(rest**2))
+    if total == 0.0 or len(lags) < 4:
+        return 1
+    found = (
+        np.array([_correlation(rest, stretches, lag) for lag in lags.tolist()]) / total
+    )
+    # Less its running mean noise is a little correlated the other way at all lags.
+    baseline = float(np.mean(found[len(found) // 2 :]))
+    found = (found - baseline) / (1.0 - baseline)
+    low = found < _LEAST_CORRELATION
+    crossed = int(lags[np.argmax(low)]) if np.any(low) else int(lags[-1])
+    return int(np.clip(_extrapolated(found), crossed, lags[-1]))
+
+
+def _extrapolated(found: Floats) -> int:
+    """Say when a correlation would be low that goes on falling as it does at first.
+
+    One that was estimated from few samples crosses the limit early by chance.
+
+    Args:
+        found: At lags from 1 on, (n_lags,).
+    """
+    is_low = found < _STEEP
+    n = int(np.argmax(is_low)) if np.any(is_low) else len(found)
+    if n < _LEAST_LAGS:
+        return n
+    slope, start = np.polyfit(np.arange(1, n + 1), np.log(found[:n]), 1)
+    if slope >= 0.0:
+        return n
+    return int(np.ceil((np.log(_LEAST_CORRELATION) - start) / slope))
+
+
+def _correlation(values: Floats, stretches: Integers, lag: int) -> float:
+    together = stretches[lag:] == stretches[:-lag]
+    products: Floats = values[lag:][together] * values[:-lag][together]
+    return float(np.sum(products)) / max(products.size, 1)
+
+
+def _without_mean(values: Floats, window: int) -> Floats:
+    """Take out the running mean over a window, (n, n_rows)."""
+    n, half = len(values), window // 2
+    sums = np.cumsum(np.vstack([np.zeros_like(values[:1]), values]), axis=0)
+    first = np.maximum(np.arange(n) - half, 0)
+    end = np.minimum(np.arange(n) + half + 1, n)
+    means = (sums[end] - sums[first]) / (end - first)[:, np.newaxis]
+    rest: Floats = values - means
+    return rest
+
+
+def _every(campaign: Campaign, stretches: Integers, apart: Integers) -> Integers:
+    """Keep every so manyth sample of each stretch."""
+    starts = np.flatnonzero(np.append(True, np.diff(stretches) != 0))
+    within = np.arange(len(stretches)) - starts[stretches]
+    kept = within % apart[campaign.poses.artefacts] == 0
+    return np.flatnonzero(kept)

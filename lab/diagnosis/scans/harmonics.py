@@ -1,0 +1,243 @@
+"""Harmonics of every joint over a whole stream, in bounded memory.
+
+With A the unknowns' columns and c a harmonic's two, all samples give
+
+    M = c^T c - c^T A (A^T A)^-1 A^T c,    g = c^T v - c^T A (A^T A)^-1 A^T v
+    T = g^T M^-1 g
+
+Sums are gathered part by part. The columns of A come in the directions that the fit
+of the thinned poses determines, in which A^T A is near a multiple of the identity, so
+that nothing is lost by summing squares.
+
+Errors of neighbouring samples are correlated, so T is larger than chi-square by what
+the noise has too much at the harmonic's frequency: as much as the median over all
+joints and the orders nearby says.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.diagnosis.candidates.candidate_scores import is_beyond_library
+from traverse.lab.diagnosis.candidates.harmonics import HIGHEST_ORDER, harmonic_bank
+from traverse.lab.diagnosis.model.candidate import Candidate
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
+from traverse.lab.diagnosis.scans.decimation import undecimated_network
+from traverse.lab.identification.equations.network import Network, State, Station
+from traverse.lab.identification.equations.station_equations import (
+    WhiteRows,
+    white_rows,
+)
+from traverse.lab.identification.solve.system import certified
+
+Floats = NDArray[np.float64]
+
+# Combinations of unknowns that move the thinned data by less do not count.
+_LEAST_EFFECT = 0.02
+# What unknowns leave of a harmonic, of its square, below which it is not seen.
+_LEAST_LEFT = 1e-6
+_ORDERS_NEARBY = 8
+_MEDIAN_OF_CHI2 = 2.0 * float(np.log(2.0))
+
+
+@dataclass(frozen=True, slots=True)
+class HarmonicFinding:
+    """A harmonic as a whole stream sees it.
+
+    Attributes:
+        candidate: Joint and order.
+        amplitudes_rad: Of cosine and sine.
+        std_rad: Of both together, root mean square, noise as it was found.
+        statistic: T over what noise has too much: chi-square of two degrees.
+    """
+
+    candidate: Candidate
+    amplitudes_rad: tuple[float, float]
+    std_rad: float
+    statistic: float
+
+    @property
+    def log_p(self) -> float:
+        """Natural logarithm of the p-value."""
+        return -0.5 * self.statistic
+
+
+def stream_harmonics(
+    rows: ObservationEquations, campaign: Campaign, radius_mm: float
+) -> tuple[HarmonicFinding, ...]:
+    """Test all harmonics on all samples.
+
+    Args:
+        rows: Of a fit of some of the samples.
+        campaign: All of them.
+        radius_mm: Of the probe's ball.
+
+    Returns:
+        All that can be seen, the most significant first.
+    """
+    network, state = undecimated_network(rows.adjustment, campaign, radius_mm)
+    sums = _gathered(rows, network, state)
+    squares, turns = np.linalg.eigh(sums.gram)
+    seen = squares > _LEAST_LEFT * squares[-1]
+    root = turns[:, seen] / np.sqrt(squares[seen])
+    waves = np.einsum("us,kuhw->kshw", root, sums.by_unknowns)
+    values = root.T @ sums.unknowns_by_values
+    left = sums.squares - np.einsum("kshw,kshx->khwx", waves, waves)
+    along = sums.by_values - np.einsum("kshw,s->khw", waves, values)
+    n_joints, n_orders = along.shape[:2]
+    statistics = np.full((n_joints, n_orders), np.nan)
+    amplitudes = np.zeros_like(along)
+    variances = np.zeros((n_joints, n_orders))
+    sizes = np.einsum("khww->kh", sums.squares)
+    for joint, order in np.ndindex(n_joints, n_orders):
+        parts, axes = np.linalg.eigh(left[joint, order])
+        if parts[0] > _LEAST_LEFT * max(float(sizes[joint, order]), 1e-300):
+            turned = axes.T @ along[joint, order]
+            statistics[joint, order] = float(np.sum(turned**2 / parts))
+            amplitudes[joint, order] = axes @ (turned / parts)
+            variances[joint, order] = float(np.mean(1.0 / parts))
+    excess = _excess(statistics)
+    candidates = harmonic_bank(rows).candidates
+    found = [
+        HarmonicFinding(
+            candidate=candidates[joint * n_orders + order],
+            amplitudes_rad=(
+                float(amplitudes[joint, order, 0]),
+                float(amplitudes[joint, order, 1]),
+            ),
+            std_rad=float(np.sqrt(variances[joint, order] * excess[order])),
+            statistic=float(statistics[joint, order] / excess[order]),
+        )
+        for joint, order in np.ndindex(n_joints, n_orders)
+        if np.isfinite(statistics[joint, order])
+    ]
+    return tuple(sorted(found, key=lambda finding: -finding.statistic))
+
+
+def first_significant(
+    findings: tuple[HarmonicFinding, ...], level: float
+) -> HarmonicFinding | None:
+    """Take the most significant harmonic beyond the library's orders.
+
+    Args:
+        findings: As from `stream_harmonics`.
+        level: Probability of a false alarm of the whole bank.
+    """
+    high = [one for one in findings if is_beyond_library(one.candidate)]
+    if not high:
+        return None
+    first = max(high, key=lambda finding: finding.statistic)
+    return first if first.log_p < np.log(level / len(high)) else None
+
+
+@dataclass(slots=True)
+class _Sums:
+    """What is gathered; k joints, u directions of unknowns, h orders, w = cos, sin.
+
+    Attributes:
+        gram: A^T A, (u, u).
+        unknowns_by_values: A^T v, (u,).
+        by_unknowns: A^T c, (k, u, h, w).
+        squares: c^T c, (k, h, w, w).
+        by_values: c^T v, (k, h, w).
+    """
+
+    gram: Floats
+    unknowns_by_values: Floats
+    by_unknowns: Floats
+    squares: Floats
+    by_values: Floats
+
+
+def _gathered(rows: ObservationEquations, network: Network, state: State) -> _Sums:
+    _, values, right = np.linalg.svd(rows.columns, full_matrices=False)
+    kept = values > _LEAST_EFFECT
+    directions = right[kept].T / values[kept]
+    n_joints, n_seen = network.parameters.n_joints, directions.shape[1]
+    sums = _Sums(
+        np.zeros((n_seen, n_seen)),
+        np.zeros(n_seen),
+        np.zeros((n_joints, n_seen, HIGHEST_ORDER, 2)),
+        np.zeros((n_joints, HIGHEST_ORDER, 2, 2)),
+        np.zeros((n_joints, HIGHEST_ORDER, 2)),
+    )
+    places = _unknown_columns(rows)
+    n_free = network.parameters.n_free
+    of_arm = directions[:n_free] * network.parameters.free_tolerances[:, np.newaxis]
+    for station, unknowns in zip(network.stations, state.unknowns, strict=True):
+        of_unknowns = directions[places[station.index]]
+        of_unknowns = of_unknowns * station.scales[:, np.newaxis]
+        for part in white_rows(network, station, state.arm, unknowns):
+            _add(sums, network, station, part, (of_arm, of_unknowns))
+        # Certificates hold lengths, as often as there are samples for each pose.
+        found = certified(network, station, state.arm, unknowns)
+        n_own = len(station.scales)
+        columns = found[:, :n_own] @ of_unknowns + found[:, n_own:-1] @ of_arm
+        sums.gram += columns.T @ columns
+        sums.unknowns_by_values += columns.T @ found[:, -1]
+    return sums
+
+
+def _unknown_columns(rows: ObservationEquations) -> dict[int, slice]:
+    """Find the columns of each artefact's unknowns."""
+    network = rows.adjustment.network
+    first, found = network.parameters.n_free, {}
+    for station in network.stations:
+        found[station.index] = slice(first, first + len(station.scales))
+        first += len(station.scales)
+    return found
+
+
+def _add(
+    sums: _Sums,
+    network: Network,
+    station: Station,
+    part: WhiteRows,
+    directions: tuple[Floats, Floats],
+) -> None:
+    """Add some samples."""
+    of_arm, of_unknowns = directions
+    columns = part.by_parameters @ of_arm + part.by_unknowns @ of_unknowns
+    values = -part.misclosures
+    flat = columns.reshape(-1, columns.shape[2])
+    sums.gram += flat.T @ flat
+    sums.unknowns_by_values += flat.T @ values.ravel()
+    angles_rad = network.campaign.poses.angles_rad[station.poses[part.part]]
+    # A reading that is too large by d_alpha: the corrected one is smaller.
+    by_angles = -part.by_readings / network.noise.encoder_rad
+    for joint in range(angles_rad.shape[1]):
+        waves = _waves(angles_rad[:, joint])
+        own = by_angles[:, :, joint]
+        together = np.einsum("nr,nru->nu", own, columns)
+        flat_waves = waves.reshape(len(waves), -1)
+        products = (together.T @ flat_waves).reshape(-1, HIGHEST_ORDER, 2)
+        sums.by_unknowns[joint] += products
+        weights = np.sum(own**2, axis=1)
+        sums.squares[joint] += np.einsum("n,nhw,nhx->hwx", weights, waves, waves)
+        sums.by_values[joint] += np.einsum(
+            "n,nhw->hw", np.sum(own * values, axis=1), waves
+        )
+
+
+def _waves(angles_rad: Floats) -> Floats:
+    """Compute cos and sin of all orders, (n, HIGHEST_ORDER, 2), by powers."""
+    turned = np.empty((HIGHEST_ORDER, len(angles_rad)), dtype=np.complex128)
+    turned[0] = np.exp(1j * angles_rad)
+    for order in range(1, HIGHEST_ORDER):
+        np.multiply(turned[order - 1], turned[0], out=turned[order])
+    found: Floats = np.stack([turned.real.T, turned.imag.T], axis=2)
+    return found
+
+
+def _excess(statistics: Floats) -> Floats:
+    """Say by how much noise alone makes T too large at each order, (n_orders,)."""
+    n_orders = statistics.shape[1]
+    found = np.ones(n_orders)
+    for order in range(n_orders):
+        first = max(order - _ORDERS_NEARBY, 0)
+        near = statistics[:, first : order + _ORDERS_NEARBY + 1]
+        if np.any(np.isfinite(near)):
+            found[order] = max(float(np.nanmedian(near)) / _MEDIAN_OF_CHI2, 1e-12)
+    return found

@@ -1,0 +1,202 @@
+"""Diagnosis of a dense scan: thinned for the tests, whole for the harmonics.
+
+The thinned poses go the way of every campaign. What they leave over is then looked
+through for harmonics in all samples; one that is found there enters the model, and
+the thinned poses are diagnosed again with it.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from traverse.kinematics.arm_file.arm import Arm
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.diagnosis.candidates.effect_factory import effect_of_candidate
+from traverse.lab.diagnosis.diagnose import diagnose
+from traverse.lab.diagnosis.holdout.comparison import compare_on_holdout
+from traverse.lab.diagnosis.model.candidate import BankName
+from traverse.lab.diagnosis.model.observation_equations import (
+    ObservationEquations,
+    equations_of,
+)
+from traverse.lab.diagnosis.model.options import DiagnosisOptions
+from traverse.lab.diagnosis.model.result import (
+    Alternative,
+    Diagnosis,
+    Step,
+    Term,
+    Verdict,
+)
+from traverse.lab.diagnosis.model.terms import estimates_of
+from traverse.lab.diagnosis.scans.decimation import Decimation, thinned
+from traverse.lab.diagnosis.scans.harmonics import (
+    HarmonicFinding,
+    first_significant,
+    stream_harmonics,
+)
+from traverse.lab.diagnosis.search.forward_search import Progress
+
+# Of the probability of a false alarm: what the harmonics of all samples get.
+_SHARE = 0.1
+# So many times as many poses are worth another diagnosis.
+_WORTH_WHILE = 1.3
+# Rivals: no less likely than one in so many, as log.
+_SET = math.log(100.0)
+_LOG_10 = math.log(10.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StreamDiagnosis:
+    """What a dense scan showed.
+
+    Attributes:
+        diagnosis: Of the thinned poses, harmonics of the whole stream among its terms.
+        thinning: Which samples those poses are.
+        harmonics: Of all samples, what the terms leave over, the largest first.
+        n_from_stream: Terms that all samples showed first; they lead the others.
+    """
+
+    diagnosis: Diagnosis
+    thinning: Decimation
+    harmonics: tuple[HarmonicFinding, ...]
+    n_from_stream: int
+
+
+def diagnose_stream(
+    campaign: Campaign,
+    arm: Arm,
+    options: DiagnosisOptions | None = None,
+    progress: Progress | None = None,
+) -> StreamDiagnosis:
+    """Diagnose an arm from a dense scan.
+
+    Args:
+        campaign: A whole stream.
+        arm: The design, or an identified arm.
+        options: Wishes.
+        progress: Told what is done, and which part of the work that is (0 to 1).
+
+    Raises:
+        IdentificationError: Arm and campaign do not fit together.
+    """
+    options = options or DiagnosisOptions()
+    if progress is not None:
+        progress("thinning the stream", 0.02)
+    campaign, thinning = thinned(campaign, arm)
+    first = diagnose(campaign.part(thinning.poses), arm, options, progress)
+    if first.terms:
+        # What is missing lasts longer than noise does: without it more can be kept.
+        _, again = thinned(campaign, first.adapted)
+        if len(again.poses) > _WORTH_WHILE * len(thinning.poses):
+            thinning = again
+            first = diagnose(campaign.part(again.poses), arm, options, progress)
+    poses, found = campaign.part(thinning.poses), first
+    added: list[tuple[HarmonicFinding, ...]] = []
+    level = _SHARE * options.level
+    while True:
+        if progress is not None:
+            progress("harmonics of all samples", 0.9)
+        rows = equations_of(found.after)
+        harmonics = stream_harmonics(rows, campaign, arm.probe.radius_mm)
+        best = first_significant(harmonics, level)
+        if best is None or len(found.terms) + len(added) >= options.most_terms:
+            break
+        effect = effect_of_candidate(
+            best.candidate, np.array(best.amplitudes_rad), rows
+        )
+        more = (*_given(found, arm, len(added)), effect)
+        added.append((best, *_rivals(best, harmonics)))
+        found = diagnose(
+            poses, arm.model_copy(update={"effects": more}), options, progress
+        )
+    if added:
+        rows = equations_of(found.after)
+        together = _together(first, found, rows, added)
+        # Held-out poses got worse: nothing of it is accepted.
+        found = first if together.vetoed else together
+        added = [] if together.vetoed else added
+    return StreamDiagnosis(found, thinning, harmonics, len(added))
+
+
+def _given(found: Diagnosis, arm: Arm, n_added: int) -> tuple[Any, ...]:
+    """Take the arm's own effects and the harmonics that were added before."""
+    return tuple(found.arm.effects[: len(arm.effects) + n_added])
+
+
+def _together(
+    first: Diagnosis,
+    found: Diagnosis,
+    rows: ObservationEquations,
+    added: Sequence[tuple[HarmonicFinding, ...]],
+) -> Diagnosis:
+    """Tell of harmonics of the stream as terms, in front of those found with them."""
+    n_given = len(first.arm.effects)
+    radius_mm = first.arm.probe.radius_mm
+    gap = compare_on_holdout(first.before, found.after, found.held_out, radius_mm)
+    terms = tuple(
+        _term(names, rows, n_given + at, found, accepted=not gap.is_worse)
+        for at, names in enumerate(added)
+    )
+    statuses = {term.status for term in (*terms, *found.terms)}
+    order: tuple[Verdict, ...] = ("unknown", "tentative", "named")
+    start = first.ledger[0]
+    added_names = ", ".join(term.candidate.name for term in terms)
+    return replace(
+        found,
+        verdict=next(one for one in order if one in statuses),
+        terms=(*terms, *found.terms),
+        arm=first.arm,
+        before=first.before,
+        ledger=(
+            replace(start, held_out=gap.before),
+            Step(added_names, found.ledger[0].held_out, found.ledger[0].sigma0),
+            *found.ledger[1:],
+        ),
+        closed=gap.closed,
+        vetoed=gap.is_worse,
+    )
+
+
+def _term(
+    names: tuple[HarmonicFinding, ...],
+    rows: ObservationEquations,
+    index: int,
+    found: Diagnosis,
+    *,
+    accepted: bool,
+) -> Term:
+    """Make a term of a harmonic; its values are those of the thinned poses."""
+    effect = found.adapted.effects[index]
+    one, *others = names
+    return Term(
+        status="tentative" if others else "named",
+        candidate=replace(one.candidate, bank=BankName.HARMONIC),
+        effect=effect,
+        estimates=estimates_of(rows, index),
+        log_bayes_factor=_evidence(one),
+        log10_p=one.log_p / _LOG_10,
+        harmonic=None,
+        alternatives=tuple(
+            Alternative(other.candidate, _evidence(other), math.nan, alias=False)
+            for other in others
+        ),
+        separate_by="",
+        accepted=accepted,
+    )
+
+
+def _rivals(
+    best: HarmonicFinding, harmonics: Sequence[HarmonicFinding]
+) -> tuple[HarmonicFinding, ...]:
+    return tuple(
+        one for one in harmonics if one is not best and best.log_p - one.log_p > -_SET
+    )
+
+
+def _evidence(one: HarmonicFinding) -> float:
+    """Log Bayes factor of two amplitudes, their scale chosen best."""
+    half = 0.5 * one.statistic
+    return half - 1.0 - math.log(half) if half > 1.0 else 0.0

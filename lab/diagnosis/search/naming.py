@@ -1,0 +1,218 @@
+"""Names: what each term of a finished search may be called, and how surely."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.lab.diagnosis.candidates.aliases import ALIAS
+from traverse.lab.diagnosis.candidates.candidate_scores import CandidateScores, judged
+from traverse.lab.diagnosis.candidates.scoring import ProjectedCandidate, judge, project
+from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
+from traverse.lab.diagnosis.model.result import Alternative, Status
+from traverse.lab.diagnosis.model.terms import AddedTerm, rows_without
+from traverse.lab.diagnosis.search.forward_search import SearchState, joints_with_curve
+from traverse.lab.diagnosis.search.selection import (
+    DECIDED,
+    NAMED_BANKS,
+    OWN_ANGLE_KINDS,
+    TURNING_KINDS,
+    ScoredCandidate,
+    fit_any_curve_together,
+    ranked,
+)
+
+Floats = NDArray[np.float64]
+
+# Whoever is within this of the best belongs to the printed set.
+_SET = float(np.log(100.0))
+# A name does not suffice if a curve of its own kind is left over beside it with a
+# smaller p-value: few are asked, not all of the bank.
+_LEFT_OVER_LOG_P = float(np.log(0.02))
+# What a curve of the same kind moves, and over what: own reading and so on.
+_MOVED = {"axis_wobble": "tilt", "axis_runout": "shift"}
+_OVER = {
+    **dict.fromkeys(TURNING_KINDS, ("{}_rad",)),
+    "encoder_temperature": ("{}_temperature_c", "temperature_c"),
+    "encoder_drift": ("time_s",),
+    "count_slip": ("time_s",),
+    "encoder_latency": ("{}_speed_rad_s",),
+}
+_OVERTONES = (2, 3, 4)
+_OVERTONE_LOG_P = float(np.log(0.02))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NamedTerm:
+    """A term with its name.
+
+    Attributes:
+        added: The term.
+        own: What speaks for it, all other terms in the model.
+        status: How sure the name is.
+        harmonic: Periods a turn of a periodic discrepancy without a name, or None.
+        alternatives: What else it may be, the best first.
+        best: The best name of all, which may be another.
+    """
+
+    added: AddedTerm
+    own: ScoredCandidate
+    status: Status
+    harmonic: int | None
+    alternatives: tuple[Alternative, ...]
+    best: ScoredCandidate
+
+
+def name_terms(search: SearchState) -> tuple[NamedTerm, ...]:
+    """Judge every term of a search with all others in the model."""
+    return tuple(_naming(search, added) for added in search.terms)
+
+
+def scores_without(search: SearchState, added: AddedTerm) -> CandidateScores:
+    """Judge everything on a search's fit with one term taken out."""
+    return judged(rows_without(search.stage.rows, added.index), search.stage.banks)
+
+
+def _naming(search: SearchState, added: AddedTerm) -> NamedTerm:
+    stage = scores_without(search, added)
+    others = [term for term in search.terms if term is not added]
+    joints_with_own_curve = joints_with_curve(others)
+    names = ranked(stage, NAMED_BANKS, joints_with_own_curve)
+    curves = ranked(stage, (BankName.GENERIC,), joints_with_own_curve)
+    # A term may be a function of a reading that got a curve after it.
+    own = own_choice(added, ranked(stage, tuple(BankName), ()))
+    if added.candidate.kind == "empirical":
+        rivals = _rivals(own, names + curves[:1], own.score)
+        return NamedTerm(added, own, "unknown", None, rivals, own)
+    best = names[0] if names else own
+    harmonic = _with_overtones(search, own.candidate)
+    status: Status = "named"
+    if harmonic is not None:
+        status = "unknown"
+    elif _is_doubtful(search, own, names, curves):
+        status = "tentative"
+    shown = names + [one for one in curves[:1] if one.score > own.score - _SET]
+    rivals = _rivals(own, shown, max(best.score, own.score))
+    return NamedTerm(added, own, status, harmonic, rivals, best)
+
+
+def own_choice(added: AddedTerm, choices: Sequence[ScoredCandidate]) -> ScoredCandidate:
+    """Find a term among the candidates."""
+    wanted = added.candidate
+    same = [
+        choice
+        for choice in choices
+        if choice.candidate.identity == wanted.identity
+        and choice.candidate.covariate == wanted.covariate
+        and (wanted.kind != "empirical" or choice.candidate.component == "angle")
+    ]
+    if not same:
+        raise ValueError(f"{wanted.name} is in no bank any more")
+    return same[0]
+
+
+def correlation(
+    finding: ProjectedCandidate, residuals: Floats, other: ProjectedCandidate
+) -> float:
+    """Say how much of a finding another block explains, 0 to 1."""
+    explained = finding.directions @ (finding.directions.T @ residuals)
+    size = float(np.linalg.norm(explained))
+    if size == 0.0:
+        return 0.0
+    return float(np.linalg.norm(other.directions.T @ explained)) / size
+
+
+def _rivals(
+    own: ScoredCandidate, choices: Sequence[ScoredCandidate], top: float
+) -> tuple[Alternative, ...]:
+    """List what is as good as the best, but for the name itself."""
+    found = []
+    for choice in choices:
+        same = choice.candidate.identity == own.candidate.identity
+        if choice.score < top - _SET or (
+            same and choice.candidate.covariate == own.candidate.covariate
+        ):
+            continue
+        rho = correlation(own.found, own.residuals, choice.found)
+        # A curve that follows an effect closely is no other name for it.
+        alias = rho >= ALIAS and choice.candidate.kind != "empirical"
+        found.append(Alternative(choice.candidate, choice.evidence, rho, alias))
+    return tuple(found)
+
+
+def _is_doubtful(
+    search: SearchState,
+    own: ScoredCandidate,
+    names: Sequence[ScoredCandidate],
+    curves: Sequence[ScoredCandidate],
+) -> bool:
+    """Say whether a name is not sure enough to stand for itself.
+
+    Because the evidence is small for having been looked for among so many, because
+    another name or a curve is nearly as good, because a second term of the joint helps
+    it to imitate a curve, because a curve of its own kind is left over beside it, or
+    because something is still unexplained.
+    """
+    if own.evidence < DECIDED + np.log(len(names)) or not search.is_finished:
+        return True
+    if leaves_a_curve(search.stage, own.candidate):
+        return True
+    for term in search.terms:
+        other = term.candidate
+        is_curve = other.covariate == f"{own.candidate.joint}_rad"
+        if is_curve and own.candidate.kind in TURNING_KINDS:
+            return True
+        if other.identity != own.candidate.identity and fit_any_curve_together(
+            own.candidate, other
+        ):
+            return True
+    near = [one for one in (*names, *curves[:1]) if one.score > own.score - DECIDED]
+    return any(
+        one.candidate.identity != own.candidate.identity
+        and correlation(own.found, own.residuals, one.found) < ALIAS
+        for one in near
+    )
+
+
+def leaves_a_curve(stage: CandidateScores, name: Candidate) -> bool:
+    """Say whether a curve over what a name depends on explains more than it does."""
+    if name.joint is None:
+        return False
+    moved = _MOVED.get(name.kind, "angle")
+    covariates = [one.format(name.joint) for one in _OVER.get(name.kind, ())]
+    curves = stage.findings[BankName.GENERIC]
+    return any(
+        one.joint == name.joint
+        and one.component == moved
+        and one.covariate in covariates
+        and float(log_p) < _LEFT_OVER_LOG_P
+        for one, log_p in zip(curves.candidates, curves.log_p, strict=True)
+    )
+
+
+def _with_overtones(search: SearchState, candidate: Candidate) -> int | None:
+    """Say the order of a harmonic that has overtones too: it is no pure one."""
+    if candidate.kind not in OWN_ANGLE_KINDS[:2]:
+        return None
+    order = candidate.order or 1
+    stage = search.stage
+    parts, members = [], []
+    for bank in (stage.banks[name] for name in NAMED_BANKS if name in stage.banks):
+        for one, columns in zip(bank.candidates, bank.slices, strict=True):
+            is_harmonic = (
+                one.kind == "encoder_harmonic" and one.joint == candidate.joint
+            )
+            if is_harmonic and one.order in [order * n for n in _OVERTONES]:
+                parts.append(bank.columns[:, columns])
+                members.append(one)
+    if not parts:
+        return None
+    whole = replace(
+        members[0],
+        parameters=tuple(f"{m.order}.{p}" for m in members for p in m.parameters),
+        scales=tuple(scale for m in members for scale in m.scales),
+    )
+    bank = Bank((whole,), np.concatenate(parts, axis=1))
+    found = judge(stage.rows, project(stage.rows, bank))
+    return order if float(found.log_p[0]) < _OVERTONE_LOG_P else None

@@ -1,0 +1,153 @@
+"""Which candidate is added next."""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.lab.diagnosis.candidates.candidate_scores import (
+    CandidateScores,
+    beside,
+    judged,
+)
+from traverse.lab.diagnosis.candidates.scoring import ProjectedCandidate
+from traverse.lab.diagnosis.model.candidate import BankName, Candidate
+
+Floats = NDArray[np.float64]
+
+# Evidence that decides between two explanations: 20 to 1.
+DECIDED = float(np.log(20.0))
+NAMED_BANKS = (BankName.LIBRARY, BankName.STEPS, BankName.HARMONIC)
+# Kinds that are functions of the joint's own reading.
+OWN_ANGLE_KINDS = ("encoder_eccentricity", "encoder_harmonic", "encoder_scale")
+# Kinds that go round with the joint: two of them fit nearly any curve.
+TURNING_KINDS = (*OWN_ANGLE_KINDS, "axis_wobble", "axis_runout")
+_N_PAIRED = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScoredCandidate:
+    """A candidate with what speaks for it.
+
+    Attributes:
+        found: Projected.
+        evidence: Log Bayes factor.
+        score: With the preference for its kind.
+        log_p: Of its test.
+        bank: Where it comes from.
+        residuals: That it was judged on, (n_rows,).
+    """
+
+    found: ProjectedCandidate
+    evidence: float
+    score: float
+    log_p: float
+    bank: BankName
+    residuals: Floats
+
+    @property
+    def candidate(self) -> Candidate:
+        """Which."""
+        return self.found.candidate
+
+
+def ranked(
+    stage: CandidateScores,
+    names: Collection[BankName],
+    joints_with_own_curve: Collection[str],
+) -> list[ScoredCandidate]:
+    """Sort the candidates of some banks, the best first.
+
+    Args:
+        stage: Judged.
+        names: Of the banks.
+        joints_with_own_curve: Joints whose own angle has an empirical curve already:
+            functions of their reading are left out.
+    """
+    found = [
+        choice
+        for name in names
+        for choice in _choices(stage, name)
+        if not has_own_curve(choice.candidate, joints_with_own_curve)
+    ]
+    return sorted(found, key=lambda choice: -choice.score)
+
+
+def is_significant(
+    stage: CandidateScores,
+    thresholds: dict[BankName, float],
+    joints_with_own_curve: Collection[str],
+) -> bool:
+    """Say whether any bank sees anything."""
+    return any(
+        choice.log_p < threshold
+        for name, threshold in thresholds.items()
+        for choice in _choices(stage, name)
+        if not has_own_curve(choice.candidate, joints_with_own_curve)
+    )
+
+
+def select_next(
+    stage: CandidateScores, joints_with_own_curve: Collection[str]
+) -> ScoredCandidate | None:
+    """Choose what to add: a name if it explains as much as any curve does.
+
+    A curve that wins may be two named effects at once: then the name that with a
+    second one explains as much goes first.
+    """
+    named = ranked(stage, NAMED_BANKS, joints_with_own_curve)
+    curves = ranked(stage, (BankName.GENERIC,), joints_with_own_curve)
+    if not curves:
+        return named[0] if named else None
+    needed = curves[0].score - DECIDED
+    if named and named[0].score >= needed:
+        return named[0]
+    for first in named[:_N_PAIRED]:
+        rest = judged(
+            beside(stage.rows, first.found),
+            {BankName.LIBRARY: stage.banks[BankName.LIBRARY]},
+        )
+        second = ranked(rest, (BankName.LIBRARY,), joints_with_own_curve)[0]
+        if first.score + max(
+            second.score, 0.0
+        ) >= needed and not fit_any_curve_together(first.candidate, second.candidate):
+            return first
+    adaptable = [one for one in curves if one.candidate.component == "angle"]
+    if adaptable and adaptable[0].score >= curves[0].score - DECIDED:
+        return adaptable[0]
+    return curves[0]
+
+
+def fit_any_curve_together(first: Candidate, second: Candidate) -> bool:
+    """Say whether two effects go round with one joint: together they fit any curve."""
+    return (
+        first.joint == second.joint
+        and first.kind in TURNING_KINDS
+        and second.kind in TURNING_KINDS
+    )
+
+
+def has_own_curve(candidate: Candidate, joints_with_own_curve: Collection[str]) -> bool:
+    """Say whether a candidate is a function of a reading that has a curve already."""
+    if candidate.joint not in joints_with_own_curve:
+        return False
+    own_curve = candidate.covariate == f"{candidate.joint}_rad"
+    return own_curve or candidate.kind in OWN_ANGLE_KINDS
+
+
+def _choices(stage: CandidateScores, name: BankName) -> list[ScoredCandidate]:
+    findings, residuals = stage.findings[name], stage.rows.residuals
+    return [
+        ScoredCandidate(
+            found, float(evidence), float(score), float(log_p), name, residuals
+        )
+        for found, evidence, score, log_p in zip(
+            findings.projected,
+            findings.evidences,
+            findings.scores,
+            findings.log_p,
+            strict=True,
+        )
+        if len(found.singular_values)
+    ]

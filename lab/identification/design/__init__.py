@@ -1,0 +1,1 @@
+"""Which further poses would help most."""

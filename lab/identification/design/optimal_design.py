@@ -1,0 +1,184 @@
+"""Which poses would help most next (A-optimality).
+
+Candidates are random postures that touch the campaign's artefacts where they are,
+within the travel that the campaign itself has shown, found by the condition equations
+themselves: minimum-norm steps of the joints until w = 0. Of these, greedily, the ones
+that lower the mean variance of the probe over the travelled volume most.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.model.derivatives import probe_derivatives
+from traverse.lab.artefacts.artefact import Touches
+from traverse.lab.identification.design.artefact_postures import reached
+from traverse.lab.identification.design.coverage import joint_coverage
+from traverse.lab.identification.equations.network import Network
+from traverse.lab.identification.equations.probe_effect import posture_columns
+from traverse.lab.identification.equations.whitening import whiteners
+from traverse.lab.identification.solve.adjustment import Adjustment
+
+Floats = NDArray[np.float64]
+
+_SEED = 3
+_TRIES_AN_ARTEFACT = 60
+_MOST_ARTEFACTS = 12
+_WIDER_RAD = np.radians(30.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Suggestion:
+    """A pose worth measuring.
+
+    Attributes:
+        artefact: What to touch.
+        feature: Which feature; empty where there is only one.
+        angles_rad: Readings of the joints, (n_joints,).
+        variance_left: Mean variance of the probe after this pose and those before it
+            in the list, as a part of the present one.
+    """
+
+    artefact: str
+    feature: str
+    angles_rad: Floats
+    variance_left: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Candidate:
+    station: int
+    feature: int
+    angles_rad: Floats
+    rows: Floats
+
+
+def suggestions(adjustment: Adjustment, n_wanted: int) -> tuple[Suggestion, ...]:
+    """Suggest poses, the best first."""
+    network = adjustment.network
+    if n_wanted == 0:
+        return ()
+    candidates = _candidates(adjustment)
+    covariance = _joint_covariance(adjustment)
+    n_free = network.parameters.n_free
+    columns, _ = posture_columns(network, adjustment.state.arm)
+    metric = np.einsum("nip,niq->pq", columns, columns) / len(columns)
+    start = float(np.sum(metric * covariance[:n_free, :n_free]))
+    found: list[Suggestion] = []
+    while candidates and len(found) < n_wanted and start > 0.0:
+        gains = [_gain(c.rows, covariance, metric) for c in candidates]
+        best = candidates.pop(int(np.argmax(gains)))
+        covariance = _updated(best.rows, covariance)
+        left = float(np.sum(metric * covariance[:n_free, :n_free]))
+        station = network.stations[best.station]
+        feature = station.touches.feature_names[best.feature]
+        found.append(
+            Suggestion(station.artefact.id, feature, best.angles_rad, left / start)
+        )
+    return tuple(found)
+
+
+def _gain(rows: Floats, covariance: Floats, metric: Floats) -> float:
+    n_free = len(metric)
+    cross = covariance @ rows.T
+    inverse = np.linalg.inv(np.eye(len(rows)) + rows @ cross)
+    arm = cross[:n_free]
+    return float(np.sum((arm.T @ metric @ arm) * inverse))
+
+
+def _updated(rows: Floats, covariance: Floats) -> Floats:
+    cross = covariance @ rows.T
+    solved = np.linalg.solve(np.eye(len(rows)) + rows @ cross, cross.T)
+    updated: Floats = covariance - cross @ solved
+    return updated
+
+
+def _joint_covariance(adjustment: Adjustment) -> Floats:
+    """Put the arm's and the stations' cofactors into one matrix."""
+    inverse = adjustment.split.inverse
+    arm = inverse @ inverse.T
+    chosen = adjustment.system.eliminations[:_MOST_ARTEFACTS]
+    maps = [-found.gain @ found.left for found in chosen]
+    full = np.vstack([np.eye(len(arm)), *maps])
+    covariance: Floats = full @ arm @ full.T
+    at = len(arm)
+    for found in chosen:
+        width = len(found.gain)
+        own = slice(at, at + width)
+        covariance[own, own] += found.gain @ found.gain.T
+        at += width
+    return covariance
+
+
+def _travel(network: Network) -> tuple[Floats, Floats]:
+    """Say from where to where joints may turn, (n_joints,) each.
+
+    Nobody told their stops: where they have been they can go again. Only joints that
+    hardly turned are asked for more.
+    """
+    poses = np.concatenate([station.poses for station in network.stations])
+    coverage = joint_coverage(network.campaign, poses)
+    wider = np.array([_WIDER_RAD if joint.hardly_turned else 0.0 for joint in coverage])
+    least = np.array([joint.least_rad for joint in coverage])
+    largest = np.array([joint.largest_rad for joint in coverage])
+    return least - wider, largest + wider
+
+
+def _candidates(adjustment: Adjustment) -> list[_Candidate]:
+    network, state = adjustment.network, adjustment.state
+    rng = np.random.default_rng(_SEED)
+    least, largest = _travel(network)
+    chosen = network.stations[:_MOST_ARTEFACTS]
+    widths = [len(station.scales) for station in chosen]
+    n_free = network.parameters.n_free
+    offsets = n_free + np.concatenate([[0], np.cumsum(widths)])
+    found = []
+    for at, station in enumerate(chosen):
+        tries_rad = rng.uniform(least, largest, (_TRIES_AN_ARTEFACT, len(least)))
+        features = rng.choice(station.touches.features, _TRIES_AN_ARTEFACT)
+        touches = Touches(
+            features,
+            np.zeros(_TRIES_AN_ARTEFACT),
+            np.full((_TRIES_AN_ARTEFACT, 3), np.nan),
+            station.touches.radius_mm,
+            station.touches.feature_names,
+        )
+        came = reached(
+            station.artefact,
+            state.unknowns[at],
+            touches,
+            state.arm.geometry,
+            tries_rad,
+        )
+        reached_rad = came.angles_rad
+        good = came.is_touching & np.all(
+            (reached_rad >= least) & (reached_rad <= largest), axis=1
+        )
+        rows = _rows(adjustment, at, reached_rad, touches)
+        for index in np.flatnonzero(good):
+            full = np.zeros((rows.shape[1], int(offsets[-1])))
+            full[:, :n_free] = rows[index, :, :n_free]
+            full[:, offsets[at] : offsets[at + 1]] = rows[index, :, n_free:]
+            found.append(_Candidate(at, int(features[index]), reached_rad[index], full))
+    return found
+
+
+def _rows(
+    adjustment: Adjustment, at: int, angles_rad: Floats, touches: Touches
+) -> Floats:
+    """Whiten what candidates would say, (n, n_rows, n_free + n_unknowns)."""
+    network, state = adjustment.network, adjustment.state
+    station = network.stations[at]
+    derivatives = probe_derivatives(state.arm.geometry, angles_rad)
+    equations = station.artefact.equations(
+        state.unknowns[at], derivatives.centres_mm, touches
+    )
+    by_centre = equations.by_centre
+    by_readings = by_centre @ (derivatives.by_angles * network.noise.encoder_rad)
+    by_contact = by_centre * float(network.noise.contact_mm[station.index])
+    nobody = network.campaign.poses.part(station.poses[:0])
+    columns = network.parameters.columns(state.arm, derivatives, nobody)
+    joined = np.concatenate([by_centre @ columns, equations.by_unknowns], axis=2)
+    rows: Floats = whiteners(by_readings, by_contact) @ joined
+    return rows

@@ -1,0 +1,1 @@
+"""The observation equations: parameters, noise, the network of stations."""

@@ -1,0 +1,142 @@
+"""The datum: which components are held so that the arm cannot move as a whole.
+
+Turning or shifting the whole arm changes nothing that artefacts without a system
+of their own can see. Written in the parameters, these six motions are known
+exactly; components are held until none of the motions is left. Which ones is chosen
+by pivoting on the motions scaled by the parameters' tolerances: the held components
+are then those that a motion changes most, so that the choice is well conditioned
+whatever the arm looks like.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.model.geometry import Geometry
+from traverse.lab.identification.equations.parameters import Booleans, Parameters
+
+Floats = NDArray[np.float64]
+
+_NULL = 1e-9
+
+
+def rigid_motions(parameters: Parameters, geometry: Geometry) -> Floats:
+    """Write three turns about x_0 and three shifts in all parameters, (n_all, 6).
+
+    A turn e changes u_k by e x u_k and r_k by e x r_k. What of the latter lies along
+    u_k goes into r_(k-1) with equal effect, and so on down to x_0.
+    """
+    n = geometry.n_joints
+    basis = parameters.basis(geometry)
+    motions = np.zeros((len(parameters.names), 6))
+    for column, turn in enumerate(np.eye(3)):
+        axes = np.cross(turn, geometry.axes)
+        links_mm = np.cross(turn, geometry.links_mm)
+        origin_mm = np.zeros(3)
+        for k in range(n - 1, -1, -1):
+            along = (links_mm[k] @ geometry.axes[k]) * geometry.axes[k]
+            links_mm[k] -= along
+            if k:
+                links_mm[k - 1] += along
+            else:
+                origin_mm = along
+        joints = np.stack(
+            [
+                np.einsum("kbi,ki->kb", basis, axes),
+                np.einsum("kbi,ki->kb", basis, links_mm),
+            ],
+            axis=1,
+        )
+        motions[: 4 * n, column] = joints.ravel()
+        motions[4 * n : 4 * n + 3, column] = origin_mm
+        probe = slice(4 * n + 3, 4 * n + 6)
+        motions[probe, column] = np.cross(turn, geometry.probe_vector_mm)
+    # The probe vector turns with the last link: held, its turn is the link's.
+    motions[4 * n : 4 * n + 3, 3:] = np.eye(3)
+    return _probe_moved_into_links(parameters, geometry, motions)
+
+
+def _probe_moved_into_links(
+    parameters: Parameters, geometry: Geometry, motions: Floats
+) -> Floats:
+    """Replace changes of the probe vector by equal ones of the last links."""
+    n = geometry.n_joints
+    basis = parameters.basis(geometry)
+    moved = motions.copy()
+    for column in range(6):
+        rest_mm = moved[4 * n + 3 : 4 * n + 6, column].copy()
+        moved[4 * n + 3 : 4 * n + 6, column] = 0.0
+        for k in range(n - 1, -1, -1):
+            moved[4 * k + 2 : 4 * k + 4, column] += basis[k] @ rest_mm
+            rest_mm = (rest_mm @ geometry.axes[k]) * geometry.axes[k]
+        moved[4 * n : 4 * n + 3, column] += rest_mm
+    return moved
+
+
+def free_motions(motions: Floats, free: Booleans) -> Floats:
+    """Combine motions so that held parameters do not move, (n_all, n_left)."""
+    sizes = np.linalg.norm(motions, axis=0)
+    scaled = motions / np.maximum(sizes, 1e-300)
+    held = scaled[~free]
+    if len(held) == 0:
+        return motions
+    _, values, right = np.linalg.svd(held)
+    rank = int(np.count_nonzero(values > _NULL))
+    left: Floats = scaled @ right[rank:].T
+    return left
+
+
+def with_datum(
+    parameters: Parameters, geometry: Geometry, preferred: Booleans | None = None
+) -> Parameters:
+    """Hold as many components as there are motions left, the best ones.
+
+    Args:
+        parameters: With what is held otherwise.
+        geometry: The arm.
+        preferred: Components among which to choose, (n_all,); default all.
+    """
+    left = free_motions(rigid_motions(parameters, geometry), parameters.free)
+    free = parameters.free.copy()
+    candidates = free if preferred is None else free & preferred
+    rows = np.where(candidates[:, np.newaxis], left, 0.0)
+    rows = rows / parameters.tolerances[:, np.newaxis]
+    for _ in range(left.shape[1]):
+        sizes = np.linalg.norm(rows, axis=1)
+        best = int(np.argmax(sizes))
+        free[best] = False
+        unit = rows[best] / sizes[best]
+        rows = rows - np.outer(rows @ unit, unit)
+    return parameters.with_free(free)
+
+
+def scale_direction(parameters: Parameters, geometry: Geometry) -> Floats:
+    """Write a stretch of the whole arm in the free parameters.
+
+    Links grow by themselves; held components are kept by turning the arm back.
+
+    Returns:
+        The direction in units of the tolerances, of unit length, (1, n_free); none,
+        (0, n_free), where held parameters keep the arm from stretching.
+    """
+    n = geometry.n_joints
+    basis = parameters.basis(geometry)
+    links_mm = geometry.links_mm.copy()
+    links_mm[-1] += geometry.probe_vector_mm
+    stretch = np.zeros(len(parameters.names))
+    for k in range(n - 1, -1, -1):
+        stretch[4 * k + 2 : 4 * k + 4] = basis[k] @ links_mm[k]
+        along = (links_mm[k] @ geometry.axes[k]) * geometry.axes[k]
+        if k:
+            links_mm[k - 1] += along
+        else:
+            # A shift of x_0 along the first axis moves the arm as a whole.
+            stretch[4 * n : 4 * n + 3] = along
+    motions = rigid_motions(parameters, geometry)
+    held = ~parameters.free
+    turned = np.linalg.lstsq(motions[held], stretch[held], rcond=1e-9)[0]
+    whole = stretch - motions @ turned
+    if np.max(np.abs(whole[held])) > 1e-6 * max(float(np.max(np.abs(stretch))), 1e-9):
+        return np.empty((0, parameters.n_free))
+    scaled: Floats = whole[parameters.free] / parameters.free_tolerances
+    size = float(np.linalg.norm(scaled))
+    return scaled[np.newaxis] / size if size > 0.0 else scaled[np.newaxis][:0]

@@ -1,0 +1,196 @@
+"""Effects in an adjustment: which are applied, and how their values may move.
+
+Values are those of the arm file's keys. They move along `free_directions`: a vector
+across an axis has three values but two freedoms, called v and w; one along it has the
+one called u.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.arm_file.arm import Arm, Effect
+from traverse.kinematics.effects.arm_effects import ArmEffects, effects_of
+from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.base.context import utc_ns
+from traverse.kinematics.effects.base.correction import Correction
+from traverse.kinematics.effects.columns import columns
+from traverse.kinematics.effects.contacts.artefact_length import ArtefactLength
+from traverse.kinematics.effects.pose import angle_corrections, corrected_pose
+from traverse.kinematics.model.geometry import Geometry
+from traverse.lab.campaign.campaign import Campaign, Poses
+from traverse.lab.identification.equations.plausible_sizes import (
+    campaign_span,
+    campaign_start,
+    effect_units,
+    plausible_values,
+)
+
+Floats = NDArray[np.float64]
+
+# A direction that a campaign knows worse than so many plausible sizes is held.
+_HOPELESS = 50.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EffectModel:
+    """The effects of an adjustment with what surrounds the poses.
+
+    Attributes:
+        effects: With the values to begin with.
+        names: Of the coordinates along which values move, (n_coordinates,).
+        units: Of the coordinates.
+        tolerances: Hopeless standard deviations of the coordinates.
+        start_ns: When the campaign's time is 0, in UTC since 1970.
+        gravity_m_s2: Override of the arm's, (3,), or None.
+    """
+
+    effects: ArmEffects
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    tolerances: Floats
+    start_ns: int
+    gravity_m_s2: Floats | None
+
+    def at(self, values: Floats) -> ArmEffects:
+        """Make the effects of some sizes, (n_values,)."""
+        return self.effects.with_values(values)
+
+    def block(self, poses: Poses, angles_rad: Floats | None = None) -> Block:
+        """Put poses into the form that effects ask for.
+
+        Args:
+            poses: Of the campaign.
+            angles_rad: Instead of the readings of the poses, (n_poses, n_joints).
+        """
+        return block_of(poses, self.start_ns, self.gravity_m_s2, angles_rad)
+
+    def directions(self, geometry: Geometry) -> Floats:
+        """Say how values move with coordinates, (n_values, n_coordinates)."""
+        parts = [c.free_directions(geometry) for c in self.effects.corrections]
+        whole = np.zeros((len(self.effects.values), len(self.names)))
+        row = column = 0
+        for part in parts:
+            whole[row : row + len(part), column : column + part.shape[1]] = part
+            row, column = row + len(part), column + part.shape[1]
+        return whole
+
+    def columns(self, geometry: Geometry, values: Floats, poses: Poses) -> Floats:
+        """Compute the derivatives of x, (n_poses, 3, n_coordinates)."""
+        by_values = columns(geometry, self.at(values), self.block(poses))
+        found: Floats = by_values @ self.directions(geometry)
+        return found
+
+    def length_errors(self, values: Floats, artefact: str) -> tuple[float, Floats]:
+        """Say by how many ppm a standard is longer than its certificate says.
+
+        Returns:
+            The error in ppm, and how it moves with the coordinates, (n_coordinates,).
+        """
+        total_ppm, coordinate = 0.0, 0
+        by_coordinates = np.zeros(len(self.names))
+        for correction in self.at(values).corrections:
+            if (
+                isinstance(correction, ArtefactLength)
+                and correction.artefact == artefact
+            ):
+                total_ppm += correction.values[0]
+                by_coordinates[coordinate] = 1.0
+            coordinate += len(_coordinate_names(correction))
+        return total_ppm, by_coordinates
+
+    def reading_corrections(
+        self, geometry: Geometry, values: Floats, block: Block
+    ) -> Floats:
+        """Compute d_alpha in rad, (n_poses, n_joints)."""
+        return angle_corrections(geometry, self.at(values), block)
+
+    def centres(self, geometry: Geometry, values: Floats, block: Block) -> Floats:
+        """Compute the ball's centres in mm, (n_poses, 3)."""
+        return corrected_pose(geometry, self.at(values), block)[0]
+
+
+def effect_model(
+    arm: Arm, effects: tuple[Effect, ...], campaign: Campaign
+) -> EffectModel:
+    """Prepare effects for the adjustment of a campaign.
+
+    Args:
+        arm: Whose joints and masses they work on; its own effects are not looked at.
+        effects: To apply.
+        campaign: To adjust.
+
+    Raises:
+        ValueError: Effects do not fit the arm, or need what the campaign does not
+            tell.
+    """
+    built = effects_of(arm, effects, campaign_span(campaign))
+    start_ns = utc_ns(campaign_start(campaign))
+    gravity = campaign.gravity_m_s2
+    names: list[str] = []
+    units: list[str] = []
+    tolerances: list[float] = []
+    for correction in built.corrections:
+        own = _coordinate_names(correction)
+        prefix = built.name(correction)
+        names += [f"{prefix}.{name}" for name in own]
+        sizes = plausible_values(correction, campaign)
+        kinds = effect_units(correction)
+        if len(own) != len(sizes):
+            sizes, kinds = (sizes[0],) * len(own), (kinds[0],) * len(own)
+        tolerances += [_HOPELESS * size for size in sizes]
+        units += kinds
+    model = EffectModel(
+        effects=built,
+        names=tuple(names),
+        units=tuple(units),
+        tolerances=np.array(tolerances),
+        start_ns=start_ns,
+        gravity_m_s2=None if gravity is None else np.array(gravity),
+    )
+    lacks = list(built.lacks(model.block(campaign.poses)))
+    if lacks:
+        raise ValueError(
+            "the campaign does not tell what effects of the arm need; add the columns "
+            "or take the effects out of the arm file:\n" + "\n".join(lacks)
+        )
+    return model
+
+
+def block_of(
+    poses: Poses,
+    start_ns: int,
+    gravity_m_s2: Floats | None,
+    angles_rad: Floats | None = None,
+) -> Block:
+    """Put poses into the form that effects ask for.
+
+    Args:
+        poses: Of a campaign.
+        start_ns: When its time is 0, in UTC since 1970.
+        gravity_m_s2: Override of the arm's, (3,), or None.
+        angles_rad: Instead of the readings of the poses, (n_poses, n_joints).
+    """
+    elapsed_ns = np.rint(poses.time_s * 1e9).astype(np.int64)
+    return Block(
+        angles_rad=poses.angles_rad if angles_rad is None else angles_rad,
+        speeds_rad_s=poses.speeds_rad_s,
+        approaches=poses.approaches,
+        temperature_c=poses.temperature_c,
+        joint_temperatures_c=poses.joint_temperatures_c,
+        utc_ns=start_ns + elapsed_ns,
+        campaign_s=poses.time_s,
+        directions=poses.directions,
+        force_n=poses.force_n,
+        gravity_m_s2=gravity_m_s2,
+    )
+
+
+def _coordinate_names(correction: Correction) -> tuple[str, ...]:
+    """Name the directions in which values move."""
+    if correction.kind not in ("axis_wobble", "axis_runout"):
+        return correction.parameters
+    keys = dict.fromkeys(name.partition(".")[0] for name in correction.parameters)
+    along = "axial" in correction.variety
+    return tuple(f"{key}.{c}" for key in keys for c in ("u" if along else "vw"))

@@ -1,0 +1,109 @@
+"""The network of observations: every artefact with the poses that touched it."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.lab.artefacts.artefact import Artefact, Touches
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.identification.equations.noise import Noise
+from traverse.lab.identification.equations.parameters import ArmValues, Parameters
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Station:
+    """One artefact and the poses that touched it.
+
+    Attributes:
+        artefact: With its equations.
+        index: Of the artefact in the campaign.
+        poses: Indices of the campaign's poses, (n_poses,).
+        touches: How it was touched in these poses.
+        scales: Hopeless standard deviations of its unknowns, (n_unknowns,).
+    """
+
+    artefact: Artefact
+    index: int
+    poses: Integers
+    touches: Touches
+    scales: Floats
+
+    @property
+    def n_rows(self) -> int:
+        """The number of condition equations."""
+        return len(self.poses) * self.artefact.rows_per_pose
+
+    def part(self, rows: Integers) -> "Station":
+        """Take some of the poses."""
+        return replace(self, poses=self.poses[rows], touches=self.touches.part(rows))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class State:
+    """Everything that is estimated.
+
+    Attributes:
+        arm: Its values.
+        unknowns: Of each station.
+        corrections: Of the readings [rad] and of the contact [mm] of each station's
+            poses, where the equations are linearised, (n_poses, n_joints + 3).
+    """
+
+    arm: ArmValues
+    unknowns: tuple[Floats, ...]
+    corrections: tuple[Floats, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Network:
+    """What is adjusted: observations, parameters, noise.
+
+    Attributes:
+        campaign: All poses.
+        stations: The artefacts that were touched.
+        parameters: Which parameters are free.
+        noise: The stochastic model.
+        weights: Factors of the weights of all the campaign's poses, (n_poses,); all
+            ones, but for a robust start.
+    """
+
+    campaign: Campaign
+    stations: tuple[Station, ...]
+    parameters: Parameters
+    noise: Noise
+    weights: Floats
+
+    @property
+    def n_rows(self) -> int:
+        """The number of condition equations."""
+        return sum(station.n_rows for station in self.stations)
+
+
+def stations(
+    campaign: Campaign, radius_mm: float, included: NDArray[np.bool_]
+) -> tuple[Station, ...]:
+    """Sort the included poses by artefact; artefacts without any are left out."""
+    order = np.argsort(campaign.poses.artefacts, kind="stable")
+    order = order[included[order]]
+    indices = campaign.poses.artefacts[order]
+    found = []
+    for index, artefact in enumerate(campaign.artefacts):
+        first, last = np.searchsorted(indices, (index, index + 1))
+        if first == last:
+            continue
+        poses = order[first:last]
+        touches = campaign.touches(index, poses, radius_mm)
+        scales = artefact.unknown_scales(touches)
+        found.append(Station(artefact, index, poses, touches, scales))
+    return tuple(found)
+
+
+def has_length(network: Network) -> bool:
+    """Say whether anything tells how long a millimetre is."""
+    return any(
+        station.artefact.tells_length(station.touches) for station in network.stations
+    )

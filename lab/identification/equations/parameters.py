@@ -1,0 +1,215 @@
+"""The named parameters of an arm: which there are, which are free, how they move.
+
+Joint k has four: its axis turns by a_k v_k + b_k w_k and its link changes by
+c_k v_k + d_k w_k, with v_k, w_k across u_k. The component of a link along its axis
+is left alone, because x does not change when a hinge slides along its own axis.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.model.derivatives import ProbeDerivatives
+from traverse.kinematics.model.geometry import Geometry, unit_vectors
+from traverse.lab.campaign.campaign import Poses
+from traverse.lab.identification.equations.effect_model import EffectModel
+
+Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmValues:
+    """Values of all parameters: the geometry and the values of the effects.
+
+    Attributes:
+        geometry: The arm in its base posture.
+        amplitudes: Values of the effects in the order of the arm file, (n_values,).
+    """
+
+    geometry: Geometry
+    amplitudes: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Parameters:
+    """All parameters of an arm, and which of them are free.
+
+    Attributes:
+        names: `J3.axis.v`, ..., `origin.x`, ..., `probe.vector.x`, ..., `J3.zero`,
+            ..., and those of the effects, (n_all,).
+        units: "" for axes (radians of a small turn), mm, rad; as effects say.
+        tolerances: Plausible deviations from the design, (n_all,).
+        free: Which are estimated, (n_all,).
+        smallest: The component of each design axis that v_k is built from.
+        effects: Of the arm, or None.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    tolerances: Floats
+    free: Booleans
+    smallest: tuple[int, ...]
+    effects: EffectModel | None = None
+
+    @property
+    def n_terms(self) -> int:
+        """Amplitudes that belong to no effect: none."""
+        return 0
+
+    @property
+    def n_joints(self) -> int:
+        """The number of joints."""
+        return len(self.smallest)
+
+    @property
+    def n_free(self) -> int:
+        """The number of free parameters."""
+        return int(np.count_nonzero(self.free))
+
+    @property
+    def free_names(self) -> tuple[str, ...]:
+        """Names of the free ones, in the order of the columns."""
+        return tuple(n for n, free in zip(self.names, self.free, strict=True) if free)
+
+    @property
+    def free_units(self) -> tuple[str, ...]:
+        """Units of the free ones."""
+        return tuple(u for u, free in zip(self.units, self.free, strict=True) if free)
+
+    @property
+    def free_tolerances(self) -> Floats:
+        """Tolerances of the free ones, (n_free,)."""
+        return self.tolerances[self.free]
+
+    def with_free(self, free: Booleans) -> "Parameters":
+        """Free other ones."""
+        return replace(self, free=free)
+
+    def of_geometry(self) -> "Parameters":
+        """Keep the geometry only."""
+        n_kept = 5 * self.n_joints + 6
+        return Parameters(
+            self.names[:n_kept],
+            self.units[:n_kept],
+            self.tolerances[:n_kept],
+            self.free[:n_kept],
+            self.smallest,
+        )
+
+    def basis(self, geometry: Geometry) -> Floats:
+        """Build (v_k, w_k) across every axis as it is now, (n_joints, 2, 3)."""
+        axes = geometry.axes
+        unit = np.eye(3)[list(self.smallest)]
+        along = np.einsum("ki,ki->k", unit, axes)[:, np.newaxis]
+        v = unit_vectors(unit - along * axes)
+        return np.stack([v, np.cross(axes, v)], axis=1)
+
+    def columns(
+        self, values: ArmValues, derivatives: ProbeDerivatives, poses: Poses
+    ) -> Floats:
+        """Compute dx for the free parameters, (n_poses, 3, n_free)."""
+        n_poses, n = len(derivatives.centres_mm), self.n_joints
+        by_axes, by_links, by_zeros = self._maps(values.geometry)
+        # A small product a pose: a single large one would be shared between threads,
+        # which costs more than it brings.
+        columns: Floats = derivatives.by_axes.reshape(n_poses, 3, -1) @ by_axes
+        columns += derivatives.by_links.reshape(n_poses, 3, -1) @ by_links
+        if np.any(by_zeros):
+            columns += derivatives.by_zeros @ by_zeros
+        if np.any(self.free[4 * n : 4 * n + 3]):
+            rest = len(self.names) - 4 * n - 3
+            columns += np.pad(np.eye(3), ((0, 0), (4 * n, rest)))[:, self.free]
+        free = self.free[5 * n + 6 :]
+        if self.effects is not None and np.any(free):
+            moves = self.effects.columns(values.geometry, values.amplitudes, poses)
+            columns[:, :, -np.count_nonzero(free) :] = moves[:, :, free]
+        return columns
+
+    def _maps(self, geometry: Geometry) -> tuple[Floats, Floats, Floats]:
+        """Write components of axes, links and zeros in the free parameters."""
+        basis, n = self.basis(geometry), self.n_joints
+        by_axes = np.zeros((3 * n, len(self.names)))
+        by_links = np.zeros((3 * n, len(self.names)))
+        by_zeros = np.zeros((n, len(self.names)))
+        for k in range(n):
+            own = slice(3 * k, 3 * k + 3)
+            by_axes[own, 4 * k : 4 * k + 2] = basis[k].T
+            by_links[own, 4 * k + 2 : 4 * k + 4] = basis[k].T
+        by_links[-3:, 4 * n + 3 : 4 * n + 6] = np.eye(3)
+        by_zeros[:, 4 * n + 6 : 5 * n + 6] = np.eye(n)
+        # A choice of columns is stored column by column, which multiplies slowly.
+        return (
+            np.ascontiguousarray(by_axes[:, self.free]),
+            np.ascontiguousarray(by_links[:, self.free]),
+            np.ascontiguousarray(by_zeros[:, self.free]),
+        )
+
+    def moved(self, values: ArmValues, step: Floats) -> ArmValues:
+        """Apply a step of the free parameters, (n_free,); axes stay unit vectors."""
+        full = np.zeros(len(self.names))
+        full[self.free] = step
+        geometry, n = values.geometry, self.n_joints
+        basis = self.basis(geometry)
+        joints = full[: 4 * n].reshape(n, 4)
+        rest = full[4 * n :]
+        moved = replace(
+            geometry,
+            axes=unit_vectors(
+                geometry.axes + np.einsum("kb,kbi->ki", joints[:, :2], basis)
+            ),
+            links_mm=geometry.links_mm + np.einsum("kb,kbi->ki", joints[:, 2:], basis),
+            origin_mm=geometry.origin_mm + rest[:3],
+            probe_vector_mm=geometry.probe_vector_mm + rest[3:6],
+            zeros_rad=geometry.zeros_rad + rest[6 : 6 + n],
+        )
+        return ArmValues(moved, self._moved_amplitudes(values, moved, rest[6 + n :]))
+
+    def _moved_amplitudes(
+        self, values: ArmValues, moved: Geometry, step: Floats
+    ) -> Floats:
+        """Apply a step of the effects; vectors stay across or along axes."""
+        if self.effects is None:
+            return values.amplitudes
+        before = self.effects.directions(values.geometry)
+        after = self.effects.directions(moved)
+        amplitudes: Floats = after @ (after.T @ (values.amplitudes + before @ step))
+        return amplitudes
+
+    def length_errors(self, values: ArmValues, artefact: str) -> tuple[float, Floats]:
+        """Say by how many ppm a standard is off, and which parameters say so."""
+        by_free = np.zeros(self.n_free)
+        if self.effects is None:
+            return 0.0, by_free
+        found, by_values = self.effects.length_errors(values.amplitudes, artefact)
+        by_all = np.zeros(len(self.names))
+        by_all[len(self.names) - len(by_values) :] = by_values
+        return found, by_all[self.free]
+
+    def coordinates(self, to: ArmValues, at: ArmValues) -> Floats:
+        """Say by which step of all parameters `at` would come to `to`, (n_all,)."""
+        here, there = at.geometry, to.geometry
+        basis = self.basis(here)
+        joints = np.concatenate(
+            [
+                np.einsum("kbi,ki->kb", basis, there.axes - here.axes),
+                np.einsum("kbi,ki->kb", basis, there.links_mm - here.links_mm),
+            ],
+            axis=1,
+        )
+        return np.concatenate(
+            [
+                joints.ravel(),
+                there.origin_mm - here.origin_mm,
+                there.probe_vector_mm - here.probe_vector_mm,
+                there.zeros_rad - here.zeros_rad,
+                self._amplitude_step(at, to.amplitudes - at.amplitudes),
+            ]
+        )
+
+    def _amplitude_step(self, at: ArmValues, difference: Floats) -> Floats:
+        if self.effects is None:
+            return difference
+        step: Floats = self.effects.directions(at.geometry).T @ difference
+        return step

@@ -1,0 +1,66 @@
+"""What changes of parameters mean at the probe, in mm."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.model.derivatives import probe_derivatives
+from traverse.lab.identification.equations.network import Network
+from traverse.lab.identification.equations.parameters import ArmValues
+
+Floats = NDArray[np.float64]
+
+_N_POSTURES = 300
+_LEAST_RANGE_RAD = np.radians(120.0)
+_SEED = 20_170_101
+
+
+def probe_effects_mm(network: Network, arm: ArmValues, steps: Floats) -> Floats:
+    """Compute the root mean square shift of the probe by each step.
+
+    Over random postures within the travelled ranges, but at least 120 degrees a
+    joint: who identifies an arm wants to use it. The motion of the arm as a whole is
+    taken out: it depends on the datum only.
+
+    Args:
+        network: With the parameters and the poses.
+        arm: Where to linearise.
+        steps: Of the free parameters, (n_steps, n_free).
+
+    Returns:
+        (n_steps,).
+    """
+    columns, centres_mm = posture_columns(network, arm)
+    shifts_mm = np.einsum("nip,sp->nis", columns, steps).reshape(-1, len(steps))
+    # A rigid motion e, t shifts x by e x x + t.
+    local_mm = centres_mm - centres_mm.mean(axis=0)
+    turns = np.cross(np.eye(3)[np.newaxis], local_mm[:, np.newaxis]).swapaxes(1, 2)
+    rigid = np.concatenate(
+        [turns, np.broadcast_to(np.eye(3), turns.shape)], axis=2
+    ).reshape(-1, 6)
+    basis = np.linalg.qr(rigid)[0]
+    rest_mm = shifts_mm - basis @ (basis.T @ shifts_mm)
+    effects: Floats = np.sqrt(np.sum(rest_mm**2, axis=0) / len(centres_mm))
+    return effects
+
+
+def posture_columns(network: Network, arm: ArmValues) -> tuple[Floats, Floats]:
+    """Compute derivatives (n, 3, n_free) and centres (n, 3) at random postures.
+
+    Effects are left out: their columns need more than a posture.
+    """
+    poses = np.concatenate([station.poses for station in network.stations])
+    angles_rad = network.campaign.poses.angles_rad[poses]
+    rng = np.random.default_rng(_SEED)
+    least, largest = angles_rad.min(axis=0), angles_rad.max(axis=0)
+    wider_rad = np.maximum(0.5 * (_LEAST_RANGE_RAD - (largest - least)), 0.0)
+    postures_rad = rng.uniform(
+        least - wider_rad, largest + wider_rad, (_N_POSTURES, angles_rad.shape[1])
+    )
+    derivatives = probe_derivatives(arm.geometry, postures_rad)
+    parameters = network.parameters
+    geometric = parameters.of_geometry()
+    columns = np.zeros((_N_POSTURES, 3, parameters.n_free))
+    columns[:, :, : geometric.n_free] = geometric.columns(
+        arm, derivatives, network.campaign.poses.part(poses[:0])
+    )
+    return columns, derivatives.centres_mm

@@ -1,0 +1,194 @@
+"""Equations of stations at given values: starts, misclosures, whitened rows."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.model.derivatives import ProbeDerivatives, probe_derivatives
+from traverse.kinematics.model.forward import probe_centre
+from traverse.lab.identification.equations.network import Network, State, Station
+from traverse.lab.identification.equations.parameters import ArmValues
+from traverse.lab.identification.equations.whitening import whiteners
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_CHUNK_POSES = 2048
+_START_POSES = 2000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WhiteRows:
+    """Linearised equations of some poses, whitened: L^-1 ..., n_rows (1 or 3) a pose.
+
+    Attributes:
+        part: Which poses of the station.
+        misclosures: (n_poses, n_rows).
+        by_unknowns: (n_poses, n_rows, n_unknowns).
+        by_parameters: (n_poses, n_rows, n_free).
+        by_centre: By the ball's centre, (n_poses, n_rows, 3) [1/mm].
+        by_readings: By readings in units of their noise, (n_poses, n_rows, n_joints).
+        by_contact: By contacts in units of their noise, (n_poses, n_rows, 3).
+        whiteners: L^-1, (n_poses, n_rows, n_rows) [1/mm].
+        misclosures_mm: As they are, (n_poses, n_rows).
+        offsets_mm: B v of the corrections v that were put in, (n_poses, n_rows).
+        corrections: That follow, (n_poses, n_joints + 3).
+    """
+
+    part: slice
+    misclosures: Floats
+    by_unknowns: Floats
+    by_parameters: Floats
+    by_centre: Floats
+    by_readings: Floats
+    by_contact: Floats
+    whiteners: Floats
+    misclosures_mm: Floats
+    offsets_mm: Floats
+    corrections: Floats
+
+
+def start_state(network: Network, arm: ArmValues) -> State:
+    """Find every station's unknowns in closed form from an arm.
+
+    A few thousand poses, spread evenly, are enough for that.
+    """
+    unknowns = []
+    for station in network.stations:
+        few = station.part(_spread_evenly(len(station.poses)))
+        centres_mm = station_centres(network, few, arm)
+        unknowns.append(station.artefact.start(centres_mm, few.touches))
+    n_corrected = network.parameters.n_joints + 3
+    nothing = tuple(np.zeros((len(s.poses), n_corrected)) for s in network.stations)
+    return State(arm, tuple(unknowns), nothing)
+
+
+def misclosures_mm(
+    network: Network,
+    station: Station,
+    arm: ArmValues,
+    unknowns: Floats,
+    corrections: Floats | None = None,
+) -> Floats:
+    """Compute a station's misclosures alone, (n_poses, n_rows)."""
+    centres_mm = station_centres(network, station, arm, corrections)
+    found = np.empty((len(centres_mm), station.artefact.rows_per_pose))
+    for first in range(0, len(centres_mm), _CHUNK_POSES):
+        part = slice(first, first + _CHUNK_POSES)
+        touches = station.touches.part(part)
+        equations = station.artefact.equations(unknowns, centres_mm[part], touches)
+        found[part] = equations.misclosures_mm
+    return found
+
+
+def station_centres(
+    network: Network,
+    station: Station,
+    arm: ArmValues,
+    corrections: Floats | None = None,
+) -> Floats:
+    """Compute the ball centres of a station's poses in mm, (n_poses, 3)."""
+    if network.parameters.effects is None:
+        angles_rad = network.campaign.poses.angles_rad[station.poses]
+        if corrections is None:
+            return probe_centre(arm.geometry, angles_rad)
+        n = network.parameters.n_joints
+        angles_rad = angles_rad + corrections[:, :n]
+        return probe_centre(arm.geometry, angles_rad) + corrections[:, n:]
+    chunks = _chunks(network, station, arm, corrections)
+    return np.concatenate([centres_mm for _, centres_mm, _ in chunks])
+
+
+def white_rows(
+    network: Network,
+    station: Station,
+    arm: ArmValues,
+    unknowns: Floats,
+    corrections: Floats | None = None,
+) -> Iterator[WhiteRows]:
+    """Linearise and whiten a station's equations, a bounded part at a time.
+
+    The misclosures of a pose have the dispersion B Q B^T: the readings' noise through
+    dx/dalpha, and the contact's, both through dw/dx. Linearised at corrected
+    observations l + v they are w(l + v) - B v; the corrections that follow from them
+    are - Q B^T (B Q B^T)^-1 w.
+    """
+    noise, parameters = network.noise, network.parameters
+    contact_mm = float(noise.contact_mm[station.index])
+    scales = np.append(noise.encoder_rad, np.full(3, contact_mm))
+    for part, centres_mm, derivatives in _chunks(network, station, arm, corrections):
+        equations = station.artefact.equations(
+            unknowns, centres_mm, station.touches.part(part)
+        )
+        rows = station.poses[part]
+        by_centre = equations.by_centre
+        by_readings = by_centre @ (derivatives.by_angles * noise.encoder_rad)
+        by_contact = by_centre * contact_mm
+        plain = whiteners(by_readings, by_contact)
+        offsets_mm = np.zeros_like(equations.misclosures_mm)
+        sources = np.concatenate([by_readings, by_contact], axis=2)
+        if corrections is not None:
+            in_noise = (corrections[part] / scales)[:, :, np.newaxis]
+            offsets_mm = (sources @ in_noise)[:, :, 0]
+        misclosures = equations.misclosures_mm - offsets_mm
+        weighed = plain.swapaxes(1, 2) @ _times(plain, misclosures)[:, :, np.newaxis]
+        following = -(sources.swapaxes(1, 2) @ weighed)[:, :, 0] * scales
+        roots = np.sqrt(network.weights[rows])[:, np.newaxis, np.newaxis]
+        whitener = roots * plain
+        columns = parameters.columns(
+            arm, derivatives, network.campaign.poses.part(rows)
+        )
+        white_by_centre = whitener @ by_centre
+        yield WhiteRows(
+            part=part,
+            misclosures=_times(whitener, misclosures),
+            by_unknowns=whitener @ equations.by_unknowns,
+            by_parameters=white_by_centre @ columns,
+            by_centre=white_by_centre,
+            by_readings=whitener @ by_readings,
+            by_contact=whitener @ by_contact,
+            whiteners=whitener,
+            misclosures_mm=misclosures,
+            offsets_mm=offsets_mm,
+            corrections=following,
+        )
+
+
+def _spread_evenly(n_poses: int) -> Integers:
+    chosen = np.linspace(0, n_poses - 1, min(n_poses, _START_POSES))
+    return chosen.astype(np.int64)
+
+
+def _chunks(
+    network: Network, station: Station, arm: ArmValues, corrections: Floats | None
+) -> Iterator[tuple[slice, Floats, ProbeDerivatives]]:
+    """Go through a station's poses: which, ball centres, derivatives."""
+    poses, n = network.campaign.poses, network.parameters.n_joints
+    for first in range(0, len(station.poses), _CHUNK_POSES):
+        part = slice(first, min(first + _CHUNK_POSES, len(station.poses)))
+        rows = station.poses[part]
+        angles_rad = poses.angles_rad[rows]
+        if corrections is not None:
+            angles_rad = angles_rad + corrections[part, :n]
+        effects = network.parameters.effects
+        if effects is None:
+            derivatives = probe_derivatives(arm.geometry, angles_rad)
+            centres_mm = derivatives.centres_mm
+        else:
+            block = effects.block(poses.part(rows), angles_rad)
+            errors_rad = effects.reading_corrections(
+                arm.geometry, arm.amplitudes, block
+            )
+            derivatives = probe_derivatives(arm.geometry, angles_rad - errors_rad)
+            centres_mm = effects.centres(arm.geometry, arm.amplitudes, block)
+        if corrections is not None:
+            centres_mm = centres_mm + corrections[part, n:]
+        yield part, centres_mm, derivatives
+
+
+def _times(matrices: Floats, vectors: Floats) -> Floats:
+    """Multiply (n, k, k) with (n, k)."""
+    product: Floats = (matrices @ vectors[:, :, np.newaxis])[:, :, 0]
+    return product

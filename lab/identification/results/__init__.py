@@ -1,0 +1,1 @@
+"""What an adjustment says, as values and files."""

@@ -1,0 +1,159 @@
+"""Two arms compared at the probe: where they differ, not by which parameters.
+
+Both get the same readings; the best-fit motion of one arm as a whole is taken out,
+because it depends on the datum only. What is left is how differently they measure.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.arm_file.arm import Arm
+from traverse.kinematics.model.forward import probe_centre
+from traverse.kinematics.model.geometry import geometry_from_arm
+
+Floats = NDArray[np.float64]
+
+_SEED = 20_171_101
+_N_POSTURES = 5000
+# Zones of reach, as in the articulation test: near, middle, far.
+_ZONES = {"near": (0.0, 0.2), "middle": (0.2, 0.8), "far": (0.8, np.inf)}
+
+
+class ComparisonError(ValueError):
+    """The two arms cannot be given the same readings."""
+
+
+@dataclass(frozen=True, slots=True)
+class ZoneDifference:
+    """Differences in a zone of reach.
+
+    Attributes:
+        name: near (to 20 % of the reach from the first joint), middle, far (from 80 %).
+        n_postures: That lie in it.
+        rms_mm: Root mean square of the distances; NaN without postures.
+        largest_mm: Largest distance; NaN without postures.
+    """
+
+    name: str
+    n_postures: int
+    rms_mm: float
+    largest_mm: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Comparison:
+    """How two arms differ at the probe.
+
+    Attributes:
+        n_postures: That were compared.
+        rms_mm: Root mean square of the distances between the two balls.
+        median_mm: Their median.
+        largest_mm: The largest.
+        largest_at_rad: The readings there, (n_joints,).
+        largest_at_mm: The ball of the first arm there, (3,).
+        shift_rms_mm: Root mean square of the distances before the motion of the whole
+            arm was taken out.
+        turn_rad: Angle of that motion.
+        zones: Near, middle and far.
+    """
+
+    n_postures: int
+    rms_mm: float
+    median_mm: float
+    largest_mm: float
+    largest_at_rad: Floats
+    largest_at_mm: Floats
+    shift_rms_mm: float
+    turn_rad: float
+    zones: tuple[ZoneDifference, ...]
+
+
+def compare_arms(
+    first: Arm,
+    second: Arm,
+    ranges_rad: tuple[Floats, Floats] | None = None,
+    n_postures: int = _N_POSTURES,
+) -> Comparison:
+    """Compare two arms over random postures.
+
+    Args:
+        first: Gives the places.
+        second: With the same joints.
+        ranges_rad: Smallest and largest readings, (n_joints,) each; default a whole
+            turn about the first arm's base posture.
+        n_postures: At least four.
+
+    Raises:
+        ComparisonError: The joints differ.
+    """
+    names = tuple(joint.name for joint in first.joints)
+    others = tuple(joint.name for joint in second.joints)
+    if names != others:
+        raise ComparisonError(
+            f"arm '{first.name}' has the joints {', '.join(names)}, arm "
+            f"'{second.name}' {', '.join(others)}; compare arms of the same joints"
+        )
+    geometry = geometry_from_arm(first)
+    if ranges_rad is None:
+        ranges_rad = (geometry.zeros_rad - np.pi, geometry.zeros_rad + np.pi)
+    rng = np.random.default_rng(_SEED)
+    angles_rad = rng.uniform(*ranges_rad, (n_postures, len(names)))
+    first_mm = probe_centre(geometry, angles_rad)
+    second_mm = probe_centre(geometry_from_arm(second), angles_rad)
+    moved_mm, turn_rad = _best_fit(second_mm, first_mm)
+    apart_mm = np.linalg.norm(moved_mm - first_mm, axis=1)
+    worst = int(np.argmax(apart_mm))
+    from_base_mm = np.linalg.norm(first_mm - geometry.origin_mm, axis=1)
+    return Comparison(
+        n_postures=n_postures,
+        rms_mm=_rms(apart_mm),
+        median_mm=float(np.median(apart_mm)),
+        largest_mm=float(apart_mm[worst]),
+        largest_at_rad=angles_rad[worst],
+        largest_at_mm=first_mm[worst],
+        shift_rms_mm=_rms(np.linalg.norm(second_mm - first_mm, axis=1)),
+        turn_rad=turn_rad,
+        zones=_zones(from_base_mm / from_base_mm.max(), apart_mm),
+    )
+
+
+def _best_fit(points_mm: Floats, onto_mm: Floats) -> tuple[Floats, float]:
+    """Move points (n, 3) rigidly onto others; say the angle too."""
+    mean_mm, onto_mean_mm = points_mm.mean(axis=0), onto_mm.mean(axis=0)
+    local_mm = points_mm - mean_mm
+    left, _, right = np.linalg.svd((onto_mm - onto_mean_mm).T @ local_mm)
+    left[:, 2] *= np.sign(np.linalg.det(left @ right))
+    rotation = left @ right
+    # From the antisymmetric part: the cosine says nothing about small angles.
+    twice = np.array(
+        [
+            rotation[2, 1] - rotation[1, 2],
+            rotation[0, 2] - rotation[2, 0],
+            rotation[1, 0] - rotation[0, 1],
+        ]
+    )
+    turn_rad = float(np.arctan2(np.linalg.norm(twice), np.trace(rotation) - 1.0))
+    moved_mm: Floats = local_mm @ rotation.T + onto_mean_mm
+    return moved_mm, turn_rad
+
+
+def _zones(parts: Floats, apart_mm: Floats) -> tuple[ZoneDifference, ...]:
+    found = []
+    for name, (least, most) in _ZONES.items():
+        mine = apart_mm[(parts >= least) & (parts < most)]
+        some = len(mine) > 0
+        found.append(
+            ZoneDifference(
+                name,
+                len(mine),
+                _rms(mine) if some else float("nan"),
+                float(mine.max()) if some else float("nan"),
+            )
+        )
+    return tuple(found)
+
+
+def _rms(lengths_mm: Floats) -> float:
+    return float(np.sqrt(np.mean(np.square(lengths_mm))))

@@ -1,0 +1,196 @@
+"""What identification writes: arm, covariance, identification.json, residuals.csv."""
+
+import csv
+import hashlib
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from traverse.kinematics.arm_file.arm import Arm, write_arm
+from traverse.kinematics.arm_file.arm import Identification as Provenance
+from traverse.lab.identification.results.result import (
+    ArtefactResult,
+    CartesianCovariance,
+    Identification,
+)
+from traverse.strict_toml.writing import write_atomically
+
+SCHEMA = "traverse/identification/1"
+COVARIANCE_FILE = "arm.cov.npz"
+
+_BLOCK_ROWS = 10_000
+
+
+def write_result(
+    result: Identification, folder: str | Path, when: datetime | None = None
+) -> Arm:
+    """Write everything but the report into a folder, which is made if need be.
+
+    Args:
+        result: Of `identify`.
+        folder: Where to.
+        when: Date of the identification; default now.
+
+    Returns:
+        The arm as written, with its provenance.
+    """
+    target = Path(folder)
+    target.mkdir(parents=True, exist_ok=True)
+    covariance_digest = write_covariance(result.cartesian, target / COVARIANCE_FILE)
+    arm = result.arm.model_copy(
+        update={
+            "identification": Provenance(
+                sigma0=result.sigma0,
+                redundancy=result.redundancy,
+                date=(when or datetime.now(UTC)).replace(microsecond=0),
+                campaign_digest=result.campaign.digest or None,
+                parameters=tuple(entry.name for entry in result.parameters),
+                covariance_file=COVARIANCE_FILE,
+                covariance_digest=covariance_digest,
+            )
+        }
+    )
+    write_arm(target / "arm.toml", arm)
+    text = json.dumps(identification_json(result), indent=1, allow_nan=False)
+    write_atomically(target / "identification.json", text + "\n")
+    _write_residuals(result, target / "residuals.csv")
+    return arm
+
+
+def identification_json(result: Identification) -> dict[str, Any]:
+    """Put a result into the plain values of `identification.json`."""
+    return {
+        "schema": SCHEMA,
+        "converged": result.converged,
+        "iterations": len(result.iterations),
+        "sigma0": result.sigma0,
+        "redundancy": result.redundancy,
+        "global_test": {
+            "p_value": result.global_test.p_value,
+            "passed": result.global_test.passed,
+            "noise_estimated": result.global_test.noise_estimated,
+        },
+        "rms_mm": {"before": result.rms_before_mm, "after": result.rms_after_mm},
+        "parameters": [
+            {
+                "name": entry.name,
+                "value": entry.value,
+                "unit": entry.unit,
+                "std": entry.std,
+                "controllability": entry.controllability,
+            }
+            for entry in result.parameters
+        ],
+        "undetermined": [
+            {"direction": entry.direction, "why": entry.why}
+            for entry in result.undetermined
+        ],
+        "weak": [
+            {
+                "direction": entry.direction,
+                "std": entry.std,
+                "probe_mm": entry.probe_mm,
+                "why": entry.why,
+            }
+            for entry in result.weak
+        ],
+        "artefacts": {entry.id: _artefact(entry) for entry in result.artefacts},
+        "excluded": [{"line": e.line, "w": e.w} for e in result.excluded],
+        "noise": {
+            "encoder_rad": result.noise.encoder_rad.tolist(),
+            "contact_mm": {e.id: e.contact_mm for e in result.artefacts},
+        },
+        "serial_noise": None
+        if result.serial_noise is None
+        else {
+            "lasts_s": result.serial_noise.lasts_s,
+            "samples_per_mean": result.serial_noise.samples_per_mean,
+            "samples_per_square": result.serial_noise.samples_per_square,
+        },
+        "condition_number": result.condition_number,
+        "zero_offsets_rad": result.zero_offsets_rad.tolist(),
+        "coverage": [
+            {
+                "joint": entry.joint,
+                "least_rad": entry.least_rad,
+                "largest_rad": entry.largest_rad,
+                "part_of_turn": entry.part_of_turn,
+            }
+            for entry in result.coverage
+        ],
+        "suggestions": [
+            {
+                "artefact": entry.artefact,
+                "feature": entry.feature,
+                "angles_rad": entry.angles_rad.tolist(),
+                "variance_left": entry.variance_left,
+            }
+            for entry in result.suggestions
+        ],
+    }
+
+
+def _artefact(entry: ArtefactResult) -> dict[str, Any]:
+    values: dict[str, Any] = {"n": entry.n_poses, "rms_mm": entry.rms_mm}
+    if entry.mean_distance_mm is not None:
+        values["mean_distance_mm"] = entry.mean_distance_mm
+    for length in entry.lengths:
+        values[length.name] = {"value": length.value_mm, "std": length.std_mm}
+    return values
+
+
+def write_covariance(cartesian: CartesianCovariance, path: Path) -> str:
+    """Write names, values and covariance; return the file's SHA-256."""
+    np.savez(
+        path,
+        names=np.array(cartesian.names),
+        values=cartesian.values,
+        covariance=cartesian.covariance,
+    )
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _write_residuals(result: Identification, path: Path) -> None:
+    """Write one line a pose: misclosures, tests, corrections of the readings."""
+    campaign, found = result.campaign, result.statistics
+    poses = campaign.poses
+    header = [
+        "line",
+        "artefact",
+        "feature",
+        "w1_mm",
+        "w2_mm",
+        "w3_mm",
+        "w",
+        "controllability",
+        "detectable_mm",
+        "excluded",
+        *(f"{name}_correction_rad" for name in campaign.joint_names),
+    ]
+    numbers = np.column_stack(
+        [found.misclosures_mm, found.w, found.controllability, found.detectable_mm]
+    )
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header)
+        for first in range(0, len(poses), _BLOCK_ROWS):
+            rows = range(first, min(first + _BLOCK_ROWS, len(poses)))
+            writer.writerows(
+                [
+                    int(poses.lines[at]),
+                    campaign.artefacts[poses.artefacts[at]].id,
+                    campaign.feature_names[poses.artefacts[at]][poses.features[at]],
+                    *_texts(numbers[at]),
+                    int(not result.included[at]),
+                    *_texts(found.corrections_rad[at]),
+                ]
+                for at in rows
+            )
+
+
+def _texts(numbers: np.typing.NDArray[np.float64]) -> list[str]:
+    """Write numbers in six digits; empty where there is none."""
+    return ["" if np.isnan(number) else f"{number:.6g}" for number in numbers]

@@ -1,0 +1,197 @@
+"""The result of an identification: rich, frozen, and all that a report needs."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.arm_file.arm import Arm
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.identification.design.coverage import JointCoverage
+from traverse.lab.identification.design.optimal_design import Suggestion
+from traverse.lab.identification.equations.noise import Noise
+from traverse.lab.identification.results.undetermined import Undetermined, Weak
+from traverse.lab.identification.solve.adjustment import Adjustment, Iteration
+from traverse.lab.identification.solve.pose_statistics import PoseStatistics
+from traverse.lab.identification.solve.serial_noise import SerialNoise
+
+Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class GlobalTest:
+    """Whether sigma0 agrees with 1: a two-sided chi-square test at 5 %.
+
+    Attributes:
+        p_value: How likely a deviation at least this large is.
+        passed: Whether that is 5 % or more.
+        noise_estimated: The noise came from the same residuals: sigma0 is 1 by
+            construction, and the test says nothing.
+    """
+
+    p_value: float
+    passed: bool
+    noise_estimated: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterEstimate:
+    """One free parameter.
+
+    Attributes:
+        name: For example `J3.link.v`.
+        value: Change against the design, in the design's basis.
+        unit: rad, mm, or a term's own.
+        std: Standard deviation.
+        controllability: Which part of what the data say about it no other parameter
+            can take away, 0 to 1: 1 / (N_ii C_ii).
+    """
+
+    name: str
+    value: float
+    unit: str
+    std: float
+    controllability: float
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatedLength:
+    """A length of an artefact.
+
+    Attributes:
+        name: For example `distance_mm`.
+        value_mm: As the arm measures it: its own certificate is left out, unless
+            nothing else says how long anything is.
+        std_mm: Standard deviation of that.
+        independent: Whether the certificate could be left out.
+    """
+
+    name: str
+    value_mm: float
+    std_mm: float
+    independent: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ArtefactResult:
+    """How an artefact came out.
+
+    Attributes:
+        id: As in the campaign.
+        kind: As in the campaign.
+        n_poses: That took part.
+        rms_mm: Root mean square of scalar misclosures.
+        mean_distance_mm: Mean length of the misclosures of known points, else None.
+        lengths: As estimated.
+        contact_mm: Standard deviation of a contact that was used.
+    """
+
+    id: str
+    kind: str
+    n_poses: int
+    rms_mm: float
+    mean_distance_mm: float | None
+    lengths: tuple[EstimatedLength, ...]
+    contact_mm: float
+
+
+@dataclass(frozen=True, slots=True)
+class ExcludedPose:
+    """A pose that contradicts the others: its line in the file, and its |w|."""
+
+    line: int
+    w: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CartesianCovariance:
+    """Covariance free of any basis, for `arm.cov.npz`.
+
+    Attributes:
+        names: `J1.axis.x`, ..., `J1.link.x`, ..., `probe.vector.x`, ..., the effects',
+            `origin.x`, ...
+        values: As estimated, (n_names,).
+        covariance: Singular where something is held, (n_names, n_names).
+    """
+
+    names: tuple[str, ...]
+    values: Floats
+    covariance: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Identification:
+    """An identified arm, and everything that is known about it.
+
+    Attributes:
+        arm: With the estimates and, in `[identification]`, their provenance.
+        design: As it was given.
+        campaign: What was measured.
+        adjustment: The last one, with state, system and rank. Samples of a stream
+            have as little weight in it as they have to say.
+        converged: Whether it converged.
+        iterations: Of all adjustments, in order.
+        sigma0: A-posteriori standard deviation of unit weight.
+        redundancy: Equations and certificates less determined unknowns, which take
+            more than one each from the samples of a stream.
+        global_test: Of sigma0.
+        variance_factor: By what cofactors were multiplied to give covariances: 1
+            where the noise is known and sigma0 does not contradict it upwards, else
+            sigma0 squared.
+        noise: Standard deviations that were used last.
+        serial_noise: What neighbouring samples of a stream share; None: single poses.
+        rms_before_mm: Of scalar misclosures with the design.
+        rms_after_mm: Of those of the poses that took part, with the estimates.
+        parameters: Every free one.
+        covariance: Of the free parameters, (n_free, n_free).
+        cartesian: The same over xyz components.
+        undetermined: What the data do not say.
+        weak: What they hardly say.
+        artefacts: Those that were touched.
+        statistics: Of every pose; of excluded ones against the estimates.
+        included: Which poses took part, (n_poses,).
+        excluded: Those that did not.
+        critical_w: Above which a pose was excluded.
+        coverage: Of the joints.
+        condition_number: Of the arm's determined, column-scaled system.
+        suggestions: Poses that would help most.
+        zero_offsets_rad: Added to the zeros by the coarse start, (n_joints,).
+    """
+
+    arm: Arm
+    design: Arm
+    campaign: Campaign
+    adjustment: Adjustment
+    converged: bool
+    iterations: tuple[Iteration, ...]
+    sigma0: float
+    redundancy: int
+    global_test: GlobalTest
+    variance_factor: float
+    noise: Noise
+    serial_noise: SerialNoise | None
+    rms_before_mm: float
+    rms_after_mm: float
+    parameters: tuple[ParameterEstimate, ...]
+    covariance: Floats
+    cartesian: CartesianCovariance
+    undetermined: tuple[Undetermined, ...]
+    weak: tuple[Weak, ...]
+    artefacts: tuple[ArtefactResult, ...]
+    statistics: PoseStatistics
+    included: Booleans
+    excluded: tuple[ExcludedPose, ...]
+    critical_w: float
+    coverage: tuple[JointCoverage, ...]
+    condition_number: float
+    suggestions: tuple[Suggestion, ...]
+    zero_offsets_rad: Floats
+
+    @property
+    def correlations(self) -> Floats:
+        """Of the free parameters, (n_free, n_free)."""
+        stds = np.sqrt(np.diag(self.covariance))
+        safe = np.where(stds > 0.0, stds, 1.0)
+        correlations: Floats = self.covariance / np.outer(safe, safe)
+        return correlations

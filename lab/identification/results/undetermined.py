@@ -1,0 +1,193 @@
+"""What the data do not say, or hardly, in words: combinations of named parameters.
+
+The reason is looked for in the campaign: no length, a joint that hardly turned, a
+probe on the last axis; else the poses as a whole are to blame.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.model.geometry import Geometry
+from traverse.lab.identification.design.coverage import JointCoverage, joint_coverage
+from traverse.lab.identification.equations.datum import scale_direction
+from traverse.lab.identification.equations.network import Network, has_length
+from traverse.lab.identification.equations.parameters import Parameters
+from traverse.lab.identification.equations.probe_effect import probe_effects_mm
+from traverse.lab.identification.solve.adjustment import Adjustment
+
+Floats = NDArray[np.float64]
+
+# Components smaller than this part of the largest are not named.
+_NAMED = 0.1
+# A direction known worse than this part of its tolerance is called weak, and so is
+# one that moves the probe by more than ten contacts' noise.
+_WEAK = 0.2
+_WEAK_IN_CONTACTS = 10.0
+_ON_THE_AXIS_MM = 2.0
+_NO_LENGTH = (
+    "no length in this campaign: the scale of the whole arm is not determined; add a "
+    "ball bar or another known length"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Undetermined:
+    """A combination of parameters that the data do not determine.
+
+    Attributes:
+        direction: Components by name, in units of the plausible deviations, of unit
+            length together; small ones left out.
+        why: The reason and the remedy.
+    """
+
+    direction: dict[str, float]
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Weak:
+    """A combination that the data determine poorly.
+
+    Attributes:
+        direction: As in `Undetermined`.
+        std: Standard deviation as a part of the plausible deviation.
+        probe_mm: Standard deviation that it causes at the probe: root mean square
+            over the travelled ranges, at least 120 degrees a joint, rigid motion
+            taken out.
+        why: The likely reason and the remedy.
+    """
+
+    direction: dict[str, float]
+    std: float
+    probe_mm: float
+    why: str
+
+
+def undetermined_directions(adjustment: Adjustment) -> tuple[Undetermined, ...]:
+    """Name every direction that is held at its design value."""
+    network = adjustment.network
+    geometry = adjustment.state.arm.geometry
+    found = []
+    rest = adjustment.split.undetermined
+    if not has_length(network):
+        scale = scale_direction(network.parameters, geometry)
+        for direction in scale:
+            named = _named(network.parameters, direction)
+            found.append(Undetermined(named, _NO_LENGTH))
+        # The adjustment holds the scale by decree, as the last direction.
+        rest = rest[: len(rest) - len(scale)]
+    coverage = joint_coverage(network.campaign, _poses(network))
+    for direction in _sparse(rest):
+        why = _reason(network, geometry, coverage, direction)
+        found.append(Undetermined(_named(network.parameters, direction), why))
+    return tuple(found)
+
+
+def weak_directions(adjustment: Adjustment, factor: float) -> tuple[Weak, ...]:
+    """Name the determined directions that are known poorly, the worst first.
+
+    Args:
+        adjustment: The last one.
+        factor: By what cofactors are multiplied.
+    """
+    network, parts = adjustment.network, adjustment.split
+    geometry = adjustment.state.arm.geometry
+    sigma0 = float(np.sqrt(factor))
+    coverage = joint_coverage(network.campaign, _poses(network))
+    stds = sigma0 / parts.values[: parts.n_determined]
+    directions = parts.directions[: parts.n_determined]
+    if len(stds) == 0:
+        return ()
+    steps = directions * parts.tolerances * stds[:, np.newaxis]
+    effects_mm = probe_effects_mm(network, adjustment.state.arm, steps)
+    limit_mm = _WEAK_IN_CONTACTS * sigma0 * float(network.noise.contact_mm.max())
+    weak = np.flatnonzero((stds > _WEAK) | (effects_mm > limit_mm))
+    weak = weak[np.argsort(-effects_mm[weak])]
+    return tuple(
+        Weak(
+            _named(network.parameters, direction),
+            float(std),
+            float(effect_mm),
+            _reason(network, geometry, coverage, direction),
+        )
+        for direction, std, effect_mm in zip(
+            directions[weak], stds[weak], effects_mm[weak], strict=True
+        )
+    )
+
+
+def _poses(network: Network) -> NDArray[np.int64]:
+    return np.concatenate([station.poses for station in network.stations])
+
+
+def _sparse(rows: Floats) -> Floats:
+    """Combine orthonormal rows so that each names few parameters.
+
+    Every row gets a parameter of its own, chosen by pivoting, in which the others
+    have nothing.
+    """
+    if len(rows) == 0:
+        return rows
+    rest, pivots = rows.copy(), []
+    for _ in range(len(rows)):
+        sizes = np.linalg.norm(rest, axis=0)
+        pivots.append(int(np.argmax(sizes)))
+        unit = rest[:, pivots[-1]] / sizes[pivots[-1]]
+        rest = rest - np.outer(unit, unit @ rest)
+    own = np.linalg.solve(rows[:, pivots], rows)
+    sparse: Floats = own / np.linalg.norm(own, axis=1, keepdims=True)
+    return sparse
+
+
+def _named(parameters: Parameters, direction: Floats) -> dict[str, float]:
+    least = _NAMED * float(np.max(np.abs(direction)))
+    order = np.argsort(-np.abs(direction))
+    names = parameters.free_names
+    return {
+        names[at]: float(direction[at]) for at in order if abs(direction[at]) >= least
+    }
+
+
+def _reason(
+    network: Network,
+    geometry: Geometry,
+    coverage: Sequence[JointCoverage],
+    direction: Floats,
+) -> str:
+    named = _named(network.parameters, direction)
+    joints = {name.split(".")[0] for name in named}
+    still = [
+        joint for joint in coverage if joint.joint in joints and joint.hardly_turned
+    ]
+    if still:
+        joint = min(still, key=lambda entry: entry.travel_rad)
+        return (
+            f"{joint.joint} turned by {np.degrees(joint.travel_rad):.2g} degrees only: "
+            "turn it"
+        )
+    names = network.campaign.joint_names
+    last = names[-1]
+    offset_mm = probe_offset_mm(geometry)
+    if last in joints and offset_mm < _ON_THE_AXIS_MM:
+        return (
+            f"the probe lies on the axis of {last} ({offset_mm:.2g} mm from it): "
+            f"turning {last} does not move it; use a probe beside the axis"
+        )
+    if any(name.startswith("probe.vector") for name in named):
+        return "the probe vector does the same as the last links: hold one of them"
+    least = min(coverage, key=lambda entry: entry.travel_rad)
+    return (
+        f"the {len(_poses(network))} poses do not tell these apart (least travel: "
+        f"{least.joint}, {np.degrees(least.travel_rad):.0f} degrees); measure more "
+        "and more varied postures"
+    )
+
+
+def probe_offset_mm(geometry: Geometry) -> float:
+    """Say how far the ball is from the last axis."""
+    reach_mm = geometry.links_mm[-1] + geometry.probe_vector_mm
+    axis = geometry.axes[-1]
+    return float(np.linalg.norm(reach_mm - (reach_mm @ axis) * axis))

@@ -1,0 +1,1 @@
+"""The least-squares solution: iterations, rank, outliers, variance components."""

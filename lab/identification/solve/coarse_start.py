@@ -1,0 +1,121 @@
+"""A coarse start: which zeros of the arm file are wrong, if the design fits badly.
+
+The zeros alone are adjusted to a few hundred poses, from many starts; contacts
+count with a noise of centimetres, so that everything smaller does not matter. The
+best start is the one with the smallest median misclosure, which a few blunders do
+not move.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.identification.equations.network import Network, State, stations
+from traverse.lab.identification.equations.noise import Noise
+from traverse.lab.identification.equations.parameters import ArmValues, Parameters
+from traverse.lab.identification.equations.station_equations import (
+    misclosures_mm,
+    start_state,
+)
+from traverse.lab.identification.solve.adjustment import adjust
+
+Floats = NDArray[np.float64]
+
+# A design that fits better than this needs no search.
+_GOOD_ENOUGH_MM = 20.0
+# A new start must fit this much better than the design.
+_GAIN = 3.0
+_MOST_POSES = 240
+_N_STARTS = 60
+_N_ADJUSTED = 20
+_LARGEST_OFFSET_RAD = 1.2
+_COARSE_MM = 10.0
+_SEED = 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CoarseStart:
+    """What a coarse search found.
+
+    Attributes:
+        arm: Where to begin.
+        zero_offsets_rad: Added to the arm file's zeros, (n_joints,).
+        median_before_mm: Median misclosure of the design.
+        median_after_mm: Of the start.
+    """
+
+    arm: ArmValues
+    zero_offsets_rad: Floats
+    median_before_mm: float
+    median_after_mm: float
+
+
+def coarse_start(
+    campaign: Campaign, parameters: Parameters, design: ArmValues, radius_mm: float
+) -> CoarseStart:
+    """Find zeros with which an arm fits a campaign at all."""
+    network = _coarse_network(campaign, parameters, radius_mm)
+    n_joints = len(campaign.joint_names)
+    before_mm = _median_mm(network, start_state(network, design))
+    nothing = CoarseStart(design, np.zeros(n_joints), before_mm, before_mm)
+    if before_mm < _GOOD_ENOUGH_MM:
+        return nothing
+    rng = np.random.default_rng(_SEED)
+    tries = rng.uniform(-1.0, 1.0, (_N_STARTS, n_joints)) * _LARGEST_OFFSET_RAD
+    tries[0] = 0.0
+    arms = [_with_zeros(design, offsets_rad) for offsets_rad in tries]
+    states = [start_state(network, arm) for arm in arms]
+    states.sort(key=lambda state: _median_mm(network, state))
+    best, best_mm = start_state(network, design), before_mm
+    for state in [start_state(network, design), *states[:_N_ADJUSTED]]:
+        found = adjust(network, state, design, most_iterations=12).state
+        found_mm = _median_mm(network, found)
+        if found_mm < best_mm:
+            best, best_mm = found, found_mm
+    if best_mm * _GAIN > before_mm:
+        return nothing
+    zeros_rad = best.arm.geometry.zeros_rad
+    return CoarseStart(
+        best.arm, zeros_rad - design.geometry.zeros_rad, before_mm, best_mm
+    )
+
+
+def _with_zeros(design: ArmValues, offsets_rad: Floats) -> ArmValues:
+    geometry = design.geometry
+    return replace(
+        design, geometry=replace(geometry, zeros_rad=geometry.zeros_rad + offsets_rad)
+    )
+
+
+def _coarse_network(
+    campaign: Campaign, parameters: Parameters, radius_mm: float
+) -> Network:
+    """Take a few poses of every artefact, and free the zeros only."""
+    included = np.zeros(len(campaign.poses), dtype=np.bool_)
+    each = max(_MOST_POSES // len(campaign.artefacts), 12)
+    for index in range(len(campaign.artefacts)):
+        mine = np.flatnonzero(campaign.poses.artefacts == index)
+        chosen = np.linspace(0, len(mine) - 1, min(each, len(mine)))
+        included[mine[chosen.astype(np.int64)]] = True
+    n = parameters.n_joints
+    free = np.zeros_like(parameters.free)
+    free[4 * n + 6 : 5 * n + 6] = True
+    noise = Noise(np.full(n, 1e-6), np.full(len(campaign.artefacts), _COARSE_MM))
+    return Network(
+        campaign,
+        stations(campaign, radius_mm, included),
+        parameters.with_free(free),
+        noise,
+        np.ones(len(campaign.poses)),
+    )
+
+
+def _median_mm(network: Network, state: State) -> float:
+    """Compute the median length of the misclosures of a state."""
+    lengths = []
+    for station, unknowns in zip(network.stations, state.unknowns, strict=True):
+        found_mm = misclosures_mm(network, station, state.arm, unknowns)
+        lengths.append(np.linalg.norm(found_mm, axis=1))
+    return float(np.median(np.concatenate(lengths)))

@@ -1,0 +1,201 @@
+"""Reliability of every pose: tests, controllability, what would stay undetected.
+
+With whitened rows A = [A_z, A_p] of a pose, and Y = A T^-1 for the triangle T of the
+whole system, the pose's block of the projector on residuals is M = I - Y Y^T. Then
+
+    statistic       v^T M^+ v, chi-square with rank(M) degrees of freedom
+    controllability trace(M) / n_rows, the redundancy numbers' mean
+    detectable      delta_0 / sqrt(smallest eigenvalue of L^-T M L^-1) [mm]
+    influence       delta_0 sqrt(h / r) of the worst direction: by how many of its
+                    standard deviations an undetected error may move the arm
+
+A pose that took no part in the adjustment has M = I + Y Y^T instead.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.lab.artefacts.artefact import Integers
+from traverse.lab.identification.equations.network import Network, Station
+from traverse.lab.identification.equations.station_equations import (
+    WhiteRows,
+    white_rows,
+)
+from traverse.lab.identification.solve.adjustment import Adjustment
+from traverse.lab.identification.solve.sequential_qr import Elimination
+from traverse.lab.statistics.distributions import equivalent_normal
+
+Floats = NDArray[np.float64]
+
+# Non-centrality for a level of 0.1 % and a power of 80 %.
+DETECTABLE = 4.13
+_UNCONTROLLED = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseStatistics:
+    """One entry a pose of the campaign, NaN for poses that were not looked at.
+
+    Attributes:
+        misclosures_mm: (n_poses, 3); surfaces have only the first.
+        statistics: Chi-square statistics, (n_poses,).
+        w: |w| of a normal with the same p-value, (n_poses,).
+        degrees: Of freedom, (n_poses,).
+        controllability: Between 0 and 1, (n_poses,).
+        detectable_mm: Smallest contact error that the test finds, (n_poses,).
+        influence: Of an error that is just not found, (n_poses,).
+        corrections_rad: Of the readings, (n_poses, n_joints).
+        variances: Sums for the variance components.
+    """
+
+    misclosures_mm: Floats
+    statistics: Floats
+    w: Floats
+    degrees: Floats
+    controllability: Floats
+    detectable_mm: Floats
+    influence: Floats
+    corrections_rad: Floats
+    variances: "VarianceSums"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VarianceSums:
+    """Squares of residuals and redundancies by source of noise.
+
+    Attributes:
+        encoder_squares: In units of the noise, (n_joints,).
+        encoder_redundancies: (n_joints,).
+        contact_squares: (n_artefacts,).
+        contact_redundancies: (n_artefacts,).
+        information: How sources share the residuals, joints first, then artefacts:
+            sums of tr(M C_i M C_j), (n_joints + n_artefacts,) * 2.
+    """
+
+    encoder_squares: Floats
+    encoder_redundancies: Floats
+    contact_squares: Floats
+    contact_redundancies: Floats
+    information: Floats
+
+
+def pose_statistics(adjustment: Adjustment) -> PoseStatistics:
+    """Compute the statistics of all poses that took part."""
+    return _statistics(adjustment, adjustment.network.stations, -1.0)
+
+
+def statistics_of_excluded(
+    adjustment: Adjustment, outsiders: Sequence[Station]
+) -> PoseStatistics:
+    """Compute those of poses that took no part, at the same artefacts."""
+    return _statistics(adjustment, outsiders, 1.0)
+
+
+def _statistics(
+    adjustment: Adjustment, stations: Sequence[Station], sign: float
+) -> PoseStatistics:
+    network = adjustment.network
+    found = _empty(network)
+    places = {station.index: at for at, station in enumerate(network.stations)}
+    inverse = adjustment.split.inverse
+    for station in stations:
+        at = places.get(station.index)
+        if at is None:
+            continue
+        elimination = adjustment.system.eliminations[at]
+        unknowns = adjustment.state.unknowns[at]
+        arm = adjustment.state.arm
+        # Outsiders have no corrections: they are tested as they were read.
+        corrections = adjustment.state.corrections[at] if sign < 0.0 else None
+        for rows in white_rows(network, station, arm, unknowns, corrections):
+            block, by_arm = _blocks(rows, elimination, inverse, sign)
+            poses = station.poses[rows.part]
+            corrections = np.einsum("nij,ni->nj", rows.by_readings, rows.misclosures)
+            found.corrections_rad[poses] = -corrections * network.noise.encoder_rad
+            _add_tests(found, poses, rows, block, by_arm)
+            _add_variances(found.variances, station.index, rows, block)
+    return found
+
+
+def _blocks(
+    rows: WhiteRows, elimination: Elimination, inverse: Floats, sign: float
+) -> tuple[Floats, Floats]:
+    """Compute I + sign Y Y^T of every pose, and the arm's part of Y Y^T."""
+    own = rows.by_unknowns @ elimination.gain
+    arm = (rows.by_parameters - own @ elimination.left) @ inverse
+    by_own, by_arm = own @ own.swapaxes(1, 2), arm @ arm.swapaxes(1, 2)
+    return np.eye(by_own.shape[1]) + sign * (by_own + by_arm), by_arm
+
+
+def _add_tests(
+    found: PoseStatistics,
+    poses: Integers,
+    rows: WhiteRows,
+    block: Floats,
+    by_arm: Floats,
+) -> None:
+    n_rows = rows.misclosures.shape[1]
+    values, vectors = np.linalg.eigh(block)
+    good = values > _UNCONTROLLED
+    along = np.einsum("nij,ni->nj", vectors, rows.misclosures)
+    safe = np.where(good, values, 1.0)
+    found.statistics[poses] = np.sum(np.where(good, along**2 / safe, 0.0), axis=1)
+    found.degrees[poses] = np.count_nonzero(good, axis=1)
+    found.w[poses] = equivalent_normal(found.statistics[poses], found.degrees[poses])
+    found.controllability[poses] = np.clip(np.mean(values, axis=1), 0.0, 1.0)
+    found.misclosures_mm[poses, :n_rows] = rows.misclosures_mm
+    weakest = vectors[:, :, 0]
+    least = np.maximum(values[:, 0], _UNCONTROLLED)
+    leverage = np.einsum("ni,nij,nj->n", weakest, by_arm, weakest)
+    found.influence[poses] = DETECTABLE * np.sqrt(np.maximum(leverage, 0.0) / least)
+    in_mm = rows.whiteners.swapaxes(1, 2) @ block @ rows.whiteners
+    smallest = np.linalg.eigvalsh(in_mm)[:, 0]
+    floor = _UNCONTROLLED * np.einsum("nij,nij->n", rows.whiteners, rows.whiteners)
+    found.detectable_mm[poses] = DETECTABLE / np.sqrt(np.maximum(smallest, floor))
+
+
+def _add_variances(
+    sums: VarianceSums, artefact: int, rows: WhiteRows, block: Floats
+) -> None:
+    n_joints = rows.by_readings.shape[2]
+    sources = np.concatenate([rows.by_readings, rows.by_contact], axis=2)
+    squares = np.sum(np.einsum("nij,ni->nj", sources, rows.misclosures) ** 2, axis=0)
+    shared = sources.swapaxes(1, 2) @ block @ sources
+    redundancies = np.einsum("njj->j", shared)
+    information = np.einsum("nij,nij->ij", shared, shared)
+    sums.encoder_squares[:] += squares[:n_joints]
+    sums.encoder_redundancies[:] += redundancies[:n_joints]
+    sums.contact_squares[artefact] += squares[n_joints:].sum()
+    sums.contact_redundancies[artefact] += redundancies[n_joints:].sum()
+    at = n_joints + artefact
+    sums.information[:n_joints, :n_joints] += information[:n_joints, :n_joints]
+    across = information[:n_joints, n_joints:].sum(axis=1)
+    sums.information[:n_joints, at] += across
+    sums.information[at, :n_joints] += across
+    sums.information[at, at] += information[n_joints:, n_joints:].sum()
+
+
+def _empty(network: Network) -> PoseStatistics:
+    campaign = network.campaign
+    n_poses, n_joints = len(campaign.poses), len(campaign.joint_names)
+    n_artefacts = len(campaign.artefacts)
+    return PoseStatistics(
+        misclosures_mm=np.full((n_poses, 3), np.nan),
+        statistics=np.full(n_poses, np.nan),
+        w=np.full(n_poses, np.nan),
+        degrees=np.full(n_poses, np.nan),
+        controllability=np.full(n_poses, np.nan),
+        detectable_mm=np.full(n_poses, np.nan),
+        influence=np.full(n_poses, np.nan),
+        corrections_rad=np.full((n_poses, n_joints), np.nan),
+        variances=VarianceSums(
+            np.zeros(n_joints),
+            np.zeros(n_joints),
+            np.zeros(n_artefacts),
+            np.zeros(n_artefacts),
+            np.zeros((n_joints + n_artefacts, n_joints + n_artefacts)),
+        ),
+    )

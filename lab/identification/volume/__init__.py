@@ -1,0 +1,1 @@
+"""How well an identified arm knows distances over its working volume."""

@@ -1,0 +1,171 @@
+"""How well an identified arm knows distances, over its working volume.
+
+What the covariance of the parameters means for distances, whatever the datum is.
+Directions that the data do not determine are held at their design values and count
+as known; what noise adds to every new pose comes on top.
+
+The first joint turns everything about its axis. Places therefore differ by radius and
+height about that axis only, and distances lie along the three directions there.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.lab.identification.volume.distance_deviations import (
+    ArmUncertainty,
+    distance_deviations_mm,
+)
+from traverse.lab.identification.volume.inverse_kinematics import (
+    PostureSample,
+    reach,
+    sample_postures,
+)
+
+Floats = NDArray[np.float64]
+
+DIRECTIONS = ("radial", "tangential", "axial")
+
+_N_RADII, _N_HEIGHTS = 12, 16
+# Pairs of postures tried for every distance.
+_N_PAIRS = 5
+_LENGTHS_MM = (500.0, 250.0, 100.0, 50.0, 25.0, 10.0)
+# A distance is not longer than this part of the largest radius.
+_PART_OF_RADIUS = 0.6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UncertaintyMap:
+    """Standard deviations by place; NaN where the arm was not, or does not reach.
+
+    Attributes:
+        length_mm: Of the distances along the three directions.
+        radii_mm: Of places from the first axis, (n_radii,).
+        heights_mm: Of places along the first axis from x_0, (n_heights,).
+        deviations_mm: Of a distance with its middle at the place, along `DIRECTIONS`,
+            then of the distance from the reference to the place; root mean squares
+            over postures, (4, n_heights, n_radii).
+        reference_mm: The ball's centre at the reference, (3,).
+        reference_place_mm: Its radius and height.
+    """
+
+    length_mm: float
+    radii_mm: Floats
+    heights_mm: Floats
+    deviations_mm: Floats
+    reference_mm: Floats
+    reference_place_mm: tuple[float, float]
+
+    def summary(self) -> dict[str, "MapFigures"]:
+        """Sum up each of `DIRECTIONS` and `from reference`, where there are places."""
+        found = {}
+        for name, values_mm in zip(
+            (*DIRECTIONS, "from reference"), self.deviations_mm, strict=True
+        ):
+            if not np.any(np.isfinite(values_mm)):
+                continue
+            row, column = np.unravel_index(np.nanargmax(values_mm), values_mm.shape)
+            found[name] = MapFigures(
+                int(np.count_nonzero(np.isfinite(values_mm))),
+                float(np.nanmedian(values_mm)),
+                float(np.nanquantile(values_mm, 0.95)),
+                float(values_mm[row, column]),
+                (float(self.radii_mm[column]), float(self.heights_mm[row])),
+            )
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class MapFigures:
+    """Standard deviations over the volume, in one direction.
+
+    Attributes:
+        n_places: That are reached.
+        median_mm: Half of the places are better.
+        quantile_95_mm: 95 % of the places are better.
+        largest_mm: Worst place.
+        worst_place_mm: Its radius and height.
+    """
+
+    n_places: int
+    median_mm: float
+    quantile_95_mm: float
+    largest_mm: float
+    worst_place_mm: tuple[float, float]
+
+
+def uncertainty_map(
+    arm: ArmUncertainty, angles_rad: Floats, length_mm: float | None = None
+) -> UncertaintyMap:
+    """Draw up the map over the volume that was travelled.
+
+    Args:
+        arm: With its covariance.
+        angles_rad: Readings of a campaign, whose ranges say which postures count,
+            (n_poses, n_joints).
+        length_mm: Of the distances; default 500 mm, or less for a small arm.
+    """
+    cloud = sample_postures(arm.geometry, angles_rad)
+    largest_mm = float(cloud.radii_mm.max())
+    radii_mm = _middles(0.0, largest_mm, _N_RADII)
+    lowest_mm, highest_mm = float(cloud.heights_mm.min()), float(cloud.heights_mm.max())
+    heights_mm = _middles(lowest_mm, highest_mm, _N_HEIGHTS)
+    if length_mm is None:
+        fitting = [x for x in _LENGTHS_MM if x <= _PART_OF_RADIUS * largest_mm]
+        length_mm = fitting[0] if fitting else _LENGTHS_MM[-1]
+    places_mm = cloud.place_mm(
+        np.tile(radii_mm, _N_HEIGHTS), np.repeat(heights_mm, _N_RADII)
+    )
+    reference = _middle(cloud)
+    reference_mm = cloud.place_mm(
+        cloud.radii_mm[reference : reference + 1],
+        cloud.heights_mm[reference : reference + 1],
+    )[0]
+    pairs = [
+        (places_mm - 0.5 * length_mm * unit, places_mm + 0.5 * length_mm * unit)
+        for unit in cloud.directions
+    ]
+    pairs.append((np.broadcast_to(reference_mm, places_mm.shape), places_mm))
+    deviations_mm = np.stack([_pooled_mm(arm, cloud, *ends) for ends in pairs])
+    return UncertaintyMap(
+        length_mm,
+        radii_mm,
+        heights_mm,
+        deviations_mm.reshape(4, _N_HEIGHTS, _N_RADII),
+        reference_mm,
+        (float(cloud.radii_mm[reference]), float(cloud.heights_mm[reference])),
+    )
+
+
+def _middles(least_mm: float, largest_mm: float, n_cells: int) -> Floats:
+    """Take the middles of equal cells, (n_cells,)."""
+    edges_mm = np.linspace(least_mm, largest_mm, n_cells + 1, dtype=np.float64)
+    middles_mm: Floats = 0.5 * (edges_mm[1:] + edges_mm[:-1])
+    return middles_mm
+
+
+def _pooled_mm(
+    arm: ArmUncertainty, cloud: PostureSample, first_mm: Floats, second_mm: Floats
+) -> Floats:
+    """Average variances between places (n, 3) over pairs of postures, (n,)."""
+    sums, counts = np.zeros(len(first_mm)), np.zeros(len(first_mm))
+    for rank in range(_N_PAIRS):
+        first_rad, reached_first = reach(cloud, first_mm, rank)
+        # Another rank at the other end, so that the postures differ, too.
+        second_rad, reached_second = reach(cloud, second_mm, _N_PAIRS - rank)
+        good = reached_first & reached_second
+        squares = distance_deviations_mm(arm, first_rad, second_rad) ** 2
+        sums += np.where(good, squares, 0.0)
+        counts += good
+    pooled = np.full(len(first_mm), np.nan)
+    some = counts > 0
+    pooled[some] = np.sqrt(sums[some] / counts[some])
+    return pooled
+
+
+def _middle(cloud: PostureSample) -> int:
+    """Choose a sample in the middle of the volume."""
+    places = np.column_stack([cloud.radii_mm, cloud.heights_mm])
+    away = np.linalg.norm(places - np.median(places, axis=0), axis=1)
+    return int(np.argmin(away))

@@ -1,0 +1,1 @@
+"""Touched places by artefact, from campaigns, recordings and exported points."""

@@ -1,0 +1,192 @@
+"""From files to what was measured: a campaign, a recording, or exported points.
+
+Of a campaign the ball's centres are computed with the arm file, effects included: as
+the daemon would. A recording's samples are averaged over each touch. Exported points
+are taken as the daemon gave them.
+"""
+
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import tomlkit
+from numpy.typing import NDArray
+
+from traverse.kinematics.arm_file.arm import Arm, FileError, Problem, parse_arm
+from traverse.kinematics.effects.arm_effects import effects_of
+from traverse.kinematics.effects.base.context import utc_ns
+from traverse.kinematics.effects.pose import PoseFlags, corrected_pose
+from traverse.kinematics.model.geometry import geometry_from_arm
+from traverse.lab.artefacts import Artefact
+from traverse.lab.campaign.campaign import Campaign, read_campaign
+from traverse.lab.campaign.campaign_file import read_campaign_file
+from traverse.lab.identification.equations.effect_model import block_of
+from traverse.lab.identification.equations.plausible_sizes import (
+    campaign_span,
+    campaign_start,
+)
+from traverse.lab.measured_points.measurement import Measurement, measurement_of_touches
+from traverse.lab.measured_points.points_table import is_point_table, read_points_table
+from traverse.recording.reader import read_recording
+
+Floats = NDArray[np.float64]
+
+
+def read_measured(data: Path, arm: Arm) -> Measurement:
+    """Read a campaign's folder, whose poses may be a table of exported points.
+
+    Args:
+        data: Folder with `campaign.toml` in it, or a recording with a campaign.
+        arm: Of the measurement.
+
+    Raises:
+        FileError: With everything that is wrong with a file.
+    """
+    if data.suffix == ".mcap":
+        return _from_recording(data, arm)
+    file = read_campaign_file(data / "campaign.toml")
+    poses = data / file.poses
+    if is_point_table(poses):
+        return read_points_table(poses, file, arm)
+    campaign = read_campaign(data, [joint.name for joint in arm.joints])
+    return measured_campaign(campaign, arm, file.artefacts, str(data))
+
+
+def files_read(data: Path) -> tuple[Path, ...]:
+    """List the files that `read_measured` reads.
+
+    Raises:
+        FileError: They do not lie beside one another.
+    """
+    if data.suffix == ".mcap":
+        return (data,)
+    file = read_campaign_file(data / "campaign.toml")
+    raw = tomlkit.parse((data / "campaign.toml").read_text("utf-8"))
+    named = [
+        data / str(table["points_mm"])
+        for table in raw.get("artefacts", ())
+        if isinstance(table.get("points_mm"), str)
+    ]
+    found = (data / "campaign.toml", data / file.poses, *dict.fromkeys(named))
+    elsewhere = [path for path in found if path.parent != data]
+    if elsewhere:
+        raise FileError(
+            str(data / "campaign.toml"),
+            [Problem("", f"names {p}; put it beside campaign.toml") for p in elsewhere],
+        )
+    return found
+
+
+def measured_campaign(
+    campaign: Campaign, arm: Arm, artefacts: Sequence[Artefact], source: str = ""
+) -> Measurement:
+    """Compute the ball's centres of a campaign with the arm file.
+
+    Args:
+        campaign: Its readings are uncorrected.
+        arm: With its effects.
+        artefacts: As in the campaign file, with the points that nobody touched.
+        source: What to call the campaign in errors.
+
+    Raises:
+        FileError: The campaign does not tell what effects need.
+    """
+    geometry = geometry_from_arm(arm)
+    standard = [e for e in arm.effects if e.kind == "artefact_length"]
+    own = tuple(e for e in arm.effects if e.kind != "artefact_length")
+    gravity = campaign.gravity_m_s2
+    block = block_of(
+        campaign.poses,
+        utc_ns(campaign_start(campaign)),
+        None if gravity is None else np.array(gravity),
+    )
+    try:
+        effects = effects_of(arm, own, campaign_span(campaign))
+        places_mm, _, flags = corrected_pose(geometry, effects, block)
+    except ValueError as error:
+        raise FileError(source, [Problem("", str(error))]) from error
+    names = [artefact.id for artefact in campaign.artefacts]
+    poses = campaign.poses
+    touched = [names[index] for index in poses.artefacts.tolist()]
+    features = [
+        campaign.feature_names[a][f]
+        for a, f in zip(poses.artefacts.tolist(), poses.features.tolist(), strict=True)
+    ]
+    warm = poses.temperature_c
+    temperature_c = np.full(len(poses), np.nan) if warm is None else warm
+    tip_mm = np.full(len(poses), arm.probe.radius_mm)
+    if campaign.is_stream:
+        rows = _runs(poses.lines, touched, features)
+        touched = [touched[row[0]] for row in rows]
+        features = [features[row[0]] for row in rows]
+        places_mm = np.array([places_mm[row].mean(axis=0) for row in rows])
+        temperature_c = np.array([temperature_c[row].mean() for row in rows])
+        tip_mm = tip_mm[: len(rows)]
+    notes = [*campaign.notes, *_flag_notes(flags)]
+    if standard:
+        notes.append(
+            "artefact_length of the arm file is not applied: what a standard is long "
+            "says its certificate"
+        )
+    return measurement_of_touches(
+        arm,
+        {artefact.id: artefact for artefact in artefacts},
+        (touched, features),
+        np.column_stack([places_mm, temperature_c, tip_mm]),
+        notes,
+    )
+
+
+def _flag_notes(flags: PoseFlags) -> Iterator[str]:
+    """Say where effects of the arm were applied in part only."""
+    for which, told in (
+        (
+            flags.surface_unknown,
+            "effects of the contact left out: no direction_x, y, z",
+        ),
+        (flags.stale_effect, "a drift is held at its last value: outside its campaign"),
+        (flags.empirical, "a curve without a physical name is applied"),
+        (flags.beyond_knots, "such a curve is held at its end"),
+    ):
+        count = int(np.count_nonzero(which))
+        if count:
+            yield f"{count} of {len(which)} touches: {told}"
+
+
+def _runs(
+    lines: NDArray[np.int64], artefacts: Sequence[str], features: Sequence[str]
+) -> list[list[int]]:
+    """Group samples that follow one another on the same feature: one touch each."""
+    groups: list[list[int]] = []
+    for row in range(len(lines)):
+        goes_on = (
+            row > 0
+            and lines[row] == lines[row - 1] + 1
+            and artefacts[row] == artefacts[row - 1]
+            and features[row] == features[row - 1]
+        )
+        if goes_on:
+            groups[-1].append(row)
+        else:
+            groups.append([row])
+    return groups
+
+
+def _from_recording(path: Path, arm: Arm) -> Measurement:
+    """Read a recording with its own campaign file; its arm file gives the readings."""
+    recording = read_recording(path)
+    if recording.campaign_text is None:
+        message = (
+            "holds no campaign.toml; put one into a folder that names the recording as "
+            "its poses, and give the folder"
+        )
+        raise FileError(str(path), [Problem("", message)])
+    parse_arm(recording.arm_text, f"{path}: arm.toml")
+    table = tomlkit.parse(recording.campaign_text)
+    table["poses"] = str(path.resolve())
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "campaign.toml").write_text(tomlkit.dumps(table), "utf-8")
+        file = read_campaign_file(Path(folder) / "campaign.toml")
+        campaign = read_campaign(folder, [joint.name for joint in arm.joints])
+    return measured_campaign(campaign, arm, file.artefacts, str(path))

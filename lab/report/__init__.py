@@ -1,0 +1,1 @@
+"""What all reports of the lab share: page, HTML, look of the pictures."""

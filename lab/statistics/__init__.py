@@ -1,0 +1,1 @@
+"""Distributions and tests; the place that meets scipy.stats and scipy.special."""

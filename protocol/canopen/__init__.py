@@ -1,0 +1,1 @@
+"""Bytes of CANopen nodes and of SocketCAN error frames."""

@@ -1,0 +1,1 @@
+"""Bytes of a MicroScribe: packets, and the session around them."""

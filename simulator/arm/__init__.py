@@ -1,0 +1,1 @@
+"""The virtual arm without faults: its motion, true values, trajectory and encoders."""

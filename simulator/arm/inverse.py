@@ -1,0 +1,161 @@
+"""Postures in which the probe's ball is where it should be.
+
+Damped least squares on the true geometry: with e the miss and J the derivative of
+the ball's centre by the turns,
+
+    step = J' (J J' + damping^2)^-1 e + (1 - J+ J) g
+
+where g turns the shank towards a wanted direction without moving the ball. See
+Nakamura and Hanafusa (1986), J. Dyn. Sys. Meas. Control 108.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.simulator.arm.physics import Floats, Mechanism, probe_pose, probe_rates
+
+N_SEARCH_STEPS = 40
+N_EXACT_STEPS = 6
+N_ROUNDS = 12  # each draws new starts for what is not reached yet
+DAMPING_MM = 20.0
+SHANK_GAIN = 0.4
+LONGEST_STEP_RAD = 0.4
+TOLERANCE_MM = 1e-9
+LIMIT_MARGIN_RAD = 0.15  # kept free for approaching and articulating
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """What an arm can do.
+
+    Attributes:
+        mechanism: True geometry.
+        limits_rad: (n_joints, 2) least and largest turn from the base posture.
+        rng: Draws the postures from which a search starts.
+    """
+
+    mechanism: Mechanism
+    limits_rad: Floats
+    rng: np.random.Generator
+
+    def postures(
+        self, targets_mm: Floats, shanks: Floats, tilt_rad: float
+    ) -> tuple[Floats, NDArray[np.bool_]]:
+        """Find a posture for every target, each from a random start.
+
+        Args:
+            targets_mm: (n, 3) for the ball's centre.
+            shanks: (n, 3) wanted directions of the shank, unit vectors.
+            tilt_rad: How far the shank may be off.
+
+        Returns:
+            Turns (n, n_joints) and whether each target was reached.
+        """
+        n_targets = len(targets_mm)
+        found = np.zeros((n_targets, self.mechanism.n_joints))
+        reached = np.zeros(n_targets, dtype=bool)
+        low, high = self.limits_rad[:, 0], self.limits_rad[:, 1]
+        for _ in range(N_ROUNDS):
+            missing = np.flatnonzero(~reached)
+            if len(missing) == 0:
+                break
+            starts = self.rng.uniform(low, high, (len(missing), len(low)))
+            leans = np.cos(tilt_rad * self.rng.uniform(0.1, 0.95, len(missing)))
+            turns = self._search(starts, targets_mm[missing], shanks[missing], leans)
+            centres, directions = probe_pose(self.mechanism, turns)
+            misses = np.linalg.norm(centres - targets_mm[missing], axis=1)
+            upright = np.sum(directions * shanks[missing], axis=1) >= np.cos(tilt_rad)
+            inside = np.all(
+                (turns >= low + LIMIT_MARGIN_RAD) & (turns <= high - LIMIT_MARGIN_RAD),
+                axis=1,
+            )
+            good = (misses < TOLERANCE_MM) & upright & inside
+            found[missing[good]] = turns[good]
+            reached[missing[good]] = True
+        return found, reached
+
+    def along(self, starts_rad: Floats, targets_mm: Floats) -> Floats:
+        """Follow targets with the smallest motion of the joints.
+
+        Args:
+            starts_rad: (n, n_joints) postures near the first targets.
+            targets_mm: (n_knots, n, 3), close to each other.
+
+        Returns:
+            (n_knots, n, n_joints)
+        """
+        postures = np.empty((len(targets_mm), *starts_rad.shape))
+        turns = starts_rad
+        for knot, targets in enumerate(targets_mm):
+            turns = self.exact(turns, targets)
+            postures[knot] = turns
+        return postures
+
+    def nearest(self, starts_rad: Floats, wishes_rad: Floats, at_mm: Floats) -> Floats:
+        """Stay at a place and be as near to wished postures as that allows.
+
+        Args:
+            starts_rad: (n, n_joints) postures with the ball there.
+            wishes_rad: (n_knots, n, n_joints), close to each other.
+            at_mm: (n, 3)
+
+        Returns:
+            (n_knots, n, n_joints)
+        """
+        postures = np.empty_like(wishes_rad)
+        turns = starts_rad
+        for knot, wishes in enumerate(wishes_rad):
+            _, _, rates, _ = probe_rates(self.mechanism, turns)
+            lacking = wishes - turns
+            moved = np.einsum("mij,mj->mi", rates, lacking)
+            turns = turns + lacking - _least_step(rates, moved, 1e-6)
+            turns = self.exact(turns, at_mm)
+            postures[knot] = turns
+        return postures
+
+    def exact(self, turns_rad: Floats, targets_mm: Floats) -> Floats:
+        """Bring the ball (n, 3) exactly to targets that are near."""
+        for _ in range(N_EXACT_STEPS):
+            centres, _, rates, _ = probe_rates(self.mechanism, turns_rad)
+            misses = targets_mm - centres
+            if np.max(np.abs(misses)) < 0.1 * TOLERANCE_MM:
+                break
+            turns_rad = turns_rad + _least_step(rates, misses, 1e-6)
+        return turns_rad
+
+    def _search(
+        self, turns: Floats, targets_mm: Floats, shanks: Floats, leans: Floats
+    ) -> Floats:
+        """Search from starts; the shank is turned only until it leans little enough.
+
+        Args:
+            turns: (n, n_joints) starts.
+            targets_mm: (n, 3)
+            shanks: (n, 3) wanted.
+            leans: (n,) cosines of the angles at which that is good enough.
+        """
+        low, high = self.limits_rad[:, 0], self.limits_rad[:, 1]
+        for _ in range(N_SEARCH_STEPS):
+            centres, directions, rates, shank_rates = probe_rates(self.mechanism, turns)
+            leaning = np.sum(directions * shanks, axis=1) < leans
+            steps = _least_step(rates, targets_mm - centres, DAMPING_MM)
+            wish = SHANK_GAIN * np.einsum("mij,mi->mj", shank_rates, shanks)
+            wish *= leaning[:, None]
+            moved = np.einsum("mij,mj->mi", rates, wish)
+            steps += wish - _least_step(rates, moved, 1e-3 * DAMPING_MM)
+            lengths = np.linalg.norm(steps, axis=1, keepdims=True)
+            steps *= np.minimum(1.0, LONGEST_STEP_RAD / np.maximum(lengths, 1e-12))
+            turns = np.clip(
+                turns + steps, low + LIMIT_MARGIN_RAD, high - LIMIT_MARGIN_RAD
+            )
+        return self.exact(turns, targets_mm)
+
+
+def _least_step(rates: Floats, misses_mm: Floats, damping_mm: float) -> Floats:
+    """Turns (n, n_joints) that make up for misses (n, 3), damped."""
+    normal = rates @ rates.transpose(0, 2, 1) + damping_mm**2 * np.eye(3)
+    solved = np.linalg.solve(normal, misses_mm[:, :, None])
+    step: Floats = (rates.transpose(0, 2, 1) @ solved)[:, :, 0]
+    return step

@@ -1,0 +1,1 @@
+"""Campaigns with hidden effects for blind tests."""

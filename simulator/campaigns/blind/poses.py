@@ -1,0 +1,81 @@
+"""Campaigns in which effects are hidden: arm, artefacts, conditions.
+
+Everything that the columns of a campaign can tell is told: times, temperature, senses
+of approach, speeds, directions and forces; else some effects could not be seen at all.
+"""
+
+from datetime import UTC, datetime
+from functools import lru_cache
+
+from traverse.kinematics.arm_file.arm import Arm
+from traverse.simulator.campaigns.artefacts import BallBar, Cone, Sphere
+from traverse.simulator.campaigns.pose_set import PoseSet
+from traverse.simulator.campaigns.poses import make_poses
+from traverse.simulator.campaigns.spec import CampaignSpec, ConditionTable, NoiseTable
+
+ENCODER_RAD = 5e-6
+CONTACT_MM = 0.003
+START = datetime(2026, 11, 20, 9, tzinfo=UTC)
+SWING_C = 2.0
+SPEED_RAD_S = 0.3
+
+# Of the bodies that joints carry, from the base outwards; the last of them repeats.
+_MASSES_KG = (2.4, 1.1, 1.3, 0.9, 0.7, 0.4, 0.3)
+_PROBE_KG = 0.15
+
+
+def weighed(arm: Arm) -> Arm:
+    """Give an arm masses where its file tells none, so that gravity does something."""
+    joints = tuple(
+        joint
+        if joint.mass_kg is not None
+        else joint.model_copy(
+            update={"mass_kg": _MASSES_KG[min(at, len(_MASSES_KG) - 1)]}
+        )
+        for at, joint in enumerate(arm.joints)
+    )
+    probe = arm.probe
+    if probe.mass_kg is None:
+        probe = probe.model_copy(update={"mass_kg": _PROBE_KG})
+    return arm.model_copy(update={"joints": joints, "probe": probe})
+
+
+def campaign_spec(n_lengths: int = 1) -> CampaignSpec:
+    """Say what is measured: 480 poses at three cones, a sphere and a bar or two.
+
+    Args:
+        n_lengths: Bars, 1 or 2. A wrong length shows only beside another one.
+    """
+    bars = tuple(
+        BallBar(
+            id=f"bar-{number + 1}",
+            n_poses=180 // n_lengths,
+            radius_mm=12.7,
+            distance_mm=distance_mm,
+            distance_std_mm=0.0005,
+        )
+        for number, distance_mm in enumerate((500.0, 300.0)[:n_lengths])
+    )
+    return CampaignSpec(
+        artefacts=(
+            *(Cone(id=f"cone-{number}", n_poses=60) for number in (1, 2, 3)),
+            Sphere(id="sphere", n_poses=120, radius_mm=25.0),
+            *bars,
+        ),
+        noise=NoiseTable(encoder_rad=ENCODER_RAD, contact_mm=CONTACT_MM),
+        conditions=ConditionTable(
+            swing_c=SWING_C, speed_rad_s=SPEED_RAD_S, start_utc=START
+        ),
+    )
+
+
+@lru_cache(maxsize=16)
+def pose_set(arm: Arm, seed: int, n_lengths: int = 1) -> PoseSet:
+    """Make a set of contacts once; any number of noises and effects is drawn on it.
+
+    Args:
+        arm: What the arm file says; it gets masses where it tells none.
+        seed: Of the true arm, the artefacts' places and the postures.
+        n_lengths: As of `campaign_spec`.
+    """
+    return make_poses(weighed(arm), campaign_spec(n_lengths), seed)

@@ -1,0 +1,1 @@
+"""Dense scans: `python -m simulator.campaigns.dense SPEC.toml --out DIR`."""

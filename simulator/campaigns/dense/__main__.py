@@ -1,0 +1,47 @@
+"""Makes a dense scan.
+
+`python -m traverse.simulator.campaigns.dense SPEC.toml --out DIR`
+"""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from traverse.kinematics.arm_file.arm import read_arm, read_strict
+from traverse.simulator.campaigns.command import run_command
+from traverse.simulator.campaigns.dense.scan import NOTHING, simulate_scan
+from traverse.simulator.campaigns.dense.spec import DenseFile, dense_problems
+from traverse.simulator.campaigns.dense.writing import write_scan
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; gives its exit status."""
+    return run_command(
+        "python -m traverse.simulator.campaigns.dense",
+        "Make a simulated dense scan: campaign.toml and scan.mcap, "
+        "arm.toml with the design values, truth/arm.toml with the true ones.",
+        _made,
+        arguments,
+    )
+
+
+def _made(spec: Path, folder: Path, seed: int | None) -> list[str]:
+    """Make it; what was made, line by line."""
+    file = read_strict(spec, DenseFile, dense_problems)
+    seed = file.seed if seed is None else seed
+    arm = read_arm(spec.parent / file.arm)
+    scan = simulate_scan(arm, file, seed)
+    write_scan(folder, scan, seed)
+    touching = int(np.count_nonzero(scan.touched != NOTHING))
+    names = ", ".join(f"{a.id} ({a.kind})" for a in scan.artefacts)
+    return [
+        f"made {folder} seed {seed}",
+        f"samples {len(scan.time_s)}, {touching} of them touching",
+        f"artefacts {len(scan.artefacts)}: {names}",
+    ]
+
+
+if __name__ == "__main__":
+    sys.exit(main())

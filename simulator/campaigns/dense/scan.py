@@ -1,0 +1,255 @@
+"""A dense scan: drags, one after the other, as a stream of encoder counts."""
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.arm_file.arm import Arm, Problem
+from traverse.simulator.arm.physics import Floats
+from traverse.simulator.arm.truth import Deviations, TrueArm, true_arm
+from traverse.simulator.campaigns.artefacts import Cone, Sphere
+from traverse.simulator.campaigns.campaign import StatedArtefact
+from traverse.simulator.campaigns.dense.motion import (
+    Drag,
+    Dragging,
+    moved_between,
+    refused,
+)
+from traverse.simulator.campaigns.dense.spec import DenseFile, dense_misfits
+from traverse.simulator.campaigns.fitting import misfits
+from traverse.simulator.campaigns.noise import encoder_stds, serial_noise
+from traverse.simulator.campaigns.postures import shifted_postures
+from traverse.simulator.campaigns.siting import place_artefacts
+from traverse.simulator.campaigns.streams import stream
+from traverse.simulator.campaigns.travel import travel_limits
+from traverse.simulator.effects import (
+    FaultyArm,
+    Surroundings,
+    faults_from_effects,
+    on_true_axes,
+)
+from traverse.simulator.effects.faulty_arm import faulty_arm
+
+START = datetime(2026, 11, 20, 9, tzinfo=UTC)
+CHUNK = 20_000
+NOTHING = -1
+
+
+@dataclass(frozen=True, slots=True)
+class DenseScan:
+    """A stream and what is true of it.
+
+    Attributes:
+        arm: What the arm file says.
+        artefacts: What the campaign says of them.
+        file: What was asked for.
+        start_utc: Of the first sample.
+        time_s: (n,) since then.
+        counts: (n, n_joints) raw.
+        touched: (n,) index of the artefact, -1 for none.
+        temperature_c: (n,)
+        force_n: (n,)
+        truth: The true arm.
+        readings_rad: (n, n_joints) before they became counts.
+        speeds_rad_s: (n, n_joints) true.
+    """
+
+    arm: Arm
+    artefacts: tuple[StatedArtefact, ...]
+    file: DenseFile
+    start_utc: datetime
+    time_s: Floats
+    counts: NDArray[np.uint32]
+    touched: NDArray[np.int64]
+    temperature_c: Floats
+    force_n: Floats
+    truth: TrueArm
+    readings_rad: Floats
+    speeds_rad_s: Floats
+
+
+def simulate_scan(arm: Arm, file: DenseFile, seed: int) -> DenseScan:
+    """Draw a whole scan from one seed.
+
+    Raises:
+        FileError: What does not fit arm or scan, or effects that cannot be played.
+        UnreachableError: What the arm cannot reach or follow.
+    """
+    bare = [joint.name for joint in arm.joints if joint.encoder is None]
+    missing = Problem("arm", f"no encoder of {', '.join(bare)}; a scan needs counts")
+    refused([*misfits(file, arm), *dense_misfits(file), *([missing] if bare else [])])
+    truth = true_arm(arm, Deviations(**file.deviations.model_dump()), seed)
+    limits_rad = travel_limits(truth.mechanism, file.travel)
+    if file.limits_rad is not None:
+        limits_rad = np.array(file.limits_rad, dtype=np.float64)
+    placements = place_artefacts(
+        file.artefacts,
+        truth.mechanism,
+        limits_rad,
+        truth.radius_mm,
+        stream(seed, "placement"),
+    )
+    rng = stream(seed, "contacts")
+    dragging = Dragging(truth.mechanism, limits_rad, truth.radius_mm, file.scan, rng)
+    order = _order([artefact.n_poses for artefact in file.artefacts])
+    drags = [
+        dragging.drag(artefact, placements[index])
+        for index in order
+        if isinstance(artefact := file.artefacts[index], Cone | Sphere)
+    ]
+    turns_rad, drag_of = _joined(drags, file)
+    touched = np.append(order, NOTHING)[drag_of]
+    around = _surroundings(file, drags, drag_of, turns_rad, seed)
+    faulty = _faulty(arm, truth)
+    readings_rad = _readings(
+        file, faulty, drags, (turns_rad, drag_of), around, seed=seed
+    )
+    certificates = stream(seed, "certificates")
+    return DenseScan(
+        arm=arm,
+        artefacts=tuple(
+            StatedArtefact(one.id, one.kind, one.stated(certificates, placement))
+            for one, placement in zip(file.artefacts, placements, strict=True)
+        ),
+        file=file,
+        start_utc=file.conditions.start_utc or START,
+        time_s=around.time_s,
+        counts=_counts(readings_rad, arm),
+        touched=touched,
+        temperature_c=around.temperature_c,
+        force_n=around.force_n,
+        truth=truth,
+        readings_rad=readings_rad,
+        speeds_rad_s=around.speed_rad_s,
+    )
+
+
+def _order(counts: list[int]) -> list[int]:
+    """In which order artefacts are dragged over: round after round."""
+    return [
+        index
+        for round_ in range(max(counts))
+        for index, count in enumerate(counts)
+        if round_ < count
+    ]
+
+
+def _joined(drags: list[Drag], file: DenseFile) -> tuple[Floats, NDArray[np.int64]]:
+    """All turns (n, n_joints) in the order of time, and whose drag (n,) each is."""
+    n_moving = max(round(file.scan.move_seconds * file.scan.rate_hz), 2)
+    parts, numbers = [drags[0].turns_rad], [np.zeros(len(drags[0].turns_rad), int)]
+    for number, drag in enumerate(drags[1:], 1):
+        way = moved_between(parts[-1][-1], drag.turns_rad[0], n_moving)
+        parts += [way, drag.turns_rad]
+        numbers += [np.full(n_moving, NOTHING), np.full(len(drag.turns_rad), number)]
+    return np.concatenate(parts), np.concatenate(numbers).astype(np.int64)
+
+
+def _surroundings(
+    file: DenseFile,
+    drags: list[Drag],
+    drag_of: NDArray[np.int64],
+    turns_rad: Floats,
+    seed: int,
+) -> Surroundings:
+    table, rate_hz = file.conditions, file.scan.rate_hz
+    rng = stream(seed, "conditions")
+    time_s = np.arange(len(turns_rad)) / rate_hz
+    progress = time_s / time_s[-1]
+    swing = np.sin(2.0 * np.pi * (rng.uniform(0.5, 1.5) * progress + rng.uniform()))
+    temperature_c = table.temperature_c + table.swing_c * swing
+    temperature_c = temperature_c + table.drift_c * (progress - 0.5)
+    speed_rad_s = np.gradient(turns_rad, axis=0) * rate_hz
+    forces = np.exp(table.force_spread * rng.standard_normal(len(drags) + 1))
+    towards = np.full((len(turns_rad), 3), np.nan)
+    towards[drag_of != NOTHING] = np.concatenate([drag.towards for drag in drags])
+    return Surroundings(
+        time_s=time_s,
+        utc_s=(table.start_utc or START).timestamp() + time_s,
+        temperature_c=temperature_c,
+        speed_rad_s=speed_rad_s,
+        approach=_senses(speed_rad_s),
+        towards=towards,
+        force_n=table.force_n * forces[drag_of],
+    )
+
+
+def _senses(speed_rad_s: Floats) -> Floats:
+    """Sense of the last motion (n, n_joints); before any, that of the first."""
+    moving = speed_rad_s != 0.0
+    rows = np.where(moving, np.arange(len(speed_rad_s))[:, None], 0)
+    last = np.maximum.accumulate(rows, axis=0)
+    senses: Floats = np.sign(np.take_along_axis(speed_rad_s, last, axis=0))
+    return senses
+
+
+def _faulty(arm: Arm, truth: TrueArm) -> FaultyArm:
+    effects = on_true_axes(arm, arm.effects, truth.mechanism.axes)
+    faults = faults_from_effects(arm, effects, "effects of a simulated scan")
+    return faulty_arm(arm, truth.mechanism, truth.zeros_rad, faults)
+
+
+def _readings(
+    file: DenseFile,
+    faulty: FaultyArm,
+    drags: list[Drag],
+    motion: tuple[Floats, NDArray[np.int64]],
+    around: Surroundings,
+    *,
+    seed: int,
+) -> Floats:
+    """What the encoders show, (n, n_joints), their noise included."""
+    turns_rad, drag_of = motion
+    n_samples, n_joints = turns_rad.shape
+    touching = drag_of != NOTHING
+    shifts_mm = np.zeros((n_samples, 3))
+    contacts_mm = np.zeros((n_samples, 3))
+    contacts_mm[touching] = np.concatenate([drag.contacts_mm for drag in drags])
+    shaken = serial_noise(stream(seed, "touch"), n_samples, 3, file.noise)
+    towards = around.towards
+    seated = np.isnan(towards[:, :1])
+    along = shaken[:, :1] * np.nan_to_num(towards)
+    shifts_mm = file.noise.contact_mm * np.where(seated, shaken, along)
+    errors = serial_noise(stream(seed, "encoders"), n_samples, n_joints, file.noise)
+    errors *= encoder_stds(file.noise, n_joints)
+    readings_rad = np.empty_like(turns_rad)
+    for first in range(0, n_samples, CHUNK):
+        rows = slice(first, first + CHUNK)
+        part = _part(around, rows)
+        moved = turns_rad[rows].copy()
+        here = np.flatnonzero(touching[rows])
+        if len(here):
+            # Moved first, so that effects are those of where the ball really is.
+            yielding = faulty.touching_turns(
+                moved[here], contacts_mm[rows][here], _part(part, here)
+            )
+            moved[here] = shifted_postures(
+                faulty.build.mechanism, yielding, shifts_mm[rows][here]
+            )
+        readings_rad[rows] = faulty.readings_rad(moved, part) + errors[rows]
+    return readings_rad
+
+
+def _part(around: Surroundings, rows: slice | NDArray[np.int64]) -> Surroundings:
+    utc_s = around.utc_s
+    return Surroundings(
+        time_s=around.time_s[rows],
+        utc_s=None if utc_s is None else utc_s[rows],
+        temperature_c=around.temperature_c[rows],
+        speed_rad_s=around.speed_rad_s[rows],
+        approach=around.approach[rows],
+        towards=around.towards[rows],
+        force_n=around.force_n[rows],
+    )
+
+
+def _counts(readings_rad: Floats, arm: Arm) -> NDArray[np.uint32]:
+    """Whole counts (n, n_joints) within a turn."""
+    encoders = [joint.encoder for joint in arm.joints if joint.encoder is not None]
+    per_turn = np.array([encoder.counts_per_turn for encoder in encoders])
+    signs = np.array([encoder.sign for encoder in encoders])
+    whole = np.rint(signs * readings_rad * per_turn / (2.0 * np.pi)).astype(np.int64)
+    counts: NDArray[np.uint32] = (whole % per_turn).astype(np.uint32)
+    return counts

@@ -1,0 +1,53 @@
+"""What a dense scan shall be: a simulated campaign of drags instead of touches."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from pydantic import Field
+
+from traverse.kinematics.arm_file.arm import Problem, StrictModel
+from traverse.simulator.campaigns.artefacts import Cone, Sphere
+from traverse.simulator.campaigns.spec import CampaignFile, spec_problems
+
+
+class ScanTable(StrictModel):
+    """How the ball is dragged.
+
+    Attributes:
+        rate_hz: Samples a second.
+        seconds: Of one drag; an artefact is dragged over n_poses times.
+        move_seconds: From one drag to the next, nothing touched.
+        wave_s: Typical period of the waves in which joints move.
+        swing: Amplitude of the waves, as a part of half a joint's range.
+        latch_jitter_s: Standard deviation of the time from latch to receipt.
+    """
+
+    rate_hz: float = Field(default=200.0, ge=10.0, le=10000.0)
+    seconds: float = Field(default=10.0, gt=0.5, le=3600.0)
+    move_seconds: float = Field(default=2.0, ge=1.0)
+    wave_s: float = Field(default=4.0, gt=0.2)
+    swing: float = Field(default=0.35, gt=0.0, le=1.0)
+    latch_jitter_s: float = Field(default=0.0005, ge=0.0)
+
+
+class DenseFile(CampaignFile):
+    """A simulated campaign with a table `scan`."""
+
+    scan: ScanTable
+
+
+def dense_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
+    """Find what is wrong between keys."""
+    yield from spec_problems(raw)
+    if "mix" in raw:
+        yield Problem("mix", "a scan names its artefacts; give [[artefacts]] instead")
+
+
+def dense_misfits(file: DenseFile) -> Iterator[Problem]:
+    """Find what a scan cannot do."""
+    for number, artefact in enumerate(file.artefacts):
+        if not isinstance(artefact, Cone | Sphere):
+            message = f"'{artefact.kind}' cannot be scanned; expected cone or sphere"
+            yield Problem(f"artefacts[{number}].kind", message)
+    if file.noise.blunder_share > 0.0:
+        yield Problem("noise.blunder_share", "a scan has no blunders; expected 0")

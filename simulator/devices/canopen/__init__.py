@@ -1,0 +1,1 @@
+"""Simulated CANopen encoders on a CAN bus."""

@@ -1,0 +1,256 @@
+"""One encoder of CiA 406: its objects, and what it makes of a SYNC.
+
+The `canopen` library's local node answers SDO and NMT and sends heartbeats; what it
+does not do is done here: TPDO1 at a SYNC or by its timer, presets, storing, resets.
+"""
+
+import struct
+from dataclasses import dataclass
+
+from canopen import LocalNode, ObjectDictionary, SdoAbortedError
+from canopen.network import Network
+from canopen.objectdictionary import ODRecord, ODVariable, datatypes
+
+from traverse.simulator.devices.canopen.lss import LssSlave
+
+OPERATIONAL, PRE_OPERATIONAL, STOPPED = 5, 127, 4
+PDO_OFF = 0x8000_0000
+SAVE, LOAD = b"save", b"load"
+OUT_OF_RANGE = 0x0609_0030
+TYPES = {1: datatypes.UNSIGNED8, 2: datatypes.UNSIGNED16, 4: datatypes.UNSIGNED32}
+STORED = ((0x1017, 0), (0x6000, 0), (0x6001, 0), (0x6002, 0), (0x6200, 0), (0x6509, 0))
+
+
+@dataclass(frozen=True, slots=True)
+class EncoderData:
+    """What an encoder is.
+
+    Attributes:
+        number: Of the node.
+        serial: Its serial number.
+        counts_per_turn: That it says it has.
+        turns: That it tells apart.
+        modulus: Where its counts wrap.
+        heartbeat_ms: As it was delivered; 0 for none.
+    """
+
+    number: int
+    serial: int
+    counts_per_turn: int
+    turns: int
+    modulus: int
+    heartbeat_ms: int
+
+    @property
+    def identity(self) -> tuple[int, int, int, int]:
+        """Vendor, product, revision, serial number."""
+        return (0x0000_0053, 0x0196_0001, 0x0001_0000, self.serial)
+
+
+class CanOpenEncoder:
+    """An encoder on a bus.
+
+    Args:
+        data: What it is.
+        network: On which its frames go out.
+
+    Attributes:
+        count: What its disc shows, below its modulus; set before it is asked.
+        alarms: Object 6503.
+        warnings: Object 6505.
+    """
+
+    def __init__(self, data: EncoderData, network: Network) -> None:
+        self.data = data
+        self.count = 0
+        self.alarms = self.warnings = 0
+        self._network = network
+        self._stored: dict[tuple[int, int], bytes] = {}
+        self._syncs = 0
+        self._timer_due_s = float("inf")
+        self.lss = LssSlave(
+            data.identity, data.number, lambda d: network.send_message(0x7E4, d)
+        )
+        self.node: LocalNode | None = None
+
+    def power_up(self) -> None:
+        """Begin as delivered, with what was stored; say so."""
+        self.power_down()
+        node = self.node = LocalNode(self.data.number, _objects(self.data))
+        for (index, sub), content in self._stored.items():
+            node.data_store.setdefault(index, {})[sub] = content
+        node.add_read_callback(self._read)  # type: ignore[no-untyped-call]  # the library's
+        node.add_write_callback(self._write)  # type: ignore[no-untyped-call]  # the library's
+        self._network[self.data.number] = node
+        self._timer_due_s = float("inf")
+        node.nmt.state = "INITIALISING"  # the library sends the boot-up
+        node.nmt.state = "PRE-OPERATIONAL"
+
+    def power_down(self) -> None:
+        """Be without power."""
+        if self.node is not None:
+            self.node.nmt.stop_heartbeat()  # type: ignore[no-untyped-call]  # the library's
+            del self._network[self.data.number]
+            self.node = None
+
+    @property
+    def state(self) -> str:
+        """Of its network management; empty without power."""
+        return "" if self.node is None else str(self.node.nmt.state)
+
+    def obey(self) -> None:
+        """See what an NMT command has made of it; resets begin it anew."""
+        if self.state == "INITIALISING":
+            self.power_up()
+
+    def takes_questions(self) -> bool:
+        """Whether it answers SDO."""
+        return self.state in {"OPERATIONAL", "PRE-OPERATIONAL"}
+
+    def sync(self) -> bytes | None:
+        """What it sends at a SYNC, if this is one of those that it answers."""
+        kind = self._number(0x1800, 2)
+        if not self._sends() or not 1 <= kind <= 240:
+            return None
+        self._syncs += 1
+        return self.pdo() if self._syncs % kind == 0 else None
+
+    def timer_due_s(self, now_s: float) -> float:
+        """When its timer lets it send next; infinity where it does not."""
+        period_s = 1e-3 * (self._number(0x1800, 5) or self._number(0x6200, 0))
+        if not (self._sends() and self._number(0x1800, 2) >= 254 and period_s):
+            self._timer_due_s = float("inf")
+        elif self._timer_due_s == float("inf"):
+            self._timer_due_s = now_s + period_s
+        return self._timer_due_s
+
+    def timer_pdo(self) -> bytes:
+        """What it sends by its timer, now."""
+        self._timer_due_s += 1e-3 * (self._number(0x1800, 5) or self._number(0x6200, 0))
+        return self.pdo()
+
+    def pdo(self) -> bytes:
+        """TPDO1 as it is mapped."""
+        content = b""
+        if self.node is not None:
+            for entry in range(1, self._number(0x1A00, 0) + 1):
+                mapped = self._number(0x1A00, entry)
+                n_bytes = (mapped & 0xFF) // 8
+                data = self.node.get_data(mapped >> 16, mapped >> 8 & 0xFF)
+                content += data[:n_bytes].ljust(n_bytes, b"\0")
+        return content[:8]
+
+    def position(self) -> int:
+        """Object 6004: turned round, scaled and preset as it was told."""
+        parameters, modulus = self._number(0x6000, 0), self.data.modulus
+        count = -self.count % modulus if parameters & 1 else self.count
+        if parameters & 4:
+            units, modulus = self._number(0x6001, 0), self._number(0x6002, 0)
+            count = count * units // self.data.counts_per_turn
+        return (count + self._number(0x6509, 0)) % max(1, modulus)
+
+    def _sends(self) -> bool:
+        if self.state != "OPERATIONAL":
+            return False
+        return not self._number(0x1800, 1) & PDO_OFF
+
+    def _number(self, index: int, sub: int) -> int:
+        if self.node is None:
+            return 0
+        return int.from_bytes(self.node.get_data(index, sub), "little")
+
+    def _read(self, index: int, subindex: int, od: ODVariable) -> int | None:
+        del subindex, od
+        if index == 0x6004:
+            return self.position()
+        return {0x6503: self.alarms, 0x6505: self.warnings}.get(index)
+
+    def _write(self, index: int, subindex: int, od: ODVariable, data: bytes) -> None:
+        del od
+        node = self.node
+        if node is None:
+            return
+        if index == 0x6003:
+            (wanted,) = struct.unpack("<I", data)
+            old = self._number(0x6509, 0)
+            modulus = self._number(0x6002, 0)
+            offset = (wanted - self.position() + old) % max(1, modulus)
+            node.data_store.setdefault(0x6509, {})[0] = struct.pack("<I", offset)
+        elif index == 0x1010:
+            if bytes(data) != SAVE:
+                raise SdoAbortedError(OUT_OF_RANGE)
+            self._stored = {key: node.get_data(*key) for key in STORED}
+        elif index == 0x1011:
+            if bytes(data) != LOAD:
+                raise SdoAbortedError(OUT_OF_RANGE)
+            self._stored = {}
+        del subindex
+
+
+def _objects(data: EncoderData) -> ObjectDictionary:
+    """Its objects, as they are delivered."""
+    vendor, product, revision, serial = data.identity
+    kind = 2 if data.turns > 1 else 1
+    found = ObjectDictionary()  # type: ignore[no-untyped-call]  # the library's
+    for index, n_bytes, access, value in (
+        (0x1000, 4, "ro", kind << 16 | 0x0196),
+        (0x1001, 1, "ro", 0),
+        (0x1017, 2, "rw", data.heartbeat_ms),
+        (0x6000, 2, "rw", 0),
+        (0x6001, 4, "rw", data.counts_per_turn),
+        (0x6002, 4, "rw", min(data.modulus, 0xFFFF_FFFF)),
+        (0x6003, 4, "rw", 0),
+        (0x6004, 4, "ro", 0),
+        (0x6200, 2, "rw", 0),
+        (0x6500, 2, "ro", 0),
+        (0x6501, 4, "ro", data.counts_per_turn),
+        (0x6502, 2, "ro", data.turns & 0xFFFF),
+        (0x6503, 2, "ro", 0),
+        (0x6504, 2, "ro", 3),
+        (0x6505, 2, "ro", 0),
+        (0x6506, 2, "ro", 0x14),
+        (0x6507, 4, "ro", 0x0100_0302),
+        (0x6508, 4, "ro", 0xFFFF_FFFF),
+        (0x6509, 4, "ro", 0),
+        (0x650B, 4, "ro", serial),
+    ):
+        found.add_object(_variable(index, 0, n_bytes, access, value))
+    cob_id = 0x180 + data.number
+    for index, entries in (
+        (0x1010, ((0, 1, "ro", 1), (1, 4, "rw", 1))),
+        (0x1011, ((0, 1, "ro", 1), (1, 4, "rw", 1))),
+        (
+            0x1018,
+            (
+                (0, 1, "ro", 4),
+                (1, 4, "ro", vendor),
+                (2, 4, "ro", product),
+                (3, 4, "ro", revision),
+                (4, 4, "ro", serial),
+            ),
+        ),
+        (0x1800, ((1, 4, "rw", cob_id), (2, 1, "rw", 254), (5, 2, "rw", 0))),
+        (0x1801, ((1, 4, "rw", cob_id + 0x100), (2, 1, "rw", 1), (5, 2, "rw", 0))),
+        (0x1A00, ((0, 1, "rw", 1), (1, 4, "rw", 0x6004_0020), (2, 4, "rw", 0))),
+        (0x1A01, ((0, 1, "rw", 1), (1, 4, "rw", 0x6004_0020), (2, 4, "rw", 0))),
+        (0x6030, ((0, 1, "ro", 1), (1, 2, "ro", 0))),
+    ):
+        record = ODRecord(f"{index:04X}", index)
+        for sub, n_bytes, access, value in entries:
+            record.add_member(_variable(index, sub, n_bytes, access, value))
+        found.add_object(record)
+    name = ODVariable("1008", 0x1008)
+    name.data_type, name.access_type = datatypes.VISIBLE_STRING, "ro"
+    name.default = "simulated encoder"  # type: ignore[assignment]  # a string's is one
+    found.add_object(name)
+    return found
+
+
+def _variable(
+    index: int, sub: int, n_bytes: int, access: str, value: int
+) -> ODVariable:
+    variable = ODVariable(f"{index:04X}:{sub}", index, sub)
+    variable.data_type = TYPES[n_bytes]
+    variable.access_type = access
+    variable.default = value
+    return variable

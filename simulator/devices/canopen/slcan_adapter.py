@@ -1,0 +1,130 @@
+r"""A CAN adapter on a serial port, as makers since Lawicel build them (slcan).
+
+Commands are letters with figures, ended by a carriage return; a carriage return says
+yes, a bell (07) no. Frames of the bus come as `t`, three figures of identifier, one of
+length, the data in hexadecimal. Only what 11-bit classic CAN needs is played.
+
+    S0 .. S8     bit rate 10k 20k 50k 100k 125k 250k 500k 800k 1M; only while closed
+    O  L  C      open, listen only, close
+    tiiildd..    send a frame; answered "z\r"
+    V  N  F      version, serial number, flags
+"""
+
+from pathlib import Path
+
+from traverse.simulator.devices.pty_port import PtyPort
+from traverse.simulator.scenario.signals import Frame
+
+YES, NO, SENT = b"\r", b"\a", b"z\r"
+BUFFER_BYTES = 65_536
+LONGEST_COMMAND = 32
+IGNORED = b"YMmZWXsQ"  # filters, stamps, timings: taken, without meaning here
+
+
+class SlcanAdapter:
+    """The adapter's side of a pty.
+
+    Args:
+        path: Of the pty's symlink.
+
+    Attributes:
+        where: Where hosts find it.
+        poll_s: How often it must be looked at; None, its descriptor tells.
+        n_rejected: Commands that were answered with a bell.
+        n_dropped: Frames that the host did not take.
+        bus_off: No frame comes or goes.
+    """
+
+    poll_s: float | None = None
+
+    def __init__(self, path: Path) -> None:
+        self.where = str(path)
+        self._port = PtyPort(path, BUFFER_BYTES)
+        self._pending = bytearray()
+        self._open = self._listens = False
+        self.n_rejected = self.n_dropped = 0
+        self.bus_off = False
+
+    def receive(self) -> list[tuple[int, bytes]]:
+        """Answer the host's commands; the frames that it sends."""
+        if self._port.host_changed():
+            self._open = False
+            self._pending.clear()
+        self._pending += self._port.read()
+        *commands, rest = bytes(self._pending).split(b"\r")
+        self._pending[:] = rest[-LONGEST_COMMAND:]
+        frames = []
+        for command in commands:
+            frame = self._obey(command)
+            if frame is not None:
+                frames.append(frame)
+        self._port.flush()
+        return frames
+
+    def send(self, can_id: int, data: bytes) -> None:
+        """Let the host hear a frame of the bus."""
+        if self._open and not self.bus_off:
+            text = f"t{can_id:03X}{len(data)}{data.hex().upper()}\r"
+            self.n_dropped += self._port.write([Frame(True, text.encode())])
+
+    def send_error(self, classes: int) -> None:
+        """Such adapters tell of errors only when they are asked."""
+        del classes
+
+    def flush(self) -> None:
+        """Send what waits."""
+        self._port.flush()
+
+    def readers(self) -> list[int]:
+        """Its port."""
+        return [self._port.wake_descriptor]
+
+    def writers(self) -> list[int]:
+        """Its port, when bytes wait."""
+        return [self._port.descriptor] if self._port.backlog else []
+
+    def close(self) -> None:
+        """Take the port away."""
+        self._port.close()
+
+    def _obey(self, command: bytes) -> tuple[int, bytes] | None:
+        letter = command[:1]
+        if not letter:
+            return None  # hosts send empty lines to wake an adapter
+        if letter == b"t":
+            return self._take_frame(command)
+        answer = YES
+        if letter in b"OL" and not self._open:
+            self._open, self._listens = True, letter == b"L"
+        elif letter == b"C":
+            self._open = False
+        elif letter == b"S":
+            known = len(command) == 2 and command[1:] in b"012345678"
+            answer = YES if known and not self._open else NO
+        elif letter == b"V":
+            answer = b"V1013\r"
+        elif letter == b"N":
+            answer = b"NSIM1\r"
+        elif letter == b"F":
+            answer = b"F80\r" if self.bus_off else b"F00\r"
+        elif letter not in IGNORED:
+            answer = NO
+        self._answer(answer)
+        return None
+
+    def _take_frame(self, command: bytes) -> tuple[int, bytes] | None:
+        try:
+            can_id, n = int(command[1:4], 16), int(command[4:5])
+            data = bytes.fromhex(command[5:].decode("ascii"))
+        except ValueError:
+            n, can_id, data = -1, 0, b""
+        good = n == len(data) <= 8 and can_id <= 0x7FF
+        if not good or not self._open or self._listens or self.bus_off:
+            self._answer(NO)
+            return None
+        self._answer(SENT)
+        return can_id, data
+
+    def _answer(self, text: bytes) -> None:
+        self.n_rejected += text == NO
+        self._port.write([Frame(False, text)])

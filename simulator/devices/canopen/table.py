@@ -1,0 +1,71 @@
+"""The keys of CANopen encoders in the simulator's configuration."""
+
+from collections.abc import Iterator, Sequence
+from typing import Annotated, ClassVar, Literal, Self
+
+from pydantic import Field, model_validator
+
+from traverse.simulator.devices.table import DeviceTable
+
+NodeNumber = Annotated[int, Field(ge=1, le=127)]
+
+
+class CanOpenTable(DeviceTable):
+    """Encoders on a bus.
+
+    Attributes:
+        interface: "slcan" is an adapter on a pty, others are python-can's.
+        port: Of the adapter's pty.
+        channel: Of the other interfaces.
+        nodes: Numbers of the encoders, by channel; default 1, 2, 3, ...
+        heartbeat_ms: As they were delivered.
+        told_counts_per_turn: What they say they have; default what they have.
+    """
+
+    FAULTS: ClassVar[frozenset[str]] = frozenset(
+        [
+            "lost",
+            "repeated",
+            "late",
+            "stuck",
+            "jump",
+            "status",
+            "gone",
+            "silent",
+            "reset",
+            "emcy",
+            "duplicate",
+            "bus_off",
+        ]
+    )
+    BY_CHANNEL: ClassVar[bool] = True
+
+    interface: Literal["slcan", "virtual", "udp_multicast", "socketcan"] = "slcan"
+    port: str | None = Field(default=None, min_length=1)
+    channel: str | None = Field(default=None, min_length=1)
+    nodes: tuple[NodeNumber, ...] = ()
+    heartbeat_ms: int = Field(default=0, ge=0, le=0xFFFF)
+    told_counts_per_turn: tuple[Annotated[int, Field(ge=0)], ...] = ()
+
+    @model_validator(mode="after")
+    def _one_place(self) -> Self:
+        wanted = "port" if self.interface == "slcan" else "channel"
+        other = "channel" if wanted == "port" else "port"
+        if getattr(self, wanted) is None or getattr(self, other) is not None:
+            raise ValueError(
+                f"interface '{self.interface}' needs the key {wanted}, and not {other}"
+            )
+        return self
+
+    def channel_problems(
+        self, counts_per_turn: Sequence[int]
+    ) -> Iterator[tuple[str, str]]:
+        """Say what does not fit the encoders of the arm file."""
+        n = len(counts_per_turn)
+        if self.nodes and len(self.nodes) != n:
+            yield "nodes", f"{len(self.nodes)} given, the arm file has {n} encoders"
+        if len(set(self.nodes)) < len(self.nodes):
+            yield "nodes", "a number is given twice; use the fault 'duplicate' for that"
+        if self.told_counts_per_turn and len(self.told_counts_per_turn) != n:
+            given = len(self.told_counts_per_turn)
+            yield "told_counts_per_turn", f"{given} given, the arm file has {n}"

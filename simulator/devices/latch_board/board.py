@@ -1,0 +1,246 @@
+"""The latching controller board: bytes in, frames out, time given from outside.
+
+It implements docs/serial-protocol.md from the board's side. No port and no clock
+here: `advance` moves the board's time, `receive` happens at a given time.
+"""
+
+from collections.abc import Callable, Sequence
+
+from traverse.simulator.devices.latch_board import wire
+from traverse.simulator.devices.latch_board.alarms import Alarms
+from traverse.simulator.devices.latch_board.edge_queue import EdgeQueue, LatchedEdge
+from traverse.simulator.devices.latch_board.inputs import InputLevels
+from traverse.simulator.devices.latch_board.sampler import Sampler
+from traverse.simulator.devices.latch_board.settings import (
+    DONE,
+    LONGEST_DEBOUNCE_US,
+    NOT_NOW,
+    OTHER_MAJOR,
+    OUT_OF_RANGE,
+    RATE_OUT_OF_RANGE,
+    UNKNOWN_REQUEST,
+    WRONG_LENGTH,
+    Settings,
+)
+from traverse.simulator.devices.latch_board.tick_counter import TickCounter
+from traverse.simulator.scenario.signals import AlarmChange, Frame, InputChange, Latched
+
+
+class Board:
+    """One board from power-up on.
+
+    Args:
+        identity: What it says in HELLO.
+        ticks: Its counter.
+        latched: Its encoders and inputs.
+        temperatures_c: What its sensors show at first, None for a missing one.
+        warming_c: By how much they show more at a time.
+        power_up_s: Time of power-up.
+        on_edge: Told of every edge with its sequence number when it is reported.
+    """
+
+    def __init__(
+        self,
+        identity: wire.Identity,
+        ticks: TickCounter,
+        latched: Latched,
+        *,
+        temperatures_c: Sequence[float | None],
+        power_up_s: float,
+        on_edge: Callable[[int, LatchedEdge], None],
+        warming_c: Callable[[float], float] = lambda _now_s: 0.0,
+    ) -> None:
+        self.identity = identity
+        self.edges = EdgeQueue()
+        self.alarms = Alarms(ticks)
+        self._on_edge = on_edge
+        self._rejected = 0
+        self._segments = wire.Segments()
+        self._ticks = ticks
+        self._latched = latched
+        self._temperatures_c = temperatures_c
+        self._warming_c = warming_c
+        self._settings = Settings()
+        self._now_s = power_up_s
+        self._greeted = False
+        self._refused = False
+        self._inputs = InputLevels()
+        self.sampler = Sampler(identity.tick_rate_hz, ticks, latched, self._inputs)
+        self._heartbeat_s = power_up_s
+        self._temperature_s = power_up_s
+
+    @property
+    def streaming(self) -> bool:
+        """A timed stream runs."""
+        return self.sampler.streaming
+
+    @property
+    def rx_rejected(self) -> int:
+        """Segments from the host that were no valid frame."""
+        return self._rejected + self._segments.n_too_long
+
+    def next_due_s(self) -> float:
+        """When `advance` has something to do next, samples apart."""
+        return min(time_s for time_s, _ in self._agenda())
+
+    def advance(self, to_s: float) -> list[Frame]:
+        """Let the board live until a time, in order of events."""
+        frames: list[Frame] = []
+        while True:
+            due_s, act = min(self._agenda(), key=lambda entry: entry[0])
+            if due_s > to_s:
+                break
+            frames += self.sampler.until(due_s)
+            self._now_s = max(self._now_s, due_s)
+            frames += [Frame(False, data) for data in act(due_s)]
+        frames += self.sampler.until(to_s)
+        self._now_s = max(self._now_s, to_s)
+        return frames
+
+    def receive(self, received: bytes) -> list[Frame]:
+        """Answer what the host sent, now."""
+        frames: list[Frame] = []
+        for segment in self._segments.feed(received):
+            body = wire.body_of(segment)
+            if body is None:
+                self._rejected += 1
+            else:
+                frames += self._answer(body)
+        return frames
+
+    def lose_host(self) -> None:
+        """The host let go of the line: a begun frame and the stream end."""
+        self._segments.forget()
+        self.sampler.stop()
+
+    def count_dropped(self, n_dropped: int) -> list[Frame]:
+        """Count samples that the line did not take, and complain once."""
+        alarms = self.alarms.drop(n_dropped, self._now_s)
+        return [Frame(False, data) for data in alarms]
+
+    def _agenda(self) -> list[tuple[float, Callable[[float], list[bytes]]]]:
+        """What comes next of everything but samples: when, and what to do then."""
+        agenda: list[tuple[float, Callable[[float], list[bytes]]]] = [
+            (self._heartbeat_s, self._beat),
+            (self._temperature_s, self._show_temperatures),
+            (self.edges.next_due_s(), self.edges.due_again),
+            (self._inputs.next_held_s(), self._report_held),
+            (self.alarms.next_due_s(), self.alarms.end_dropping),
+        ]
+        change = self._latched.peek_change()
+        if change is not None:
+            agenda.append((change.time_s, self._take_change))
+        return agenda
+
+    def _beat(self, now_s: float) -> list[bytes]:
+        period_s = 1e-3 * self._settings.heartbeat_ms
+        self._heartbeat_s = now_s + period_s if period_s else float("inf")
+        return [
+            wire.heartbeat(
+                int(self.streaming),
+                self._inputs.levels,
+                self._shown(now_s),
+                edges_back=self.edges.back,
+                next_sample_seq=self.sampler.next_seq,
+                next_edge_seq=self.edges.next_seq,
+                tx_dropped=self.alarms.tx_dropped,
+                rx_rejected=self.rx_rejected,
+            )
+        ]
+
+    def _show_temperatures(self, now_s: float) -> list[bytes]:
+        period_s = 1e-3 * self._settings.temperature_ms
+        self._temperature_s = now_s + period_s if period_s else float("inf")
+        if not self._temperatures_c:
+            return []
+        warmer_c = self._warming_c(now_s)
+        shown_c = [None if c is None else c + warmer_c for c in self._temperatures_c]
+        return [wire.temperatures(self._shown(now_s), shown_c)]
+
+    def _take_change(self, _now_s: float) -> list[bytes]:
+        change = self._latched.peek_change()
+        self._latched.take_change()
+        if isinstance(change, AlarmChange):
+            return [self.alarms.of_encoder(change)]
+        if isinstance(change, InputChange) and self._inputs.change(
+            change.input_number, change.level
+        ):
+            held_at_s = change.time_s + 1e-6 * self._settings.debounce_us
+            self._inputs.watch(self.sampler.edge(change), held_at_s)
+        return []
+
+    def _report_held(self, now_s: float) -> list[bytes]:
+        data: list[bytes] = []
+        for edge in self._inputs.take_held(now_s):
+            if self._settings.edge_mask >> edge.input_number & 1:
+                self._on_edge(self.edges.next_seq, edge)
+                kept = self.edges.report(edge, now_s)
+                data.append(kept or self.alarms.lose_edge(self.edges.n_lost, now_s))
+        return data
+
+    def _shown(self, time_s: float) -> int:
+        return self._ticks.shown(self._ticks.at(time_s))
+
+    def _answer(self, body: bytes) -> list[Frame]:
+        kind, fields = body[0], body[1:]
+        layout = wire.REQUEST_FIELDS.get(kind)
+        if layout is None or len(fields) != layout.size:
+            self._rejected += 1
+            result = UNKNOWN_REQUEST if layout is None else WRONG_LENGTH
+            asks = kind < wire.BOARD_TYPES and kind != wire.EDGE_ACK and fields
+            if not asks or self._refused:
+                return []
+            return [Frame(False, wire.reply(kind, fields[0], result, 0))]
+        values = layout.unpack(fields)
+        if kind == wire.HELLO:
+            return [Frame(False, self._greet(*values))]
+        return [] if self._refused else self._obey(kind, values)
+
+    def _obey(self, kind: int, values: tuple[int, ...]) -> list[Frame]:
+        if kind == wire.EDGE_ACK:
+            return self._acknowledge(values[0])
+        if not self._greeted:
+            return [Frame(False, wire.reply(kind, values[0], NOT_NOW, 0))]
+        if kind == wire.LATCH:
+            return self.sampler.once(values[0], self._now_s)
+        result, value = self._set(kind, values)
+        return [Frame(False, wire.reply(kind, values[0], result, value))]
+
+    def _greet(self, request: int, major: int, flags: int) -> bytes:
+        self.sampler.stop()
+        self._refused = major != wire.MAJOR
+        if self._refused:
+            return wire.reply(wire.HELLO, request, OTHER_MAJOR, wire.MAJOR)
+        self._greeted = True
+        if flags & 1:
+            self.edges.forget()
+        return wire.hello(request, self.identity)
+
+    def _acknowledge(self, seq: int) -> list[Frame]:
+        self.edges.acknowledge(seq)
+        if len(self.edges):
+            return []
+        cleared = self.alarms.end_losing_edges(self.edges.n_lost, self._now_s)
+        return [Frame(False, data) for data in cleared]
+
+    def _set(self, kind: int, values: tuple[int, ...]) -> tuple[int, int]:
+        """Set what CONFIGURE, START or STOP ask for; result and value of the REPLY."""
+        if kind == wire.CONFIGURE:
+            settings = Settings(*values[1:])
+            if settings.debounce_us > LONGEST_DEBOUNCE_US:
+                return OUT_OF_RANGE, 0
+            self._settings = settings
+            self._heartbeat_s = self._next_s(settings.heartbeat_ms)
+            self._temperature_s = self._next_s(settings.temperature_ms)
+        elif kind == wire.START:
+            rate_millihz, most = values[1], self.identity.max_rate_millihz
+            if not 0 < rate_millihz <= most:
+                return RATE_OUT_OF_RANGE, most
+            self.sampler.start(values[0], rate_millihz, self._now_s)
+            return DONE, rate_millihz
+        else:
+            self.sampler.stop()
+        return DONE, 0
+
+    def _next_s(self, period_ms: int) -> float:
+        return self._now_s + 1e-3 * period_ms if period_ms else float("inf")

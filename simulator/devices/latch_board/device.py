@@ -1,0 +1,225 @@
+"""A latching controller board on a pty: its keys, its port, its faults, its power."""
+
+import secrets
+from dataclasses import asdict
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from traverse.simulator.devices.device import Mounting
+from traverse.simulator.devices.disturbed_line import DisturbedLine
+from traverse.simulator.devices.latch_board import wire
+from traverse.simulator.devices.latch_board.board import Board
+from traverse.simulator.devices.latch_board.drops import Drops
+from traverse.simulator.devices.latch_board.edge_queue import LatchedEdge
+from traverse.simulator.devices.latch_board.tick_counter import TickCounter
+from traverse.simulator.devices.pty_port import PtyPort
+from traverse.simulator.devices.table import DeviceTable
+from traverse.simulator.scenario.signals import Frame
+
+FIRMWARE = (1, 0, 0)
+PIECE_S, PIECE_WAIT_S = 0.1, 0.02
+MOST_EDGES_AHEAD = 4  # unacknowledged, before fast time waits for the host
+
+
+class LatchBoardTable(DeviceTable):
+    """A controller board on a pty."""
+
+    FAULTS: ClassVar[frozenset[str]] = frozenset(
+        [
+            "lost",
+            "corrupted",
+            "repeated",
+            "garbage",
+            "stuck",
+            "jump",
+            "status",
+            "gone",
+            "silent",
+        ]
+    )
+
+    port: str = Field(min_length=1)
+    tick_rate_hz: int = Field(default=1_000_000, ge=100_000, le=100_000_000)
+    max_rate_hz: float = Field(default=10_000.0, gt=0.0, le=10_000.0)
+    clock_error_ppm: float = Field(default=0.0, ge=-1000.0, le=1000.0)
+    first_ticks: int = Field(default=0, ge=0, le=2**32 - 1)
+    inputs: tuple[Literal["button", "switch"], ...] = ("button", "switch")
+    temperatures_c: tuple[float, ...] = Field(default=(20.0,), max_length=16)
+    transmit_buffer_bytes: int = Field(default=65_536, ge=1024, le=16_777_216)
+
+
+class LatchBoard:
+    """A board on a pty.
+
+    Args:
+        table: Its configuration.
+        mounting: What it is wired to.
+    """
+
+    def __init__(self, table: LatchBoardTable, mounting: Mounting) -> None:
+        self.id = table.id
+        self.path = mounting.folder / table.port
+        self.where = str(self.path)
+        self.line = DisturbedLine(mounting.line_faults, mounting.seed[0])
+        self._table, self._mounting = table, mounting
+        self._clock = mounting.clock
+        self._sent_before = {
+            "samples": 0,
+            "tx_dropped": 0,
+            "rx_rejected": 0,
+            "edges": 0,
+        }
+        self.n_power_ups = 0
+        self._drops = Drops(table.id, mounting.notes)
+        self._lived_s = 0.0
+        self.port: PtyPort | None = None
+        self._power_up(0.0)
+
+    def close(self) -> None:
+        """Take the port away."""
+        if self.port is not None:
+            self.port.close()
+
+    @property
+    def streaming(self) -> bool:
+        """A timed stream runs."""
+        return self.port is not None and self.board.streaming
+
+    @property
+    def ahead(self) -> bool:
+        """Bytes or edges wait for the host."""
+        if self.port is None:
+            return False
+        return self.port.backlog or len(self.board.edges) > MOST_EDGES_AHEAD
+
+    def readers(self) -> list[int]:
+        """Its port."""
+        return [] if self.port is None else [self.port.wake_descriptor]
+
+    def writers(self) -> list[int]:
+        """Its port, when bytes wait."""
+        waits = self.port is not None and self.port.backlog
+        return [self.port.descriptor] if self.port is not None and waits else []
+
+    def live(self, now_s: float) -> None:
+        """Do all that is due, and answer the host."""
+        self._drops.live(now_s)
+        late_s, self._lived_s = self._lived_s, now_s
+        if self._switch_power(now_s) or self.port is None:
+            return
+        # A board does not stand still where its program does: what it would have sent
+        # meanwhile goes out piece by piece, so that the host can take it.
+        while self.board.streaming and (late_s := late_s + PIECE_S) < now_s:
+            self._send(self.board.advance(late_s), late_s)
+            self.port.drain(PIECE_WAIT_S)
+        self._send(self.board.advance(now_s), now_s)
+        if self.port.host_changed():
+            self.board.lose_host()
+        received = self.port.read()
+        if received:
+            was_streaming = self.board.streaming
+            answers = self.board.receive(received)
+            if self.board.streaming and not was_streaming:
+                self._clock.begin(now_s)
+            self._send(answers, now_s)
+        else:
+            self.port.flush()
+
+    def next_due_s(self, block_s: float) -> float:
+        """When to call `live` next, samples gathered in blocks."""
+        if self.port is None:
+            return float("inf")
+        sample_s = self.board.sampler.next_s()
+        return min(self.board.next_due_s(), sample_s + block_s)
+
+    def totals(self) -> dict[str, Any]:
+        """What came of it all, over all power-ups."""
+        here = self._counted()
+        self._drops.finish()
+        totals = {key: here[key] + self._sent_before[key] for key in here}
+        return {
+            **totals,
+            "power_ups": self.n_power_ups,
+            "faults": asdict(self.line.counts),
+        }
+
+    def _counted(self) -> dict[str, int]:
+        return {
+            "samples": self.board.sampler.n_samples,
+            "tx_dropped": self.board.alarms.tx_dropped,
+            "rx_rejected": self.board.rx_rejected,
+            "edges": self.board.edges.next_seq,
+        }
+
+    def _send(self, frames: list[Frame], now_s: float) -> None:
+        if self.port is None:
+            return
+        if self.line.faults:
+            script_s = self._clock.script_s(now_s)
+            frames = [
+                Frame(frame.is_sample, self.line.disturb(frame.data, script_s))
+                for frame in frames
+            ]
+        n_dropped = self.port.write(frames)
+        if any(frame.is_sample for frame in frames):
+            self._drops.count(n_dropped)
+        if n_dropped:
+            self.port.write(self.board.count_dropped(n_dropped))
+
+    def _switch_power(self, now_s: float) -> bool:
+        """Go away and come back as the faults say; True while away."""
+        away = self._mounting.away(now_s)
+        if away and self.port is not None:
+            self.port.close()
+            self.port = None
+        elif not away and self.port is None:
+            self._sent_before = {
+                key: value + self._sent_before[key]
+                for key, value in self._counted().items()
+            }
+            self._power_up(now_s)
+        return away
+
+    def _power_up(self, now_s: float) -> None:
+        table, mounting = self._table, self._mounting
+        moduli = mounting.encoders.moduli
+        self.n_power_ups += 1
+        self.wiring = mounting.wiring(table.inputs, self.n_power_ups, now_s)
+        identity = wire.Identity(
+            board_id=b"SIM"
+            + bytes(5)
+            + mounting.seed[0].to_bytes(8, "little")[:3]
+            + bytes((mounting.seed[1],)),
+            firmware=FIRMWARE,
+            n_inputs=len(table.inputs),
+            n_temperatures=len(table.temperatures_c),
+            tick_rate_hz=table.tick_rate_hz,
+            max_rate_millihz=round(1000.0 * table.max_rate_hz),
+            # Not from the seed: two starts of this program are two power-ups.
+            boot_id=secrets.randbits(32),
+            bits=tuple(max(1, int(m - 1).bit_length()) for m in moduli),
+            moduli=tuple(int(m) for m in moduli),
+        )
+        ticks = TickCounter(
+            table.tick_rate_hz, table.clock_error_ppm, table.first_ticks, now_s
+        )
+        self.board = Board(
+            identity,
+            ticks,
+            self.wiring,
+            temperatures_c=table.temperatures_c,
+            power_up_s=now_s,
+            on_edge=self._note_edge,
+            warming_c=self._warming_c,
+        )
+        self.port = PtyPort(self.path, table.transmit_buffer_bytes)
+
+    def _warming_c(self, now_s: float) -> float:
+        script_s = np.array(self._clock.script_s(now_s))
+        return float(self._mounting.climate.change_c(script_s))
+
+    def _note_edge(self, seq: int, edge: LatchedEdge) -> None:
+        event = self.wiring.event_at(edge.time_s, edge.input_number)
+        self._mounting.notes.edge(self.id, seq, edge, event)

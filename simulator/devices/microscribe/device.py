@@ -1,0 +1,259 @@
+"""A MicroScribe on a serial line: the box, its encoders on the virtual arm, its pedals.
+
+Buttons, timer and all encoders are latched at one instant: when the request has come,
+or at the looks of a report of motion. Its own table is what the configuration says; it
+is the user's business that it describes the arm of the arm file.
+"""
+
+import struct
+import termios
+from collections.abc import Iterator, Sequence
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from traverse.kinematics.arm_file.arm import StrictModel
+from traverse.simulator.devices.device import Mounting
+from traverse.simulator.devices.latch_board.edge_queue import LatchedEdge
+from traverse.simulator.devices.microscribe import box as wire
+from traverse.simulator.devices.serial_device import SerialDevice, SerialTable
+from traverse.simulator.scenario.signals import InputChange
+
+MOST_COUNTS = 16384
+Six = tuple[int, int, int, int, int, int]
+BAUD_RATES = {
+    termios.B9600: 9600,
+    termios.B19200: 19200,
+    termios.B38400: 38400,
+    termios.B57600: 57600,
+    termios.B115200: 115200,
+}
+
+
+class GeometryTable(StrictModel):
+    """The table that the arm keeps: six modified rows in its own units.
+
+    Attributes:
+        alpha: In 1/32768 of a half turn.
+        a: In 1/1000 inch.
+        d: In 1/1000 inch.
+        beta: Rotation about y at joint 3, in the units of `alpha`; an arm that has
+            one says "Beta" in its comment.
+    """
+
+    alpha: Six
+    a: Six
+    d: Six
+    beta: int | None = None
+
+    @model_validator(mode="after")
+    def _check_words(self) -> "GeometryTable":
+        for word in (*self.alpha, *self.a, *self.d, self.beta or 0):
+            if not -32768 <= word <= 32767:
+                raise ValueError(f"{word} does not fit; expected -32768 to 32767")
+        return self
+
+    @property
+    def block(self) -> bytes:
+        """As the arm sends it."""
+        block = struct.pack(">18h", *self.alpha, *self.a, *self.d)
+        return block if self.beta is None else block + struct.pack(">h", self.beta)
+
+
+class MicroscribeTable(SerialTable):
+    """A MicroScribe on a serial line.
+
+    Attributes:
+        hci: Version of its protocol.
+        pedals: Inputs on bit 0, 1, ... of the buttons: right, left.
+        home: Counts at the home position.
+        timer_rate_hz: Of its timer.
+        first_ticks: Where the timer begins after power-up.
+    """
+
+    FAULTS: ClassVar[frozenset[str]] = SerialTable.FAULTS - {"status"} | {"cut"}
+    BY_CHANNEL: ClassVar[bool] = False
+    MOST_CHANNELS: ClassVar[int] = 8
+
+    port: str = Field(min_length=1)
+    hci: Literal[2, 3] = 2
+    product: str = Field(default="MicroScribe 3D", max_length=60)
+    model: str = Field(default="3DX", max_length=60)
+    serial: str = Field(default="10001", max_length=60)
+    comment: str = Field(default="", max_length=60)
+    geometry: GeometryTable | None = None
+    home: Six = (0, 0, 0, 0, 0, 0)
+    pedals: tuple[Literal["button", "switch"], ...] = Field(
+        default=("button", "switch"), max_length=7
+    )
+    timer_rate_hz: float = Field(default=1000.0, gt=0.0, le=100_000.0)
+    clock_error_ppm: float = Field(default=0.0, ge=-10_000.0, le=10_000.0)
+    first_ticks: int = Field(default=0, ge=0, lt=MOST_COUNTS)
+
+    @property
+    def plate(self) -> wire.Plate:
+        """What is written into the box, without its encoders."""
+        beta = self.geometry is not None and self.geometry.beta is not None
+        comment = f"{self.comment} Beta".strip() if beta else self.comment
+        texts = {
+            wire.PRODUCT: self.product,
+            wire.PRODUCT_ID: "IBOX",
+            wire.MODEL: self.model,
+            wire.SERIAL: self.serial,
+            wire.COMMENT: comment,
+            wire.FORMAT: "none" if self.geometry is None else "Format DH0.5",
+            wire.VERSION: f"HCI {self.hci}.0",
+        }
+        return wire.Plate(
+            self.hci,
+            {command: text.encode("latin-1") for command, text in texts.items()},
+            b"" if self.geometry is None else self.geometry.block,
+            self.home,
+            (),
+        )
+
+    def channel_problems(
+        self, counts_per_turn: Sequence[int]
+    ) -> Iterator[tuple[str, str]]:
+        """Say what does not fit the encoders that the arm file has on this arm."""
+        most = wire.ENCODERS[self.hci][3]
+        if len(counts_per_turn) > most:
+            text = f"{self.hci} has {most} encoders at most; the arm file has "
+            yield "hci", f"{text}{len(counts_per_turn)} here"
+        for channel, counts in enumerate(counts_per_turn):
+            if counts > MOST_COUNTS:
+                text = f"channel {channel} has {counts} counts per turn in the arm file"
+                yield "id", f"{text}; a packet holds 14 bits, {MOST_COUNTS}"
+        if self.encoder_turns != 1:
+            yield "encoder_turns", "expected 1: the counts of an arm wrap at a turn"
+
+
+class Microscribe(SerialDevice):
+    """The arm.
+
+    Args:
+        table: Its configuration.
+        mounting: What it is wired to.
+    """
+
+    def __init__(self, table: MicroscribeTable, mounting: Mounting) -> None:
+        moduli = mounting.encoders.moduli
+        self._moduli = moduli
+        plain = table.plate
+        self._plate = wire.Plate(
+            plain.hci,
+            plain.texts,
+            plain.geometry,
+            plain.home,
+            tuple(int(m) - 1 for m in moduli),
+        )
+        self._tick_rate_hz = table.timer_rate_hz * (1.0 + 1e-6 * table.clock_error_ppm)
+        self._first_ticks = table.first_ticks
+        self._n_edges = 0
+        super().__init__(table, mounting, [table.port], table.pedals)
+
+    def power_up(self, now_s: float) -> None:
+        """Wait for a host; count on from where the joints are."""
+        self._box = wire.Box(self._plate, self._state_at, self._go_home)
+        self._power_up_s = now_s
+        self._offsets = np.zeros_like(self._moduli)
+        self._levels = 0
+        self._next_look_s = float("inf")
+        self._sent: wire.State | None = None
+
+    @property
+    def streaming(self) -> bool:
+        """A report of motion runs."""
+        return self._box.report is not None
+
+    def hear(self, line: int, byte: int, at_s: float) -> None:
+        """Let the box answer, unless it is just losing power."""
+        if self._is_reset(at_s):
+            return
+        before = self._box.report
+        answer = self._box.hear(byte, at_s, self._host_baud_rate())
+        if self._box.report is not before:
+            self._sent = None
+            report = self._box.report
+            self._next_look_s = float("inf") if report is None else at_s
+        if answer:
+            self.say(line, answer, at_s)
+
+    def advance(self, to_s: float) -> None:
+        """Look whether something has moved, and report it."""
+        if self._is_reset(to_s):
+            self.power_up(to_s)
+        while (report := self._box.report) and (at_s := self._next_look_s) <= to_s:
+            self._next_look_s = at_s + report.delay_s
+            state = self._state_at(at_s, report.command)
+            if self._has_changed(state, report):
+                self._sent = state
+                self.say(0, self._box.packet(report.command, state), at_s)
+
+    def own_due_s(self) -> float:
+        """The next look of a report."""
+        return self._next_look_s
+
+    def totals(self) -> dict[str, Any]:
+        """What came of it all, over all power-ups."""
+        return {**super().totals(), "edges": self._n_edges}
+
+    def _host_baud_rate(self) -> int:
+        return BAUD_RATES.get(self._lines[0].host_speed, 0)
+
+    def _is_reset(self, at_s: float) -> bool:
+        script_s = self.mounting.clock.script_s(at_s)
+        faults = self.mounting.line_faults
+        return any(f.kind == "reset" and f.lasts(script_s) for f in faults)
+
+    def _has_changed(self, state: wire.State, report: wire.Report) -> bool:
+        if self._sent is None:
+            self._sent = state
+            return False
+        if (state.buttons ^ self._sent.buttons) & report.buttons:
+            return True
+        return any(
+            abs(now - before) >= delta
+            for now, before, delta in zip(
+                state.counts, self._sent.counts, report.deltas, strict=False
+            )
+        )
+
+    def _go_home(self, at_s: float) -> None:
+        home = np.array(self._plate.home[: len(self._moduli)])
+        self._offsets[: len(home)] += (
+            home - np.array(self._state_at(at_s, 0).counts)[:6]
+        )
+
+    def _state_at(self, at_s: float, command: int) -> wire.State:
+        """Latch everything; edges of pedals belong to the packet that shows them."""
+        if command & wire.ALL_ENCODERS:
+            self.mounting.clock.begin(at_s)
+        latched, status = self.wiring.latch(np.array([at_s]), edge=False)
+        counts = (latched[0].astype(np.int64) + self._offsets) % self._moduli
+        self.n_readings += 1
+        for channel, count in enumerate(counts.tolist()):
+            self.mounting.notes.reading(self.id, channel, at_s, count, 0)
+        seconds = at_s - self._power_up_s
+        ticks = self._first_ticks + int(seconds * self._tick_rate_hz)
+        while (change := self.wiring.peek_change()) and change.time_s <= at_s:
+            self.wiring.take_change()
+            if not isinstance(change, InputChange):
+                continue
+            bit = 1 << change.input_number
+            self._levels = self._levels & ~bit | bit * change.level
+            edge = LatchedEdge(
+                at_s,
+                change.input_number,
+                change.level,
+                self._levels,
+                ticks,
+                counts.astype(np.uint32),
+                status[0],
+            )
+            event = self.wiring.event_at(change.time_s, change.input_number)
+            self.mounting.notes.edge(self.id, self._n_edges, edge, event)
+            self._n_edges += 1
+        ticks %= wire.GREATEST_TIMER + 1
+        return wire.State(self._levels, ticks, tuple(counts.tolist()))

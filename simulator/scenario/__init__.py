@@ -1,0 +1,1 @@
+"""What is played: course, surroundings, faults, and what devices see of them."""

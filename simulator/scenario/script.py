@@ -1,0 +1,82 @@
+"""What the virtual arm does: its course and when inputs change on the way."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from traverse.simulator.arm.physics import Floats
+from traverse.simulator.arm.trajectory import Trajectory
+
+
+@dataclass(frozen=True, slots=True)
+class ScriptEvent:
+    """A press, a release, or a change of the probe's switch.
+
+    Attributes:
+        time_s: From the start of the script.
+        input_name: "button" or "switch".
+        level: 1 active, 0 not.
+        artefact: What is touched; empty if nothing is.
+        feature: Of the artefact.
+        surface_mm: Where the ball touches, None for a seat.
+        normal: Of the surface there, outwards.
+    """
+
+    time_s: float
+    input_name: str
+    level: int
+    artefact: str = ""
+    feature: str = ""
+    surface_mm: tuple[float, float, float] | None = None
+    normal: tuple[float, float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Script:
+    """A course of the arm; times in a loop are taken modulo its duration.
+
+    Attributes:
+        trajectory: Turns over time.
+        events: In order of time, within the trajectory.
+        repeat: Start again at the end.
+    """
+
+    trajectory: Trajectory
+    events: tuple[ScriptEvent, ...]
+    repeat: bool
+
+    @property
+    def duration_s(self) -> float:
+        """Of one loop."""
+        return self.trajectory.duration_s
+
+    def turns(self, times_s: Floats) -> Floats:
+        """Turns (n, n_joints) at script times (n,)."""
+        return self.trajectory.turns(self._in_loop_s(times_s))
+
+    def speeds(self, times_s: Floats) -> Floats:
+        """Speeds of the turns (n, n_joints) [rad/s]."""
+        return self.trajectory.speeds(self._in_loop_s(times_s))
+
+    def senses(self, times_s: Floats) -> Floats:
+        """Sense of the last motion, (n, n_joints): -1, +1, or 0 before any."""
+        senses = self.trajectory.senses(self._in_loop_s(times_s))
+        if self.repeat:
+            again = (times_s >= self.duration_s)[:, None] & (senses == 0.0)
+            senses = np.where(again, self.trajectory.last_senses, senses)
+        return senses
+
+    def _in_loop_s(self, times_s: Floats) -> Floats:
+        if self.repeat:
+            return np.where(times_s > 0.0, times_s % self.duration_s, 0.0)
+        return times_s
+
+    def event(self, number: int) -> tuple[float, ScriptEvent] | None:
+        """Event by number, counted over all loops, with its script time."""
+        if not self.events:
+            return None
+        loop, index = divmod(number, len(self.events))
+        if loop and not self.repeat:
+            return None
+        event = self.events[index]
+        return loop * self.duration_s + event.time_s, event

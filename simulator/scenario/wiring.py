@@ -1,0 +1,197 @@
+"""What one board is wired to: encoders on the virtual arm, buttons, their faults."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.simulator.arm.encoder import EncoderSet
+from traverse.simulator.arm.physics import Floats
+from traverse.simulator.scenario.course import Course
+from traverse.simulator.scenario.faults import EncoderFault, JumpFault, StatusFault
+from traverse.simulator.scenario.script import Script, ScriptEvent
+from traverse.simulator.scenario.signals import AlarmChange, InputChange
+
+
+class CountSource(Protocol):
+    """Where counts come from."""
+
+    def counts(self, script_s: Floats, noise: np.random.Generator) -> NDArray[np.int64]:
+        """Counts (n, n_channels) at times (n,) of the script."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScriptedCounts:
+    """Counts of encoders on an arm that follows a course."""
+
+    course: Course
+    encoders: EncoderSet
+
+    def counts(self, script_s: Floats, noise: np.random.Generator) -> NDArray[np.int64]:
+        """Counts (n, n_channels) at times (n,) of the script."""
+        return self.encoders.counts(self.course.readings_rad(script_s), noise)
+
+
+@dataclass(slots=True)
+class ScriptClock:
+    """When the script begins; the arm rests at its start before.
+
+    Attributes:
+        begin_s: Time of the simulation, None as long as nobody has said.
+    """
+
+    begin_s: float | None = None
+
+    def begin(self, time_s: float) -> None:
+        """Let the script begin, unless it has."""
+        if self.begin_s is None:
+            self.begin_s = time_s
+
+    def script_s(self, time_s: float) -> float:
+        """Time of the script."""
+        return 0.0 if self.begin_s is None else max(0.0, time_s - self.begin_s)
+
+
+class Wiring:
+    """What one board latches, in its channels and inputs.
+
+    Args:
+        source: Of the counts.
+        script: Of the inputs.
+        clock: When the script begins.
+        inputs: Names of the inputs, in order.
+        faults: Of its encoders.
+        moduli: (n_channels,)
+        seed: Of the noise.
+        from_script_s: Power-up; what was before is not seen.
+    """
+
+    def __init__(
+        self,
+        source: CountSource,
+        script: Script,
+        clock: ScriptClock,
+        *,
+        inputs: Sequence[str],
+        faults: Sequence[EncoderFault],
+        moduli: NDArray[np.int64],
+        seed: Sequence[int],
+        from_script_s: float = 0.0,
+    ) -> None:
+        self._source = source
+        self._script = script
+        self._clock = clock
+        self._inputs = list(inputs)
+        self._faults = faults
+        self._moduli = moduli
+        self._noise = np.random.default_rng([*seed, 1])
+        self._edge_noise = np.random.default_rng([*seed, 2])
+        self._next_event = 0
+        self._alarms = sorted(_alarm_changes(faults), key=lambda a: a.time_s)
+        while self._alarms and self._alarms[0].time_s < from_script_s:
+            self._alarms.pop(0)
+        if from_script_s > 0.0:
+            while (entry := self._upcoming()) and entry[0] < from_script_s:
+                self._next_event += 1
+
+    def latch(
+        self, times_s: Floats, edge: bool
+    ) -> tuple[NDArray[np.uint32], NDArray[np.uint8]]:
+        """Counts and status (n, n_channels) at times (n,)."""
+        begin_s = self._clock.begin_s
+        script_s = np.maximum(
+            0.0, times_s - (times_s[-1] if begin_s is None else begin_s)
+        )
+        noise = self._edge_noise if edge else self._noise
+        counts = self._source.counts(script_s, noise)
+        status = np.zeros(counts.shape, dtype=np.uint8)
+        for fault in self._faults:
+            struck = (script_s >= fault.at_s) & (
+                script_s < fault.at_s + fault.duration_s
+            )
+            if np.any(struck):
+                self._spoil(fault, struck, counts, status)
+        return counts.astype(np.uint32), status
+
+    def peek_change(self) -> InputChange | AlarmChange | None:
+        """The change that comes next, if any is known yet."""
+        begin_s = self._clock.begin_s
+        if begin_s is None:
+            return None
+        entry = self._upcoming()
+        alarm = self._alarms[0] if self._alarms else None
+        if alarm is not None and (entry is None or alarm.time_s <= entry[0]):
+            return AlarmChange(
+                begin_s + alarm.time_s,
+                alarm.channel,
+                alarm.state,
+                alarm.code,
+                alarm.value,
+            )
+        if entry is None:
+            return None
+        script_s, event = entry
+        number = self._inputs.index(event.input_name)
+        return InputChange(begin_s + script_s, number, event.level)
+
+    def take_change(self) -> None:
+        """Go on to the one after it."""
+        entry = self._upcoming()
+        if self._alarms and (entry is None or self._alarms[0].time_s <= entry[0]):
+            self._alarms.pop(0)
+        else:
+            self._next_event += 1
+
+    def event_at(self, time_s: float, input_number: int) -> ScriptEvent | None:
+        """The recent event behind a change of an input."""
+        wanted = time_s - (self._clock.begin_s or 0.0)
+        name = self._inputs[input_number]
+        for number in range(self._next_event, max(-1, self._next_event - 64), -1):
+            entry = self._script.event(number)
+            if entry and entry[1].input_name == name and abs(entry[0] - wanted) < 1e-6:
+                return entry[1]
+        return None
+
+    def _upcoming(self) -> tuple[float, ScriptEvent] | None:
+        """The next event of an input that this board has."""
+        names = {event.input_name for event in self._script.events}
+        if names.isdisjoint(self._inputs):
+            return None
+        while entry := self._script.event(self._next_event):
+            if entry[1].input_name in self._inputs:
+                return entry
+            self._next_event += 1
+        return None
+
+    def _spoil(
+        self,
+        fault: EncoderFault,
+        struck: NDArray[np.bool_],
+        counts: NDArray[np.int64],
+        status: NDArray[np.uint8],
+    ) -> None:
+        channel = fault.channel
+        if isinstance(fault, JumpFault):
+            jumped = (counts[struck, channel] + fault.step_counts) % self._moduli[
+                channel
+            ]
+            counts[struck, channel] = jumped
+        elif isinstance(fault, StatusFault):
+            status[struck, channel] |= fault.bits
+        else:
+            start_s = np.array([fault.at_s])
+            quiet = np.random.default_rng(0)
+            counts[struck, channel] = self._source.counts(start_s, quiet)[0, channel]
+
+
+def _alarm_changes(faults: Sequence[EncoderFault]) -> list[AlarmChange]:
+    changes = []
+    for fault in faults:
+        if isinstance(fault, StatusFault):
+            told = (fault.channel, fault.code, fault.value)
+            ends_s = fault.at_s + fault.duration_s
+            for time_s, state in ((fault.at_s, 1), (ends_s, 0)):
+                changes.append(AlarmChange(time_s, told[0], state, told[1], told[2]))
+    return changes

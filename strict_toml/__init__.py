@@ -1,0 +1,1 @@
+"""Strict TOML: every mistake of a file at once, and files written whole."""

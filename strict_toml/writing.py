@@ -1,0 +1,118 @@
+"""The text of an arm file from its plain values, in the layout people know.
+
+Numbers are written in the shortest decimals that give back the same bits. The only
+module beside `arm_file`, whose part it is, that knows tomlkit.
+"""
+
+import json
+import os
+from collections.abc import Mapping, MutableMapping, Sequence
+from datetime import UTC, date, datetime
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+from tomlkit.items import AoT, Item
+
+
+def arm_text(values: Mapping[str, Any], before: str | None = None) -> str:
+    """Write the values of an arm as TOML; keys that are None are left out.
+
+    Args:
+        values: Plain values: tables, sequences, numbers, texts.
+        before: Text of the file that this one replaces: its comments stay, and so does
+            every line whose value does not change.
+    """
+    document = tomlkit.document() if before is None else tomlkit.parse(before)
+    _fill(document, values)
+    return tomlkit.dumps(document)
+
+
+def canonical_text(values: object) -> str:
+    """Write values so that equal ones give equal text, for a digest."""
+    return json.dumps(_canonical(values), sort_keys=True, separators=(",", ":"))
+
+
+def write_atomically(path: Path, text: str) -> None:
+    """Put a file in place of an old one, whole or not at all, and onto the disk."""
+    # A symbolic link goes on pointing to the file; the file is replaced.
+    target = path.resolve()
+    fresh = target.with_name(f".{target.name}.{os.getpid()}.new")
+    try:
+        with fresh.open("x", encoding="utf-8", newline="\n") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        fresh.replace(target)
+    except BaseException:
+        fresh.unlink(missing_ok=True)
+        raise
+    folder = os.open(target.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def _fill(table: MutableMapping[str, Any], values: Mapping[str, Any]) -> None:
+    """Make a table hold just these values; what holds already is not touched."""
+    wanted = {key: value for key, value in values.items() if value is not None}
+    for key in [key for key in table if key not in wanted]:
+        del table[key]
+    for key, value in wanted.items():
+        if isinstance(value, Mapping):
+            known = isinstance(table.get(key), MutableMapping)
+            inner = table[key] if known else tomlkit.table()
+            _fill(inner, value)
+            if not known:
+                table[key] = inner
+        elif _is_list_of_tables(value):
+            _fill_list(table, key, value)
+        elif key not in table or _differ(table[key], value):
+            table[key] = list(value) if isinstance(value, tuple) else value
+
+
+def _fill_list(
+    table: MutableMapping[str, Any], key: str, values: Sequence[Mapping[str, Any]]
+) -> None:
+    known = isinstance(table.get(key), AoT)
+    tables = table[key] if known else tomlkit.aot()
+    while len(tables) > len(values):
+        del tables[len(tables) - 1]
+    for number, entry in enumerate(values):
+        fresh = number == len(tables)
+        inner = tomlkit.table() if fresh else tables[number]
+        _fill(inner, entry)
+        if fresh:
+            tables.append(inner)
+    if not known:
+        table[key] = tables
+
+
+def _differ(left: object, right: object) -> bool:
+    """Whether two values differ in anything that a reader would see."""
+    plain = left.unwrap() if isinstance(left, Item) else left
+    return canonical_text(plain) != canonical_text(right)
+
+
+def _is_list_of_tables(value: object) -> bool:
+    return (
+        isinstance(value, Sequence)
+        and not isinstance(value, str)
+        and len(value) > 0
+        and all(isinstance(entry, Mapping) for entry in value)
+    )
+
+
+def _canonical(value: object) -> object:
+    if isinstance(value, Mapping):
+        return {key: _canonical(entry) for key, entry in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_canonical(entry) for entry in value]
+    if isinstance(value, float):
+        return value.hex()
+    if isinstance(value, datetime) and value.tzinfo is not None:
+        return value.astimezone(UTC).isoformat()
+    if isinstance(value, date):
+        return value.isoformat()
+    return value

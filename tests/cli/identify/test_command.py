@@ -1,0 +1,298 @@
+"""`traverse identify`: exit statuses, files, what it says where; run as a program."""
+
+import json
+import os
+import pty
+import shutil
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import traverse.cli
+from tests.cli.identify.identification import run_identify, said_json
+from tests.cli.programs import END_S
+from traverse.kinematics.arm_file.arm import Arm, read_arm, write_arm
+from traverse.simulator.campaigns import (
+    CampaignSpec,
+    draw_noise,
+    make_poses,
+    write_campaign,
+)
+
+DESIGN = Path(traverse.cli.__file__).parent / "demo_data" / "arm.toml"
+FILES = {
+    "arm.toml",
+    "arm.cov.npz",
+    "identification.json",
+    "residuals.csv",
+    "report.html",
+}
+
+
+def write_simulated(folder: Path, mix: str, n_poses: int) -> None:
+    arm = read_arm(DESIGN)
+    poses = make_poses(arm, CampaignSpec(mix=mix, n_poses=n_poses), seed=3)
+    write_campaign(folder / "campaign", draw_noise(poses, 5), arm)
+    shutil.copy(DESIGN, folder / "arm.toml")
+
+
+@pytest.fixture(scope="session")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a campaign that determines everything, and the arm file."""
+    folder = tmp_path_factory.mktemp("measured")
+    write_simulated(folder, "cones+bar", 160)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def lengthless(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same without any length."""
+    folder = tmp_path_factory.mktemp("lengthless")
+    write_simulated(folder, "cones", 120)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def identified(measured: Path) -> Path:
+    """The folder with results in `out` and what was printed in `said`."""
+    ran = run_identify(measured, "campaign", "--arm", "arm.toml", "--out", "out")
+    assert ran.returncode == 0, ran.stderr
+    (measured / "said").write_text(ran.stdout, "utf-8")
+    (measured / "told").write_text(ran.stderr, "utf-8")
+    return measured
+
+
+def test_all_files_are_written(identified: Path) -> None:
+    assert {path.name for path in (identified / "out").iterdir()} == FILES
+    arm = read_arm(identified / "out" / "arm.toml")
+    assert arm.identification is not None
+    assert arm.identification.covariance_file == "arm.cov.npz"
+    assert [j.encoder for j in arm.joints] == [
+        j.encoder for j in read_arm(DESIGN).joints
+    ]
+
+
+def test_json_is_as_the_contract_says(identified: Path) -> None:
+    said = json.loads((identified / "out" / "identification.json").read_text("utf-8"))
+    number = (int, float)
+    assert_shape(
+        said,
+        {
+            "schema": str,
+            "converged": bool,
+            "iterations": int,
+            "sigma0": number,
+            "redundancy": int,
+            "global_test": {"p_value": number, "passed": bool},
+            "rms_mm": {"before": number, "after": number},
+            "undetermined": list,
+            "excluded": list,
+            "artefacts": {
+                "bar": {
+                    "n": int,
+                    "rms_mm": number,
+                    "distance_mm": {"value": number, "std": number},
+                },
+                "cone-1": {"n": int, "rms_mm": number},
+            },
+        },
+    )
+    assert said["schema"] == "traverse/identification/1"
+    assert said["converged"] is True
+    assert said["undetermined"] == []
+    for entry in said["parameters"]:
+        assert list(entry) == ["name", "value", "unit", "std", "controllability"]
+        assert entry["unit"] == ("rad" if ".axis." in entry["name"] else "mm")
+        assert 0.0 <= entry["controllability"] <= 1.0
+        assert entry["std"] > 0.0
+    assert len(said["parameters"]) == 4 * 7 - 3
+    assert said["rms_mm"]["after"] < 0.02 < said["rms_mm"]["before"]
+
+
+def assert_shape(value: Any, shape: Any) -> None:
+    if isinstance(shape, Mapping):
+        for key, inner in shape.items():
+            assert_shape(value[key], inner)
+    else:
+        assert isinstance(value, shape)
+        assert shape is not int or not isinstance(value, bool)
+
+
+def test_json_option_prints_the_same_figures(identified: Path) -> None:
+    ran = run_identify(
+        identified, "campaign", "--arm", "arm.toml", "--out", "again", "--json"
+    )
+    written = json.loads((identified / "again/identification.json").read_text("utf-8"))
+    assert said_json(ran) == written
+
+
+def test_piped_output_is_plain_lines_and_progress_is_quiet(identified: Path) -> None:
+    said = (identified / "said").read_text("utf-8")
+    assert (identified / "told").read_text("utf-8") == ""
+    assert not set(said) & {"\r", "\x1b", "\b", "\t"}
+    lines = said.splitlines()
+    assert lines[0] == "demo-7: 160 poses at 6 artefacts"
+    assert lines[1].startswith("sigma0 = ")
+    assert lines[-1].startswith("wrote out: arm.toml, ")
+    assert any("mm with the arm file as given" in line for line in lines)
+    assert "All 25 free parameters are determined." in lines
+
+
+def test_a_terminal_sees_a_line_for_every_iteration(identified: Path) -> None:
+    ours, theirs = pty.openpty()
+    arguments = ("campaign", "--arm", "arm.toml", "--out", "seen", "--json")
+    ran = subprocess.run(
+        [sys.executable, "-m", "traverse", "identify", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=theirs,
+        text=True,
+        timeout=END_S,
+        check=True,
+        cwd=identified,
+    )
+    os.close(theirs)
+    told = os.read(ours, 1 << 16).decode().replace("\r\n", "\n").splitlines()
+    os.close(ours)
+    assert len(told) == json.loads(ran.stdout)["iterations"]
+    assert told[0].startswith("iteration   1: misfit ")
+    assert all("sigma" in line and "directions determined" in line for line in told)
+    assert all(" mm rms, " in line for line in told)
+
+
+def test_undetermined_scale_is_a_warning_unless_strict(lengthless: Path) -> None:
+    arguments = ("campaign", "--arm", "arm.toml", "--out", "out")
+    ran = run_identify(lengthless, *arguments)
+    assert ran.returncode == 0
+    assert "undetermined: " in ran.stdout
+    assert "add a ball bar" in ran.stdout
+    assert "the truth is worse" in ran.stdout
+    strict = run_identify(lengthless, *arguments, "--strict")
+    assert strict.returncode == 1
+    assert (lengthless / "out" / "arm.toml").exists()
+
+
+def test_held_parameters_are_not_estimated(measured: Path) -> None:
+    arguments = ("campaign", "--arm", "arm.toml", "--out", "held", "--json")
+    said = said_json(
+        run_identify(measured, *arguments, "--hold", "J7.*", "--hold", "J6.link.?")
+    )
+    names = {entry["name"] for entry in said["parameters"]}
+    assert not any(name.startswith(("J7.", "J6.link.")) for name in names)
+    assert "J6.axis.v" in names
+
+
+def test_no_convergence_is_told_and_leaves_no_arm_file(measured: Path) -> None:
+    other = measured / "nonsense"
+    shutil.copytree(measured / "campaign", other)
+    header, *rows = (other / "poses.csv").read_text("utf-8").splitlines()
+    rng = np.random.default_rng(1)
+    names = header.split(",")
+    spoilt = [header]
+    for row in rows:
+        cells = dict(zip(names, row.split(","), strict=True))
+        readings = {f"J{k}_rad": f"{rng.uniform(-1e3, 1e3)}" for k in range(1, 8)}
+        spoilt.append(",".join((cells | readings).values()))
+    (other / "poses.csv").write_text("\n".join(spoilt) + "\n", "utf-8")
+    ran = run_identify(measured, "nonsense", "--arm", "arm.toml", "--out", "none")
+    assert ran.returncode == 1, ran.stdout
+    assert "did not converge" in ran.stdout
+    names = {path.name for path in (measured / "none").iterdir()}
+    assert names == {"identification.json", "report.html"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ((), "CAMPAIGN, --arm, --out missing; or give --compare A B"),
+        (("campaign", "--arm", "arm.toml"), "--out missing"),
+        (("campaign", "--arm", "absent.toml", "--out", "o"), "absent.toml: 1 problem"),
+        (("absent", "--arm", "arm.toml", "--out", "o"), "absent/campaign.toml: 1"),
+        (
+            ("campaign", "--arm", "arm.toml", "--out", "o", "--hold", "J9.*"),
+            "'J9.*' fits no parameter",
+        ),
+        (("campaign", "--arm", "arm.toml", "--out", "arm.toml"), "arm.toml: "),
+        (("--compare", "arm.toml", "absent"), "absent: 1 problem"),
+        (("--compare", "arm.toml", "campaign/poses.csv"), "poses.csv: "),
+    ],
+)
+def test_refused_input_is_named_with_status_2(
+    measured: Path, arguments: tuple[str, ...], said: str
+) -> None:
+    ran = run_identify(measured, *arguments)
+    assert (ran.returncode, ran.stdout) == (2, "")
+    assert said in ran.stderr
+    assert "Traceback" not in ran.stderr
+
+
+def test_an_effect_that_does_not_fit_the_arm_is_refused(measured: Path) -> None:
+    values = read_arm(DESIGN).model_dump(by_alias=True, exclude_unset=True)
+    effect = {"kind": "joint_compliance", "joint": "J3", "compliance_rad_nm": 1e-6}
+    write_arm(
+        measured / "bent.toml", Arm.model_validate({**values, "effects": (effect,)})
+    )
+    ran = run_identify(measured, "campaign", "--arm", "bent.toml", "--out", "o")
+    assert ran.returncode == 2
+    assert "joint_compliance yields to weights" in ran.stderr
+
+
+@pytest.mark.parametrize("package", ["scipy", "matplotlib"])
+def test_a_missing_extra_is_named(measured: Path, package: str) -> None:
+    program = (
+        f"import sys; sys.modules[{package!r}] = None\n"
+        "from traverse.cli.__main__ import main; main()"
+    )
+    arguments = ("identify", "campaign", "--arm", "arm.toml", "--out", "o")
+    ran = subprocess.run(
+        [sys.executable, "-c", program, *arguments],
+        capture_output=True,
+        text=True,
+        timeout=END_S,
+        check=False,
+        cwd=measured,
+    )
+    assert ran.returncode == 2
+    assert f"needs {package}" in ran.stderr
+    assert "traverse-cmm[lab]" in ran.stderr
+    assert "Traceback" not in ran.stderr
+
+
+def test_two_results_are_compared_at_the_probe(identified: Path) -> None:
+    truth = "campaign/truth/arm.toml"
+    design = said_json(
+        run_identify(identified, "--compare", truth, "arm.toml", "--json")
+    )
+    found = said_json(run_identify(identified, "--compare", truth, "out", "--json"))
+    assert found["rms_mm"] < 0.05
+    assert design["rms_mm"] > 0.2
+    assert found["arms"][1]["redundancy"] > 0
+    assert set(found["largest_at_rad"]) == {f"J{k}" for k in range(1, 8)}
+    within = said_json(
+        run_identify(identified, "campaign", "--compare", truth, "out", "--json")
+    )
+    assert within["largest_mm"] != found["largest_mm"]
+    lines = run_identify(identified, "--compare", truth, "out").stdout.splitlines()
+    assert lines[0] == f"A: {truth}: demo-7, design, not identified"
+    assert lines[1].startswith("B: out/arm.toml: demo-7, identified ")
+    assert f"rms {found['rms_mm']:.4f} mm" in lines[3]
+
+
+def test_masks_may_stand_in_a_file(measured: Path, tmp_path: Path) -> None:
+    masks = tmp_path / "masks.toml"
+    schema = 'schema = "traverse/identification-masks/1"\n'
+    masks.write_text(schema + 'hold = ["J2.*"]\n')
+    wanted = ("campaign", "--arm", "arm.toml", "--masks", str(masks), "--json")
+    said = run_identify(measured, *wanted, "--out", str(tmp_path / "out"))
+    assert said.returncode == 0, said.stderr
+    names = {row["name"] for row in json.loads(said.stdout)["parameters"]}
+    assert names
+    assert not any(name.startswith("J2.") for name in names)
+    masks.write_text(schema + 'held = ["J2.*"]\n')
+    said = run_identify(measured, *wanted, "--out", str(tmp_path / "out"))
+    assert said.returncode == 2
+    assert "held: unknown key 'held'; did you mean 'hold'?" in said.stderr

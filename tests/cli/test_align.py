@@ -1,0 +1,283 @@
+"""`traverse align` from files to files, and to a daemon."""
+
+import asyncio
+import json
+import threading
+import uuid
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+from tests.client.virtual_daemon import VirtualDaemon
+from tests.protocol.message_examples import POINT
+from traverse.cli.__main__ import app
+from traverse.kinematics.arm_file.arm import read_arm
+from traverse.kinematics.helmert.transformation import Helmert
+from traverse.protocol.encoding import encode
+from traverse.protocol.messages import AlignArgs
+from traverse.protocol.messages.point import Label
+from traverse.simulator.campaigns import write_campaign
+from traverse.simulator.campaigns.acceptance.poses import (
+    acceptance_poses,
+    drawn_acceptance,
+)
+
+TRUE = Helmert(
+    Rotation.from_euler("xyz", [0.1, 0.2, 2.0]).as_matrix(),
+    np.array([100.0, -200.0, 50.0]),
+)
+NOMINAL = np.array(
+    [[0.0, 0, 0], [800, 0, 50], [800, 500, 0], [0, 500, 200], [400, 200, 100]]
+)
+NOISE_MM = 0.01
+
+
+def align(*words, status=0):
+    result = CliRunner().invoke(app, ["align", *map(str, words)])
+    assert result.exit_code == status, result.output
+    return result
+
+
+def measured(transformation=TRUE, seed=1, places=NOMINAL):
+    noise = np.random.default_rng(seed).normal(0.0, NOISE_MM, places.shape)
+    return transformation.inverse().places_mm(places) + noise
+
+
+def table(path, places):
+    rows = [f"P{n},{x!r},{y!r},{z!r}" for n, (x, y, z) in enumerate(places.tolist())]
+    path.write_text("\n".join(["name,x_mm,y_mm,z_mm", *rows]) + "\n")
+    return path
+
+
+def lines(path, places, arm="bench-7"):
+    messages = [
+        POINT.model_copy(
+            update={
+                "seq": n,
+                "id": f"s-{n}",
+                "arm": arm,
+                "xyz_mm": tuple(place),
+                "label": Label(artefact="part", feature=f"P{n}"),
+            }
+        )
+        for n, place in enumerate(places.tolist())
+    ]
+    gone = messages[-1].model_copy(
+        update={"id": "wrong", "seq": 99, "xyz_mm": (0.0, 0.0, 0.0)}
+    )
+    taken_back = gone.retraction(
+        seq=100, point_id="back", trigger="command", time_ns=gone.time_ns
+    )
+    path.write_bytes(
+        b"\n".join(encode(m, "json") for m in [*messages, gone, taken_back])
+    )
+    return path
+
+
+@pytest.fixture
+def files(tmp_path):
+    return table(tmp_path / "m.csv", measured()), table(tmp_path / "n.csv", NOMINAL)
+
+
+def test_a_table_is_aligned_and_everything_written(files, tmp_path):
+    points, nominal = files
+    out = tmp_path / "out"
+    text = align(points, "--nominal", nominal, "--std", 0.01, "-o", out).stdout
+    assert "global test passed" in text
+    values = json.loads((out / "alignment.json").read_text())
+    np.testing.assert_allclose(
+        values["alignment"]["rotation"], TRUE.rotation, atol=1e-4
+    )
+    assert values["schema"] == "traverse/alignment/1"
+    assert values["redundancy"] == 9
+    assert len(values["points"]) == 5
+    page = (out / "alignment.html").read_text()
+    assert page.count("data:image/png") == 2
+    assert "What it is worth" in page
+    again = align(points, "--nominal", nominal, "--std", 0.01, "--json").stdout
+    assert json.loads(again)["alignment"] == values["alignment"]
+
+
+def test_points_bring_covariances_names_and_arm(files, tmp_path):
+    points = lines(tmp_path / "p.jsonl", measured())
+    values = json.loads(align(points, "--nominal", files[1], "--json").stdout)
+    assert values["arm"] == POINT.arm
+    assert values["errors_stated"]
+    assert values["sigma0"] > 0.0
+    assert [p["name"] for p in values["points"]] == [f"P{n}" for n in range(5)]
+    assert any("carry flags" in remark for remark in values["remarks"])
+
+
+def test_a_failed_test_is_exit_status_1_and_strict_looks_at_flags(files):
+    points, nominal = files
+    align(points, "--nominal", nominal, "--std", 0.0001, status=1)
+    align(points, "--nominal", nominal, "--std", 0.01, "--strict")
+    align(points, "--nominal", nominal)
+    align(points, "--nominal", nominal, "--strict", status=1)
+
+
+def test_points_that_determine_nothing_are_refused(files, tmp_path):
+    few = table(tmp_path / "few.csv", measured()[:2])
+    refused = align(few, "--nominal", files[1], status=2)
+    assert "2 common points on one line: the rotation about it" in refused.output
+    none = tmp_path / "none.csv"
+    none.write_text("name,x_mm,y_mm,z_mm\nX,1,2,3\n")
+    assert "no common points" in align(none, "--nominal", files[1], status=2).output
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--method", "worst-fit"], "one of best-fit, 3-2-1, leapfrog"),
+        (["--std", "-1"], "above zero"),
+        (["--coordinates", "middle"], "centre or surface"),
+        (["--volume", "somewhere"], "six numbers"),
+        (["--volume", "reach"], "--arm FILE"),
+        (["--method", "3-2-1"], "3-2-1 needs [plane], [line], [point]"),
+        (["--coordinates", "surface"], "surface_x_mm"),
+    ],
+)
+def test_options_that_cannot_be_are_refused(files, words, said):
+    assert said in align(files[0], "--nominal", files[1], *words, status=2).output
+
+
+def test_a_volume_is_all_that_the_arm_reaches(files):
+    arm = "cli/demo_data/arm.toml"
+    given = ["--arm", arm, "--volume", "reach", "--std", 0.01, "--json"]
+    values = json.loads(align(files[0], "--nominal", files[1], *given).stdout)
+    volume = values["quality"]["volume"]
+    assert volume["kind"] == "ball"
+    assert values["quality"]["index"]["max"] > values["quality"]["index"]["rms"]
+
+
+def test_a_leapfrog_onto_an_alignment_leads_to_the_part(files, tmp_path):
+    points, nominal = files
+    out = tmp_path / "first"
+    align(points, "--nominal", nominal, "--std", 0.01, "--name", "part", "-o", out)
+    moved = Helmert(
+        Rotation.from_euler("xyz", [0.0, 0.1, -1.0]).as_matrix(),
+        np.array([-300.0, 900.0, 10.0]),
+    )
+    second = table(
+        tmp_path / "second.csv", measured(moved, seed=2, places=measured(seed=1))
+    )
+    given = ["--nominal", points, "--method", "leapfrog", "--std", 0.01]
+    alone = json.loads(align(second, *given, "--json").stdout)
+    np.testing.assert_allclose(
+        alone["alignment"]["rotation"], moved.rotation, atol=1e-4
+    )
+    both = json.loads(align(second, *given, "--onto", out, "--json").stdout)
+    whole = TRUE.after(moved)
+    np.testing.assert_allclose(both["alignment"]["rotation"], whole.rotation, atol=1e-4)
+    np.testing.assert_allclose(
+        both["alignment"]["translation_mm"], whole.translation_mm, atol=0.1
+    )
+    assert both["alignment"]["name"] == "part"
+    first = json.loads((out / "alignment.json").read_text())
+    pairs = zip(both["covariance"]["std"], first["covariance"]["std"], strict=True)
+    assert all(a > b for a, b in pairs)
+
+
+@pytest.mark.needs("mosquitto")
+def test_a_file_is_sent_later_or_at_once(files, tmp_path, mosquitto):
+    points, nominal = files
+    out = tmp_path / "out"
+    align(points, "--nominal", nominal, "--std", 0.01, "--name", "part", "-o", out)
+    values = json.loads((out / "alignment.json").read_text())
+    expected = AlignArgs.model_validate_json(json.dumps(values["alignment"]))
+    name = f"arm-{uuid.uuid4().hex[:8]}"
+    broker = f"{mosquitto.host}:{mosquitto.port}"
+    to = ["--send", "--arm-name", name, "--broker", broker]
+    virtual = VirtualDaemon(name, mosquitto.host, mosquitto.port)
+    loop = asyncio.new_event_loop()
+    thread = threading.Thread(target=loop.run_forever)
+    thread.start()
+
+    def do(work):
+        return asyncio.run_coroutine_threadsafe(work, loop).result(20.0)
+
+    def aligned():
+        return [args for args in virtual.commands if isinstance(args, AlignArgs)]
+
+    life = virtual.running()
+    do(life.__aenter__())
+    try:
+        align(out, *to)
+        assert aligned() == [expected]
+        given = ["--nominal", nominal, "--std", 0.01, "--name", "part"]
+        align(points, *given, *to)
+        assert aligned() == [expected, expected]
+        # Nothing that failed a test is sent.
+        align(points, "--nominal", nominal, "--std", 0.0001, *to, status=1)
+        assert len(aligned()) == 2
+    finally:
+        do(life.__aexit__(None, None, None))
+        do(loop.shutdown_default_executor())
+        loop.call_soon_threadsafe(loop.stop)
+        thread.join()
+        loop.close()
+
+
+def test_what_cannot_be_sent_is_told(files, tmp_path):
+    points, nominal = files
+    out = tmp_path / "out"
+    align(points, "--nominal", nominal, "--std", 0.01, "-o", out)
+    assert "--arm-name" in align(out, "--send", status=2).output
+    assert "--nominal missing" in align(out, status=2).output
+    assert "is no alignment" in align(nominal, "--send", status=2).output
+    nowhere = ["--send", "--arm-name", "x", "--broker", "localhost:1"]
+    assert "start it" in align(out, *nowhere, status=3).output
+
+
+def test_plane_line_and_point_of_a_table(tmp_path):
+    nominal = tmp_path / "part.toml"
+    nominal.write_text(
+        'schema = "traverse/nominal/1"\nname = "bracket"\n'
+        '[plane]\nfeature = "top"\npoint_mm = [0, 0, 0]\nnormal = [0, 0, 1]\n'
+        '[line]\nfeature = "front"\npoint_mm = [0, 0, 0]\ndirection = [1, 0, 0]\n'
+        '[point]\nfeature = "left"\npoint_mm = [0, 0, 0]\n'
+        "[volume]\nmin_mm = [0, 0, -50]\nmax_mm = [300, 200, 0]\n"
+    )
+    places = {
+        "top": [(0, 0, 0), (300, 0, 0), (300, 200, 0), (0, 200, 0)],
+        "front": [(10, 0, -10), (150, 0, -10), (290, 0, -10)],
+        "left": [(0, 100, -10)],
+    }
+    down = TRUE.rotation.T @ [0.0, 0.0, -1.0]
+    rows = ["name,x_mm,y_mm,z_mm,i,j,k"]
+    for name, group in places.items():
+        for place in TRUE.inverse().places_mm(np.array(group, dtype=float)):
+            cells = [*place.tolist(), *down.tolist()]
+            rows.append(",".join([name, *map(repr, cells)]))
+    points = tmp_path / "points.csv"
+    points.write_text("\n".join(rows) + "\n")
+    out = tmp_path / "out"
+    given = ["--method", "3-2-1", "--std", 0.02, "-o", out]
+    text = align(points, "--nominal", nominal, *given).stdout
+    assert "left: residual +0.0000 +0.0000 +0.0000 mm; no error" in text
+    values = json.loads((out / "alignment.json").read_text())
+    np.testing.assert_allclose(
+        values["alignment"]["rotation"], TRUE.rotation, atol=1e-9
+    )
+    assert values["alignment"]["name"] == "bracket"
+    assert [f["redundancy"] for f in values["features"]] == [1, 1, 0]
+    assert "Errors in the volume" in (out / "alignment.html").read_text()
+    wanted = ["--nominal", nominal, "--method", "3-2-1", "--scale"]
+    assert "--scale" in align(points, *wanted, status=2).output
+
+
+def test_a_campaign_is_a_source_and_spheres_touched_all_around_are_no_points(tmp_path):
+    arm = read_arm("cli/demo_data/arm.toml")
+    folder = tmp_path / "campaign"
+    poses = acceptance_poses(arm, "asme-b89.4.22", seed=1)
+    write_campaign(folder, drawn_acceptance(poses, seed=1), arm)
+    given = [folder, "--nominal", folder, "--method", "leapfrog", "--std", 0.02]
+    given += ["--arm", folder / "arm.toml", "--json"]
+    values = json.loads(align(*given).stdout)
+    np.testing.assert_allclose(values["alignment"]["rotation"], np.eye(3), atol=1e-12)
+    flags = {flag["code"]: flag["text"] for flag in values["flags"]}
+    assert "diameter/1 (14" in flags["scattered_touches"]
+    assert values["arm"] == arm.name
+    align(*given[:-3], status=2)

@@ -1,0 +1,73 @@
+"""`traverse amt21` on encoders behind a pty."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from tests.drivers.amt21.fake_encoders import FakeEncoder, FakeLine, PtyEncoders
+from traverse.cli.__main__ import app
+
+runner = CliRunner()
+
+
+@pytest.fixture(params=[False, True], ids=["no echo", "echo"])
+def encoders(request, tmp_path):
+    line = FakeLine(0x54, 0x60, echo=request.param)
+    line.encoders[0x54] = FakeEncoder(count=1234)
+    line.encoders[0x60] = FakeEncoder(count=-2 * 16384 + 77)
+    made = PtyEncoders(line, tmp_path / "line")
+    made.plug()
+    yield made
+    made.unplug()
+
+
+def told(encoders, *arguments, **more):
+    port = ["--port", str(encoders.link)]
+    return runner.invoke(app, ["amt21", *arguments, *port], **more)
+
+
+def test_a_scan_lists_who_answers(encoders):
+    ran = told(encoders, "scan", "--json")
+    assert ran.exit_code == 0, ran.output
+    report = json.loads(ran.output)
+    assert report["echo"] is encoders.line.echo
+    assert report["encoders"] == [
+        {"address": 0x54, "position": 1234, "turns": 0},
+        {"address": 0x60, "position": 77, "turns": -2},
+    ]
+    assert {byte & 3 for byte in encoders.line.heard} == {0, 1}
+
+
+@pytest.mark.parametrize(("name", "code"), [("zero", "5E"), ("reset", "75")])
+def test_maintenance_is_asked_for_before_it_is_done(encoders, name, code):
+    patience = ("--timeout", "0.1")  # a busy machine answers late
+    ran = told(encoders, name, "--address", "0x54", *patience, input="n\n")
+    assert ran.exit_code == 1
+    assert "stands at 1234" in ran.output
+    assert 0x56 not in encoders.line.heard
+    ran = told(encoders, name, "--address", "84", "--yes", "--json", *patience)
+    assert ran.exit_code == 0, ran.output
+    report = json.loads(ran.stdout)
+    assert (report["address"], report["before"]) == (84, 1234)
+    assert bytes.fromhex(f"56 {code}") in encoders.line.heard
+
+
+def test_what_is_no_address_is_refused(encoders):
+    ran = told(encoders, "zero", "--address", "0x55")
+    assert ran.exit_code == 2
+    assert "multiple of 4" in ran.output
+    assert encoders.line.heard == b""
+
+
+def test_an_address_where_nobody_is_cannot_be_reached(encoders):
+    ran = told(encoders, "reset", "--address", "0x40", "--yes", "--timeout", "0.1")
+    assert ran.exit_code == 3
+    assert "nothing answers" in ran.output
+    assert 0x42 not in encoders.line.heard
+
+
+def test_a_port_that_is_not_there_is_told(tmp_path):
+    ran = runner.invoke(app, ["amt21", "scan", "--port", str(tmp_path / "none")])
+    assert ran.exit_code == 3
+    assert "no such port" in ran.output

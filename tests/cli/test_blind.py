@@ -1,0 +1,71 @@
+"""`traverse blind`, run as a program: what it tells, writes and refuses."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.cli.programs import run_traverse
+
+
+def run_blind(*arguments):
+    return run_traverse(Path.cwd(), "blind", *arguments)
+
+
+@pytest.fixture(scope="module")
+def told():
+    return run_blind("--seed", "3")
+
+
+def test_it_tells_what_was_hidden_last_of_all(told):
+    assert told.returncode == 0, told.stderr
+    *found, hidden, score = told.stdout.splitlines()
+    assert found
+    assert hidden.startswith("hidden: ")
+    assert score.startswith("score: ")
+
+
+def test_nothing_but_the_answer_is_said_when_piped(told):
+    assert told.stderr == ""
+
+
+def test_json_is_scored_too():
+    answer = run_blind("--seed", "5", "--size", "14", "--effects", "2", "--json")
+    assert answer.returncode == 0, answer.stderr
+    found = json.loads(answer.stdout)
+    assert found["seed"] == 5
+    assert found["size"] == 14.0
+    assert len(found["hidden"]) == 2
+    assert set(found["score"]) >= {"exact", "right_joint", "in_set", "n_spurious"}
+    assert found["in_words"]
+
+
+def test_nothing_hidden_is_an_answer():
+    found = json.loads(run_blind("--seed", "1", "--effects", "0", "--json").stdout)
+    assert found["hidden"] == []
+    assert found["in_words"] in ("right: nothing was hidden", "a false alarm")
+
+
+def test_a_folder_gets_campaign_truth_and_report(tmp_path):
+    answer = run_blind("--seed", "3", "--outside", "--out", str(tmp_path / "round"))
+    assert answer.returncode == 0, answer.stderr
+    written = {
+        str(path.relative_to(tmp_path / "round"))
+        for path in (tmp_path / "round").rglob("*")
+    }
+    assert {
+        "report.html",
+        "diagnosis.json",
+        "campaign/campaign.toml",
+        "campaign/truth/hidden.json",
+    } <= written
+
+
+def test_a_missing_arm_file_is_refused(tmp_path):
+    answer = run_blind("--seed", "1", "--arm", str(tmp_path / "none.toml"))
+    assert answer.returncode == 2
+    assert "none.toml" in answer.stderr
+
+
+def test_a_seed_is_needed():
+    assert run_blind().returncode == 2

@@ -1,0 +1,142 @@
+"""`traverse check`: tells what a file is and everything that is wrong with it."""
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import Result
+from typer.testing import CliRunner
+
+import traverse.cli
+from traverse.cli.__main__ import app
+
+DATA = Path(traverse.cli.__file__).parent / "demo_data"
+DAEMON = '[arm]\nfile = "arm.toml"\n[[device]]\nid = "base"\n{rest}'
+DEVICE = 'driver = "latch-board"\nport = "/dev/null"\n'
+PROBES = """\
+schema = "traverse/probes/1"
+[[probes]]
+name = "ball-6"
+radius_mm = 3.0
+vector_mm = [0.0, 0.0, 50.0]
+kind = "hard"
+"""
+
+
+def check(text: str | bytes, folder: Path, *options: str) -> Result:
+    """Check a file with some content."""
+    path = folder / "checked.toml"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    (folder / "arm.toml").write_text((DATA / "arm.toml").read_text("utf-8"), "utf-8")
+    return CliRunner().invoke(app, ["check", *options, str(path)])
+
+
+@pytest.mark.parametrize(
+    ("text", "kind"),
+    [
+        ((DATA / "arm.toml").read_text("utf-8"), "arm file"),
+        ((DATA / "simulator.toml").read_text("utf-8"), "simulator's configuration"),
+        (DAEMON.format(rest=DEVICE), "daemon's configuration"),
+        (PROBES, "probe library"),
+    ],
+)
+def test_good_files_are_told_by_what_they_are(
+    text: str, kind: str, tmp_path: Path
+) -> None:
+    said = check(text, tmp_path)
+    assert (said.exit_code, said.stderr) == (0, "")
+    assert said.stdout.endswith(f"checked.toml: a good {kind}\n")
+    report = json.loads(check(text, tmp_path, "--json").stdout)
+    assert report == {
+        "file": str(tmp_path / "checked.toml"),
+        "kind": kind,
+        "problems": [],
+    }
+
+
+def test_all_mistakes_of_an_arm_file_are_told_at_once(tmp_path: Path) -> None:
+    text = (DATA / "arm.toml").read_text("utf-8")
+    text = text.replace("radius_mm = 3.0", "radius = 3.0")
+    text = text.replace("axis = [0.0, 0.0, 1.0]", "axis = [0.0, 0.0, 0.0]")
+    text = text.replace('name = "J3"', 'name = "J2"').replace("2.10", "nan")
+    expected = {
+        "probe.radius",
+        "probe.radius_mm",
+        "joints[0].axis",
+        "joints[1].zero_rad",
+        "joints[2].name",
+    }
+    said = check(text, tmp_path)
+    assert (said.exit_code, said.stdout) == (2, "")
+    assert all(f"  {where}: " in said.stderr for where in expected)
+    report = json.loads(check(text, tmp_path, "--json").stdout)
+    assert {problem["where"] for problem in report["problems"]} == expected
+    assert all(problem["message"] for problem in report["problems"])
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (b"\xff\xfe", "UTF-8"),
+        ("a = ", "line 1"),
+        ("", "schema: is missing"),
+        ('schema = "traverse/simulator/1"', "motion: is missing"),
+        ("[arm]\nfile = 1", "arm.file: 1 is not a string"),
+        (DAEMON.format(rest=""), "device[0].driver: is missing"),
+    ],
+)
+def test_a_bad_file_is_refused_as_what_it_was_meant_to_be(
+    text: str | bytes, said: str, tmp_path: Path
+) -> None:
+    result = check(text, tmp_path)
+    assert result.exit_code == 2
+    assert said in result.stderr
+    report = json.loads(check(text, tmp_path, "--json").stdout)
+    assert report["problems"]
+
+
+def test_a_configuration_is_checked_with_the_files_that_it_names(
+    tmp_path: Path,
+) -> None:
+    text = DAEMON.format(rest=DEVICE).replace(
+        "[[device]]", 'probes = "probes.toml"\n[[device]]'
+    )
+    stop = '[[quality.end_stops]]\njoint = "J9"\nlow_rad = -1.0\nhigh_rad = 1.0\n'
+    (tmp_path / "probes.toml").write_text(PROBES.replace("3.0", "-3.0"))
+    said = check(text + stop, tmp_path)
+    assert said.exit_code == 2
+    assert "probes.toml: 1 problem\n  probes[0].radius_mm: -3.0" in said.stderr
+    assert "quality.end_stops[0].joint: 'J9' is no joint of the arm" in said.stderr
+    report = json.loads(check(text + stop, tmp_path, "--json").stdout)
+    files = {Path(problem["file"]).name for problem in report["problems"]}
+    assert files == {"probes.toml", "checked.toml"}
+
+
+@pytest.mark.parametrize("name", ["missing.toml", "."])
+def test_what_cannot_be_read_is_refused(name: str, tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["check", str(tmp_path / name)])
+    assert result.exit_code == 2
+    assert "cannot be read" in result.stderr
+
+
+CAMPAIGN = """\
+schema = "traverse/campaign/1"
+poses = "poses.csv"
+[[artefacts]]
+id = "seat"
+kind = "cone"
+"""
+POSES = "time_s,artefact,feature,J1_rad,J2_rad\n0.0,seat,,0.1,0.2\n1.0,seat,,0.3,0.4\n"
+
+
+def test_a_campaign_is_checked_with_its_poses(tmp_path: Path) -> None:
+    (tmp_path / "campaign.toml").write_text(CAMPAIGN)
+    (tmp_path / "poses.csv").write_text(POSES)
+    said = CliRunner().invoke(app, ["check", str(tmp_path)])
+    assert (said.exit_code, said.stderr) == (0, "")
+    assert said.stdout.endswith("campaign.toml: a good campaign\n")
+    (tmp_path / "poses.csv").write_text(POSES.replace("1.0,seat", "1.0,seet"))
+    said = CliRunner().invoke(app, ["check", str(tmp_path / "campaign.toml")])
+    assert said.exit_code == 2
+    assert "poses.csv" in said.stderr
+    assert "line 3: unknown artefact 'seet'; did you mean 'seat'?" in said.stderr

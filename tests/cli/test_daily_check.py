@@ -1,0 +1,105 @@
+"""`traverse interim` from folders of checks; the guided one is in end_to_end."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from tests.docs.pages import CHECKOUT
+from traverse.cli.__main__ import app
+from traverse.kinematics.arm_file.arm import read_arm
+from traverse.kinematics.model.forward import probe_centre
+from traverse.kinematics.model.geometry import geometry_from_arm
+from traverse.lab.daily_check.campaign import write_check
+
+ARM = CHECKOUT / "cli" / "demo_data" / "arm.toml"
+RADIUS_MM = 12.7
+
+
+def campaign(folder, *, day, scatter_mm=0.01, missing=0):
+    """A check whose joint angles are found by Newton's steps from a fixed posture."""
+    arm = read_arm(ARM)
+    write_check(folder, arm, RADIUS_MM)
+    geometry = geometry_from_arm(arm)
+    rng = np.random.default_rng(day)
+    names = [joint.name for joint in arm.joints]
+    angles = np.array([joint.zero_rad for joint in arm.joints], dtype=float)
+    angles += np.array([0.3, 0.6, 0.2, -0.8, 0.3, 0.7, 0.1])[: len(names)]
+    start_mm = probe_centre(geometry, angles[np.newaxis])[0]
+    ways = rng.normal(size=(9, 3))
+    ways /= np.linalg.norm(ways, axis=1)[:, np.newaxis]
+    tip_mm = arm.probe.radius_mm
+    wanted = [("cone", side, np.zeros(3)) for side in 5 * ["left"] + 5 * ["right"]]
+    wanted += [("sphere", "", (RADIUS_MM + tip_mm) * way) for way in ways]
+    lines = ["time_s,artefact,feature," + ",".join(f"{n}_rad" for n in names)]
+    for row, (artefact, feature, offset_mm) in enumerate(wanted[missing:]):
+        target_mm = start_mm + offset_mm + rng.normal(0, scatter_mm, 3)
+        at = angles.copy()
+        for _ in range(8):
+            here_mm = probe_centre(geometry, at[np.newaxis])[0]
+            steps = at + 1e-7 * np.eye(len(at))
+            slope = (probe_centre(geometry, steps) - here_mm).T / 1e-7
+            at = at + np.linalg.pinv(slope) @ (target_mm - here_mm)
+        numbers = ",".join(repr(float(a)) for a in at)
+        lines.append(f"{row},{artefact},{feature},{numbers}")
+    (folder / "poses.csv").write_text("\n".join(lines) + "\n")
+    text = (folder / "campaign.toml").read_text()
+    stamp = f"start_utc = 2026-03-{day + 1:02d}T08:00:00Z\n"
+    (folder / "campaign.toml").write_text(text.replace("poses =", stamp + "poses =", 1))
+    return folder
+
+
+@pytest.fixture
+def run(tmp_path):
+    def run(*words):
+        options = ["--arm", str(ARM), "--history", str(tmp_path / "interim.db")]
+        return CliRunner().invoke(app, ["interim", *options, *map(str, words)])
+
+    return run
+
+
+def test_checks_go_into_the_history_and_a_bad_one_is_found(run, tmp_path):
+    for day in range(6):
+        folder = campaign(tmp_path / f"day-{day}", day=day)
+        result = run("--campaign", folder, "--json")
+        assert result.exit_code == 0, result.output
+        told = json.loads(result.stdout)
+        assert (told["checks"], told["in_control"]) == (day + 1, True)
+    assert told["time_utc"] == "2026-03-06T08:00:00Z"
+    by_key = {figure["key"]: figure["value_mm"] for figure in told["figures"]}
+    # sigma 0.01 mm an axis: 2 s is 2 sqrt(3) times that.
+    assert by_key["spat_2s_mm"] == pytest.approx(0.035, rel=0.5)
+    assert abs(by_key["sphere_diameter_mm"]) < 0.03
+    again = run("--campaign", folder)
+    assert "counted before" in again.stderr
+    bad = campaign(tmp_path / "bad", day=7, scatter_mm=0.5)
+    result = run("--campaign", bad, "--out", tmp_path / "charts")
+    assert result.exit_code == 1
+    assert "OUT OF CONTROL" in result.output
+    assert "WARNING: one check above 3.5 sigma" in result.output
+    assert (tmp_path / "charts" / "chart.png").stat().st_size > 10_000
+    shown = run("--show")
+    assert (shown.exit_code, shown.output) == (1, result.output)
+
+
+def test_an_incomplete_check_is_not_counted(run, tmp_path):
+    result = run("--campaign", campaign(tmp_path / "half", day=1, missing=7))
+    assert result.exit_code == 1
+    assert "3 touches, expected 5 or more" in result.stderr
+    assert run("--show").exit_code == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--show"], "has no check"),
+        ([], "--radius missing"),
+        (["--show", "--config", "x.toml"], "one of them"),
+        (["--campaign", "nowhere"], "nowhere"),
+    ],
+)
+def test_refusals(run, words, told):
+    result = run(*words)
+    assert result.exit_code == 2
+    assert told in result.stderr

@@ -1,0 +1,176 @@
+"""`traverse diagnose`: exit statuses, files, what it says where; run as a program."""
+
+import json
+import os
+import pty
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from tests.cli.programs import END_S, run_traverse
+from tests.lab.diagnosis.fitted_rows import measured
+from tests.lab.simulated import written
+from traverse.kinematics.arm_file.arm import effect_from_table, read_arm, write_arm
+
+COMMENT = "# Measured on a Friday."
+ECCENTRIC = {
+    "kind": "encoder_eccentricity",
+    "joint": "J3",
+    "cos_rad": 8.0e-5,
+    "sin_rad": -3.0e-5,
+}
+
+
+def run_diagnose(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run it in a folder, its output piped; warnings are errors."""
+    return run_traverse(folder, "diagnose", *arguments)
+
+
+@pytest.fixture(scope="session")
+def campaign_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a campaign in which J3 reads wrongly, and the design."""
+    folder = tmp_path_factory.mktemp("eccentric")
+    found = measured().with_effect(effect_from_table(ECCENTRIC))
+    # Few poses with few columns: quick.
+    plain = replace(
+        found.campaign.poses.part(slice(0, None, 2)),
+        temperature_c=None,
+        joint_temperatures_c=None,
+        approaches=None,
+        speeds_rad_s=None,
+        directions=None,
+        force_n=None,
+    )
+    (folder / "campaign").mkdir()
+    written(replace(found.campaign, poses=plain), folder / "campaign")
+    write_arm(folder / "arm.toml", found.arm)
+    text = (folder / "arm.toml").read_text("utf-8")
+    (folder / "arm.toml").write_text(f"{COMMENT}\n{text}", "utf-8")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def diagnosed(campaign_folder: Path) -> Path:
+    """The folder after a diagnosis, what was printed in `said` and `told`."""
+    ran = run_diagnose(campaign_folder, "campaign", "--arm", "arm.toml", "--out", "out")
+    assert ran.returncode == 0, ran.stderr
+    (campaign_folder / "said").write_text(ran.stdout, "utf-8")
+    (campaign_folder / "told").write_text(ran.stderr, "utf-8")
+    return campaign_folder
+
+
+def test_the_effect_is_named_written_and_told(diagnosed: Path) -> None:
+    said = (diagnosed / "said").read_text("utf-8").splitlines()
+    assert said[0].endswith("verdict: named")
+    assert said[1].startswith("Missing effect: encoder eccentricity, joint J3 (")
+    assert said[-1].startswith("wrote out: arm.toml, diagnosis.json")
+    (effect,) = read_arm(diagnosed / "out" / "arm.toml").effects
+    assert (effect.kind, effect.joint) == ("encoder_eccentricity", "J3")
+    assert read_arm(diagnosed / "arm.toml").effects == ()
+    values = json.loads((diagnosed / "out" / "diagnosis.json").read_text("utf-8"))
+    assert values["verdict"] == "named"
+    assert (diagnosed / "out" / "report.html").stat().st_size > 100_000
+
+
+def test_progress_is_quiet_where_it_is_piped(diagnosed: Path) -> None:
+    assert (diagnosed / "told").read_text("utf-8") == ""
+
+
+def test_accepted_in_place_as_json_and_strict(diagnosed: Path, tmp_path: Path) -> None:
+    shutil.copytree(diagnosed / "campaign", tmp_path / "campaign")
+    shutil.copy(diagnosed / "arm.toml", tmp_path / "arm.toml")
+    ran = run_diagnose(
+        tmp_path,
+        *("campaign", "--arm", "arm.toml", "--out", "out"),
+        *("--accept", "--json", "--strict"),
+    )
+    assert ran.returncode == 1, ran.stderr
+    said = json.loads(ran.stdout)
+    first = json.loads((diagnosed / "out" / "diagnosis.json").read_text("utf-8"))
+    assert said == first
+    accepted = read_arm(tmp_path / "arm.toml")
+    assert accepted == read_arm(tmp_path / "out" / "arm.toml")
+    assert accepted.identification is not None
+    assert len(accepted.effects) == 1
+    assert (tmp_path / "arm.toml").read_text("utf-8").startswith(COMMENT)
+    left = {path.name for path in tmp_path.iterdir()}
+    assert left == {"campaign", "arm.toml", "out"}
+
+
+def test_progress_is_told_on_a_terminal(diagnosed: Path, tmp_path: Path) -> None:
+    leader, follower = pty.openpty()
+    arguments = ["campaign", "--arm", "arm.toml", "--out", str(tmp_path / "out")]
+    try:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "traverse", "diagnose", *arguments],
+            stdout=subprocess.DEVNULL,
+            stderr=follower,
+            cwd=diagnosed,
+        )
+        os.close(follower)
+        told = b""
+        while True:
+            try:
+                part = os.read(leader, 4096)
+            except OSError:
+                # How a terminal ends when nobody is left at its other end.
+                break
+            if not part:
+                break
+            told += part
+        assert process.wait(END_S) == 0
+    finally:
+        os.close(leader)
+    assert b" % " in told
+
+
+def test_a_plan_looks_at_no_misclosure(campaign_folder: Path) -> None:
+    ran = run_diagnose(campaign_folder, "campaign", "--arm", "arm.toml", "--plan")
+    assert ran.returncode == 0, ran.stderr
+    lines = ran.stdout.splitlines()
+    assert "what 120 poses could show" in lines[0]
+    assert any(
+        line.startswith("encoder eccentricity, joint J3") and " from " in line
+        for line in lines
+    )
+    assert any("cannot be seen: " in line for line in lines)
+    ran = run_diagnose(
+        campaign_folder, "campaign", "--arm", "arm.toml", "--plan", "--json"
+    )
+    values = json.loads(ran.stdout)
+    assert {entry["kind"] for entry in values["detectable"]} >= {"encoder_scale"}
+
+
+def test_what_is_missing_is_said(campaign_folder: Path) -> None:
+    ran = run_diagnose(
+        campaign_folder, "campaign", "--arm", "arm.toml", "--plan", "--accept"
+    )
+    assert ran.returncode == 2
+    assert "--plan writes nothing" in ran.stderr
+    ran = run_diagnose(campaign_folder, "campaign", "--arm", "arm.toml")
+    assert ran.returncode == 2
+    assert "--out missing" in ran.stderr
+    ran = run_diagnose(campaign_folder, "campaign", "--out", "out2")
+    assert ran.returncode == 2
+    assert "--arm" in ran.stderr
+    ran = run_diagnose(campaign_folder, "nowhere", "--arm", "arm.toml", "--out", "out2")
+    assert ran.returncode == 2
+    assert "nowhere" in ran.stderr
+    assert not (campaign_folder / "out2").exists()
+
+
+def test_another_arm_is_refused(campaign_folder: Path, tmp_path: Path) -> None:
+    arm = read_arm(campaign_folder / "arm.toml")
+    write_arm(
+        tmp_path / "short.toml", arm.model_copy(update={"joints": arm.joints[1:]})
+    )
+    ran = run_diagnose(
+        campaign_folder,
+        *("campaign", "--arm", str(tmp_path / "short.toml"), "--out", "out2"),
+    )
+    assert ran.returncode == 2
+    assert "Traceback" not in ran.stderr

@@ -1,0 +1,184 @@
+"""`traverse export`: sources, filters, campaigns, and what is refused."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import Result
+from typer.testing import CliRunner
+
+import traverse.cli
+from tests.client.display.values import point
+from tests.protocol.message_examples import SCAN
+from traverse.cli.__main__ import app
+from traverse.daemon.store.database import MessageDatabase
+from traverse.daemon.store.records import Entry
+from traverse.lab.campaign.campaign import read_campaign
+from traverse.protocol.encoding import encode
+from traverse.protocol.messages import Point
+from traverse.recording.run_writer import Entry as Recorded
+from traverse.recording.run_writer import RunHead, RunWriter
+from traverse.recording.views import cloud_to_bytes, point_to_bytes
+
+DEMO_ARM = Path(traverse.cli.__file__).parent / "demo_data" / "arm.toml"
+CAMPAIGN = """\
+schema = "traverse/campaign/1"
+poses = "poses.csv"
+[[artefacts]]
+id = "seat"
+kind = "cone"
+"""
+
+
+def export(*words: object, status: int = 0) -> Result:
+    result = CliRunner().invoke(app, ["export", *map(str, words)])
+    assert result.exit_code == status, result.output
+    return result
+
+
+def labelled(seq: int, place: float, artefact: str | None = "seat") -> Point:
+    label = {"artefact": artefact, "feature": None}
+    changes = {"angles_rad": [0.1 * seq] * 7, "counts": [seq] * 7, "label": label}
+    return point(seq, xyz_mm=[place, 0.0, 0.0], compensation="shank", **changes)
+
+
+POINTS = [labelled(seq, 10.0 * seq) for seq in range(4)]
+ALL = [*POINTS, point(4, retracts="p-3")]
+
+
+@pytest.fixture
+def lines(tmp_path: Path) -> Path:
+    """Four points and the retraction of the last, as messages in lines."""
+    path = tmp_path / "points.jsonl"
+    path.write_bytes(b"".join(encode(p, "json") + b"\n" for p in ALL))
+    return path
+
+
+@pytest.fixture
+def outbox(tmp_path: Path) -> Path:
+    """The same in an outbox."""
+    store = MessageDatabase(tmp_path / "outbox.db")
+    store.add(
+        [
+            Entry(
+                *(p.session, 10**18, "", p.seq, p.id, p.time_ns),
+                *("traverse/a/point", "msgpack", encode(p, "msgpack")),
+            )
+            for p in ALL
+        ]
+    )
+    store.close()
+    return tmp_path / "outbox.db"
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    """The same in a recording, and a scan."""
+    path = tmp_path / "run.mcap"
+    with RunWriter(path, RunHead({"arm": "a", "version": "1"}, {})) as writer:
+        for p in ALL:
+            writer.add(Recorded("point", p.time_ns, point_to_bytes(p)))
+        writer.add(Recorded("cloud", SCAN.time_ns, cloud_to_bytes(SCAN)))
+    return path
+
+
+@pytest.mark.parametrize("source", ["lines", "outbox", "recording"])
+def test_points_that_stand_come_out_of_every_source(
+    source: str, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    path = request.getfixturevalue(source)
+    out = tmp_path / "out.csv"
+    said = export(path, "--out", out)
+    assert said.stderr == f"{out}: 3 points\n"
+    rows = list(csv.DictReader(out.read_text().splitlines()))
+    assert [row["x_mm"] for row in rows] == ["0.0", "10.0", "20.0"]
+    export(path, "--out", out, "--retracted")
+    assert len(out.read_text().splitlines()) == 1 + 5
+
+
+def test_scans_of_a_recording_keep_their_last_bit_and_their_times(
+    recording: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "scan.npz"
+    export(recording, "--kind", "scans", "--to", "npz", "--out", out)
+    with np.load(out) as columns:
+        np.testing.assert_array_equal(columns["xyz_mm"], SCAN.xyz_mm)
+        expected_ns = SCAN.time_ns + np.asarray(SCAN.dtime_ns)
+        np.testing.assert_array_equal(columns["time_ns"], expected_ns)
+        np.testing.assert_array_equal(columns["quality"], SCAN.quality)
+
+
+def test_filters_are_those_of_the_daemon(lines: Path, tmp_path: Path) -> None:
+    filters = tmp_path / "filters.toml"
+    filters.write_text(
+        '[[filters]]\nkind = "slab"\nnormal = [1, 0, 0]\nfrom_mm = 5\nto_mm = 25\n'
+    )
+    out = tmp_path / "some.jsonl"
+    said = export(lines, "--to", "jsonl", "--filters", filters, "--out", out)
+    kept = [json.loads(line)["seq"] for line in out.read_text().splitlines()]
+    assert kept == [1, 2]
+    assert "filter slab: 1 held back" in said.stderr
+    filters.write_text('[[filters]]\nkind = "slap"\n')
+    said = export(lines, "--filters", filters, "--out", out, status=2)
+    assert "did you mean 'slab'" in said.stderr
+    filters.write_text(
+        '[[filters]]\nkind = "sections"\nnormal = [1, 0, 0]\nspacing_mm = 1\n'
+    )
+    said = export(lines, "--filters", filters, "--out", out, status=2)
+    assert "--kind scans" in said.stderr
+
+
+def test_a_campaign_of_labelled_points_can_be_read(lines: Path, tmp_path: Path) -> None:
+    (tmp_path / "plan.toml").write_text(CAMPAIGN)
+    folder = tmp_path / "monday"
+    options = ("--to", "campaign", "--arm", DEMO_ARM, "--campaign")
+    export(lines, *options, tmp_path / "plan.toml", "--out", folder)
+    names = [f"J{k}" for k in range(1, 8)]
+    campaign = read_campaign(folder, names)
+    np.testing.assert_array_equal(
+        campaign.poses.angles_rad, [p.angles_rad for p in POINTS[:3]]
+    )
+    said = export(lines, *options, tmp_path / "plan.toml", "--out", folder, status=2)
+    assert "is not empty" in said.stderr
+
+
+def test_labels_that_the_campaign_does_not_know_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "p.jsonl"
+    path.write_bytes(encode(labelled(0, 1.0, "stool"), "json") + b"\n")
+    (tmp_path / "plan.toml").write_text(CAMPAIGN)
+    options = ("--to", "campaign", "--arm", DEMO_ARM, "--campaign")
+    said = export(path, *options, tmp_path / "plan.toml", status=2)
+    assert "labelled 'stool', which is not in the campaign; there are: seat" in (
+        said.stderr
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (("--to", "doc"), "--to doc: one of"),
+        (("--kind", "lines"), "one of points, scans"),
+        (("--to", "text", "--template", "{os}"), "is no value of a point"),
+        (("--template", "{seq}"), "goes with --to text"),
+        (("--kind", "scans"), "expected a recording"),
+        (("--to", "campaign"), "needs --arm and --campaign"),
+    ],
+)
+def test_what_does_not_go_together_is_refused_and_nothing_is_written(
+    lines: Path, tmp_path: Path, options: tuple[str, ...], told: str
+) -> None:
+    before = set(tmp_path.iterdir())
+    said = export(lines, *options, "--out", tmp_path / "out", status=2)
+    assert told in said.stderr
+    assert set(tmp_path.iterdir()) == before
+
+
+def test_a_damaged_line_is_named(lines: Path, tmp_path: Path) -> None:
+    lines.write_bytes(lines.read_bytes().replace(b'"seq":2', b'"seq":-2'))
+    said = export(lines, "--out", tmp_path / "o.csv", status=2)
+    assert "line 3" in said.stderr
+    assert not (tmp_path / "o.csv").exists()
+    lines.write_text("hello")
+    assert "is no recording" in export(lines, status=2).stderr

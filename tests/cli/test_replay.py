@@ -1,0 +1,96 @@
+"""`traverse replay` and `traverse record` where there is nothing to replay or ask."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from traverse.cli.__main__ import app
+from traverse.cli.replay.report import report_of, report_text
+from traverse.daemon.replay.compare import Tally
+from traverse.daemon.replay.result import ReplayResult
+from traverse.recording.run_writer import RunHead, RunWriter
+
+RESULT = {
+    "points": Tally(n=3, same=3, within=3),
+    "early": Tally(),
+    "scans": Tally(),
+    "missing": 0,
+    "missing_scan": 0,
+    "left_out": 0,
+    "new": 0,
+    "not_kept": 0,
+    "excused": 0,
+    "samples": 500,
+    "gaps": 0,
+    "kernel_then": "avx2",
+    "kernel_now": "avx2",
+    "tolerance_mm": 4.5e-13,
+    "tear": None,
+}
+
+
+def ended(*arguments):
+    result = CliRunner().invoke(app, list(arguments))
+    return result.exit_code, result.output
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (None, "No such file or directory; check the path"),
+        (b"not a recording", "no MCAP file"),
+    ],
+)
+def test_a_file_that_is_none_is_refused(tmp_path, content, told):
+    path = tmp_path / "a.mcap"
+    if content is not None:
+        path.write_bytes(content)
+    status, output = ended("replay", str(path))
+    assert status == 2
+    assert told in output
+
+
+def test_a_recording_without_steps_is_refused(tmp_path):
+    path = tmp_path / "a.mcap"
+    RunWriter(path, RunHead({})).close()
+    status, output = ended("replay", str(path))
+    assert status == 2
+    assert "no state to begin with" in output
+
+
+def test_a_broker_that_is_not_there_and_a_wrong_name_are_told():
+    status, output = ended("record", "two words", "--arm", "a", "--broker", "ftp://x")
+    assert status == 2
+    assert "expected host" in output
+
+
+@pytest.mark.parametrize(
+    ("changes", "holds", "lines"),
+    [
+        ({}, True, ["3 of 3 points the same to the last bit", "the same"]),
+        ({"points": Tally(n=3, same=2)}, False, ["2 of 3 points", "NOT the same"]),
+        ({"missing": 1}, False, ["missing: 1 points", "NOT the same"]),
+        (
+            {"kernel_now": "numpy", "points": Tally(n=3, same=0, within=3)},
+            True,
+            ["TRAVERSE_KERNEL=avx2 takes that one", "3 of 3 within 4 ulp of the reach"],
+        ),
+        ({"kernel_now": "numpy", "points": Tally(n=3)}, False, ["NOT within"]),
+        (
+            {"new": 2, "not_kept": 1, "gaps": 1, "tear": "torn after 7 bytes: x"},
+            True,
+            ["2 points more", "(1 could not be kept then)", "1 gaps", "torn after 7"],
+        ),
+        ({"early": Tally(n=4, same=3)}, True, ["not judged: 3 of 4"]),
+        ({"excused": 5, "left_out": 9}, True, ["5 interpolated", "9 points of scans"]),
+    ],
+)
+def test_a_report_says_what_holds_and_what_does_not(changes, holds, lines):
+    result = ReplayResult(**{**RESULT, **changes})
+    text = report_text({"arm": "bench-7"}, result)
+    for line in lines:
+        assert line in text
+    table = json.loads(report_of({"arm": "bench-7"}, result))
+    assert table["holds"] is result.holds is holds
+    assert table["about"] == {"arm": "bench-7"}

@@ -1,0 +1,137 @@
+"""`traverse verify` as a user runs it."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from tests.docs.pages import CHECKOUT
+from traverse.cli.__main__ import app
+from traverse.kinematics.arm_file.arm import read_arm
+from traverse.lab.campaign.campaign_file import read_campaign_file
+from traverse.simulator.campaigns import NoiseTable, write_campaign
+from traverse.simulator.campaigns.acceptance.poses import (
+    acceptance_poses,
+    drawn_acceptance,
+)
+
+ARM = CHECKOUT / "cli" / "demo_data" / "arm.toml"
+NOISE = NoiseTable(encoder_rad=2e-6, contact_mm=0.003)
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, ["verify", *map(str, arguments)])
+
+
+@pytest.fixture(scope="module")
+def campaigns(tmp_path_factory):
+    """A campaign of every standard."""
+    folder, arm = tmp_path_factory.mktemp("acceptance"), read_arm(ARM)
+    for standard in ("iso10360-12", "asme-b89.4.22", "vdi2617-9"):
+        poses = acceptance_poses(arm, standard, 1, noise=NOISE)
+        write_campaign(folder / standard, drawn_acceptance(poses, 1), arm)
+    return folder
+
+
+def limits_file(folder, **mpe):
+    file = folder / "limits.toml"
+    lines = ['schema = "traverse/acceptance-limits/1"', "[mpe]"]
+    file.write_text("\n".join([*lines, *(f"{k} = {v}" for k, v in mpe.items()), ""]))
+    return file
+
+
+@pytest.mark.parametrize(
+    ("standard", "names"),
+    [
+        ("iso10360-12", ["P_SIZE", "P_FORM", "L_DIA (5x5)", "E_UNI"]),
+        ("asme-b89.4.22", ["effective diameter", "SPAT, largest", "volumetric, 2 RMS"]),
+        ("vdi2617-9", ["interim check of length"]),
+    ],
+)
+def test_figures_of_every_standard(campaigns, standard, names):
+    ran = run(campaigns / standard, "--standard", standard, "--arm", ARM)
+    assert ran.exit_code == 0, ran.output
+    for name in names:
+        assert f"\n{name}: " in ran.output
+    assert "Complete; no limits given" in ran.output
+    assert "confirm against your copy of the standard" in ran.output
+
+
+def test_a_certificate_is_written_and_checked(campaigns, tmp_path):
+    limits = limits_file(
+        tmp_path, p_size_mm=0.05, p_form_mm=0.05, l_dia_mm=0.1, e_uni_mm=0.1
+    )
+    out = tmp_path / "certificate"
+    arguments = ("--standard", "iso10360-12", "--arm", ARM, "--limits", limits)
+    ran = run(campaigns / "iso10360-12", *arguments, "--out", out)
+    assert ran.exit_code == 0, ran.output
+    assert "Complete: accepted." in ran.output
+    checked = run("--check", out)
+    assert (checked.exit_code, "digests agree" in checked.output) == (0, True)
+    poses = out / "data" / "poses.csv"
+    poses.write_text(poses.read_text().replace("uni-1-1", "uni-1-2", 1))
+    checked = run("--check", out, "--json")
+    assert checked.exit_code == 1
+    (problem,) = json.loads(checked.output)["problems"]
+    assert "data/poses.csv was changed" in problem
+
+
+def test_a_limit_exceeded_is_told_by_the_exit_status(campaigns, tmp_path):
+    limits = limits_file(tmp_path, e_uni_mm=0.001)
+    ran = run(
+        *(campaigns / "iso10360-12", "--standard", "iso10360-12", "--arm", ARM),
+        *("--limits", limits, "--json"),
+    )
+    assert ran.exit_code == 1
+    values = json.loads(ran.output)
+    assert (values["schema"], values["verdict"]) == ("traverse/acceptance/1", "reject")
+
+
+def test_incomplete_data_are_listed(campaigns, tmp_path):
+    folder = tmp_path / "part"
+    folder.mkdir()
+    for name in ("campaign.toml", "poses.csv"):
+        text = (campaigns / "iso10360-12" / name).read_text()
+        (folder / name).write_text(text)
+    lines = (folder / "poses.csv").read_text().splitlines(keepends=True)
+    kept = [line for line in lines if ",uni-3-2," not in line and ",left," not in line]
+    (folder / "poses.csv").write_text("".join(kept))
+    ran = run(folder, "--standard", "iso10360-12", "--arm", ARM)
+    assert ran.exit_code == 1
+    assert "uni-3-2: was not measured" in ran.output
+    assert "4 groups" in ran.output
+    assert "Incomplete: L_DIA, E_UNI not computed." in ran.output
+    assert "\nP_SIZE: " in ran.output
+
+
+@pytest.mark.parametrize("standard", ["iso10360-12", "asme-b89.4.22", "vdi2617-9"])
+def test_a_plan_is_a_campaign_that_can_be_collected(standard, tmp_path):
+    out = tmp_path / "plan"
+    ran = run("--plan", standard, "--arm", ARM, "--out", out, "--bidirectional")
+    assert ran.exit_code == 0, ran.output
+    file = read_campaign_file(out / "campaign.toml")
+    assert f"{len(file.artefacts)} artefacts" in ran.output
+    for path in (out / "plan.toml", out / "campaign.toml"):
+        assert path.is_file()
+    checked = CliRunner().invoke(app, ["check", str(out / "plan.toml")])
+    assert "a good collection plan" in checked.output
+    again = run("--plan", standard, "--arm", ARM, "--out", out)
+    assert (again.exit_code, "is there already" in again.output) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((), "DATA, --standard missing"),
+        (("x", "--standard", "iso"), "no standard 'iso'; there are: iso10360-12"),
+        (("x", "--standard", "vdi2617-9"), "--arm missing"),
+        (("--plan", "vdi2617-9"), "--plan needs --arm and --out"),
+        (("--check", "nowhere"), "cannot be read"),
+        (("nowhere", "--standard", "vdi2617-9", "--arm", ARM), "cannot be read"),
+    ],
+)
+def test_what_is_refused(arguments, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    ran = run(*arguments)
+    assert ran.exit_code == 2
+    assert message in ran.output

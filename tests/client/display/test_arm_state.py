@@ -1,0 +1,170 @@
+"""What the page knows of an arm, and what it says of it."""
+
+import numpy as np
+import pytest
+
+from tests.client.display.values import event, health, live, point, retraction, status
+from traverse.client.display.arm_state import MAX_POINTS, ArmSight, Change
+from traverse.client.display.condition import verdict
+
+
+class Clock:
+    now_s = 100.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def sight(clock: Clock) -> ArmSight:
+    """An arm that is well."""
+    sight = ArmSight(clock)
+    sight.take_link(True, "")
+    sight.take_status(status())
+    sight.take_live(live(quality={"ok": True, "flags": []}))
+    return sight
+
+
+def changes(sight: ArmSight) -> list[Change]:
+    found: list[Change] = []
+    sight.listeners.append(found.append)
+    return found
+
+
+def test_points_stand_until_they_are_taken_back(sight: ArmSight) -> None:
+    told = changes(sight)
+    for seq in range(3):
+        sight.take_point(point(seq))
+    sight.take_point(retraction(3, of=2))
+    assert list(sight.points) == ["p-0", "p-1"]
+    assert sight.last_point is not None
+    assert sight.last_point.seq == 1
+    assert [change.kind for change in told] == ["point"] * 3 + ["retraction"]
+
+
+def test_a_point_in_doubt_is_told_with_the_reason(sight: ArmSight) -> None:
+    told = changes(sight)
+    sight.take_point(point(0, quality={"ok": False, "flags": ["end_stop"]}))
+    assert told[0].text == "Point 0, in doubt: end stop"
+
+
+def test_the_list_is_bounded(sight: ArmSight) -> None:
+    first = point(0)
+    for seq in range(MAX_POINTS + 10):
+        sight.take_point(first.model_copy(update={"id": f"p-{seq}"}))
+    assert len(sight.points) == MAX_POINTS
+    assert next(iter(sight.points)) == "p-10"
+
+
+def test_a_new_session_begins_an_empty_list(sight: ArmSight) -> None:
+    sight.take_point(point(0))
+    sight.take_status(status(session="another"))
+    assert not sight.points
+
+
+def test_coverage_counts_sectors_of_ten_degrees(sight: ArmSight) -> None:
+    sight.coverage = None
+    n = len(live().angles_rad)
+    for degrees in (5.0, 6.0, 359.0, -1.0, 725.0):
+        sight.take_live(live(angles_rad=[np.radians(degrees)] * n))
+    assert sight.coverage is not None
+    expected = np.zeros(36, dtype=np.int64)
+    expected[0], expected[35] = 3, 2
+    assert (sight.coverage == expected).all()
+
+
+def test_a_well_arm_is_ready(sight: ArmSight) -> None:
+    assert verdict(sight).level == "good"
+
+
+def test_without_the_broker_everything_is_stale_and_says_so(
+    sight: ArmSight,
+) -> None:
+    told = changes(sight)
+    sight.take_link(False, "it was there and is gone")
+    assert sight.is_stale
+    said = verdict(sight)
+    assert said.level == "bad"
+    assert "No connection to the broker" in said.sentence
+    assert "the arm keeps its points" in said.remedy
+    assert [change.kind for change in told] == ["link"]
+
+
+def test_poses_that_stop_make_it_stale(sight: ArmSight, clock: Clock) -> None:
+    assert not sight.is_stale
+    clock.now_s += 7.0
+    assert sight.is_stale
+    assert verdict(sight).sentence == "No pose for 7 s."
+
+
+def test_an_alarm_is_shown_until_it_is_cleared(sight: ArmSight) -> None:
+    told = changes(sight)
+    raised = event(
+        "device.lost",
+        True,
+        severity="error",
+        source="base",
+        text="it is gone",
+        remedy="plug it in",
+    )
+    sight.take_event(raised)
+    said = verdict(sight)
+    assert (said.level, said.sentence, said.remedy) == (
+        "bad",
+        "base: it is gone",
+        "plug it in",
+    )
+    sight.take_event(
+        event("device.lost", False, severity="error", source="base", text="back")
+    )
+    assert verdict(sight).level == "good"
+    assert [change.kind for change in told] == ["alarm", "cleared"]
+
+
+def test_the_worst_of_several_comes_first_and_the_others_are_counted(
+    sight: ArmSight,
+) -> None:
+    sight.take_event(event("a.mild", True, severity="warning", text="mild"))
+    sight.take_event(event("a.grave", True, severity="error", text="grave"))
+    said = verdict(sight)
+    assert (said.level, said.others) == ("bad", 1)
+    assert said.sentence.endswith(": grave")
+
+
+def test_an_arm_that_went_off_line_is_bad_and_forgets_its_alarms(
+    sight: ArmSight,
+) -> None:
+    sight.take_event(event("a.grave", True, severity="error", text="grave"))
+    sight.take_status(status(online=False, state="offline"))
+    assert verdict(sight).sentence == "The arm is off line."
+    assert not sight.alarms
+
+
+def test_a_device_that_is_missing_is_named(sight: ArmSight) -> None:
+    gone = {"id": "wrist", "driver": "x", "port": "y", "state": "lost", "identity": {}}
+    sight.take_status(status(state="degraded", drivers=[gone]))
+    assert verdict(sight).sentence == "Not all devices are there: wrist."
+
+
+def test_a_disk_that_keeps_no_points_is_bad(sight: ArmSight) -> None:
+    outbox = health().outbox.model_dump(mode="json") | {"state": "failed"}
+    sight.take_health(health(outbox=outbox))
+    assert verdict(sight).level == "bad"
+
+
+def test_a_pose_in_doubt_is_a_warning(sight: ArmSight) -> None:
+    sight.take_live(live(quality={"ok": False, "flags": ["singular"]}))
+    said = verdict(sight)
+    assert said.level == "warning"
+    assert "singular" in said.sentence
+
+
+def test_a_refusal_is_told(sight: ArmSight) -> None:
+    told = changes(sight)
+    sight.take_event(event("capture.refused", None, text="the arm moves"))
+    assert told == [Change("refused", "the arm moves")]

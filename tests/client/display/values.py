@@ -1,0 +1,44 @@
+"""Messages for tests of the page, from the golden ones."""
+
+import json
+from pathlib import Path
+from typing import Any, TypeVar
+
+from traverse.protocol.encoding import decode
+from traverse.protocol.messages import Event, Health, Live, Message, Point, Status
+
+GOLDEN = Path(__file__).parents[2] / "protocol" / "golden"
+M = TypeVar("M", bound=Message)
+
+
+def golden(kind: type[M], name: str, **changes: Any) -> M:
+    """A golden message with other values."""
+    table = json.loads((GOLDEN / f"{name}.json").read_text("utf-8"))
+    return decode(kind, json.dumps({**table, **changes}).encode())
+
+
+def point(seq: int, **changes: Any) -> Point:
+    return golden(Point, "point", seq=seq, id=f"p-{seq}", **changes)
+
+
+def retraction(seq: int, of: int) -> Point:
+    return point(seq, retracts=f"p-{of}")
+
+
+def live(**changes: Any) -> Live:
+    return golden(Live, "live", **changes)
+
+
+def status(**changes: Any) -> Status:
+    drivers = [
+        {"id": "base", "driver": "x", "port": "y", "state": "ready", "identity": {}}
+    ]
+    return golden(Status, "status", **{"state": "ready", "drivers": drivers, **changes})
+
+
+def event(code: str, active: bool | None, **changes: Any) -> Event:
+    return golden(Event, "event", code=code, active=active, **changes)
+
+
+def health(**changes: Any) -> Health:
+    return golden(Health, "health", **changes)

@@ -1,0 +1,180 @@
+"""Each format read back by a library that other people use."""
+
+import io
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pandas
+import pyarrow.parquet
+import pytest
+import trimesh
+
+from tests.client.display.values import point, retraction
+from traverse.client.exports.binary import PLY_ROW
+from traverse.client.exports.formats import FORMATS, points_as
+from traverse.client.exports.point_table import PointTable, standing, table_of
+from traverse.client.exports.text import Template
+from traverse.protocol.encoding import decode
+from traverse.protocol.messages import Point
+
+PLACES = [(1.25, -2.5, 3.0), (0.1, 0.2, 0.3), (1234.56789, -9.0, 1e-4)]
+POINTS = [
+    point(
+        seq,
+        xyz_mm=list(place),
+        time_ns=str(1_795_251_247_000_000_000 + seq),
+        covariance_mm2=[4e-6, 0, 0, 9e-6, 0, 1.6e-5] if seq else None,
+        quality={"ok": seq != 1, "flags": ["end_stop"] if seq == 1 else []},
+    )
+    for seq, place in enumerate(PLACES)
+]
+SCAN = PointTable(
+    np.arange(10, 14),
+    1_795_251_247_000_000_000 + np.arange(4) * 1_000_000,
+    np.arange(12.0).reshape(4, 3) / 7.0,
+    np.tile([0.0, 0.6, -0.8], (4, 1)),
+    np.full((4, 3), np.nan),
+    np.array([0, 1 << 6, 0, 1 << 14], dtype=np.uint32),
+)
+
+
+def written(kind: str, tmp_path: Path, **options: str) -> Path:
+    """Points in a file of some kind."""
+    path = tmp_path / f"points.{kind}"
+    with path.open("wb") as file, FORMATS[kind](file, **options) as sink:
+        sink.points(POINTS[:2])
+        sink.points(POINTS[2:])
+    assert sink.n == 3
+    return path
+
+
+def scanned(kind: str, tmp_path: Path) -> Path:
+    """A scan in a file of some kind."""
+    path = tmp_path / f"scan.{kind}"
+    with path.open("wb") as file, FORMATS[kind](file) as sink:
+        sink.table(SCAN)
+    return path
+
+
+def test_csv_in_pandas(tmp_path: Path) -> None:
+    table = pandas.read_csv(written("csv", tmp_path))
+    assert table[["x_mm", "y_mm", "z_mm"]].to_numpy().tolist() == [
+        list(place) for place in PLACES
+    ]
+    assert table["seq"].tolist() == [0, 1, 2]
+    assert table["ok"].tolist() == [1, 0, 1]
+    assert table["flags"].tolist()[1] == "end_stop"
+    assert table["covariance_yy_mm2"].isna().tolist() == [True, False, False]
+    scan = pandas.read_csv(scanned("csv", tmp_path))
+    assert (scan[["x_mm", "y_mm", "z_mm"]].to_numpy() == SCAN.xyz_mm).all()
+    assert scan["ok"].tolist() == [1, 0, 1, 1]  # interpolated is a remark
+
+
+def test_json_lines_are_the_messages(tmp_path: Path) -> None:
+    lines = written("jsonl", tmp_path).read_bytes().splitlines()
+    assert [decode(Point, line, "json") for line in lines] == POINTS
+    table = pandas.read_json(scanned("jsonl", tmp_path), lines=True)
+    assert table["seq"].tolist() == [10, 11, 12, 13]
+
+
+def test_ply_in_trimesh(tmp_path: Path) -> None:
+    cloud = trimesh.load(written("ply", tmp_path))
+    np.testing.assert_array_equal(cloud.vertices, PLACES)
+    rows = cloud.metadata["_ply_raw"]["vertex"]["data"]
+    assert rows["quality"].ravel().tolist() == [0, 1 << 6, 0]
+    np.testing.assert_allclose(rows["std_y"].ravel()[1:], 3e-3, rtol=1e-6)
+    assert np.isnan(rows["std_y"].ravel()[0])
+    scan = trimesh.load(scanned("ply", tmp_path))
+    np.testing.assert_array_equal(scan.vertices, SCAN.xyz_mm)
+    text = (tmp_path / "scan.ply").read_bytes().partition(b"end_header\n")
+    assert len(text[2]) == 4 * PLY_ROW.itemsize
+
+
+def test_xyz_in_numpy(tmp_path: Path) -> None:
+    np.testing.assert_allclose(
+        np.loadtxt(written("xyz", tmp_path)), PLACES, atol=5e-7, rtol=0
+    )
+
+
+def test_npz_in_numpy(tmp_path: Path) -> None:
+    with np.load(written("npz", tmp_path)) as columns:
+        np.testing.assert_array_equal(columns["xyz_mm"], PLACES)
+        assert columns["time_ns"].dtype == np.int64
+        assert columns["time_ns"].tolist() == [p.time_ns for p in POINTS]
+        np.testing.assert_allclose(columns["std_mm"][2], [2e-3, 3e-3, 4e-3])
+
+
+def test_parquet_in_pyarrow_and_pandas(tmp_path: Path) -> None:
+    path = written("parquet", tmp_path)
+    table = pyarrow.parquet.read_table(path)
+    assert table.schema.metadata[b"coordinates"] == b"centre"
+    assert table["std_y_mm"].null_count == 1
+    frame = pandas.read_parquet(path)
+    assert frame["x_mm"].tolist() == [x for x, _, _ in PLACES]
+    moment = datetime.fromtimestamp(POINTS[0].time_ns // 10**9, UTC)
+    assert frame["time"][0].to_pydatetime() == moment
+
+
+def test_a_template_writes_lines_of_ones_own_form(tmp_path: Path) -> None:
+    template = r"{seq:03d}\t{x_mm:.2f};{covariance_xx_mm2}{{mm}}\n"
+    lines = written("text", tmp_path, template=template).read_text().splitlines()
+    assert lines == ["000\t1.25;{mm}", "001\t0.10;4e-06{mm}", "002\t1234.57;4e-06{mm}"]
+
+
+@pytest.mark.parametrize(
+    "template",
+    [
+        "",
+        "{seq.__class__}",
+        "{seq[0]}",
+        "{nothing}",
+        "{seq!r}",
+        "{x_mm:{seq}}",
+        "{}",
+        "x" * 1001,
+        "{seq",
+    ],
+)
+def test_a_template_cannot_reach_beyond_a_points_values(template: str) -> None:
+    with pytest.raises(ValueError, match=r"template|expected '}'|Single|brace"):
+        Template(io.BytesIO(), template=template)
+
+
+def test_a_form_that_does_not_fit_its_value_is_told() -> None:
+    sink = Template(io.BytesIO(), template="{session:d}")
+    with pytest.raises(ValueError, match=r"\{session:d\}.*value is"):
+        sink.points(POINTS)
+
+
+def test_what_was_taken_back_is_left_out() -> None:
+    points = [*POINTS, retraction(3, of=1)]
+    assert [p.seq for p in standing(points)] == [0, 2]
+    name, content = points_as("jsonl", points)
+    assert name == "points.jsonl"
+    assert [json.loads(line)["seq"] for line in content.splitlines()] == [0, 2]
+
+
+@pytest.mark.parametrize(
+    ("coordinates", "changes", "said"),
+    [
+        ("surface", {"surface_mm": None, "compensation": "none"}, "no touched point"),
+        ("part", {"part_xyz_mm": None}, "without an alignment"),
+    ],
+)
+def test_coordinates_that_a_point_does_not_have_are_refused(
+    coordinates: str, changes: dict[str, object], said: str
+) -> None:
+    with pytest.raises(ValueError, match=said):
+        table_of([point(0, **changes)], coordinates)  # type: ignore[arg-type] # a name
+
+
+@pytest.mark.parametrize("kind", sorted(set(FORMATS) - {"text"}))
+def test_nothing_is_a_good_file_too(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / f"none.{kind}"
+    with path.open("wb") as file, FORMATS[kind](file) as sink:
+        sink.points([])
+    assert sink.n == 0
+    if kind == "ply":
+        assert b"element vertex            0\n" in path.read_bytes()

@@ -1,0 +1,1 @@
+"""Tests: connection of a client."""

@@ -1,0 +1,217 @@
+"""Points through the client, against a simulated daemon and a real broker."""
+
+import asyncio
+import json
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from benchmarks.tools.network import Network
+from tests.client.reading import read, until
+from tests.client.virtual_daemon import VirtualDaemon
+from tests.mosquitto import Mosquitto, free_port
+from tests.protocol.message_examples import EVENT
+from traverse.client import Arm, BrokerUnreachableError, Lost
+from traverse.client.points.session_order import FORGOTTEN
+from traverse.protocol.message_error import MessageError
+
+pytestmark = pytest.mark.needs("mosquitto")
+
+
+async def test_points_come_as_they_are_taken(
+    virtual: VirtualDaemon, broker: str
+) -> None:
+    async with virtual.running(), Arm(virtual.arm, broker) as arm:
+        taken = await virtual.take(5)
+        assert await read(arm, 5) == taken
+        assert arm.counters.duplicates == 0
+
+
+async def test_no_point_is_lost_or_doubled_over_twenty_reconnections(
+    virtual: VirtualDaemon, network: Network
+) -> None:
+    async with virtual.running(), Arm(virtual.arm, f"localhost:{network.port}") as arm:
+
+        async def cut_and_take() -> None:
+            for _ in range(20):
+                await virtual.take(20)
+                before = arm.counters.connections
+                await network.cut()
+                await virtual.take(30)
+                await until(partial(is_back, arm, before))
+
+        cutting = asyncio.create_task(cut_and_take())
+        found = await read(arm, 1000)
+        await cutting
+        assert found == virtual.points
+        assert arm.counters.lost == 0
+
+
+def is_back(arm: Arm, before: int) -> bool:
+    """Whether there was another connection."""
+    return arm.counters.connections > before
+
+
+async def test_what_a_broker_forgot_is_asked_for(
+    virtual: VirtualDaemon, broker: str
+) -> None:
+    async with virtual.running(), Arm(virtual.arm, broker) as arm:
+        await virtual.take(2)
+        virtual.is_mute = True
+        await virtual.take(3)
+        virtual.is_mute = False
+        await virtual.take(1)
+        assert await read(arm, 6) == virtual.points
+        assert virtual.resends[-1] == (virtual.session, 2, 4)
+        assert arm.counters.asked_again == 3
+
+
+async def test_the_tail_of_a_session_comes_before_the_next_session(
+    virtual: VirtualDaemon, broker: str
+) -> None:
+    async with Arm(virtual.arm, broker, since="beginning") as arm:
+        async with virtual.running():
+            await virtual.take(1)
+            virtual.is_mute = True
+            await virtual.take(2)
+            await virtual.begin_session()
+            await virtual.take(2)
+        virtual.is_mute = False
+        async with virtual.running():
+            await virtual.take(1)
+            assert await read(arm, 6) == virtual.points
+
+
+async def test_what_retention_has_taken_is_told(
+    virtual: VirtualDaemon, broker: str
+) -> None:
+    async with virtual.running():
+        await virtual.take(8)
+        virtual.forget(virtual.session, 5)
+        async with Arm(virtual.arm, broker, since={virtual.session: 2}) as arm:
+            first, *rest = await read(arm, 4)
+            assert first == Lost(virtual.session, 2, 4, FORGOTTEN)
+            assert rest == virtual.points
+            assert arm.counters.lost == 3
+
+
+async def test_an_old_daemon_that_cannot_resend_has_its_gaps_told(
+    virtual: VirtualDaemon, broker: str
+) -> None:
+    virtual.can_resend = False
+    async with virtual.running(), Arm(virtual.arm, broker) as arm:
+        first = await virtual.take(1)
+        virtual.is_mute = True
+        await virtual.take(2)
+        virtual.is_mute = False
+        last = await virtual.take(1)
+        found = await read(arm, 3)
+        assert found[0] == first[0]
+        assert isinstance(found[1], Lost)
+        assert (found[1].from_seq, found[1].to_seq) == (1, 2)
+        assert found[2] == last[0]
+
+
+async def test_a_place_file_goes_on_where_the_reader_stopped(
+    virtual: VirtualDaemon, broker: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "place.json"
+    async with virtual.running():
+        await virtual.take(3)
+        async with Arm(virtual.arm, broker, place_file=file) as arm:
+            await virtual.take(4)
+            await read(arm, 2)
+        await virtual.take(1)
+        async with Arm(virtual.arm, broker, place_file=file) as arm:
+            assert await read(arm, 3) == virtual.points[5:]
+        with pytest.raises(RuntimeError, match="while reading"):
+            await read_and_fail(virtual, Arm(virtual.arm, broker, place_file=file))
+        async with Arm(virtual.arm, broker, place_file=file) as arm:
+            assert await read(arm, 1) == virtual.points[-1:]
+    with pytest.raises(MessageError, match="give it its own file"):
+        Arm("another", broker, place_file=file)
+    file.write_text(json.dumps({"schema": "traverse/place/1", "arm": "x"}))
+    with pytest.raises(MessageError, match="sessions"):
+        Arm("x", broker, place_file=file)
+
+
+async def read_and_fail(virtual: VirtualDaemon, arm: Arm) -> None:
+    """A reader that ends before it is done with a point."""
+    async with arm:
+        await virtual.take(1)
+        await read(arm, 1)
+        raise RuntimeError("while reading")
+
+
+async def test_a_slow_reader_loses_nothing(virtual: VirtualDaemon, broker: str) -> None:
+    async with virtual.running(), Arm(virtual.arm, broker, max_waiting=100) as arm:
+        await read_one_after(virtual, arm)
+        await virtual.take(1500)  # more than a broker keeps for one client
+        assert await read(arm, 1500) == virtual.points[1:]
+        assert len(virtual.points) == 1501
+
+
+async def read_one_after(virtual: VirtualDaemon, arm: Arm) -> None:
+    """So that the client knows that somebody reads."""
+    await virtual.take(1)
+    await read(arm, 1)
+
+
+async def test_events_go_on_where_nobody_reads_points(
+    virtual: VirtualDaemon, broker: str
+) -> None:
+    async with virtual.running(), Arm(virtual.arm, broker, max_waiting=10) as arm:
+        events = arm.events()
+        await virtual.take(100)
+        await virtual.publish(EVENT)
+        async with asyncio.timeout(10):
+            assert await anext(events) == EVENT
+        assert await read(arm, 100) == virtual.points
+
+
+async def test_a_broker_killed_and_started_again_loses_nothing(
+    make_mosquitto: Callable[[], Mosquitto],
+) -> None:
+    broker = make_mosquitto()
+    virtual = VirtualDaemon("bench-7", broker.host, broker.port)
+    async with Arm(virtual.arm, f"localhost:{broker.port}", since={}) as arm:
+        for _ in range(2):
+            async with virtual.running():
+                await virtual.take(10)
+                virtual.is_mute = True
+                await virtual.take(10)
+                virtual.is_mute = False
+            broker.kill()
+            broker.start()
+        async with virtual.running():
+            assert await read(arm, 40) == virtual.points
+
+
+async def test_a_broker_that_is_not_there_is_told_with_a_remedy() -> None:
+    port = free_port()
+    arm = Arm("bench-7", f"localhost:{port}", patience_s=0.3)
+    with pytest.raises(BrokerUnreachableError, match=f"localhost:{port}.*start it"):
+        async with arm:
+            pass
+
+
+async def test_a_wrong_password_is_told(
+    make_mosquitto: Callable[[dict[str, str]], Mosquitto],
+) -> None:
+    broker = make_mosquitto({"reader": "right"})
+    arm = Arm("bench-7", f"localhost:{broker.port}", patience_s=1.0)
+    with pytest.raises(BrokerUnreachableError, match="without an account"):
+        async with arm:
+            pass
+
+
+async def test_what_cannot_be_understood_is_counted_and_left_out(
+    virtual: VirtualDaemon, broker: str
+) -> None:
+    async with virtual.running(), Arm(virtual.arm, broker) as arm:
+        await virtual.publish_raw("point", b"\xffrubbish")
+        taken = await virtual.take(1)
+        assert await read(arm, 1) == taken
+        assert arm.counters.undecodable == 1

@@ -1,0 +1,232 @@
+"""An arm's daemon as its clients see it: speaks MQTT as the contract says.
+
+It keeps its points in an outbox of its own, and may be told to lose its connection, to
+forget old points, to publish nothing, or to be started anew.
+"""
+
+import asyncio
+import contextlib
+import time
+import uuid
+from collections.abc import AsyncIterator
+from typing import Any
+
+import aiomqtt
+
+from tests.protocol.message_examples import POINT, SCAN, STATUS
+from traverse.client.cancel_tasks import end
+from traverse.protocol import topics
+from traverse.protocol.encoding import decode, encode, parse_args
+from traverse.protocol.messages import (
+    Args,
+    Command,
+    Message,
+    Point,
+    PointArgs,
+    RecordArgs,
+    Reply,
+    ReplyError,
+    ResendArgs,
+    ScanArgs,
+    SessionArgs,
+    Status,
+    UndoArgs,
+)
+
+RECORDED = {"file": "a.mcap", "seconds": 0.1, "bytes": 9, "messages": 4, "gaps": 0}
+
+
+class VirtualDaemon:
+    """One arm on a broker.
+
+    Attributes:
+        outbox: points by session, then by number; sessions in the order of their begin.
+        is_mute: points go into the outbox only.
+        can_resend: whether the command is known.
+        is_deaf: commands are not carried out.
+        heard: commands that came.
+        commands: what was carried out.
+        resends: ranges that were asked for.
+    """
+
+    def __init__(self, arm: str, host: str, port: int, **options: str) -> None:
+        self.arm = arm
+        self._where = (host, port)
+        self._options = options
+        self._client: aiomqtt.Client | None = None
+        self._answers: dict[str, Reply] = {}
+        self.outbox: dict[str, dict[int, Point]] = {}
+        self.begun_ns: dict[str, int] = {}
+        self.session = ""
+        self.is_mute = False
+        self.is_deaf = False
+        self.heard = 0
+        self.can_resend = True
+        self.commands: list[Args] = []
+        self.resends: list[tuple[str | None, int, int | None]] = []
+
+    @property
+    def points(self) -> list[Point]:
+        """All points that were ever taken and are not forgotten, in order."""
+        return [point for held in self.outbox.values() for point in held.values()]
+
+    @contextlib.asynccontextmanager
+    async def running(self) -> AsyncIterator["VirtualDaemon"]:
+        """The daemon's life: a session of its own, online until the end."""
+        self._answers.clear()
+        will = aiomqtt.Will(
+            topics.status_topic(self.arm), self._status(online=False), 1, True
+        )
+        async with aiomqtt.Client(
+            *self._where, will=will, timeout=5, **self._options
+        ) as client:
+            client.pending_calls_threshold = 100_000
+            self._client = client
+            await client.subscribe(topics.command_filter(self.arm), qos=1)
+            await self.begin_session()
+            listening = asyncio.create_task(self._listen(client))
+            try:
+                yield self
+            finally:
+                await end([listening])
+                await self._say_status(online=False)
+                self._client = None
+
+    async def begin_session(self) -> str:
+        """Number from 0 again."""
+        self.session = uuid.uuid4().hex
+        self.outbox[self.session] = {}
+        self.begun_ns[self.session] = time.time_ns()
+        await self._say_status(online=True)
+        return self.session
+
+    async def take(self, n: int = 1) -> list[Point]:
+        """Take points: into the outbox, and out."""
+        taken = [self._next_point() for _ in range(n)]
+        if not self.is_mute:
+            await asyncio.gather(*map(self.publish, taken))
+        return taken
+
+    async def publish(self, message: Message) -> None:
+        """Say something on the topic of its kind."""
+        kind = type(message).__name__.lower()
+        await self.publish_raw(kind, encode(message, "msgpack"))
+
+    async def publish_raw(self, kind: str, payload: bytes) -> None:
+        """Say anything."""
+        channel = topics.CHANNELS[kind]
+        assert self._client is not None
+        topic = f"{topics.ROOT}/{self.arm}/{kind}"
+        await self._client.publish(
+            topic, payload, qos=channel.qos, retain=channel.retained
+        )
+
+    def forget(self, session: str, below: int) -> None:
+        """Drop old points, as retention does."""
+        for seq in [seq for seq in self.outbox[session] if seq < below]:
+            del self.outbox[session][seq]
+
+    def _next_point(self, retracts: str | None = None) -> Point:
+        held = self.outbox[self.session]
+        seq = max(held, default=-1) + 1
+        fields = {name: getattr(POINT, name) for name in type(POINT).model_fields}
+        del fields["schema_"]
+        fields |= {
+            "session": self.session,
+            "seq": seq,
+            "id": f"{self.session}-{seq}",
+            "arm": self.arm,
+            "time_ns": time.time_ns(),
+            "retracts": retracts,
+        }
+        held[seq] = Point(**fields)
+        return held[seq]
+
+    def _status(self, *, online: bool) -> bytes:
+        fields = {name: getattr(STATUS, name) for name in type(STATUS).model_fields}
+        del fields["schema_"]
+        fields |= {
+            "arm": self.arm,
+            "online": online,
+            "state": "ready" if online else "offline",
+            "session": self.session or None,
+        }
+        return encode(Status(**fields), "msgpack")
+
+    async def _say_status(self, *, online: bool) -> None:
+        assert self._client is not None
+        topic, payload = topics.status_topic(self.arm), self._status(online=online)
+        await self._client.publish(topic, payload, qos=1, retain=True)
+
+    async def _listen(self, client: aiomqtt.Client) -> None:
+        async for message in client.messages:
+            self.heard += 1
+            if self.is_deaf:
+                continue
+            assert isinstance(message.payload, bytes)
+            name = topics.parse_topic(str(message.topic)).command or ""
+            command = decode(Command, message.payload)
+            reply = self._answers.get(command.request)
+            if reply is None:
+                reply = await self._carry_out(
+                    command.request, parse_args(name, command.args)
+                )
+                self._answers[command.request] = reply
+            topic = topics.reply_topic(self.arm, name)
+            await client.publish(topic, encode(reply, "msgpack"), qos=1)
+
+    async def _carry_out(self, request: str, args: Args) -> Reply:
+        self.commands.append(args)
+        result: dict[str, Any] = {}
+        match args:
+            case ResendArgs() if not self.can_resend:
+                error = ReplyError(
+                    code="command.not_available", text="cannot", remedy="a new version"
+                )
+                return Reply(request=request, ok=False, error=error)
+            case ResendArgs():
+                result = self._resend(args)
+            case PointArgs():
+                (point,) = await self.take()
+                result = {"session": point.session, "seq": point.seq, "id": point.id}
+            case UndoArgs():
+                last = list(self.outbox[self.session].values())[-1]
+                undone = self._next_point(last.id)
+                await self.publish(undone)
+                result = {"session": undone.session, "seq": undone.seq, "id": undone.id}
+            case SessionArgs():
+                result = {"session": await self.begin_session()}
+            case RecordArgs():
+                file = {"file": f"{args.name}.mcap"}
+                result = file if args.action == "start" else RECORDED
+            case ScanArgs():
+                result = {"scan": SCAN.scan, "rate_hz": args.rate_hz}
+            case _:
+                result = {"model": POINT.model}
+        return Reply(request=request, ok=True, result=result)
+
+    def _resend(self, args: ResendArgs) -> dict[str, Any]:
+        self.resends.append((args.session, args.from_seq, args.to_seq))
+        if args.session is None:
+            return {"sessions": [self._held(one) for one in self.outbox]}
+        held = self.outbox.get(args.session, {})
+        last = max(held, default=-1) if args.to_seq is None else args.to_seq
+        wanted = [p for seq, p in held.items() if args.from_seq <= seq <= last]
+        sending = asyncio.gather(*map(self.publish, wanted))
+        sending.add_done_callback(lambda done: done.cancelled() or done.exception())
+        known = self._held(args.session)
+        del known["begun_ns"]
+        return known | {
+            "from_seq": args.from_seq,
+            "to_seq": args.to_seq,
+            "points": len(wanted),
+        }
+
+    def _held(self, session: str) -> dict[str, Any]:
+        held = self.outbox.get(session, {})
+        return {
+            "session": session,
+            "begun_ns": str(self.begun_ns.get(session, 0)),
+            "first_seq": min(held, default=None),
+            "last_seq": max(held, default=None),
+        }

@@ -1,0 +1,188 @@
+"""The assembly against the true motion, interpolated by other means."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.daemon.acquisition.resampled import AT_ONCE, interpolated, joined, off_counts
+from tests.daemon.two_devices import (
+    BEGIN_NS,
+    TURNS,
+    assembly_on_two,
+    base,
+    true_counts,
+    wrist,
+)
+from traverse.daemon.acquisition.interpolation import STATUS_INTERPOLATED
+from traverse.daemon.acquisition.reading_buffer import KEPT_NS
+from traverse.drivers.base.values import LatchedCounts
+
+
+def cuts(draw, n):
+    """The numbers 0 to n - 1 in blocks."""
+    bounds = sorted({0, n, *draw(st.lists(st.integers(1, n - 1), max_size=8))})
+    return [range(a, b) for a, b in pairwise(bounds)]
+
+
+@settings(max_examples=40)
+@given(data=st.data())
+def test_every_sample_once_and_as_interpolation_by_other_means_has_it(
+    data, tmp_path_factory
+):
+    folder = tmp_path_factory.mktemp("arm")
+    skews = st.lists(st.integers(0, 9_000_000), min_size=3, max_size=3)
+    own = data.draw(st.one_of(st.none(), skews.map(tuple)))
+    first_ns = BEGIN_NS + data.draw(st.integers(-20_000_000, 40_000_000))
+    readers = {
+        "base": base(skew_ns=own),
+        "wrist": wrist(
+            rate_hz=(rate_hz := data.draw(st.sampled_from([40.0, 80.0, 330.0]))),
+            skew_ns=(0, data.draw(st.integers(0, 2_000_000))),
+            first_ns=first_ns,
+        ),
+    }
+    assembly = assembly_on_two(folder, (100.0, rate_hz), wait_s=1.0)
+    numbers = {"base": range(60), "wrist": range(int(0.6 * rate_hz) + 8)}
+    blocks = {
+        device: cuts(data.draw, len(numbers[device])) for device in ("base", "wrist")
+    }
+    made = []
+    while any(blocks.values()):
+        device = data.draw(st.sampled_from([d for d, left in blocks.items() if left]))
+        assembly.add(readers[device].samples(blocks[device].pop(0)), AT_ONCE)
+        made += assembly.assembled(AT_ONCE)
+    seq, times_ns, counts, status, _ = joined(made)
+    # All of those, and only those, for which every joint was read before and after.
+    reading_ns = [
+        readers[d].reading_times_ns(numbers[d], j)
+        for d, j in (("base", 0), ("base", 1), ("wrist", 2))
+    ]
+    all_ns = readers["base"].times_ns(numbers["base"])
+    good = all_ns >= max(r[0] for r in reading_ns)
+    good &= all_ns <= min(r[-1] for r in reading_ns)
+    np.testing.assert_array_equal(seq, np.flatnonzero(good))
+    np.testing.assert_array_equal(times_ns, all_ns[good])
+    expected = np.stack(
+        [
+            interpolated(readers[d], numbers[d], j, times_ns)
+            for d, j in (("base", 0), ("base", 1), ("wrist", 2))
+        ],
+        axis=1,
+    )
+    assert np.abs(off_counts(counts, expected)).max() < 1e-6
+    assert (status & ~np.uint8(STATUS_INTERPOLATED) == 0).all()
+    if own is None:
+        assert (status[:, :2] == 0).all()
+    assert assembly.dropped["wrist"] + assembly.dropped["base"] > 0 or good[0]
+
+
+@pytest.mark.parametrize("speed", [0.2, 1.0, 3.0])
+def test_the_doubt_is_about_what_interpolation_leaves(tmp_path, speed):
+    assembly = assembly_on_two(tmp_path)
+    assembly.add(wrist(speed=speed).samples(range(500)), AT_ONCE)
+    assembly.add(base(speed=speed).samples(range(500)), AT_ONCE)
+    _, times_ns, counts, _, doubts = joined(assembly.assembled(AT_ONCE))
+    off = np.abs(off_counts(counts, true_counts(times_ns, speed)))[:, 2]
+    # Rounding of both readings is half a count at most, and no doubt of ours.
+    assert (off <= 0.5 + 1.3 * doubts[:, 2] + 1.0).all()
+    if speed >= 1.0:
+        worst = np.argsort(off)[-50:]
+        assert (off[worst] > 0.5 * doubts[worst, 2]).all()
+    assert (doubts[:, :2] == 0).all()
+
+
+def test_an_arm_at_rest_is_in_no_doubt(tmp_path):
+    assembly = assembly_on_two(tmp_path)
+    rng = np.random.default_rng(5)
+    still = wrist(speed=0.0).samples(range(400))
+    flicker = rng.integers(0, 2, still.counts.shape).astype(np.uint32)
+    assembly.add(replace(still, counts=still.counts + flicker), AT_ONCE)
+    assembly.add(base(speed=0.0).samples(range(400)), AT_ONCE)
+    *_, doubts = joined(assembly.assembled(AT_ONCE))
+    assert doubts.max() == 0.0
+
+
+def test_stamps_that_may_be_off_count_by_the_speed(tmp_path):
+    assembly = assembly_on_two(tmp_path)
+    assembly.up("wrist", 200_000, restarted=False)
+    assembly.add(wrist().samples(range(100)), AT_ONCE)
+    assembly.add(base().samples(range(100)), AT_ONCE)
+    made = assembly.assembled()
+    _, times_ns, _, _, _ = joined(made)
+    found = np.concatenate([one.error_bounds_counts[:, :, 1] for one in made])
+    before, after = true_counts(times_ns - 100_000), true_counts(times_ns + 100_000)
+    expected = np.abs(after - before)[:, 2]
+    inside = found[:, 2] > 0.0  # not where a reading fell on the very instant
+    assert found[inside, 2] == pytest.approx(
+        expected[inside], abs=0.02 * expected.max()
+    )
+    assert inside.sum() > 70
+    assert (found[:, :2] == 0).all()
+
+
+def latched(reader, time_ns):
+    """What a board latches at an instant."""
+    true = np.rint(true_counts(np.array([time_ns])))[0].astype(np.int64) % TURNS
+    counts = [0 if joint is None else int(true[joint]) for joint in reader.channels]
+    return LatchedCounts(
+        reader.device,
+        0,
+        True,
+        0,
+        0,
+        time_ns,
+        time_ns,
+        tuple(counts),
+        (0,) * len(counts),
+    )
+
+
+def test_a_single_instant_takes_what_was_latched_and_interpolates_the_rest(tmp_path):
+    assembly = assembly_on_two(tmp_path)
+    assembly.add(base().samples(range(50)), AT_ONCE)
+    instant_ns = BEGIN_NS + 333_333_333
+    latch = latched(base(), instant_ns)
+    assert assembly.at(instant_ns, latch) is None
+    assert assembly.lack(instant_ns, latch) == "wrist has not read all its joints yet"
+    assembly.add(wrist().samples(range(20)), AT_ONCE)
+    assert assembly.at(instant_ns, latch) is None
+    assert assembly.lack(instant_ns, latch) == "no readings of wrist came after it"
+    assembly.add(wrist().samples(range(20, 40)), AT_ONCE)
+    found = assembly.at(instant_ns, latch).counts
+    assert found.status.tolist() == [0, 0, STATUS_INTERPOLATED]
+    counts = (found.counts + found.fractions)[np.newaxis]
+    true = true_counts(np.array([instant_ns]))
+    assert np.abs(off_counts(counts, true)[0, :2]).max() <= 0.5
+    assert found.fractions[:2].tolist() == [0.0, 0.0]
+    expected = interpolated(wrist(), range(40), 2, np.array([instant_ns]))[0]
+    assert off_counts(counts[0, 2], expected, 2) == pytest.approx(0.0, abs=1e-6)
+    # At the edge of a device without joints all of them are interpolated.
+    foreign = LatchedCounts("handle", 0, True, 0, 0, 0, instant_ns, (), ())
+    for none in (foreign, None):
+        bits = assembly.at(instant_ns, none).counts.status
+        assert bits.tolist() == [STATUS_INTERPOLATED] * 3
+
+
+def test_an_instant_that_is_long_past_is_not_guessed(tmp_path):
+    assembly = assembly_on_two(tmp_path)
+    n = int(KEPT_NS * 1e-9 * 80) + 100
+    for first in range(0, n, 20):
+        assembly.note(wrist().samples(range(first, first + 20)))
+        assembly.note(base().samples(range(first, first + 20)))
+    assert assembly.at(BEGIN_NS + 100_000_000, None) is None
+    reason = assembly.lack(BEGIN_NS + 100_000_000, None)
+    assert reason == "it is older than the readings of wrist that are kept"
+
+
+def test_a_clock_that_is_not_the_first_joints_device_gives_the_instants(tmp_path):
+    assembly = assembly_on_two(tmp_path, clock="wrist")
+    assembly.add(base().samples(range(50)), AT_ONCE)
+    assembly.add(wrist().samples(range(30)), AT_ONCE)
+    seq, times_ns, _, status, _ = joined(assembly.assembled(AT_ONCE))
+    assert seq.tolist() == list(range(30))
+    assert (times_ns == wrist().times_ns(range(30))).all()
+    assert (status[:, 2] == 0).all()

@@ -1,0 +1,157 @@
+"""What measures in the daemon, with an arm on two devices and a third for buttons."""
+
+import asyncio
+
+from tests.daemon.two_devices import BEGIN_NS, base, model_on_two, wrist
+from tests.daemon.values import SetClock, kept_at_once
+from traverse.daemon.acquisition.device import Device
+from traverse.daemon.acquisition.joint_devices import JointDevices
+from traverse.daemon.commands.points import PointCommands
+from traverse.daemon.config.devices import section_of
+from traverse.daemon.config.schema import (
+    AssemblySection,
+    CaptureSection,
+    UncertaintySection,
+)
+from traverse.daemon.delivery_dispatcher import Measuring
+from traverse.daemon.health import HealthReport
+from traverse.daemon.monitoring.events import EventLog
+from traverse.daemon.points.capture import Capture, TriggerMap
+from traverse.daemon.pose.live import LivePoseSampler
+from traverse.daemon.pose.pipeline import Pipeline
+from traverse.daemon.pose.uncertainty import Uncertainty
+from traverse.daemon.scans.scanner import Scanner
+from traverse.drivers.base.delivery_queue import DeliveryQueue
+from traverse.drivers.base.driver import Driver
+from traverse.drivers.base.values import (
+    DeviceUp,
+    Identity,
+    LatchedCounts,
+    StreamStarted,
+)
+
+IDENTITIES = {
+    "base": Identity("board 1", "1", (1 << 20, 1 << 23, 1 << 16), 2, 1000.0),
+    "wrist": Identity("line 2", "", (1 << 23, 1 << 23), 0, 80.0, latches=False),
+    "handle": Identity("foot pedal", "", (), 2, 0.0, latches=False),
+}
+RATES_HZ = {"base": 100.0, "wrist": 80.0}
+
+
+class DeafDriver(Driver):
+    """A driver whose device a test plays; remembers what it was told."""
+
+    def __init__(self, device, delivery_queue):
+        super().__init__(device, delivery_queue)
+        self.rates_hz: list[float] = []
+        self.acknowledged: list[int] = []
+
+    def request_stream(self, rate_hz):
+        self.rates_hz.append(rate_hz)
+
+    def acknowledge(self, token):
+        self.acknowledged.append(token)
+
+    def _connect(self):
+        pass
+
+    def _serve(self):
+        pass
+
+    def _disconnect(self):
+        pass
+
+
+class ArmBench:
+    """All that measures, in time that a test sets."""
+
+    def __init__(self, folder, model=None, uncertainty=None, capture=None, **settings):
+        self.clock = SetClock()
+        self.clock.now_ns = BEGIN_NS
+        self.model = model or model_on_two(folder)
+        self.points, self.events, self.live, self.scans = [], [], [], []
+        self.devices = {name: self.device(name) for name in IDENTITIES}
+        self.arm_devices = JointDevices(self.model, list(self.devices.values()))
+        events = EventLog(self.clock, self.events.append)
+        self.scanner = Scanner(
+            self.clock, lambda scan: not self.scans.append(scan), 0.05
+        )
+        self.capture = Capture(self.clock, kept_at_once(self.offer))
+        self.pipeline = Pipeline(self.model, self.clock)
+        self.room = True
+        self.measuring = Measuring(
+            clock=self.clock,
+            devices=self.arm_devices,
+            settings=AssemblySection(**settings),
+            uncertainty=Uncertainty(uncertainty or UncertaintySection()),
+            pipeline=self.pipeline,
+            capture=self.capture,
+            triggers=TriggerMap({("handle", 0): "button", ("base", 0): "switch"}),
+            scanner=self.scanner,
+            live=LivePoseSampler(self.clock, 20.0),
+            events=events,
+            health=HealthReport(self.clock),
+            offer_live=self.live.append,
+            status_changed=lambda: None,
+            taking=CaptureSection(**(capture or {})),
+        )
+        self.sessions = []
+        self.point_requests = PointCommands(
+            settings=CaptureSection(**(capture or {})),
+            devices=self.arm_devices,
+            capture=self.capture,
+            measuring=self.measuring,
+            session_changed=lambda: self.sessions.append(self.capture.session.id),
+        )
+
+    def offer(self, point):
+        if self.room:
+            self.points.append(point)
+        return self.room
+
+    def device(self, name):
+        section = section_of(
+            {"id": name, "driver": "latch-board", "port": f"/dev/{name}"}
+        )
+        delivery_queue = DeliveryQueue(asyncio.get_running_loop())
+        return Device(section, delivery_queue, DeafDriver(name, delivery_queue))
+
+    def close(self):
+        for device in self.devices.values():
+            device.driver.close()
+
+    def up(self, *names, **changes):
+        for name in names or IDENTITIES:
+            self.take(DeviceUp(name, IDENTITIES[name], changes.get("restarted", False)))
+            if name in RATES_HZ:
+                self.take(StreamStarted(name, 1, RATES_HZ[name]))
+
+    def take(self, *deliveries):
+        for delivery in deliveries:
+            self.measuring.take(self.devices[delivery.device], delivery)
+
+    def stream(self, first, end, speed=0.0):
+        """Samples of both devices, 100 a second, up to a number."""
+        self.take(
+            wrist(rate_hz=100.0, speed=speed).samples(range(first, end)),
+            base(speed=speed).samples(range(first, end)),
+        )
+        self.clock.now_ns = BEGIN_NS + (end - 1) * 10_000_000
+
+    def later(self, seconds):
+        self.clock.now_ns += int(seconds * 1e9)
+        self.measuring.process_timeouts()
+
+    def codes(self):
+        return [event.code for event in self.events]
+
+    def acknowledged(self, name):
+        return self.devices[name].driver.acknowledged
+
+
+def edge(device, instant_ns, token=0, *, number=0, active=True, counts=()):
+    """An edge of a device, of which the daemon hears at once."""
+    status = (0,) * len(counts)
+    return LatchedCounts(
+        device, number, active, token, 0, instant_ns, instant_ns, counts, status
+    )

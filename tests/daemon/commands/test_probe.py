@@ -1,0 +1,195 @@
+"""The probe library, and the command that changes probes between two samples."""
+
+import asyncio
+import hashlib
+
+import numpy as np
+import pytest
+
+from tests.daemon.arm_harness import ArmBench, edge
+from tests.daemon.effect_entries import effect
+from tests.daemon.two_devices import BEGIN_NS, ON_TWO
+from tests.daemon.values import ARM, arm_file, arm_model
+from traverse.daemon.commands.dispatcher import CommandError
+from traverse.daemon.commands.probe import ProbeCommands
+from traverse.daemon.pose.arm_model import model_with_probe, read_model
+from traverse.daemon.pose.probe_library import read_probes
+from traverse.kinematics.arm_file.arm import FileError, arm_digest, parse_arm
+from traverse.kinematics.model.forward import probe_centre
+from traverse.protocol.messages import PointArgs, ProbeArgs
+
+LIBRARY = """\
+schema = "traverse/probes/1"
+[[probes]]
+name = "ball-6"
+radius_mm = 3.0
+vector_mm = [0.0, 0.0, 50.0]
+direction = [0.0, 0.0, 1.0]
+kind = "hard"
+date = 2026-11-20
+[[probes]]
+name = "long"
+radius_mm = 1.5
+vector_mm = [10.0, 0.0, 120.0]
+kind = "switching"
+vector_covariance_mm2 = [4e-4, 0.0, 0.0, 4e-4, 0.0, 9e-4]
+"""
+PROBE_OF_ARM = ARM[ARM.index("[probe]") : ARM.index("[reference]")]
+LONG_PROBE = """\
+[probe]
+radius_mm = 1.5
+kind = "switching"
+vector_mm = [10.0, 0.0, 120.0]
+
+"""
+
+
+def library(folder, text=LIBRARY):
+    path = folder / "probes.toml"
+    path.write_text(text)
+    return path
+
+
+def test_a_library_is_read_and_probes_are_found_by_name(tmp_path):
+    found = read_probes(library(tmp_path))
+    assert found.names == "ball-6, long"
+    assert found.named("long").radius_mm == 1.5
+    assert found.named("short") is None
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('name = "long"', 'name = "ball-6"', "stands twice"),
+        ("radius_mm = 1.5", "radius_mm = -1.5", "must be at least 0"),
+        ("direction = [0.0, 0.0, 1.0]", "direction = [0, 0, 0]", "has no length"),
+        ("[4e-4, 0.0,", "[4e-4, 1.0,", "negative eigenvalue"),
+        ('kind = "hard"', 'kind = "soft"', "kind"),
+        ('kind = "hard"', 'kind = "hard"\ncolour = "red"', "colour"),
+        ("probes/1", "probes/2", "schema"),
+    ],
+)
+def test_mistakes_of_a_library_are_told(tmp_path, old, new, told):
+    with pytest.raises(FileError, match=told):
+        read_probes(library(tmp_path, LIBRARY.replace(old, new)))
+
+
+def test_an_arm_with_another_probe_is_that_of_a_file_with_it(tmp_path):
+    model = arm_model(tmp_path)
+    chosen = read_probes(library(tmp_path)).named("long")
+    found = model_with_probe(model, chosen)
+    text = ARM.replace(PROBE_OF_ARM, LONG_PROBE)
+    same = arm_model(tmp_path, text)
+    assert found.digest == same.digest == arm_digest(parse_arm(text))
+    assert found.digest != model.digest
+    assert found.probe_radius_mm == 1.5
+    angles_rad = np.array([[1.5, -0.2, 0.9]])
+    places_mm = [probe_centre(m.geometry, angles_rad)[0] for m in (found, same)]
+    assert places_mm[0] == pytest.approx(places_mm[1], abs=1e-12)
+    again = read_probes(library(tmp_path)).named("ball-6")
+    assert model_with_probe(found, again).digest == model.digest
+
+
+def test_what_is_known_of_a_probe_goes_with_it(tmp_path):
+    names = ["J1.link.x", "probe.vector.x", "probe.vector.z"]
+    file = tmp_path / "arm.cov.npz"
+    np.savez(file, names=names, covariance=np.diag([1e-4, 25e-4, 25e-4]))
+    digest = hashlib.sha256(file.read_bytes()).hexdigest()
+    text = f'{ARM}[identification]\ncovariance_file = "arm.cov.npz"\n'
+    text += f'covariance_digest = "{digest}"\n'
+    model = read_model(arm_file(tmp_path, text), {"base": None})
+    found = read_probes(library(tmp_path))
+    known = np.diag(model_with_probe(model, found.named("long")).covariance.covariance)
+    assert sorted(known[known > 0.0]) == pytest.approx([1e-4, 4e-4, 4e-4, 9e-4])
+    unknown = model_with_probe(model, found.named("ball-6")).covariance.covariance
+    assert sorted(np.diag(unknown)[np.diag(unknown) > 0.0]) == pytest.approx([1e-4])
+    plain = arm_model(tmp_path)
+    assert model_with_probe(plain, found.named("ball-6")).covariance is None
+
+
+@pytest.fixture
+async def bench(tmp_path):
+    bench = ArmBench(tmp_path)
+    bench.up()
+    bench.stream(0, 40)
+    yield bench
+    bench.close()
+
+
+def requests(bench, path):
+    changes = []
+    made = ProbeCommands(
+        library=path, measuring=bench.measuring, changed=lambda: changes.append(1)
+    )
+    return made, changes
+
+
+async def test_points_after_the_change_are_of_the_new_probe(bench, tmp_path):
+    probes, changes = requests(bench, library(tmp_path))
+    before = bench.model.digest
+    bench.take(edge("handle", BEGIN_NS + 305_000_000, 0))
+    bench.take(edge("handle", BEGIN_NS + 405_000_000, 1))  # its readings will come
+    changing = asyncio.create_task(probes.change(ProbeArgs(name="long")))
+    await asyncio.sleep(0.05)  # the library is read in another thread
+    bench.take(edge("handle", BEGIN_NS + 415_000_000, 2))
+    bench.stream(40, 60)
+    result = await changing
+    bench.take(edge("handle", BEGIN_NS + 575_000_000, 3))
+    bench.stream(60, 62)  # motion is told anew from the change on
+    models = [point.model for point in bench.points]
+    assert models[:2] == [before] * 2
+    assert models[-1] == result["model"] != before
+    assert [p.probe_radius_mm for p in bench.points][-1] == result["radius_mm"] == 1.5
+    assert len(models) == 4
+    assert changes == [1]
+    assert "capture.probe" in bench.codes()
+    assert bench.points[0].counts == bench.points[-1].counts  # turns are kept
+
+
+async def test_a_mean_is_of_one_probe(bench, tmp_path):
+    probes, _ = requests(bench, library(tmp_path))
+    asking = asyncio.create_task(bench.point_requests.take_point(PointArgs(samples=20)))
+    await asyncio.sleep(0)
+    changing = asyncio.create_task(probes.change(ProbeArgs(name="long")))
+    await asyncio.sleep(0.05)
+    bench.stream(40, 50)
+    assert not changing.done()
+    bench.stream(50, 70)
+    await asking
+    await changing
+    assert bench.points[0].probe_radius_mm == 3.0
+    assert bench.measuring.model.probe_radius_mm == 1.5
+
+
+async def test_probes_that_are_not_there_are_refused_with_those_that_are(
+    bench, tmp_path
+):
+    probes, changes = requests(bench, library(tmp_path))
+    with pytest.raises(CommandError, match="no probe 'short'; it has: ball-6, long"):
+        await probes.change(ProbeArgs(name="short"))
+    none, _ = requests(bench, None)
+    with pytest.raises(CommandError, match="names no probe library") as refusal:
+        await none.change(ProbeArgs(name="short"))
+    assert refusal.value.code == "command.not_available"
+    library(tmp_path, "nonsense = 1")
+    with pytest.raises(CommandError, match="schema") as refusal:
+        await probes.change(ProbeArgs(name="long"))
+    assert refusal.value.code == "capture.probe_refused"
+    assert changes == []
+
+
+async def test_a_probe_that_the_effects_cannot_have_is_refused(tmp_path):
+    text = ON_TWO.replace("[probe]", "[probe]\nmass_kg = 0.2")
+    for joint in ("J1", "J2", "J3"):
+        text = text.replace(f'name = "{joint}"', f'name = "{joint}"\nmass_kg = 1.0')
+    text += effect("joint_compliance", joint='"J2"', compliance_rad_nm=1e-5)
+    model = read_model(arm_file(tmp_path, text), {"base": None, "wrist": None})
+    bench = ArmBench(tmp_path, model)
+    probes, _ = requests(bench, library(tmp_path))
+    try:
+        with pytest.raises(CommandError, match="mass") as refusal:
+            await probes.change(ProbeArgs(name="long"))
+    finally:
+        bench.close()
+    assert refusal.value.code == "capture.probe_refused"
+    assert bench.measuring.model is model

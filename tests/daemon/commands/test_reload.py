@@ -1,0 +1,198 @@
+"""Reloading: the new is taken whole, or the old goes on."""
+
+import asyncio
+import socket
+
+import pytest
+
+from tests.daemon.board_harness import BOARD, Bench
+from tests.daemon.values import ARM, arm_file, latch
+from traverse.daemon.commands.dispatcher import CommandError
+from traverse.daemon.commands.reload import Inputs, Reload
+from traverse.daemon.inputs import read_inputs
+from traverse.daemon.monitoring.events import EventLog
+from traverse.daemon.points.capture import triggers_of
+from traverse.daemon.system.systemd_notify import Notifier
+from traverse.drivers.base.values import DeviceUp
+from traverse.protocol.messages import ReloadArgs
+
+CONFIGURATION = """\
+[arm]
+file = "arm.toml"
+[broker]
+[[device]]
+id = "base"
+driver = "latch-board"
+port = "/dev/null"
+[capture]
+inputs = [{ source = "base/0", trigger = "button" }]
+"""
+
+
+class Reloading:
+    """A bench, the files that it was made of, and the command."""
+
+    def __init__(self, folder) -> None:
+        self.folder = folder
+        self.path = folder / "daemon.toml"
+        self.manager = folder / "notify"
+        self.write(CONFIGURATION)
+        arm_file(folder)
+        configuration, model = read_inputs(self.path, embedded=False)
+        self.bench = Bench(model)
+        self.used = []
+        self.reload = Reload(
+            path=self.path,
+            embedded=False,
+            inputs=Inputs(configuration, model),
+            devices=[self.bench.device],
+            measuring=self.bench.measuring,
+            with_probe=lambda model: model,
+            use=self.use,
+            events=EventLog(self.bench.clock, self.bench.events.append),
+            notifier=Notifier({"NOTIFY_SOCKET": str(self.manager)}),
+        )
+
+    def use(self, inputs):
+        self.used.append(inputs)
+        self.bench.measuring.use(inputs.configuration, inputs.model)
+
+    def write(self, text):
+        self.path.write_text(text)
+
+    async def carried_out(self):
+        return await self.reload.carry_out(ReloadArgs())
+
+    async def refused(self):
+        before = self.bench.measuring.model
+        with pytest.raises(CommandError) as caught:
+            await self.carried_out()
+        assert self.used == []
+        assert self.bench.measuring.model is before
+        assert self.bench.codes()[-1] == caught.value.code
+        return caught.value
+
+
+@pytest.fixture
+async def reloading(tmp_path):
+    found = Reloading(tmp_path)
+    found.bench.take(DeviceUp("base", BOARD, False))
+    yield found
+    found.bench.device.driver.close()
+
+
+async def test_a_new_arm_measures_from_the_next_point_on(reloading):
+    bench = reloading.bench
+    bench.take(latch((5, 6, 7)))
+    arm_file(reloading.folder, ARM.replace("[1.0, -2.0, 3.5]", "[1.0, -2.0, 4.5]"))
+    result = await reloading.carried_out()
+    bench.take(latch((5, 6, 7), token=1))
+    first, second = bench.points
+    assert result == {"model": second.model, "changed": ["arm"]}
+    assert second.model != first.model
+    assert second.xyz_mm[2] - first.xyz_mm[2] == pytest.approx(1.0, abs=1e-9)
+    assert (second.counts, second.seq) == (first.counts, 1)
+    assert bench.codes()[-2:] == ["reload.done", "button.pressed"]
+
+
+@pytest.mark.parametrize("is_good", [True, False])
+async def test_systemd_hears_that_it_begins_and_ends(reloading, is_good):
+    if not is_good:
+        reloading.write("colour = 1")
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as heard:
+        heard.bind(str(reloading.manager))
+        await reloading.reload.on_sighup()
+        heard.setblocking(False)
+        first, second = heard.recv(100), heard.recv(100)
+    assert first.startswith(b"RELOADING=1\nMONOTONIC_USEC=")
+    assert second == b"READY=1"
+    assert reloading.bench.codes()[-1] == f"reload.{'done' if is_good else 'refused'}"
+
+
+async def test_turns_that_were_counted_stay_counted(reloading):
+    bench = reloading.bench
+    for token, counts in enumerate((0, 20_000, 40_000, 60_000)):
+        bench.take(latch((0, 0, counts), token=token))
+    before = bench.points[-1].angles_rad
+    arm_file(reloading.folder, ARM.replace("radius_mm = 3.0", "radius_mm = 2.0"))
+    await reloading.carried_out()
+    bench.take(latch((0, 0, 60_000), token=4))
+    assert bench.points[-1].angles_rad == before
+    assert bench.points[-1].probe_radius_mm == 2.0
+
+
+async def test_new_rules_apply_at_once(reloading):
+    text = CONFIGURATION.replace('"base/0"', '"base/2"') + (
+        '[quality]\nrefuse = ["end_stop"]\n'
+        '[[quality.end_stops]]\njoint = "J1"\nlow_rad = -9.0\nhigh_rad = -0.5\n'
+        '[[scan.filters]]\nkind = "grid"\nspacing_mm = 1.0\n'
+    )
+    reloading.write(text)
+    result = await reloading.carried_out()
+    assert result["changed"] == ["capture", "scan", "quality"]
+    bench = reloading.bench
+    assert [one.kind for one in bench.scanner.chain.filters] == ["grid"]
+    bench.take(latch((0, 0, 0)), latch((0, 0, 0), number=2, token=1))
+    assert bench.points == []  # input 0 means nothing now; J1 at 0 is refused
+    assert bench.codes()[-2:] == ["capture.refused", "button.pressed"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("[arm]", "[arm]\nfiles = 1", "files"),
+        ('file = "arm.toml"', 'file = "gone.toml"', "gone.toml"),
+        ("[broker]", '[broker]\nhost = "elsewhere"', r"\[broker\]"),
+        ('port = "/dev/null"', 'port = "/dev/zero"', r"\[device\]"),
+        ("[capture]", "[assembly]\nwait_s = 0.1\n[capture]", r"\[assembly\]"),
+        ("[capture]", "[capture]\nmax_waiting_points = 5", "max_waiting_points"),
+    ],
+)
+async def test_what_cannot_be_is_refused_and_the_old_goes_on(
+    reloading, old, new, words
+):
+    reloading.write(CONFIGURATION.replace(old, new))
+    error = await reloading.refused()
+    assert error.code == "reload.refused"
+    assert words.replace("\\", "") in str(error)
+    assert error.remedy
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('name = "bench-7"', 'name = "bench-8"', "bench-7 to bench-8"),
+        ('source = "base/2"', 'source = "base/0"', "same source"),
+        ("sign = -1", "sign = 1", "which encoders"),
+        ("link_mm", "links_mm", "links_mm"),
+    ],
+)
+async def test_another_arm_is_refused(reloading, old, new, words):
+    arm_file(reloading.folder, ARM.replace(old, new))
+    error = await reloading.refused()
+    assert words in str(error) or "base/0" in str(error)
+
+
+async def test_it_waits_until_no_point_is_being_taken(reloading):
+    bench = reloading.bench
+    waiting = asyncio.get_running_loop().create_future()
+    bench.measuring.latches[7] = waiting
+    arm_file(reloading.folder, ARM.replace("radius_mm = 3.0", "radius_mm = 2.0"))
+    task = asyncio.create_task(reloading.carried_out())
+    done, _ = await asyncio.wait({task}, timeout=0.1)
+    assert not done
+    assert reloading.used == []
+    bench.take(latch((5, 6, 7), number=None, token=7))
+    await task
+    assert (await waiting).probe_radius_mm == 3.0
+    assert bench.measuring.model.probe_radius_mm == 2.0
+
+
+def test_every_input_keeps_its_trigger(tmp_path):
+    reloading_path = tmp_path / "daemon.toml"
+    reloading_path.write_text(CONFIGURATION)
+    arm_file(tmp_path)
+    configuration, _ = read_inputs(reloading_path, embedded=False)
+    triggers = triggers_of(configuration.capture)
+    assert triggers.trigger_of("base", 0) == "button"
+    assert triggers.trigger_of("base", 1) is None

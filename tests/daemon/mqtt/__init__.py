@@ -1,0 +1,1 @@
+"""Tests: connection to the broker."""

@@ -1,0 +1,228 @@
+"""What the machine of `test_capture_machine.py` drives."""
+
+import asyncio
+import tempfile
+import uuid
+from dataclasses import replace
+from pathlib import Path
+
+from hypothesis.stateful import RuleBasedStateMachine
+
+from tests.daemon.arm_harness import DeafDriver
+from tests.daemon.points.expected_points import (
+    HOLD_MS,
+    Asked,
+    expected_points,
+    has_room,
+)
+from tests.daemon.values import MODULI, SetClock, arm_model
+from traverse.daemon.acquisition.device import Device
+from traverse.daemon.acquisition.joint_devices import JointDevices
+from traverse.daemon.config.devices import section_of
+from traverse.daemon.config.schema import (
+    AssemblySection,
+    CaptureSection,
+    InputSection,
+    UncertaintySection,
+)
+from traverse.daemon.delivery_dispatcher import Measuring
+from traverse.daemon.health import HealthReport
+from traverse.daemon.monitoring.events import EventLog
+from traverse.daemon.points.capture import Capture, triggers_of
+from traverse.daemon.points.session import Session
+from traverse.daemon.pose.live import LivePoseSampler
+from traverse.daemon.pose.pipeline import Pipeline
+from traverse.daemon.pose.uncertainty import Uncertainty
+from traverse.daemon.scans.scanner import Scanner
+from traverse.daemon.store.database import MessageDatabase
+from traverse.daemon.store.pending_write import PendingWrite, PendingWrites
+from traverse.daemon.store.records import Entry
+from traverse.drivers.base.delivery_queue import DeliveryQueue
+from traverse.drivers.base.values import (
+    DeviceUp,
+    Identity,
+    LatchedCounts,
+    StreamStarted,
+)
+from traverse.protocol.encoding import encode
+from traverse.protocol.messages import Point
+
+MS = 1_000_000
+MEMORY = Path("/dev/shm")
+
+CAPTURE = CaptureSection(
+    hold_s=HOLD_MS / 1000,
+    inputs=(
+        InputSection(source="base/0", trigger="button"),
+        InputSection(source="base/1", trigger="switch"),
+        # What it means is known at its release only, or after some time.
+        InputSection(source="base/2", trigger="button", hold="undo"),
+    ),
+)
+
+
+def entry_of(session: Session, point: Point) -> Entry:
+    """A point as the outbox keeps it."""
+    return Entry(
+        session.id,
+        session.begun_ns,
+        session.note,
+        point.seq,
+        point.id,
+        point.time_ns,
+        "traverse/bench-7/point",
+        "msgpack",
+        encode(point, "msgpack"),
+    )
+
+
+class WatchedCapture(Capture):
+    """Remembers what came of each attempt to take a point back; None: refused."""
+
+    def __init__(self, *arguments):
+        super().__init__(*arguments)
+        self.attempts: list[PendingWrite | None] = []
+
+    def undo(self, *arguments):
+        self.attempts.append(None)
+        self.attempts[-1] = super().undo(*arguments)
+        return self.attempts[-1]
+
+
+class CaptureBench(RuleBasedStateMachine):
+    """All that measures in the daemon, in a time of its own; a child has the rules."""
+
+    # Power cuts are played by copies: waiting for a real disk would prove nothing.
+    folder = tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None)
+    arm = arm_model(Path(folder.name))
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.loop = asyncio.new_event_loop()
+        self.clock = SetClock()
+        self.models = [
+            replace(self.arm, digest=f"probe-{n}", probe_radius_mm=float(n))
+            for n in range(3)
+        ]
+        self.asked: list[Asked] = []
+        self.published, self.scans, self.events = [], [], []
+        self.sessions: list[str] = []
+        self.answers: list[asyncio.Future] = []
+        self.on_the_line = []
+        self.down: dict[int, Asked | None] = {}
+        self.tokens = self.counts = self.samples = self.sample_counts = 0
+        self.stream = 1
+        self.acknowledged: list[tuple[int, int]] = []  # token, points so far
+        self.scan_counts: dict[str, list[int]] = {}
+        self.held_scans: set[str] = set()
+        self.in_flight = PendingWrites()
+        self.waiting: list[tuple[Session, Point]] = []
+        self.keepings: dict[int, PendingWrite] = {}
+        self.failures = 0
+        self.loop.run_until_complete(self._begin())
+
+    async def _begin(self) -> None:
+        delivery_queue = DeliveryQueue(asyncio.get_running_loop())
+        driver = DeafDriver("base", delivery_queue)
+        driver.acknowledge = lambda token: self.acknowledged.append(
+            (token, len(self.published))
+        )
+        section = section_of(
+            {"id": "base", "driver": "latch-board", "port": "/dev/null"}
+        )
+        self.device = Device(section, delivery_queue, driver)
+        self.path = Path(self.folder.name) / f"{uuid.uuid4().hex}.db"
+        self.store = MessageDatabase(self.path)
+        self.capture = WatchedCapture(self.clock, self._keep)
+        self.sessions.append(self.capture.session.id)
+        self.scanner = Scanner(self.clock, lambda m: not self.scans.append(m), 0.05)
+        self.measuring = Measuring(
+            clock=self.clock,
+            devices=JointDevices(self.arm, [self.device]),
+            settings=AssemblySection(),
+            uncertainty=Uncertainty(UncertaintySection()),
+            pipeline=Pipeline(self.models[0], self.clock),
+            capture=self.capture,
+            triggers=triggers_of(CAPTURE),
+            scanner=self.scanner,
+            live=LivePoseSampler(self.clock, 20.0),
+            events=EventLog(self.clock, self.events.append),
+            health=HealthReport(self.clock),
+            offer_live=lambda live: None,
+            status_changed=lambda: None,
+            taking=CAPTURE,
+        )
+        identity = Identity("board", "1", MODULI, 4, 10_000.0)
+        self.take(DeviceUp("base", identity, False), StreamStarted("base", 1, 100.0))
+
+    def _keep(self, session, point) -> PendingWrite | None:
+        is_undo = point.retracts is not None
+        if not has_room(point.counts[0], is_undo=is_undo):
+            return None
+        keeping = self.in_flight.add(session, point)
+        if not is_undo:
+            self.keepings[point.counts[0]] = keeping
+        self.waiting.append((session, point))
+        return keeping
+
+    def take(self, *deliveries) -> None:
+        for delivery in deliveries:
+            self.measuring.take(self.device, delivery)
+
+    def latch(self, number, active, token, counts) -> LatchedCounts:
+        now_ns = self.clock.now_ns
+        return LatchedCounts(
+            "base",
+            number,
+            active,
+            token,
+            now_ns // 1000,
+            now_ns,
+            now_ns,
+            (0, 0, counts),  # joint 1 is on channel 2
+            (0, 0, 0),
+        )
+
+    # -- what must have come of it -------------------------------------------
+
+    def compare_points(self) -> None:
+        expected = expected_points(
+            self.asked,
+            self.capture.attempts,
+            self.keepings,
+            self.sessions,
+            self.failures,
+        )
+        found = [
+            (
+                self.sessions.index(point.session),
+                point.seq,
+                point.retracts,
+                point.trigger,
+                point.counts[0],
+                point.label,
+                point.model,
+            )
+            for point in self.published
+        ]
+        assert found == [line for line, _ in expected]
+        assert len(self.acknowledged) == self.tokens
+        done_at = dict(self.acknowledged)
+        for place, (_, token) in enumerate(expected):
+            # It was there before its edge was acknowledged.
+            assert token is None or done_at[token] > place
+
+    def compare_scans(self) -> None:
+        found: dict[str, list[int]] = {}
+        for message in self.scans:
+            counts = found.setdefault(message.scan, [])
+            assert message.seq == len(counts)
+            assert (message.lost, message.dropped) == (0, 0)
+            if len(message.counts):
+                counts += message.counts[:, 0].tolist()
+        assert set(found) == set(self.scan_counts)
+        for name, counts in found.items():
+            if name in self.held_scans:  # `test_scan_modes` says which exactly
+                assert counts == sorted(set(counts) & set(self.scan_counts[name]))
+            else:
+                assert counts == self.scan_counts[name]

@@ -1,0 +1,154 @@
+"""Gestures: by hand, and against a definition that looks at all edges at once."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from traverse.daemon.points.gestures import Button, Decision, GestureTimes
+
+MS = 1_000_000
+TIMES = GestureTimes(hold_ns=400 * MS, long_ns=1000 * MS, double_ns=300 * MS)
+KINDS = [
+    frozenset(kinds)
+    for kinds in (
+        (),
+        ("click",),
+        ("double",),
+        ("hold",),
+        ("long",),
+        ("click", "double", "hold"),
+        ("click", "double", "long"),
+    )
+]
+
+
+def decided(meant, *edges_ms, until_ms=10_000):
+    """Gestures by press, of presses and releases at alternating times."""
+    button = Button(meant, TIMES)
+    found = []
+    for number, at in enumerate(edges_ms):
+        found += button.edge(number % 2 == 0, at * MS)
+    found += button.passed(until_ms * MS)
+    return [(d.press, d.gesture, d.time_ns // MS) for d in found]
+
+
+ALL = frozenset(("click", "double", "hold"))
+
+
+@pytest.mark.parametrize(
+    ("meant", "edges_ms", "expected"),
+    [
+        (frozenset(["click"]), (5, 900), [(0, "click", 5)]),
+        (frozenset(), (5, 900, 1000, 1010), [(0, "click", 5), (1, "click", 1000)]),
+        (ALL, (0, 100), [(0, "click", 400)]),
+        (ALL, (0, 100, 400, 450), [(0, "double", 400), (1, "part", 400)]),
+        (ALL, (0, 100, 401, 450), [(0, "click", 400), (1, "click", 750)]),
+        (ALL, (0, 399), [(0, "click", 699)]),
+        (ALL, (0, 400), [(0, "hold", 400)]),
+        (ALL, (0, 401), [(0, "hold", 400)]),
+        (ALL, (0, 2000), [(0, "hold", 400)]),
+        (
+            ALL,
+            (0, 100, 200, 300, 400, 500),
+            [(0, "double", 200), (1, "part", 200), (2, "click", 800)],
+        ),
+        (ALL, (0, 100, 200, 5000), [(0, "double", 200), (1, "part", 200)]),
+        (frozenset(["long"]), (0, 999), [(0, "click", 999)]),
+        (frozenset(["long"]), (0, 1000), [(0, "long", 1000)]),
+        (frozenset(["double"]), (0, 5000), [(0, "click", 1000)]),
+    ],
+)
+def test_gestures_are_what_they_are_called(meant, edges_ms, expected):
+    assert decided(meant, *edges_ms) == expected
+
+
+def test_a_hold_goes_on_until_its_release():
+    button = Button(ALL, TIMES)
+    button.edge(True, 0)
+    assert button.held is None
+    assert button.passed(400 * MS - 1) == []
+    assert button.passed(400 * MS) == [Decision(0, "hold", 400 * MS)]
+    assert button.held == 0
+    assert button.passed(5000 * MS) == []
+    assert button.edge(False, 5001 * MS) == []
+    assert button.held is None
+
+
+def test_what_time_decides_is_due_then():
+    button = Button(ALL, TIMES)
+    assert button.due_ns is None
+    button.edge(True, 0)
+    assert button.due_ns == 400 * MS
+    button.edge(False, 100 * MS)
+    assert button.due_ns == 400 * MS
+    button.passed(401 * MS)
+    assert button.due_ns is None
+
+
+def by_definition(meant, edges_ms):
+    """What each press was, from the list of all edges with times that rise."""
+    presses = [
+        (edges_ms[i], edges_ms[i + 1] if i + 1 < len(edges_ms) else None)
+        for i in range(0, len(edges_ms), 2)
+    ]
+    still = 400 if "hold" in meant else 1000 if "long" in meant else None
+    found, number = [], 0
+    while number < len(presses):
+        down, up = presses[number]
+        if still is not None and (up is None or up - down >= still):
+            found.append("hold" if "hold" in meant else "long")
+        elif "double" in meant and (up is None or up - down >= 1000):
+            found.append("click")
+        elif (
+            "double" in meant
+            and number + 1 < len(presses)
+            and presses[number + 1][0] - up <= 300
+        ):
+            found += ["double", "part"]
+            number += 1
+        else:
+            found.append("click")
+        number += 1
+    return found
+
+
+@given(
+    meant=st.sampled_from(KINDS),
+    gaps=st.lists(
+        st.integers(1, 1500)
+        | st.sampled_from([299, 300, 301, 399, 400, 401, 999, 1000]),
+        max_size=14,
+    ),
+    looks=st.lists(st.integers(0, 14 * 1500), max_size=10),
+)
+def test_every_press_is_decided_once_and_as_defined(meant, gaps, looks):
+    edges_ms = [sum(gaps[: i + 1]) for i in range(len(gaps))]
+    end = (edges_ms or [0])[-1] + 5000
+    button, found = Button(meant, TIMES), []
+    told = sorted([(at, 1, n) for n, at in enumerate(edges_ms)])
+    told += [(at, 0, -1) for at in looks if at not in edges_ms]
+    for at, is_edge, number in sorted(told):
+        if is_edge:
+            found += button.edge(number % 2 == 0, at * MS)
+        else:
+            found += button.passed(at * MS)
+    found += button.passed(end * MS)
+    gestures = {d.press: d.gesture for d in found}
+    assert len(gestures) == len(found)
+    expected = by_definition(meant, edges_ms)
+    assert [gestures.get(n) for n in range(len(expected))] == expected
+    assert button.presses == len(expected)
+
+
+@given(
+    meant=st.sampled_from(KINDS),
+    edges=st.lists(st.tuples(st.booleans(), st.integers(1, 1500)), max_size=14),
+)
+def test_no_press_is_lost_or_decided_twice_where_edges_are_lost(meant, edges):
+    button, found, now = Button(meant, TIMES), [], 0
+    for active, gap in edges:
+        now += gap * MS
+        found += button.edge(active, now)
+    found += button.edge(False, now + 1)
+    found += button.passed(now + 10_000 * MS)
+    assert sorted(d.press for d in found) == list(range(button.presses))

@@ -1,0 +1,56 @@
+"""Part coordinates, by hand and in messages."""
+
+import numpy as np
+import pytest
+
+from tests.daemon.board_harness import BOARD, Bench
+from tests.daemon.values import arm_model, count_samples, latch
+from traverse.daemon.commands.alignment import AlignmentCommands
+from traverse.daemon.pose.alignment import ActiveAlignment, requested_alignment
+from traverse.drivers.base.values import DeviceUp
+from traverse.protocol.messages import AlignArgs
+
+QUARTER = ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+
+
+def setting(**keys):
+    return AlignArgs(
+        action="set",
+        name="jig",
+        rotation=QUARTER,
+        translation_mm=(10.0, 20.0, 30.0),
+        **keys,
+    )
+
+
+def test_a_quarter_turn_about_z_by_hand():
+    part = ActiveAlignment()
+    assert part.place_mm(np.array([1.0, 2.0, 3.0])) is None
+    part.alignment = requested_alignment(setting(scale=2.0))
+    assert part.place_mm(np.array([1.0, 2.0, 3.0])) == (6.0, 22.0, 36.0)
+    assert requested_alignment(AlignArgs(action="clear")) is None
+
+
+@pytest.fixture
+async def bench(tmp_path):
+    bench = Bench(arm_model(tmp_path))
+    bench.take(DeviceUp("base", BOARD, False))
+    yield bench
+    bench.device.driver.close()
+
+
+async def test_points_and_live_poses_have_them_while_it_is_set(bench):
+    align = AlignmentCommands(bench.part, bench.measuring)
+    bench.take(latch((5, 6, 7)))
+    assert await align.change(setting()) == {"aligned": True, "name": "jig"}
+    bench.take(latch((5, 6, 7), token=1), count_samples(np.zeros((3, 3))))
+    assert (await align.change(AlignArgs(action="clear")))["aligned"] is False
+    bench.take(latch((5, 6, 7), token=2))
+    before, with_it, after = bench.points
+    assert before.part_xyz_mm is None
+    assert after.part_xyz_mm is None
+    x, y, z = with_it.xyz_mm
+    assert with_it.part_xyz_mm == pytest.approx((10.0 - y, 20.0 + x, 30.0 + z))
+    x, y, z = bench.live[-1].xyz_mm
+    assert bench.live[-1].part_xyz_mm == pytest.approx((10.0 - y, 20.0 + x, 30.0 + z))
+    assert bench.codes().count("capture.alignment") == 2

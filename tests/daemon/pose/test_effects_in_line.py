@@ -1,0 +1,172 @@
+"""Each effect of the arm file reaches the poses, with what it needs.
+
+What the effects compute is proved with `traverse.kinematics.effects`; here the formulas
+of the arm file's table are done by hand, on readings that the test itself makes.
+"""
+
+import numpy as np
+import pytest
+
+from tests.daemon.effect_entries import (
+    CONTACTS,
+    FIRST_UTC,
+    IDENTIFIED,
+    MASSES,
+    OF_POSTURE,
+    READINGS,
+    TEMPERATURE_C,
+    N,
+    counts_of,
+    effect,
+)
+from tests.daemon.pose.test_pipeline import probe_by_hand
+from tests.daemon.values import SetClock, arm_model, count_samples
+from traverse.daemon.pose.pipeline import Pipeline
+from traverse.kinematics.effect_table import EFFECT_KINDS
+from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.pose import corrected_pose
+from traverse.protocol.messages import Quality
+
+
+def posed(folder, *effects, temperature_c=TEMPERATURE_C, before=""):
+    model = arm_model(folder, MASSES + before + "".join(effects))
+    pipeline = Pipeline(model, SetClock())
+    return pipeline.poses(count_samples(counts_of()), temperature_c)
+
+
+def flags(poses, row=-1):
+    return Quality.from_bits(int(poses.quality[row])).flags
+
+
+def with_readings_off(poses, joint, d_alpha):
+    """Places and shanks by matrices where one reading, or all, is wrong by this."""
+    readings = poses.angles_rad.copy()
+    readings[:, joint] -= d_alpha
+    found = [probe_by_hand(row) for row in readings]
+    return np.array([place for place, _ in found]), np.array([ijk for _, ijk in found])
+
+
+@pytest.mark.parametrize("kind", READINGS)
+def test_corrections_of_a_reading_get_what_they_need(tmp_path, kind):
+    keys, d_alpha = READINGS[kind]
+    poses = posed(tmp_path, effect(kind, joint='"J2"', **keys), before=IDENTIFIED)
+    off = d_alpha(poses.angles_rad[:, 1], np.arange(N) * 0.01)
+    assert np.ptp(off) > 1e-4 or (off > 1e-4).all()  # else it would show nothing
+    xyz_mm, ijk = with_readings_off(poses, 1, off)
+    assert np.allclose(poses.xyz_mm, xyz_mm, atol=1e-6)
+    assert np.allclose(poses.ijk, ijk, atol=1e-9)
+
+
+def test_latency_of_no_joint_is_that_of_all(tmp_path):
+    poses = posed(tmp_path, effect("encoder_latency", latency_s=2e-3))
+    speeds = np.diff(poses.angles_rad, axis=0, prepend=poses.angles_rad[:1]) / 0.01
+    xyz_mm, _ = with_readings_off(poses, slice(None), -2e-3 * speeds)
+    assert np.allclose(poses.xyz_mm, xyz_mm, atol=1e-6)
+
+
+def test_a_curve_follows_its_covariate_and_is_flagged_everywhere(tmp_path):
+    curve = {
+        "joint": '"J2"',
+        "knots": [20.0, 25.0, 30.0],
+        "values_rad": [0.0, 5e-4, 10e-4],  # a straight line
+    }
+    curve["covariate"] = '"temperature_c"'
+    poses = posed(tmp_path, effect("empirical", **curve))
+    xyz_mm, _ = with_readings_off(poses, 1, 7.5e-4)
+    assert np.allclose(poses.xyz_mm, xyz_mm, atol=1e-6)
+    assert Quality.from_bits(int(poses.quality[0])) == Quality(
+        ok=True, flags=("empirical",)
+    )
+    hot = posed(tmp_path, effect("empirical", **curve), temperature_c=31.0)
+    assert flags(hot) == ("empirical", "beyond_knots")
+    assert not Quality.from_bits(int(hot.quality[0])).ok
+
+
+def test_elements_grow_with_the_temperature(tmp_path):
+    plain = posed(tmp_path)
+    warm = posed(tmp_path, effect("thermal_expansion", expansion_per_c=2e-5))
+    # All elements by 2e-5 x 7.5 C, the probe's 50 mm not, and nothing turns.
+    probe_mm = 50.0 * plain.ijk
+    origin_mm = np.array([1.0, -2.0, 3.5])
+    grown_mm = origin_mm + (plain.xyz_mm - probe_mm - origin_mm) * (1 + 1.5e-4)
+    assert np.allclose(warm.xyz_mm, grown_mm + probe_mm, atol=1e-9)
+    assert np.allclose(warm.ijk, plain.ijk, atol=1e-12)
+
+
+def test_the_base_moves_with_the_time_in_utc(tmp_path):
+    plain = posed(tmp_path)
+    step = effect("base_step", at_s=0.25, step_mm=[1.0, 2.0, 3.0], epoch_utc=FIRST_UTC)
+    stepped = posed(tmp_path, step)
+    by_hand = np.outer(np.arange(N) > 24, [1.0, 2.0, 3.0])
+    assert np.allclose(stepped.xyz_mm - plain.xyz_mm, by_hand, atol=1e-9)
+    assert not stepped.quality.any()
+    drift = effect("base_drift", rate_mm_s=[0.0, 0.0, 10.0], epoch_utc=FIRST_UTC)
+    drifted = posed(tmp_path, drift, before=IDENTIFIED)
+    seconds = np.minimum(np.arange(N) * 0.01, 0.3)
+    by_hand = np.outer(seconds, [0.0, 0.0, 10.0])
+    assert np.allclose(drifted.xyz_mm - plain.xyz_mm, by_hand, atol=1e-6)
+    stale = [flags(drifted, row) == ("stale_effect",) for row in range(N)]
+    assert stale == [False] * 31 + [True] * 29
+    assert not Quality.from_bits(int(drifted.quality[-1])).ok
+
+
+@pytest.mark.parametrize("kind", OF_POSTURE)
+def test_corrections_of_the_posture_are_applied(tmp_path, kind):
+    poses = posed(tmp_path, effect(kind, **OF_POSTURE[kind]))
+    model = arm_model(tmp_path, MASSES + effect(kind, **OF_POSTURE[kind]))
+    xyz_mm, ijk, _ = corrected_pose(
+        model.geometry, model.effects, Block(angles_rad=poses.angles_rad)
+    )
+    assert poses.xyz_mm.tobytes() == xyz_mm.tobytes()
+    assert poses.ijk.tobytes() == ijk.tobytes()
+    assert np.abs(poses.xyz_mm - posed(tmp_path).xyz_mm).max() > 0.005
+    assert not poses.quality.any()
+
+
+@pytest.mark.parametrize("kind", CONTACTS)
+def test_what_needs_the_surface_is_left_out_and_flagged(tmp_path, kind):
+    poses = posed(tmp_path, effect(kind, **CONTACTS[kind]))
+    assert np.allclose(poses.xyz_mm, posed(tmp_path).xyz_mm, atol=1e-9)
+    assert {flags(poses, row) for row in range(N)} == {("surface_unknown",)}
+    assert not Quality.from_bits(int(poses.quality[0])).ok
+
+
+def test_what_is_off_line_only_changes_no_bit(tmp_path):
+    plain = posed(tmp_path)
+    poses = posed(tmp_path, effect("artefact_length", artefact='"bar"', error_ppm=9.0))
+    assert poses.xyz_mm.tobytes() == plain.xyz_mm.tobytes()
+    assert not poses.quality.any()
+
+
+def test_every_kind_of_the_arm_file_is_tested_here():
+    here = {"thermal_expansion", "base_step", "base_drift", "empirical"}
+    here |= {*READINGS, *OF_POSTURE, *CONTACTS, "artefact_length"}
+    assert here == set(EFFECT_KINDS)
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [
+        effect("encoder_temperature", joint='"J2"', rate_rad_c=1e-4),
+        effect("thermal_expansion", expansion_per_c=2e-5),
+    ],
+)
+def test_without_a_temperature_the_reference_is_taken_and_flagged(tmp_path, entry):
+    poses = posed(tmp_path, entry, temperature_c=None)
+    assert np.allclose(poses.xyz_mm, posed(tmp_path).xyz_mm, atol=1e-9)
+    assert {flags(poses, row) for row in range(N)} == {("temperature_unknown",)}
+    assert not Quality.from_bits(int(poses.quality[0])).ok
+    assert not posed(tmp_path, entry).quality.any()
+
+
+def test_before_any_motion_it_is_unknown_and_flagged(tmp_path):
+    latency = posed(tmp_path, effect("encoder_latency", latency_s=2e-3))
+    assert [flags(latency, row) for row in (0, 1)] == [("motion_unknown",), ()]
+    backlash = arm_model(
+        tmp_path, MASSES + effect("backlash", joint='"J2"', half_width_rad=4e-4)
+    )
+    still = counts_of()
+    still[:9, 0] = still[0, 0]  # joint 2 stands, the others move
+    pipeline = Pipeline(backlash, SetClock())
+    poses = pipeline.poses(count_samples(still))
+    assert [bool(bits) for bits in poses.quality] == [True] * 9 + [False] * (N - 9)

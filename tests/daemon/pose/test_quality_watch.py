@@ -1,0 +1,138 @@
+"""What is beyond a limit is marked, told, and refused where that is wanted."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.daemon.values import PoseMaker, SetClock, arm_model
+from traverse.daemon.config.quality import EndStopSection, QualitySection
+from traverse.daemon.monitoring.events import EventLog
+from traverse.daemon.points.capture import CaptureRefusedError
+from traverse.daemon.pose.quality_watch import QualityMonitor
+from traverse.protocol.messages import QualityFlag
+
+STOP = EndStopSection(joint="J1", low_rad=-1.0, high_rad=1.0, margin_rad=0.0)
+DAY_NS = 86_400 * 10**9
+
+
+class Bench:
+    """A watch in time that a test sets."""
+
+    def __init__(self, model, **keys) -> None:
+        self.clock, self.events, self.model = SetClock(), [], model
+        self.watch = QualityMonitor(
+            QualitySection(**keys),
+            model,
+            self.clock,
+            EventLog(self.clock, self.events.append),
+        )
+        self.poses = PoseMaker(model, 1_000_000)
+
+    def block(self, first_rad=0.0, temperature_c=None):
+        block = self.poses.block(range(4))
+        block.angles_rad[:, 0] = first_rad
+        self.watch.flag_block(self.model, block, temperature_c)
+        return block.quality.tolist()
+
+    def codes(self):
+        return [(event.code, event.active) for event in self.events]
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    return arm_model(tmp_path_factory.mktemp("arm"))
+
+
+def test_without_limits_nothing_is_marked(model):
+    assert Bench(model).block(9.0, 99.0) == [0, 0, 0, 0]
+
+
+def test_a_passed_limit_is_told_when_it_is_passed(model):
+    bench = Bench(model, end_stops=(STOP,))
+    assert bench.block(0.5) == [0] * 4
+    assert bench.block(1.5) == [QualityFlag.END_STOP] * 4
+    bench.block(1.5)
+    bench.block(0.5)
+    assert bench.codes() == [("limit.end_stop", None)]
+    assert bench.events[0].remedy
+
+
+def test_a_temperature_out_of_its_band_lasts_until_it_is_back(model):
+    bench = Bench(model, temperature_low_c=18.0, temperature_high_c=22.0)
+    found = [bench.block(0.0, celsius)[0] for celsius in (20.0, 22.5, 21.0, None)]
+    marked = QualityFlag.TEMPERATURE
+    assert found == [0, marked, 0, marked]  # nobody knows that it is in the band
+    assert bench.codes() == [
+        ("limit.temperature", True),
+        ("limit.temperature", False),
+        ("limit.temperature", True),
+    ]
+
+
+def test_three_degrees_within_five_minutes_are_too_many(model):
+    bench = Bench(model)
+    found = []
+    for celsius, minutes in ((20.0, 4), (22.0, 4), (24.0, 2), (23.5, 4), (23.5, 10)):
+        found.append(bench.block(0.0, celsius)[0])
+        bench.clock.now_ns += minutes * 60 * 10**9
+    marked = QualityFlag.TEMPERATURE
+    # 4 K in 8 minutes, but 20 held until 22 came, 4 minutes before 24.
+    assert found == [0, 0, marked, 0, 0]
+
+
+def test_a_slow_change_is_none(model):
+    bench = Bench(model)
+    for tenth in range(100):  # 10 K in 50 minutes
+        assert bench.block(0.0, 20.0 + 0.1 * tenth) == [0] * 4
+        bench.clock.now_ns += 30 * 10**9
+
+
+def test_an_old_identification_is_marked(model):
+    now_s = (SetClock().now_ns + SetClock().utc_offset_ns()) * 1e-9
+    stale = QualityFlag.STALE_IDENTIFICATION
+    for identified_s, expected in (
+        (None, stale),  # nobody knows how old it is
+        (now_s - 29 * 86_400, 0),
+        (now_s - 31 * 86_400, stale),
+    ):
+        bench = Bench(
+            replace(model, identified_s=identified_s), identification_days=30.0
+        )
+        assert bench.block() == [expected] * 4
+    bench = Bench(replace(model, identified_s=now_s), identification_days=30.0)
+    assert bench.block() == [0] * 4
+    bench.clock.now_ns += 31 * DAY_NS
+    assert bench.block() == [stale] * 4
+
+
+def test_an_alarm_of_a_joints_encoder_marks_until_it_ends(model):
+    bench = Bench(model)
+    alarms = bench.watch.standing
+    alarms.alarm("base", 7, "encoder_alarm", True)  # no joint is there
+    alarms.alarm("base", None, 5, True)  # of the board
+    assert bench.block() == [0] * 4
+    alarms.alarm("base", 1, "encoder_alarm", True)
+    assert bench.block() == [QualityFlag.ENCODER_WARNING] * 4
+    alarms.alarm("base", 1, "encoder_alarm", False)
+    assert bench.block() == [0] * 4
+    alarms.alarm("base", 1, "encoder_alarm", True)
+    alarms.came("base")
+    assert bench.block() == [0] * 4
+
+
+def test_a_point_is_refused_by_the_flags_that_are_not_wanted(model):
+    bench = Bench(model, refuse=("end_stop", "late"))
+    bench.watch.check(int(QualityFlag.SINGULAR | QualityFlag.INTERPOLATED))
+    with pytest.raises(CaptureRefusedError, match="flagged end_stop is") as caught:
+        bench.watch.check(int(QualityFlag.END_STOP | QualityFlag.SINGULAR))
+    assert "turn the joint back" in caught.value.remedy
+
+
+def test_speed_is_marked_in_a_stream(model):
+    bench = Bench(model, overspeed_mm_s=100.0)
+    block = bench.poses.block(range(30))  # 1 mm along each axis a millisecond
+    bench.watch.flag_block(model, block, None)
+    unknown, fast = QualityFlag.MOTION_UNKNOWN, QualityFlag.OVERSPEED
+    assert block.quality.tolist() == [unknown] * 5 + [fast] * 25
+    assert np.unique(block.quality[5:]).tolist() == [fast]

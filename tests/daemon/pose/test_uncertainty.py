@@ -1,0 +1,170 @@
+"""Covariances of single points: what they are made of, and where there is none."""
+
+import numpy as np
+import pytest
+
+from tests.daemon.arm_harness import IDENTITIES, ArmBench, edge
+from tests.daemon.two_devices import BEGIN_NS, base, true_counts, wrist
+from tests.daemon.values import ARM, arm_file, arm_model
+from traverse.daemon.config.schema import UncertaintySection
+from traverse.daemon.inputs import StartupError, read_inputs
+from traverse.daemon.pose.arm_model import read_model
+from traverse.daemon.pose.uncertainty import Reading, Uncertainty
+from traverse.drivers.base.values import DeviceUp
+from traverse.kinematics.arm_file.arm import FileError
+from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.model.forward import probe_centre
+
+ANGLES_RAD = np.array([1.5, -0.2, 0.9])
+COVARIANCE_FILE = 'covariance_file = "arm.cov.npz"'
+KNOWN = f"{ARM}[identification]\n{COVARIANCE_FILE}\n"
+
+
+def jacobian(model):
+    step = 1e-6
+    moved = [
+        probe_centre(model.geometry, (ANGLES_RAD + sign * step * row)[np.newaxis])[0]
+        for row in np.eye(3)
+        for sign in (1, -1)
+    ]
+    return np.array(
+        [(moved[2 * i] - moved[2 * i + 1]) / (2 * step) for i in range(3)]
+    ).T
+
+
+def full(six):
+    xx, xy, xz, yy, yz, zz = six
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def stated(model, settings, **changes):
+    reading = Reading(
+        Block(ANGLES_RAD[np.newaxis]), **{"speeds_rad_s": np.zeros(3), **changes}
+    )
+    return full(Uncertainty(settings).covariance(model, reading))
+
+
+def test_parts_are_those_of_the_law(tmp_path):
+    model = arm_model(tmp_path)
+    by_angles = jacobian(model)
+    steps = model.per_count_rad**2 / 12.0
+    nothing = UncertaintySection(encoder_rad=0, contact_mm=0, trigger_s=0)
+    counts_only = by_angles @ np.diag(steps) @ by_angles.T
+    assert stated(model, nothing) == pytest.approx(counts_only, rel=1e-6)
+    some = UncertaintySection(encoder_rad=1e-5, contact_mm=0.01, trigger_s=0)
+    expected = by_angles @ np.diag(steps + 1e-10) @ by_angles.T + 1e-4 * np.eye(3)
+    assert stated(model, some) == pytest.approx(expected, rel=1e-6)
+    late = UncertaintySection(encoder_rad=0, contact_mm=0, trigger_s=1e-3)
+    speeds = np.array([0.5, -1.0, 0.2])
+    way_mm = by_angles @ speeds * 1e-3
+    expected = counts_only + np.outer(way_mm, way_mm)
+    found = stated(model, late, speeds_rad_s=speeds)
+    assert found == pytest.approx(expected, rel=1e-5)
+    # An instant within +-3 ms, all as likely, has a standard deviation of sqrt(3) ms.
+    found = stated(model, late, speeds_rad_s=speeds, jitter_ns=3_000_000)
+    expected = counts_only + 4.0 * np.outer(way_mm, way_mm)
+    assert found == pytest.approx(expected, rel=1e-5)
+
+
+def test_interpolation_adds_what_it_may_have_left(tmp_path):
+    model = arm_model(tmp_path)
+    by_angles = jacobian(model)
+    nothing = UncertaintySection(encoder_rad=0, contact_mm=0, trigger_s=0)
+    doubts = np.array([[3.0, 4.0], [0.0, 100.0], [500.0, 0.0]])
+    may_be = (doubts * np.abs(model.per_count_rad)[:, np.newaxis]) ** 2
+    may_be = may_be @ np.array([1.0, 1.0 / 3.0])
+    expected = by_angles @ np.diag(may_be) @ by_angles.T
+    more = stated(model, nothing, error_bounds_counts=doubts) - stated(model, nothing)
+    assert more == pytest.approx(expected, rel=1e-5, abs=1e-12)
+
+
+@pytest.fixture
+async def bench(tmp_path):
+    bench = ArmBench(tmp_path)
+    bench.up()
+    yield bench
+    bench.close()
+
+
+async def test_points_and_live_poses_carry_it(bench):
+    bench.take(wrist().samples(range(30)), base().samples(range(30)))
+    bench.take(edge("handle", BEGIN_NS + 123_456_789, 7))
+    (point,) = bench.points
+    assert np.linalg.eigvalsh(full(point.covariance_mm2)).min() > 0.0
+    shown = [live for live in bench.live if live.covariance_mm2 is not None]
+    assert shown
+    assert np.linalg.eigvalsh(full(shown[-1].covariance_mm2)).min() > 0.0
+
+
+async def test_without_a_speed_nothing_is_stated(bench):
+    bench.take(wrist().samples(range(30)), base().samples(range(30)))
+    bench.take(DeviceUp("base", IDENTITIES["base"], True))
+    bench.take(edge("handle", BEGIN_NS + 123_456_789, 7))
+    assert [point.covariance_mm2 for point in bench.points] in ([], [None])
+
+
+def test_what_is_known_of_the_arm_widens_its_points(tmp_path):
+    file = arm_file(tmp_path, KNOWN)
+    names = ["J1.axis.x", "probe.vector.z", "origin.y"]
+    variances = np.diag([1e-10, 4e-4, 9e-4])
+    np.savez(tmp_path / "arm.cov.npz", names=names, covariance=variances)
+    model = read_model(file, {"base": None})
+    plain = arm_model(tmp_path)
+    settings = UncertaintySection()
+    more = stated(model, settings) - stated(plain, settings)
+    assert np.trace(more) > 4e-4 + 9e-4
+    assert more[1, 1] >= 9e-4
+
+
+def test_a_bad_file_of_covariances_is_refused_at_the_start(tmp_path):
+    file = arm_file(tmp_path, KNOWN)
+    with pytest.raises(FileError) as refusal:
+        read_model(file, {"base": None})
+    (problem,) = refusal.value.problems
+    assert problem.where == "identification.covariance_file"
+    assert "remove covariance_file" in problem.message
+    (tmp_path / "arm.cov.npz").write_bytes(b"no such thing")
+    daemon = tmp_path / "daemon.toml"
+    daemon.write_text(
+        '[arm]\nfile = "arm.toml"\n[broker]\n[[device]]\nid = "base"\n'
+        'driver = "latch-board"\nport = "/dev/null"\n'
+    )
+    with pytest.raises(StartupError, match="no covariance of an arm") as error:
+        read_inputs(daemon, embedded=False)
+    assert error.value.status == 2
+
+
+@pytest.fixture
+async def exact(tmp_path):
+    nothing = UncertaintySection(encoder_rad=0, contact_mm=0, trigger_s=0)
+    bench = ArmBench(tmp_path, uncertainty=nothing)
+    bench.up()
+    yield bench
+    bench.close()
+
+
+async def test_interpolated_points_lie_where_they_say(exact):
+    """A fast motion: what the straight lines leave out is much more than the noise."""
+    bench, rng = exact, np.random.default_rng(8)
+    distances, off_mm = [], []
+    bench.take(wrist().samples(range(32)), base().samples(range(40)))
+    for number in range(400):
+        end = 43 + 3 * number
+        bench.take(
+            wrist().samples(range(8 * (end - 3) // 10, 8 * end // 10)),
+            base().samples(range(end - 3, end)),
+        )
+        at_ns = BEGIN_NS + int((end - 8 + 3 * rng.uniform()) * 10_000_000)
+        bench.clock.now_ns = BEGIN_NS + end * 10_000_000
+        before = len(bench.points)
+        bench.take(edge("handle", at_ns, number))
+        if len(bench.points) == before:
+            continue
+        true_rad = true_counts(np.array([at_ns])) * bench.model.per_count_rad
+        off = bench.points[-1].xyz_mm - probe_centre(bench.model.geometry, true_rad)[0]
+        covariance = full(bench.points[-1].covariance_mm2)
+        distances.append(off @ np.linalg.solve(covariance, off))
+        off_mm.append(np.linalg.norm(off))
+    assert len(distances) > 350
+    assert np.median(off_mm) > 0.01
+    assert np.mean(np.array(distances) < 7.8147) > 0.95

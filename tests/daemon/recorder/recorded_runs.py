@@ -1,0 +1,197 @@
+"""Measuring that is recorded, in time that a test sets: on one device or on two."""
+
+import asyncio
+from dataclasses import replace
+
+import numpy as np
+
+from tests.daemon.two_devices import BEGIN_NS, ON_TWO, TURNS, Reader, true_counts
+from tests.daemon.values import ARM, UTC_OFFSET_NS
+from traverse.daemon.config.recording import RecordingSection
+from traverse.daemon.monitoring.events import EventLog
+from traverse.daemon.recorder.recorded_inputs import (
+    read_recorded_inputs,
+    recorded_files,
+)
+from traverse.daemon.recorder.recorder import Recorder
+from traverse.daemon.recorder.snapshot import MeasurementSnapshot
+from traverse.daemon.replay.harness import ReplayClock, ReplayHarness
+from traverse.daemon.replay.replay import Replay
+from traverse.drivers.base.values import (
+    DeviceUp,
+    Identity,
+    LatchedCounts,
+    StreamStarted,
+)
+from traverse.kinematics.kernel.choice import KERNEL
+from traverse.recording.run_reader import RunReader
+
+CONFIGURATION = """\
+[arm]
+file = "arm.toml"
+[[device]]
+id = "base"
+driver = "latch-board"
+port = "/dev/base"
+{more}
+[capture]
+inputs = [{{ source = "base/0", trigger = "button" }}]
+{capture}
+[quality]
+overspeed_mm_s = 800.0
+"""
+WRIST = """\
+[[device]]
+id = "wrist"
+driver = "latch-board"
+port = "/dev/wrist"
+"""
+EFFECTS = """
+[[effects]]
+kind = "backlash"
+joint = "J2"
+half_width_rad = 2e-5
+[[effects]]
+kind = "encoder_latency"
+latency_s = 0.001
+[[effects]]
+kind = "encoder_drift"
+joint = "J1"
+rate_rad_s = 1e-9
+epoch_utc = 2023-11-14T00:00:00Z
+"""
+IDENTITIES = {
+    "base": Identity("board 1", "1", (1 << 20, 1 << 23, 1 << 16), 2, 1000.0),
+    "wrist": Identity("line 2", "", (1 << 23, 1 << 23), 0, 80.0, latches=False),
+}
+
+
+class RecordedRun:
+    """One run of measuring with a recorder.
+
+    Args:
+        folder: for the files.
+        two: the arm is on two devices, else all on one board.
+        capture: more of `[capture]`.
+        section: of `[recording]`.
+    """
+
+    def __init__(self, folder, *, two=False, effects=EFFECTS, capture="", **section):
+        self.folder, self.two = folder, two
+        arm = (ON_TWO if two else ARM) + effects
+        (folder / "arm.toml").write_text(arm)
+        path = folder / "traverse.toml"
+        more = WRIST if two else ""
+        path.write_text(CONFIGURATION.format(more=more, capture=capture))
+        files = {"arm.toml": arm.encode(), "traverse.toml": path.read_bytes()}
+        self.configuration, self.model = read_recorded_inputs(files, None)
+        assert recorded_files(path, self.configuration) == files
+        self.clock = ReplayClock()
+        self.clock.now_ns, self.clock.offset_ns = BEGIN_NS, UTC_OFFSET_NS
+        self.points, self.scans, self.events = [], [], []
+        self.recorder = Recorder(
+            RecordingSection(**{"min_free_mb": 10, **section}),
+            folder=folder / "recordings",
+            clock=self.clock,
+            about={"arm": "bench-7", "version": "0", "kernel": KERNEL},
+            files=files,
+            events=EventLog(self.clock, self.events.append),
+        )
+        self.bench = ReplayHarness(
+            self.configuration,
+            self.model,
+            self.clock,
+            take_point=self._publish,
+            take_scan=self._publish_scan,
+            tape=self.recorder,
+        )
+        self.recorder.state = MeasurementSnapshot(
+            self.bench.measuring, self.bench.capture
+        )
+        self.readers = [Reader("base", 100.0, (1, None, 0))]
+        if two:
+            skew_ns = (0, 300_000)
+            self.readers.append(Reader("wrist", 80.0, (None, 2), skew_ns))
+        else:
+            self.readers = [Reader("base", 100.0, (1, 2, 0))]
+        self.seq = {reader.device: 0 for reader in self.readers}
+        self.token = 0
+
+    def _publish(self, point):
+        self.points.append(point)
+        self.recorder.published(self.clock.now_ns, point)
+
+    def _publish_scan(self, scan):
+        self.scans.append(scan)
+        self.recorder.published(self.clock.now_ns, scan)
+
+    async def __aenter__(self):
+        await self.recorder.__aenter__()
+        for reader in self.readers:
+            self.bench.take(DeviceUp(reader.device, IDENTITIES[reader.device], False))
+            self.bench.take(StreamStarted(reader.device, 1, reader.rate_hz))
+        return self
+
+    async def __aexit__(self, *reason):
+        await self.recorder.__aexit__(*reason)
+        self.bench.close()
+
+    def later(self, seconds, every_s=0.05):
+        """Let time pass: devices deliver, and the loop looks at the time."""
+        end_ns = self.clock.now_ns + int(seconds * 1e9)
+        while self.clock.now_ns < end_ns:
+            self.clock.now_ns = min(end_ns, self.clock.now_ns + int(every_s * 1e9))
+            for reader in self.readers:
+                until = int((self.clock.now_ns - BEGIN_NS) * 1e-9 * reader.rate_hz)
+                first = self.seq[reader.device]
+                if until > first:
+                    samples = reader.samples(range(first, until))
+                    self.bench.take(replace(samples, received_ns=self.clock.now_ns))
+                    self.seq[reader.device] = until
+            if self.two or self.bench.measuring.points.has_pending.is_set():
+                self.bench.measuring.process_timeouts()
+
+    def edge(self, *, active=True, ago_s=0.0123):
+        """The board's button goes down or up."""
+        instant_ns = self.clock.now_ns - int(ago_s * 1e9)
+        counts = np.zeros(3, np.int64)
+        true = np.rint(true_counts(np.array([instant_ns]))[0]).astype(np.int64) % TURNS
+        for channel, joint in enumerate(self.readers[0].channels):
+            if joint is not None:
+                counts[channel] = true[joint]
+        self.token += 1
+        self.bench.take(
+            LatchedCounts(
+                "base",
+                0,
+                active,
+                self.token,
+                0,
+                self.clock.now_ns,
+                instant_ns,
+                tuple(counts.tolist()),
+                (0, 0, 0),
+            )
+        )
+
+    def click(self):
+        """A point by the button."""
+        self.edge()
+        self.edge(active=False, ago_s=0.001)
+
+    def ask(self, what, **values):
+        """A command: what the service tells the tape, then does."""
+        if what not in ("await_latch", "start_scan", "stop_scan"):
+            self.bench.measuring.asked(what, **values)
+        self.bench.ask(what, values)
+
+
+def replayed(path, block=None):
+    """What comes of a replay, and its points."""
+    points = []
+
+    async def replay():
+        with RunReader(path) as reader:
+            return Replay(reader, block, take_point=points.append).run()
+
+    return asyncio.run(replay()), points

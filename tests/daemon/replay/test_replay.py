@@ -1,0 +1,201 @@
+"""A recorded run replayed: every point the same to the last bit, however it is cut."""
+
+import asyncio
+
+import pytest
+
+from tests.daemon.recorder.recorded_runs import RecordedRun, replayed
+from traverse.daemon.replay.replay import Replay
+from traverse.drivers.base.values import DeviceAlarm, DeviceTemperatures, StreamStarted
+from traverse.recording.maps import bytes_to_map, map_to_bytes
+from traverse.recording.run_reader import RunReader
+from traverse.recording.run_writer import Entry, RunHead, RunWriter
+
+BLOCKS = (None, 1, 7, 1000)
+SCAN = {"id": "s1", "rate_hz": 100.0, "every": 1}
+MEAN = {"dwell_ns": None, "speed_mm_s": 5000.0, "spread_mm": 100.0}
+
+
+async def busy(run):
+    """All kinds of points, and what else there is."""
+    run.later(0.3)
+    for number in range(12):
+        run.later(0.11)
+        run.click()
+        match number:
+            case 1:
+                run.ask("label", artefact="cone", feature=None)
+            case 2:
+                run.ask("take_mean", samples=20, **MEAN)
+            case 3:
+                run.ask("undo", id=None)
+            case 4:
+                run.ask("take_now")
+            case 5:
+                run.ask("start_scan", **SCAN)
+                run.bench.take(StreamStarted("base", 1, 100.0))
+            case 6:
+                run.clock.offset_ns += 12_345_678
+                run.recorder.related(run.clock.now_ns, run.clock.offset_ns)
+            case 8:
+                run.ask("stop_scan")
+                run.bench.take(DeviceAlarm("base", 1, True, "worn", "worn", 0))
+            case 9:
+                run.ask("session", note="second")
+            case 10:
+                turn = ((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+                part = {"rotation": turn, "translation_mm": (1.0, 2.0, 3.0)}
+                run.ask("align", action="set", name=None, scale=1.1, **part)
+                run.bench.take(DeviceTemperatures("base", (21.5,)))
+    run.later(1.5)
+
+
+def recorded(folder, **options):
+    """A recording from the start, one from the middle, and the points."""
+
+    async def both():
+        async with RecordedRun(folder, **options) as run:
+            first = await run.recorder.begin("first", "")
+            await busy(run)
+            await run.recorder.finish()
+            run.later(7.0)
+            second = await run.recorder.begin("second", "")
+            for _ in range(9):
+                run.later(0.9)
+                run.click()
+            run.later(1.0)
+            await run.recorder.finish()
+        return first, second, run
+
+    return asyncio.run(both())
+
+
+def told(point):
+    """All that a point says, but for names that are new in every session."""
+    return point.model_dump(exclude={"session", "id", "retracts"})
+
+
+@pytest.mark.parametrize(
+    ("two", "method"), [(False, "none"), (False, "pretouch"), (True, "pulled")]
+)
+def test_points_and_scans_are_the_same(tmp_path, two, method):
+    first, second, run = recorded(
+        tmp_path, two=two, capture=f'compensation = "{method}"'
+    )
+    n = 14 + two  # one board latches: it is never asked for its stream's point
+    for block in (None, 1) if two else BLOCKS:
+        result, points = replayed(first, block)
+        assert result.holds
+        assert result.points.same == result.points.n == n
+        assert result.scans.same == result.scans.n > 30
+        assert (result.early.n, result.missing, result.new) == (0, 0, 0)
+        assert result.tear is None
+        if block is None:
+            assert [told(p) for p in points] == [told(p) for p in run.points[:n]]
+    for block in (None,) if two else BLOCKS:
+        result, points = replayed(second, block)
+        assert result.holds
+        assert result.points.same == result.points.n >= 5
+        assert result.left_out == 0
+        assert len(points) >= 9
+
+
+def test_covariance_of_interpolated_points_is_excused_where_blocks_are_cut(tmp_path):
+    first, _, _ = recorded(tmp_path, two=True)
+    assert replayed(first)[0].excused == 0
+    assert replayed(first, 1)[0].excused > 0
+    assert replayed(first, 1)[0].holds
+
+
+def altered(path, alter):
+    """The recording with its messages altered."""
+    other = path.with_name("altered.mcap")
+    with RunReader(path) as reader:
+        head = RunHead({**reader.about}, dict(reader.files))
+        with RunWriter(other, head) as writer:
+            for entry in reader:
+                for changed in alter(entry):
+                    writer.add(changed)
+    return other
+
+
+def test_one_count_more_is_found(tmp_path):
+    first, _, _ = recorded(tmp_path)
+    seen = []
+
+    def alter(entry):
+        if entry.topic == "device/base/latch" and not seen:
+            seen.append(entry)
+            table = bytes_to_map(entry.content)
+            counts = list(table["counts"])
+            counts[1] += 1
+            content = map_to_bytes({**table, "counts": counts})
+            return [Entry(entry.topic, entry.log_ns, content)]
+        return [entry]
+
+    result, _ = replayed(altered(first, alter))
+    assert not result.holds
+    assert result.points.same == result.points.n - 1
+    assert 0.0 < result.points.largest_mm < 0.1
+    assert "xyz_mm" in result.points.differing
+
+
+def test_a_missing_point_and_a_missing_edge_are_found(tmp_path):
+    first, _, _ = recorded(tmp_path)
+    points = iter(range(100))
+    without_point = altered(
+        first, lambda e: [] if e.topic == "point" and next(points) == 3 else [e]
+    )
+    result, _ = replayed(without_point)
+    assert (result.new, result.missing, result.holds) == (1, 0, True)
+    edges = iter(range(100))
+    without_edge = altered(
+        first,
+        lambda e: [] if e.topic == "device/base/latch" and next(edges) == 4 else [e],
+    )
+    result, _ = replayed(without_edge)
+    assert result.missing == 1
+    assert not result.holds
+
+
+def test_another_kernel_may_differ_by_a_little(tmp_path):
+    first, _, _ = recorded(tmp_path)
+    path = first.with_name("other.mcap")
+    with RunReader(first) as reader:
+        head = RunHead({**reader.about, "kernel": "another"}, dict(reader.files))
+        with RunWriter(path, head) as writer:
+            for entry in reader:
+                writer.add(entry)
+    result, _ = replayed(path)
+    assert result.kernel_then == "another"
+    assert result.points.within == result.points.n
+    assert result.holds
+    # A reach of 0.8 m is known to 2^-43 mm or so.
+    assert result.tolerance_mm == 4 * 2.0**-43
+
+
+def test_a_recording_without_its_arm_is_refused(tmp_path):
+    first, _, _ = recorded(tmp_path)
+    path = first.with_name("bare.mcap")
+    with RunReader(first) as reader, RunWriter(path, RunHead(reader.about)) as writer:
+        for entry in reader:
+            writer.add(entry)
+    with pytest.raises(ValueError, match=r"lacks arm\.toml, traverse\.toml"):
+        replayed(path)
+
+
+def test_steps_that_make_no_sense_are_refused(tmp_path):
+    path = tmp_path / "odd.mcap"
+    with RunWriter(path, RunHead({})) as writer:
+        writer.add(Entry("steps", 1, map_to_bytes({"is": "state"})))
+    with pytest.raises(ValueError, match="a step makes no sense"):
+        replayed(path)
+
+    async def empty():
+        with RunWriter(path, RunHead({})) as writer:
+            writer.add(Entry("log", 1, b"{}"))
+        with RunReader(path) as reader:
+            return Replay(reader).run()
+
+    with pytest.raises(ValueError, match="no state to begin with"):
+        asyncio.run(empty())

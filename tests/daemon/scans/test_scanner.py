@@ -1,0 +1,170 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.daemon.values import UTC_OFFSET_NS, PoseMaker, SetClock, arm_model
+from traverse.daemon.scans.plan import ScanPlan, plan_scan
+from traverse.daemon.scans.scanner import Scanner
+
+PERIOD_NS = 10_000_000  # a stream of 100 Hz
+
+
+class Bench:
+    """A scanner, what it hands on, and room for it."""
+
+    def __init__(self, model, *, rate_hz=100.0, every=1, block_s=0.1) -> None:
+        self.model = model
+        self.messages = []
+        self.room = True
+        self.scanner = Scanner(SetClock(), self.offer, block_s)
+        self.poses = PoseMaker(model, PERIOD_NS)
+        self.scanner.start(ScanPlan("s1", rate_hz, every), model, "session-1")
+        self.scanner.follow(1, rate_hz * every)
+
+    def offer(self, message):
+        if self.room:
+            self.messages.append(message)
+        return self.room
+
+    def take(self, seq, **options):
+        self.scanner.take(self.model, self.poses.block(seq, **options))
+
+    def numbers(self):
+        return [
+            (message.seq + k, int(x))
+            for message in self.messages
+            for k, x in enumerate(message.xyz_mm[:, 0])
+        ]
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    return arm_model(tmp_path_factory.mktemp("arm"))
+
+
+def test_the_device_streams_at_least_at_the_tracking_rate():
+    for rate_hz, every in ((1000.0, 1), (100.0, 1), (99.0, 2), (30.0, 4), (0.5, 200)):
+        plan = plan_scan(rate_hz, 100.0)
+        assert plan.every == every
+        assert plan.device_rate_hz >= 100.0
+        assert plan.device_rate_hz == rate_hz * every
+
+
+def test_points_are_numbered_from_the_start_and_handed_on_in_blocks(model):
+    bench = Bench(model)
+    for first in range(0, 20, 4):
+        bench.take(range(first, first + 4))
+    assert [len(m.xyz_mm) for m in bench.messages] == [12]  # 10 make a block of 0.1 s
+    assert bench.scanner.stop() == 20
+    assert bench.numbers() == [(k, k) for k in range(20)]
+    first, last = bench.messages
+    assert (first.scan, first.session, first.rate_hz) == ("s1", "session-1", 100.0)
+    assert first.time_ns == UTC_OFFSET_NS + 10**12
+    assert first.dtime_ns.tolist() == [k * PERIOD_NS for k in range(12)]
+    assert last.time_ns == UTC_OFFSET_NS + 10**12 + 12 * PERIOD_NS
+    assert (first.last, first.total) == (False, None)
+    assert (last.last, last.total, last.lost, last.dropped) == (True, 20, 0, 0)
+    assert bench.scanner.published_points == 20
+
+
+def test_a_slow_scan_takes_every_so_many_th_sample(model):
+    bench = Bench(model, rate_hz=25.0, every=4)
+    bench.take(range(6))
+    bench.take(range(6, 7))  # nothing of it
+    bench.take(range(7, 17))
+    assert bench.scanner.stop() == 5
+    assert bench.numbers() == [(0, 0), (1, 4), (2, 8), (3, 12), (4, 16)]
+
+
+def test_a_gap_on_the_line_begins_a_new_message_and_is_counted(model):
+    bench = Bench(model)
+    bench.take([0, 1, 2, 5, 6, 9])
+    assert bench.scanner.stop() == 10
+    assert [(m.seq, len(m.xyz_mm)) for m in bench.messages] == [(0, 3), (5, 2), (9, 1)]
+    assert [m.lost for m in bench.messages] == [0, 2, 4]
+    assert [m.last for m in bench.messages] == [False, False, True]
+
+
+def test_samples_lost_at_the_beginning_are_counted(model):
+    bench = Bench(model)
+    bench.take([3, 4])
+    bench.scanner.stop()
+    assert [(m.seq, m.lost) for m in bench.messages] == [(3, 3)]
+
+
+@pytest.mark.parametrize("every", [1, 4])
+def test_an_outage_leaves_a_gap_as_long_as_it_lasted(model, every):
+    bench = Bench(model, rate_hz=100.0 / every, every=every)
+    bench.take(range(0, 8 * every))
+    bench.scanner.follow(2, 100.0)  # the device is back after 50 instants
+    bench.take(range(0, 2 * every), stream=2, at=58 * every)
+    bench.take(range(2 * every, 4 * every), stream=2, at=60 * every)
+    assert bench.scanner.stop() == 62
+    assert [number for number, _ in bench.numbers()] == [*range(8), *range(58, 62)]
+    assert bench.messages[-1].lost == 50
+
+
+def test_samples_of_another_stream_are_no_points(model):
+    bench = Bench(model)
+    bench.take(range(3), stream=7)
+    assert not bench.scanner.follow(8, 250.0)  # not the scan's rate
+    bench.take(range(3), stream=8)
+    assert bench.scanner.stop() == 0
+    (end,) = bench.messages
+    assert (end.last, end.total, len(end.xyz_mm)) == (True, 0, 0)
+
+
+def test_dropped_blocks_are_counted_and_leave_a_gap(model):
+    bench = Bench(model)
+    bench.take(range(10))
+    bench.room = False
+    bench.take(range(10, 20))
+    bench.room = True
+    bench.take(range(20, 30))
+    assert bench.scanner.stop() == 30
+    assert [m.seq for m in bench.messages] == [0, 20, 30]
+    assert [m.dropped for m in bench.messages] == [0, 10, 10]
+    assert [m.lost for m in bench.messages] == [0, 0, 0]
+    assert bench.messages[-1].total == 30
+    assert bench.scanner.dropped_points == 10
+    assert bench.scanner.published_points == 20
+
+
+def test_a_new_model_begins_a_new_message(model):
+    bench = Bench(model)
+    bench.take(range(3))
+    bench.model = replace(model, digest="another")
+    bench.take(range(3, 5))
+    bench.scanner.stop()
+    assert [(m.seq, m.model) for m in bench.messages] == [
+        (0, model.digest),
+        (3, "another"),
+    ]
+
+
+def test_stopping_without_a_scan_says_nothing(model):
+    bench = Bench(model)
+    bench.scanner.stop()
+    bench.messages.clear()
+    assert bench.scanner.stop() == 0
+    bench.take(range(5))
+    assert not bench.scanner.follow(3, 100.0)
+    assert bench.messages == []
+
+
+def test_times_within_a_message_never_decrease(model):
+    bench = Bench(model)
+    block = bench.poses.block(range(5))
+    times_ns = block.sample_time_ns.copy()
+    times_ns[3] = times_ns[1]
+    bench.scanner.take(model, replace(block, sample_time_ns=times_ns))
+    bench.scanner.stop()
+    assert (np.diff(bench.messages[0].dtime_ns) >= 0).all()
+
+
+def test_a_stall_makes_several_messages_and_no_huge_one(model):
+    bench = Bench(model)
+    bench.take(range(2500))
+    assert [len(message.xyz_mm) for message in bench.messages] == [1000, 1000, 500]
+    assert bench.numbers() == [(k, k) for k in range(2500)]

@@ -1,0 +1,1 @@
+"""Tests: points and scan blocks on disk."""

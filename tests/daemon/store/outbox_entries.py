@@ -1,0 +1,47 @@
+"""Entries for outboxes, and a file system that is as full as a test wants."""
+
+import sqlite3
+
+from traverse.daemon.store.records import Entry
+
+DAY_NS = 86_400 * 10**9
+NOW_NS = 1_800_000_000 * 10**9
+
+
+def entry(session="s", seq=0, *, time_ns=NOW_NS, payload=b"point", encoding="msgpack"):
+    """A message of a session; the same arguments give the same."""
+    return Entry(
+        session,
+        NOW_NS,
+        f"note of {session}",
+        seq,
+        f"{session}-{seq}",
+        time_ns,
+        "traverse/arm/point",
+        encoding,
+        payload + b" %d" % seq,
+    )
+
+
+def entries(session, n, first=0, **options):
+    return [entry(session, seq, **options) for seq in range(first, first + n)]
+
+
+def rows(path):
+    """(session, seq, sent) of all messages, as another program reads them."""
+    connection = sqlite3.connect(f"file:{path}?mode=ro", uri=True)
+    try:
+        return connection.execute(
+            "SELECT session, seq, sent FROM messages ORDER BY number"
+        ).fetchall()
+    finally:
+        connection.close()
+
+
+def execute(path, text, *values):
+    connection = sqlite3.connect(path)
+    try:
+        with connection:
+            return connection.execute(text, values).fetchall()
+    finally:
+        connection.close()

@@ -1,0 +1,85 @@
+"""An outbox on the event loop, and the broker that takes from it."""
+
+from tests.daemon.values import SetClock
+from tests.end_to_end.programs import until
+from tests.protocol.message_examples import POINT
+from traverse.daemon.config.outbox import OutboxSection
+from traverse.daemon.health import HealthReport
+from traverse.daemon.monitoring.events import EventLog
+from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
+from traverse.daemon.points.session import Session
+from traverse.daemon.store.outbox import Outbox
+from traverse.protocol.encoding import decode
+from traverse.protocol.messages import Point
+
+
+class OutboxOnLoop:
+    """An outbox in a folder; points are numbered as `Capture` does."""
+
+    def __init__(self, folder, limit=10_000, **section):
+        self.path = folder / "outbox.db"
+        self.queue = OutgoingQueue()
+        self.occurrences = []
+        self.clock = SetClock()
+        self.session = Session(1, "note")
+        self.statuses = []
+        self.health = HealthReport(self.clock)
+        self.outbox = Outbox(
+            self.path,
+            arm="bench-7",
+            encoding="msgpack",
+            clock=self.clock,
+            section=OutboxSection(**section),
+            limit=limit,
+            session=lambda: self.session.id,
+            queue=self.queue,
+            events=EventLog(self.clock, self.occurrences.append),
+            latencies=self.health.latencies,
+            changed=lambda: self.statuses.append(self.outbox.is_ready),
+        )
+
+    def take(self):
+        """A point as `Capture` hands it on; None where there is no room."""
+        session = self.session
+        point = POINT.model_copy(
+            update={
+                "session": session.id,
+                "seq": session.next_seq,
+                "id": session.next_id,
+            }
+        )
+        keeping = self.outbox.keep(session, point)
+        if keeping is not None:
+            session.add(point)
+        return keeping
+
+    async def take_all(self, n):
+        keepings = [self.take() for _ in range(n)]
+        await until(lambda: all(k.is_settled for k in keepings), "they are settled")
+        return keepings
+
+    def send(self, n=10**6):
+        """Be the broker, which takes so many; gives their payloads as messages."""
+        sent = []
+        while len(sent) < n and (taken := self.queue.next()) is not None:
+            self.queue.done(*taken)
+            if taken[0] in ("point", "resend"):
+                sent.append((taken[0], decode(Point, taken[1].payload).seq))
+        return sent
+
+    async def send_until(self, n):
+        sent = []
+
+        def there() -> bool:
+            sent.extend(self.send())
+            return len(sent) >= n
+
+        await until(there, f"{n} messages, so far {len(sent)}")
+        return sent
+
+    def codes(self, active=None):
+        return [o.code for o in self.occurrences if o.active is active]
+
+
+def numbers(kind, *values):
+    return [(kind, value) for value in values]

@@ -1,0 +1,194 @@
+"""Disks that fail, files that are damaged, removed or of others: no number is lost."""
+
+import contextlib
+import sqlite3
+import threading
+
+import pytest
+
+from tests.daemon.store.outbox_entries import execute, rows
+from tests.daemon.store.outbox_harness import OutboxOnLoop, numbers
+from tests.end_to_end.programs import until
+from traverse.daemon.store.records import StoreRefusedError
+from traverse.protocol.messages import ResendArgs
+
+FULL = (
+    "CREATE TRIGGER {0}_full BEFORE INSERT ON {0} "
+    "BEGIN SELECT RAISE(FAIL, 'database or disk is full'); END"
+)
+
+
+@pytest.fixture
+async def bench(tmp_path):
+    bench = OutboxOnLoop(tmp_path)
+    async with bench.outbox.running():
+        yield bench
+
+
+async def test_a_commit_that_fails_gives_the_numbers_back(bench):
+    await bench.take_all(2)
+    for table in ("messages", "room"):
+        execute(bench.path, FULL.format(table))
+    keepings = await bench.take_all(3)
+    assert all("database or disk is full" in k.trouble.text for k in keepings)
+    assert bench.session.next_seq == 2
+    await until(lambda: bench.codes(True), "it is told")
+    assert bench.codes(True) == ["outbox.failed"]
+    assert (bench.statuses, bench.outbox.health().state) == ([False], "failed")
+    assert [k.trouble is None for k in await bench.take_all(1)] == [False]
+    for table in ("messages", "room"):
+        execute(bench.path, f"DROP TRIGGER {table}_full")
+    await until(lambda: bench.outbox.is_ready, "it goes on by itself")
+    assert bench.codes(False) == ["outbox.failed"]
+    (keeping,) = await bench.take_all(1)
+    assert (keeping.trouble, keeping.point.seq) == (None, 2)
+    assert bench.send() == numbers("point", 0, 1, 2)
+
+
+async def test_points_behind_a_failed_one_fail_until_the_loop_has_heard(bench):
+    """Numbers must not follow on numbers that nobody has."""
+    await bench.take_all(1)
+    execute(bench.path, FULL.format("messages"))
+    first, has_failed = bench.take(), threading.Event()
+    bench.outbox._passage.ask(lambda store: has_failed.set(), lambda _: None)
+    assert has_failed.wait(20.0)  # and the loop stands: it has not heard of it
+    execute(bench.path, "DROP TRIGGER messages_full")
+    second = bench.take()
+    await until(lambda: second.is_settled, "both are settled")
+    assert (first.point.seq, second.point.seq) == (1, 2)
+    assert first.trouble is second.trouble
+    assert first.trouble is not None
+    assert (await bench.take_all(1))[0].point.seq == 1
+    assert [row[1] for row in rows(bench.path)] == [0, 1]
+
+
+async def test_marks_that_cannot_be_written_are_written_later(bench):
+    await bench.take_all(2)
+    execute(
+        bench.path,
+        "CREATE TRIGGER no_marks BEFORE UPDATE ON messages "
+        "BEGIN SELECT RAISE(FAIL, 'disk I/O error'); END",
+    )
+    bench.send()
+    bench.outbox.poll()
+    await until(lambda: bench.codes(True), "it is told")
+    bench.outbox.poll()
+    execute(bench.path, "DROP TRIGGER no_marks")
+
+    def are_marked() -> bool:
+        bench.outbox.poll()
+        return [row[2] for row in rows(bench.path)] == [1, 1]
+
+    await until(are_marked, "the marks are there")
+
+
+async def test_a_damaged_file_is_set_aside_and_measuring_goes_on(tmp_path):
+    (tmp_path / "outbox.db").write_bytes(b"no database at all" * 1000)
+    bench = OutboxOnLoop(tmp_path)
+    async with bench.outbox.running():
+        (keeping,) = await bench.take_all(1)
+        assert keeping.trouble is None
+        assert bench.codes() == ["outbox.replaced"]
+        assert "corrupt-" in bench.occurrences[0].text
+    (aside,) = tmp_path.glob("outbox.db.corrupt-*")
+    assert aside.read_bytes().startswith(b"no database at all")
+
+
+async def test_unsent_points_of_a_damaged_file_are_taken_over(tmp_path):
+    first = OutboxOnLoop(tmp_path)
+    async with first.outbox.running():
+        await first.take_all(60)
+        first.send(20)
+    damage(first.path)
+    second = OutboxOnLoop(tmp_path)
+    async with second.outbox.running():
+        keeping = second.take()
+        await until(lambda: keeping.is_settled, "a new one")
+        assert await second.send_until(41) == numbers("point", *range(20, 60), 0)
+        (told,) = second.occurrences
+        assert told.code == "outbox.replaced"
+        assert "with 40 points that had not been sent" in told.text
+        answer = await second.outbox.resend(ResendArgs())
+        assert [s["begun_ns"] for s in answer["sessions"]] == ["1", "1"]
+        assert answer["sessions"][0]["first_seq"] == 20
+
+
+async def test_damage_while_it_runs_loses_no_number(bench):
+    """Points that had been kept go on to the broker; new ones go to a new file."""
+    await bench.take_all(30)
+    bench.outbox._passage.ask(
+        lambda store: store.connection.execute("PRAGMA wal_checkpoint(TRUNCATE)"),
+        lambda _: damage(bench.path),
+    )
+    await until(lambda: "outbox.replaced" in _after_a_point(bench), "it is noticed")
+    n = bench.session.next_seq
+    await bench.outbox.idle()
+    sent = {seq for _, seq in await bench.send_until(n)}
+    assert sent == set(range(n))
+
+
+def _after_a_point(bench):
+    bench.take()
+    return bench.codes()
+
+
+def damage(path):
+    """Overwrite the first rows, and the pages of an index, but not the header."""
+    content = bytearray(path.read_bytes())
+    tables = sqlite3.connect(path)
+    (root,) = tables.execute(
+        "SELECT rootpage FROM sqlite_master WHERE name = 'sqlite_autoindex_messages_1'"
+    ).fetchone()
+    tables.close()
+    content[(root - 1) * 4096 : (root - 1) * 4096 + 64] = b"\xa5" * 64
+    path.write_bytes(content)
+
+
+async def test_a_file_that_is_removed_is_replaced_and_numbers_go_on(bench):
+    await bench.take_all(3)
+    for end in ("", "-wal", "-shm"):
+        with contextlib.suppress(FileNotFoundError):
+            bench.path.with_name(f"outbox.db{end}").unlink()
+    await until(lambda: "outbox.replaced" in bench.codes(), "it is noticed")
+    await bench.take_all(2)
+    assert [row[1] for row in rows(bench.path)] == [3, 4]
+    bench.send()
+    bench.outbox.poll()
+    await until(
+        lambda: [row[2] for row in rows(bench.path)] == [1, 1], "marks fit the new one"
+    )
+
+
+async def test_a_newer_file_is_refused_at_the_start(tmp_path):
+    bench = OutboxOnLoop(tmp_path)
+    async with bench.outbox.running():
+        await bench.take_all(1)
+    execute(bench.path, "PRAGMA user_version = 9")
+    with pytest.raises(StoreRefusedError, match="version 9"):
+        async with OutboxOnLoop(tmp_path).outbox.running():
+            pass
+
+
+async def test_two_daemons_do_not_share_a_state_folder(bench, tmp_path):
+    with pytest.raises(StoreRefusedError, match="another daemon uses"):
+        async with OutboxOnLoop(tmp_path).outbox.running():
+            pass
+    assert (await bench.take_all(1))[0].trouble is None
+
+
+async def test_a_state_folder_that_cannot_be_had_is_refused(tmp_path):
+    (tmp_path / "state").write_text("a file")
+    with pytest.raises(StoreRefusedError, match="STATE_DIRECTORY"):
+        async with OutboxOnLoop(tmp_path / "state").outbox.running():
+            pass
+
+
+async def test_a_lock_of_another_program_refuses_points_until_it_is_gone(bench):
+    await bench.take_all(1)
+    other = sqlite3.connect(bench.path, isolation_level=None)
+    other.execute("BEGIN IMMEDIATE")
+    (keeping,) = await bench.take_all(1)
+    assert "another program holds the database" in keeping.trouble.text
+    other.execute("ROLLBACK")
+    other.close()
+    await until(lambda: bench.outbox.is_ready, "it goes on")

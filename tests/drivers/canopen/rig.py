@@ -1,0 +1,77 @@
+"""A CANopen driver with two nodes, and what it has told."""
+
+import asyncio
+import contextlib
+import itertools
+
+from tests.drivers.canopen.fake_nodes import FakeNodes
+from tests.drivers.taken import Taken
+from traverse.drivers.base.delivery_queue import DeliveryQueue
+from traverse.drivers.base.values import CountSamples, DeviceAlarm
+from traverse.drivers.canopen.driver import CanOpenDriver
+
+channels = itertools.count()
+
+
+class CanRig:
+    """A driver whose SYNCs come from elsewhere: a test says when."""
+
+    def __init__(self, delivery_queue: DeliveryQueue, **options: object) -> None:
+        channel = f"bus-{next(channels)}"
+        self.delivery_queue = delivery_queue
+        self.nodes = FakeNodes(channel)
+        self.port = f"virtual:{channel}"
+        given = {
+            "interface": "virtual",
+            "channel": channel,
+            "nodes": (5, 9),
+            "sync": "external",
+            "heartbeat_ms": 100,
+            "answer_s": 0.1,
+            "answer_tries": 2,
+            "status_period_s": 0.0,
+        } | options
+        self.driver = CanOpenDriver("arm", delivery_queue, **given)
+        self.nodes.plug()
+
+    def emit(self, n: int) -> None:
+        self.nodes.sync(n)
+
+    def lose(self, n: int) -> None:
+        self.nodes.sync(n, lost=True)
+
+    def unplug(self) -> None:
+        self.nodes.unplug()
+
+    def plug(self) -> None:
+        self.nodes.plug()
+
+    def close(self) -> None:
+        self.driver.close()
+        self.nodes.unplug()
+
+
+def alarms(taken: Taken, code: str) -> list[tuple[int | None, bool]]:
+    found = [alarm for alarm in taken.of(DeviceAlarm) if alarm.code == code]
+    assert all(alarm.remedy and alarm.text for alarm in found)
+    return [(alarm.channel, alarm.raised) for alarm in found]
+
+
+def last_status(taken: Taken) -> list[int]:
+    blocks = taken.of(CountSamples)
+    return blocks[-1].status[-1].tolist() if blocks else []
+
+
+async def until_status(rig: CanRig, taken: Taken, status: list[int]) -> None:
+    """SYNCs until a sample has this status."""
+    async with asyncio.timeout(8):
+        while last_status(taken) != status:
+            await answered(rig, taken)
+
+
+async def answered(rig: CanRig, taken: Taken) -> None:
+    """One SYNC, and what is delivered then."""
+    rig.emit(1)
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(0.03):  # samples alone need not wake it
+            taken.all += await rig.delivery_queue.take()

@@ -1,0 +1,173 @@
+"""Nodes that go, change or complain, a bus that is off, noise."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from random import Random
+
+import pytest
+
+from tests.drivers.canopen.fake_nodes import u16
+from tests.drivers.canopen.rig import (
+    CanRig,
+    alarms,
+    answered,
+    last_status,
+    until_status,
+)
+from tests.drivers.driver_contract import streaming, up
+from traverse.drivers.base.delivery_queue import DeliveryQueue
+from traverse.drivers.base.values import (
+    STATUS_ERROR,
+    STATUS_LATE,
+    STATUS_MISSING,
+    STATUS_WARNING,
+    CountSamples,
+    DeviceAlarm,
+    DeviceFault,
+    DeviceLost,
+    DeviceUp,
+)
+
+
+@pytest.fixture(autouse=True)
+def quiet_library(caplog: pytest.LogCaptureFixture) -> None:
+    """The library logs each abort that we asked for on purpose."""
+    caplog.set_level("CRITICAL", logger="canopen")
+
+
+@pytest.fixture
+async def rig() -> AsyncIterator[CanRig]:
+    made = CanRig(DeliveryQueue(asyncio.get_running_loop()))
+    yield made
+    made.close()
+
+
+async def test_a_lost_node_is_told_and_set_up_again_when_it_is_back(rig: CanRig):
+    lost = rig.nodes.nodes[9]
+    with rig.driver:
+        taken = await streaming(rig)
+        await until_status(rig, taken, [0, 0])
+        last = int(taken.of(CountSamples)[-1].counts[-1, 1])
+        lost.mute = True
+        await until_status(rig, taken, [0, STATUS_MISSING])
+        assert int(taken.of(CountSamples)[-1].counts[-1, 1]) == last
+        await taken.until(lambda: alarms(taken, "node_lost"), "the loss")
+        lost.mute = False
+        rig.nodes.restart(9)
+        await taken.until(lambda: len(alarms(taken, "node_lost")) == 2, "it is back")
+        await until_status(rig, taken, [0, 0])
+    assert alarms(taken, "node_lost") == [(1, True), (1, False)]
+    assert taken.of(DeviceLost) == []
+    codes = [fault.code for fault in taken.of(DeviceFault)]
+    assert "readings_missing" in codes
+    assert codes.count("node_restarted") == 1
+
+
+async def test_a_node_that_has_become_another_is_not_measured_with(rig: CanRig):
+    with rig.driver:
+        taken = await streaming(rig)
+        rig.nodes.nodes[9].per_turn = 1 << 13
+        rig.nodes.restart(9)
+        await taken.until(lambda: len(taken.of(DeviceUp)) == 2, "it is told anew")
+    reasons = [lost.reason for lost in taken.of(DeviceLost)]
+    assert any("came back with 8192 counts per turn" in reason for reason in reasons)
+    assert taken.of(DeviceUp)[1].identity.counts_per_turn == (1 << 16, 1 << 13)
+
+
+async def test_a_node_that_was_stopped_is_started_again(rig: CanRig):
+    with rig.driver:
+        taken = await streaming(rig)
+        rig.nodes.nodes[5].state = 4
+        await taken.until(lambda: rig.nodes.nodes[5].state == 5, "it is started")
+        await until_status(rig, taken, [0, 0])
+    assert [f for f in taken.of(DeviceFault) if f.code == "node_restarted"] == []
+
+
+async def test_emergencies_and_alarms_begin_and_end(rig: CanRig):
+    node = rig.nodes.nodes[5]
+    with rig.driver:
+        taken = await streaming(rig)
+        node.objects[(0x6503, 0)] = u16(1)
+        rig.nodes.send(0x085, bytes.fromhex("00 10 01 01 00 00 00 00"))
+        await taken.until(lambda: alarms(taken, "emergency"), "the emergency")
+        alarm = next(a for a in taken.of(DeviceAlarm) if a.code == "emergency")
+        assert alarm.value == 0x1000
+        assert "node 5: generic error (code 1000, error register 01" in alarm.text
+        with pytest.raises(StopIteration):  # 6503 is read only where it is asked for
+            next(a for a in taken.of(DeviceAlarm) if a.code == "encoder_alarm")
+        await until_status(rig, taken, [STATUS_WARNING, 0])
+        rig.nodes.send(0x085, bytes(8))
+        await taken.until(lambda: len(alarms(taken, "emergency")) == 2, "its end")
+        await until_status(rig, taken, [0, 0])
+    assert alarms(taken, "emergency") == [(0, True), (0, False)]
+
+
+async def test_alarms_of_the_profile_are_read_from_time_to_time():
+    rig = CanRig(DeliveryQueue(asyncio.get_running_loop()), status_period_s=0.1)
+    node = rig.nodes.nodes[9]
+    try:
+        with rig.driver:
+            taken = await streaming(rig)
+            node.objects |= {(0x6503, 0): u16(1), (0x6505, 0): u16(1 << 4)}
+            await until_status(rig, taken, [0, STATUS_ERROR | STATUS_WARNING])
+            node.objects |= {(0x6503, 0): u16(0), (0x6505, 0): u16(0)}
+            await until_status(rig, taken, [0, 0])
+    finally:
+        rig.close()
+    found = [(a.raised, a.code, a.text) for a in taken.of(DeviceAlarm)]
+    # Which of the two is read first after both have changed is chance.
+    assert sorted(found[:2]) == [
+        (True, "encoder_alarm", "node 9: position error (0001)"),
+        (True, "encoder_warning", "node 9: battery low (0010)"),
+    ]
+    assert sorted(found[2:]) == [
+        (False, "encoder_alarm", "over: node 9: position error (0001)"),
+        (False, "encoder_warning", "over: node 9: battery low (0010)"),
+    ]
+
+
+async def test_two_nodes_with_one_number_are_told(rig: CanRig):
+    with rig.driver:
+        taken = await streaming(rig)
+        await until_status(rig, taken, [0, 0])
+        rig.nodes.nodes[5].doubles = True
+        await until_status(rig, taken, [STATUS_ERROR | STATUS_LATE, 0])
+    assert alarms(taken, "duplicate_node") == [(0, True)]
+
+
+async def test_two_nodes_with_one_number_are_told_at_the_start(rig: CanRig):
+    rig.nodes.nodes[9].doubles = True
+    with rig.driver:
+        taken = await up(rig)
+        await taken.until(lambda: alarms(taken, "duplicate_node"), "the alarm")
+    assert alarms(taken, "duplicate_node") == [(1, True)]
+
+
+async def test_a_bus_that_is_off_is_told_until_it_is_back(rig: CanRig):
+    with rig.driver:
+        taken = await streaming(rig)
+        rig.nodes.send(0x040, bytes(8), error=True)
+        await taken.until(lambda: alarms(taken, "bus_off"), "the alarm")
+        rig.nodes.send(0x100, bytes(8), error=True)
+        await taken.until(lambda: len(alarms(taken, "bus_off")) == 2, "its end")
+    assert alarms(taken, "bus_off") == [(None, True), (None, False)]
+
+
+async def test_noise_on_the_bus_ends_nothing(rig: CanRig):
+    random = Random(3)
+    with rig.driver:
+        taken = await streaming(rig)
+        for _ in range(2000):
+            node = random.choice([0, 5, 9, 17])
+            service = random.choice([0x080, 0x180, 0x280, 0x580, 0x700, 0x780])
+            n = random.randrange(9)
+            rig.nodes.send(service + node, random.randbytes(n), random.random() < 0.1)
+        async with asyncio.timeout(8):
+            # Both answer again; what else the noise said of them stays told.
+            while [bits & STATUS_MISSING for bits in last_status(taken)] != [0, 0]:
+                await answered(rig, taken)
+    assert all(
+        "fault in the driver" not in lost.reason for lost in taken.of(DeviceLost)
+    )
+    counts = [row for block in taken.of(CountSamples) for row in block.counts.tolist()]
+    assert len(counts) == len(taken.seqs())

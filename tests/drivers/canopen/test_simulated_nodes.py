@@ -1,0 +1,151 @@
+"""The CANopen driver on simulated encoders: both were written from the same facts."""
+
+import asyncio
+import contextlib
+import itertools
+import threading
+from collections.abc import AsyncIterator
+
+import pytest
+
+from tests.drivers.driver_contract import streaming
+from tests.simulator.one_hinge import mounted
+from traverse.drivers.base.delivery_queue import DeliveryQueue
+from traverse.drivers.base.values import (
+    STATUS_MISSING,
+    CountSamples,
+    DeviceAlarm,
+    DeviceFault,
+    DeviceUp,
+)
+from traverse.drivers.canopen.driver import CanOpenDriver
+from traverse.simulator.clock import MonotonicClock
+from traverse.simulator.devices.canopen.device import CanOpenBus
+from traverse.simulator.devices.canopen.table import CanOpenTable
+from traverse.simulator.pacing import live_real
+
+names = itertools.count()
+BOTH = {"nodes": (5, 9)}
+
+
+@contextlib.asynccontextmanager
+async def played(
+    tmp_path, *faults, interface="virtual", **keys
+) -> AsyncIterator[tuple[CanOpenDriver, DeliveryQueue, CanOpenBus]]:
+    """A driver, and simulated encoders that live in a thread."""
+    if interface == "slcan":
+        where, channel = {"port": "can"}, str(tmp_path / "can")
+    else:
+        channel = f"simulated-{next(names)}"
+        where = {"channel": channel}
+    table = CanOpenTable(
+        kind="canopen", id="arm", interface=interface, **BOTH, **where, **keys
+    )
+    mounting = mounted(tmp_path, table, *faults)
+    mounting.clock.begin_s = None  # faults count from the first SYNC
+    device = CanOpenBus(table, mounting)
+    stopped = threading.Event()
+    clock = MonotonicClock()
+    thread = threading.Thread(
+        target=live_real,
+        args=([device], clock, mounting.clock, None, stopped.is_set),
+        name="simulated-can",
+    )
+    thread.start()
+    delivery_queue = DeliveryQueue(asyncio.get_running_loop())
+    driver = CanOpenDriver(
+        "arm",
+        delivery_queue,
+        channel=channel,
+        interface=interface,
+        heartbeat_ms=100,
+        status_period_s=0.2,
+        **BOTH,
+    )
+    try:
+        with driver:
+            yield driver, delivery_queue, device
+    finally:
+        stopped.set()
+        thread.join()
+        device.close()
+
+
+class Rig:
+    def __init__(self, delivery_queue, driver):
+        self.delivery_queue, self.driver, self.port = delivery_queue, driver, ""
+
+
+@pytest.mark.parametrize("interface", ["virtual", "slcan"])
+async def test_samples_are_what_the_encoders_latched(tmp_path, interface):
+    async with played(tmp_path, interface=interface) as (
+        driver,
+        delivery_queue,
+        device,
+    ):
+        taken = await streaming(Rig(delivery_queue, driver), 100.0)
+        await taken.until(lambda: len(taken.seqs()) >= 40, "40 samples")
+        noted = list(device._mounting.notes.readings)
+    identity = taken.of(DeviceUp)[0].identity
+    assert identity.counts_per_turn == (65536, 65536)
+    latched = {}
+    for _, channel, time_s, count, _ in noted:
+        latched.setdefault(time_s, {})[channel] = count
+    truth = {(both[0], both[1]) for both in latched.values() if len(both) == 2}
+    for block in taken.of(CountSamples):
+        whole = (block.status == 0).all(axis=1)
+        assert {tuple(row) for row in block.counts[whole].tolist()} <= truth
+
+
+async def test_a_node_that_resets_and_an_emergency_are_told(tmp_path):
+    faults = (
+        {"kind": "reset", "channel": 1, "at_s": 0.3, "duration_s": 0.6},
+        {"kind": "emcy", "channel": 0, "at_s": 0.2, "duration_s": 0.5},
+    )
+    async with played(tmp_path, *faults) as (driver, delivery_queue, _):
+        taken = await streaming(Rig(delivery_queue, driver), 100.0)
+        await taken.until(lambda: ended(taken, "node_lost"), "the node is back")
+        await taken.until(lambda: ended(taken, "emergency"), "the error is over")
+        await taken.until(lambda: last_status(taken) == [0, 0], "all is well")
+    told = [(a.code, a.channel) for a in taken.of(DeviceAlarm) if a.raised]
+    assert ("node_lost", 1) in told
+    assert ("emergency", 0) in told
+    assert ("encoder_alarm", 0) in told  # its object 6503 was read
+    codes = [fault.code for fault in taken.of(DeviceFault)]
+    assert codes.count("node_restarted") == 1
+    states = {
+        tuple(row) for block in taken.of(CountSamples) for row in block.status.tolist()
+    }
+    assert any(
+        row[1] & STATUS_MISSING and not row[0] & STATUS_MISSING for row in states
+    )
+
+
+async def test_a_bus_that_goes_off_comes_back(tmp_path):
+    off = {"kind": "bus_off", "at_s": 0.2, "duration_s": 0.15}
+    async with played(tmp_path, off) as (driver, delivery_queue, _):
+        taken = await streaming(Rig(delivery_queue, driver), 100.0)
+        await taken.until(lambda: ended(taken, "bus_off"), "it is back")
+        await taken.until(lambda: lost_samples(taken), "what was lost")
+
+
+async def test_an_encoder_that_says_another_resolution_is_seen(tmp_path):
+    keys = {"told_counts_per_turn": (65536, 4096)}
+    async with played(tmp_path, **keys) as (_, delivery_queue, _):
+        deliveries = await delivery_queue.take()
+        while not any(isinstance(d, DeviceUp) for d in deliveries):
+            deliveries = await delivery_queue.take()
+    (up,) = [d for d in deliveries if isinstance(d, DeviceUp)]
+    assert up.identity.counts_per_turn == (65536, 4096)
+
+
+def lost_samples(taken):
+    return [f for f in taken.of(DeviceFault) if f.code == "samples_lost"]
+
+
+def ended(taken, code):
+    return any(a.code == code and not a.raised for a in taken.of(DeviceAlarm))
+
+
+def last_status(taken):
+    return taken.of(CountSamples)[-1].status[-1].tolist()

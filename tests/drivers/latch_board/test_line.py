@@ -1,0 +1,201 @@
+"""Reads of a fast stream: samples come together, an edge waits for none of them."""
+
+import numpy as np
+import pytest
+
+from traverse.drivers.base.values import DeviceError
+from traverse.drivers.latch_board.line import LatchBoardLine
+from traverse.protocol import latch_board
+from traverse.simulator.devices.latch_board import wire
+
+COUNTS = np.arange(1, 8, dtype=np.uint32)
+STATUS = np.zeros(7, np.uint8)
+MS_NS = 1_000_000
+BATCH_WINDOW_NS = 5_000_000
+GONE = b"gone"  # in a script: the port goes away and stays away
+
+
+class ScriptedPort:
+    """Bytes that come at times of a clock which goes on only while they are waited for.
+
+    Args:
+        script: times in ns and what comes then; empty: a wake-up.
+    """
+
+    path = "scripted"
+
+    def __init__(self, *script: tuple[int, bytes]) -> None:
+        self._script = list(script)
+        self.now_ns = 0
+
+    def wait(self, seconds: float) -> bool:
+        until_ns = self.now_ns + round(seconds * 1e9)
+        if not self._script or self._script[0][0] > until_ns:
+            self.now_ns = until_ns
+            return False
+        self.now_ns = max(self.now_ns, self._script[0][0])
+        if not self._script[0][1]:
+            self._script.pop(0)
+            return False
+        return True
+
+    def read(self) -> bytes:
+        if self._script and self._script[0][1] == GONE:
+            raise DeviceError("gone", "plug it in")
+        come = b""
+        while self._script and self._script[0][0] <= self.now_ns:
+            come += self._script.pop(0)[1]
+        return come
+
+
+def sample(seq: int) -> bytes:
+    return b"".join(
+        wire.samples(
+            0,
+            1,
+            0,
+            seqs=np.array([seq], np.uint32),
+            ticks=np.array([seq], np.uint32),
+            counts=COUNTS[np.newaxis],
+            status=STATUS[np.newaxis],
+        )
+    )
+
+
+def edge() -> bytes:
+    return wire.edge(0, 1, 1, seq=0, ticks=3, counts=COUNTS, status=STATUS)
+
+
+def heartbeat() -> bytes:
+    return wire.heartbeat(
+        1,
+        0,
+        3,
+        edges_back=0,
+        next_sample_seq=2,
+        next_edge_seq=0,
+        tx_dropped=0,
+        rx_rejected=0,
+    )
+
+
+def dispatched(*script: tuple[int, bytes]) -> list[tuple]:
+    """What is dispatched: message, time, what earlier reads have brought of it."""
+    port = ScriptedPort(*script)
+    found: list[tuple] = []
+    line = LatchBoardLine(
+        port,
+        lambda: port.now_ns,
+        lambda *what: found.append(what),
+        lambda: False,
+    )
+    while port.wait(0.1):
+        line.read(port.now_ns + BATCH_WINDOW_NS)
+    return found
+
+
+def reads(*script: tuple[int, bytes]) -> list[tuple[int, str]]:
+    """When each message was dispatched, and what it is."""
+    return [
+        (at_ns, type(message).__name__) for message, at_ns, _ in dispatched(*script)
+    ]
+
+
+def test_samples_come_together_for_the_time_that_is_given():
+    stream = [(n * MS_NS, sample(n)) for n in range(1, 9)]
+    blocks = reads(*stream)
+    assert blocks == [(6 * MS_NS, "SampleBlock"), (8 * MS_NS, "SampleBlock")]
+
+
+def test_an_edge_is_taken_up_when_it_comes_with_the_samples_before_it():
+    script = [(MS_NS, sample(1)), (2 * MS_NS, sample(2)), (2_300_000, edge())]
+    assert reads(*script) == [(2_300_000, "SampleBlock"), (2_300_000, "Edge")]
+
+
+def test_an_edge_in_pieces_is_taken_up_when_it_is_whole():
+    whole = edge()
+    for cut in range(1, len(whole)):
+        script = [
+            (MS_NS, sample(1) + whole[:cut]),
+            (2 * MS_NS, whole[cut:]),
+            (3 * MS_NS, sample(2)),
+        ]
+        assert reads(*script)[1] == (2 * MS_NS, "Edge")
+
+
+def test_an_edge_begun_in_the_read_before_is_taken_up_when_it_is_whole():
+    whole = edge()
+    for cut in range(1, len(whole)):
+        script = [
+            (MS_NS, sample(1)),
+            (6 * MS_NS, whole[:cut]),
+            (8 * MS_NS, whole[cut:]),
+        ]
+        assert (8 * MS_NS, "Edge") in reads(*script)
+
+
+def test_the_time_of_a_heartbeat_is_when_it_came():
+    script = [(MS_NS, sample(1)), (2 * MS_NS, heartbeat()), (3 * MS_NS, sample(2))]
+    assert (2 * MS_NS, "Heartbeat") in reads(*script)
+
+
+def test_samples_that_hold_the_type_of_an_edge_are_no_edges():
+    seqs = [latch_board.EDGE, latch_board.EDGE << 8, latch_board.EDGE << 16]
+    stream = [((n + 1) * MS_NS, sample(seq)) for n, seq in enumerate(seqs)]
+    assert reads(*stream) == [(3 * MS_NS, "SampleBlock")]
+
+
+def test_a_wake_up_ends_the_gathering():
+    script = [(MS_NS, sample(1)), (2 * MS_NS, b""), (3 * MS_NS, sample(2))]
+    assert reads(*script) == [(MS_NS, "SampleBlock"), (3 * MS_NS, "SampleBlock")]
+
+
+def test_a_flood_is_taken_up_before_the_time_is_over():
+    flood = b"".join(sample(seq) for seq in range(400))
+    script = [(MS_NS, flood), (2 * MS_NS, sample(400))]
+    assert reads(*script)[0] == (MS_NS, "SampleBlock")
+
+
+def test_each_read_tells_when_its_last_sample_came():
+    third = sample(3)
+    script = [
+        (MS_NS, sample(1)),
+        (2 * MS_NS, sample(2) + third[:5]),
+        (3 * MS_NS, third[5:9]),
+        (4 * MS_NS, third[9:] + sample(4)),
+    ]
+    [(block, at_ns, earlier)] = dispatched(*script)
+    assert block.seq.tolist() == [1, 2, 3, 4]
+    assert at_ns == 4 * MS_NS
+    assert list(earlier) == [(0, MS_NS), (1, 2 * MS_NS)]
+
+
+def test_where_a_frame_is_broken_nobody_can_say_which_sample_came_when():
+    broken = bytearray(sample(2))
+    broken[9] ^= 0x40
+    script = [(MS_NS, sample(1)), (2 * MS_NS, bytes(broken)), (3 * MS_NS, sample(3))]
+    [(block, at_ns, earlier)] = dispatched(*script)
+    assert block.seq.tolist() == [1, 3]
+    assert (at_ns, list(earlier)) == (3 * MS_NS, [])
+
+
+def test_what_earlier_reads_brought_is_of_the_samples_alone():
+    script = [(MS_NS, sample(1)), (2 * MS_NS, sample(2) + edge())]
+    (_, _, of_samples), (_, _, of_edge) = dispatched(*script)
+    assert list(of_samples) == [(0, MS_NS)]
+    assert list(of_edge) == []
+
+
+def test_samples_before_the_port_went_away_are_taken_up_first():
+    port = ScriptedPort((MS_NS, sample(1)), (2 * MS_NS, sample(2)), (3 * MS_NS, GONE))
+    found = []
+    line = LatchBoardLine(
+        port, lambda: port.now_ns, lambda *what: found.append(what), lambda: False
+    )
+    assert line.wait(0.1)
+    line.read(port.now_ns + BATCH_WINDOW_NS)
+    [(block, at_ns, _)] = found
+    assert (block.seq.tolist(), at_ns) == ([1, 2], 2 * MS_NS)
+    assert line.wait(0.1)
+    with pytest.raises(DeviceError):
+        line.read(port.now_ns + BATCH_WINDOW_NS)

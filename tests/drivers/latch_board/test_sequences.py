@@ -1,0 +1,167 @@
+from itertools import pairwise
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from traverse.drivers.latch_board.edge_sequence import WRAP, EdgeSequencer
+from traverse.drivers.timing.stream_sequence import StreamSequence
+
+
+def reference(numbers: list[int]) -> tuple[list[int], int]:
+    """What is kept and lost, the plain way."""
+    kept, last = [], -1
+    for number in numbers:
+        if number > last:
+            kept.append(number)
+            last = number
+    return kept, last + 1 - len(kept)
+
+
+@given(
+    st.lists(st.integers(0, 60), max_size=60),
+    st.lists(st.integers(0, 100), max_size=6),
+)
+def test_losses_and_repeats_are_counted_however_the_blocks_are_cut(numbers, cuts):
+    places = sorted({0, len(numbers), *(c % (len(numbers) + 1) for c in cuts)})
+    sequence, kept, lost, dropped = StreamSequence(), [], 0, 0
+    for start, end in pairwise(places):
+        block = np.array(numbers[start:end], np.uint32)
+        seq, mask, new_lost, new_dropped = sequence.accept(block)
+        assert (len(block) if mask is None else int(mask.sum())) == len(seq)
+        kept += seq.tolist()
+        lost += new_lost
+        dropped += new_dropped
+    assert (kept, lost) == reference(numbers)
+    assert len(kept) + dropped == len(numbers)
+
+
+def test_numbers_go_on_beyond_32_bits():
+    sequence = StreamSequence()
+    step = 2**20 - 2**8
+    reached = 0
+    while reached < WRAP - step:
+        reached += sequence.reach(reached + step)
+    numbers = np.arange(reached, reached + 2 * step, step // 16)
+    for start in range(0, len(numbers), 4):
+        seq, _, _, dropped = sequence.accept(
+            (numbers[start : start + 4] % WRAP).astype(np.uint32)
+        )
+        assert seq.tolist() == numbers[start : start + 4].tolist()
+        assert dropped == 0
+    assert numbers[-1] > WRAP
+
+
+def test_an_impossible_number_is_dropped():
+    sequence = StreamSequence()
+    seq, mask, lost, dropped = sequence.accept(np.array([0, 2**30, 1], np.uint32))
+    assert seq.tolist() == [0, 1]
+    assert mask is not None
+    assert (lost, dropped) == (0, 1)
+
+
+def test_a_heartbeat_tells_of_losses_at_the_end():
+    sequence = StreamSequence()
+    sequence.accept(np.arange(10, dtype=np.uint32))
+    assert sequence.reach(13) == 3
+    assert sequence.reach(13) == 0
+    assert sequence.reach(5) == 0
+
+
+def test_edges_are_taken_once_and_in_order():
+    edges = EdgeSequencer()
+    edges.expect(7)
+    assert edges.judge(8, 0) == ("early", 0)  # 7 was broken on the line
+    assert edges.judge(7, 1) == ("next", 0)
+    edges.delivered(7)
+    assert edges.judge(7, 2) == ("waiting", 0)
+    edges.acknowledge(7)
+    assert edges.judge(7, 3) == ("acknowledged", 0)
+    assert edges.judge(8, 4) == ("next", 0)
+
+
+def test_an_edge_that_the_board_lost_is_given_up_after_a_second():
+    edges = EdgeSequencer(3)
+    assert edges.judge(5, 0) == ("early", 0)
+    assert edges.judge(5, 900_000_000) == ("early", 0)
+    assert edges.judge(5, 1_000_000_000) == ("next", 2)
+
+
+def test_after_a_loss_the_oldest_edge_that_the_board_repeats_is_next():
+    edges = EdgeSequencer(WRAP - 2)
+    assert edges.judge(1, 0) == ("early", 0)
+    assert edges.judge(0, 1) == ("early", 0)
+    assert edges.judge(5, 1_000_000_001) == ("early", 0)  # 0 comes in a moment
+    assert edges.judge(0, 1_050_000_000) == ("next", 2)
+    edges.delivered(0)
+    assert edges.judge(1, 1_050_000_001) == ("next", 0)
+
+
+def test_an_edge_that_does_not_come_again_holds_nothing_up_for_ever():
+    edges = EdgeSequencer(3)
+    assert edges.judge(5, 0) == ("early", 0)
+    assert edges.judge(9, 1_900_000_000) == ("early", 0)
+    assert edges.judge(9, 2_000_000_000) == ("next", 6)
+
+
+def test_edge_numbers_wrap():
+    edges = EdgeSequencer(WRAP - 1)
+    assert edges.judge(WRAP - 1, 0) == ("next", 0)
+    edges.delivered(WRAP - 1)
+    edges.acknowledge(WRAP - 1)
+    assert edges.judge(0, 0) == ("next", 0)
+    assert edges.judge(WRAP - 1, 0) == ("acknowledged", 0)
+
+
+def test_nothing_is_taken_before_the_board_says_with_which_edge_to_begin():
+    edges = EdgeSequencer()
+    assert edges.judge(11, 0) == ("early", 0)  # 10 may have been broken on the line
+    edges.expect(12 - 2)  # the heartbeat counts 10 and 11, which are still waiting
+    assert edges.judge(11, 1) == ("early", 0)
+    assert edges.judge(10, 2) == ("next", 0)
+    edges.delivered(10)
+    assert edges.judge(11, 3) == ("next", 0)
+
+
+def test_an_acknowledgement_from_before_a_restart_is_ignored():
+    edges = EdgeSequencer(0)
+    edges.acknowledge(40)  # of the board's former life
+    assert edges.take_acknowledgement() is None
+    assert edges.judge(0, 0) == ("next", 0)
+
+
+def test_a_refused_edge_is_taken_when_it_comes_again():
+    edges = EdgeSequencer(3)
+    assert edges.judge(3, 0) == ("next", 0)
+    edges.delivered(3)
+    edges.refused(3)
+    edges.acknowledge(3)  # nobody can have: it is still to come
+    assert edges.judge(4, 1) == ("early", 0)
+    assert edges.judge(3, 2) == ("next", 0)
+
+
+def test_edges_are_open_until_the_consumer_has_dealt_with_the_last():
+    edges = EdgeSequencer(WRAP - 1)
+    assert not edges.has_open_edges
+    edges.delivered(WRAP - 1)
+    edges.delivered(0)
+    assert edges.has_open_edges
+    edges.acknowledge(WRAP - 1)
+    assert edges.has_open_edges
+    edges.acknowledge(0)
+    assert not edges.has_open_edges
+    edges.delivered(1)
+    edges.refused(1)
+    assert not edges.has_open_edges
+
+
+def test_the_board_is_told_once_what_is_dealt_with_and_again_when_it_did_not_hear():
+    edges = EdgeSequencer(7)
+    assert (edges.owes, edges.take_acknowledgement()) == (False, None)
+    edges.delivered(7)
+    assert (edges.owes, edges.take_acknowledgement()) == (True, None)
+    edges.acknowledge(7)
+    assert (edges.owes, edges.take_acknowledgement()) == (True, 7)
+    assert (edges.owes, edges.take_acknowledgement()) == (False, None)
+    assert edges.judge(7, 0) == ("acknowledged", 0)
+    assert (edges.owes, edges.take_acknowledgement()) == (True, 7)

@@ -1,0 +1,272 @@
+import asyncio
+
+import numpy as np
+import pytest
+
+from tests.drivers.driver_contract import (
+    DriverContract,
+    EdgeContract,
+    StreamContract,
+    up,
+)
+from tests.drivers.microscribe.fake_arm import FakeMicroscribe
+from tests.drivers.taken import Taken, until
+from traverse.drivers.base.delivery_queue import DeliveryQueue
+from traverse.drivers.base.registry import driver_class
+from traverse.drivers.base.values import (
+    STATUS_MISSING,
+    CountSamples,
+    DeviceFault,
+    DeviceLost,
+    DeviceUp,
+    LatchedCounts,
+    StreamStarted,
+)
+from traverse.drivers.microscribe.driver import Microscribe
+
+
+class MicroscribeRig:
+    def __init__(self, arm: FakeMicroscribe, **options) -> None:
+        self.arm = arm
+        self.port = str(arm.link)
+        self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
+        options = {"port": self.port, **options}
+        self.driver = Microscribe("ms", self.delivery_queue, **options)
+        self._down = False
+
+    def emit(self, n):
+        pass  # it is asked for
+
+    def lose(self, n):
+        self.arm.n_lost = n
+
+    def press(self):
+        self._down = not self._down
+        self.arm.press(0, self._down)
+        self.arm.serve(12)  # two packets show it, and then its bouncing is over
+
+    def unplug(self):
+        self.arm.unplug()
+
+    def plug(self):
+        self.arm.plug()
+
+
+@pytest.fixture
+async def rig(tmp_path):
+    arm = FakeMicroscribe(tmp_path / "arm")
+    arm.plug()
+    rig = MicroscribeRig(arm)
+    yield rig
+    rig.driver.close()
+    arm.unplug()
+
+
+class TestContract(DriverContract, StreamContract, EdgeContract):
+    parts = (1, 7, 40)
+
+
+async def test_it_is_found_by_its_name():
+    assert driver_class("microscribe") is Microscribe
+
+
+async def test_what_the_arm_says_of_itself_is_told(rig):
+    with rig.driver:
+        taken = await up(rig)
+    (told,) = taken.of(DeviceUp)
+    identity = told.identity
+    assert identity.name == "MicroScribe 3D 3DX 12345"
+    assert identity.firmware == "HCI 2.0a"
+    assert identity.moduli_counts == identity.counts_per_turn == (8000,) * 6
+    assert identity.inputs == 7
+    assert not identity.latches
+    assert identity.max_rate_hz > 50.0
+
+
+@pytest.mark.parametrize(("hci", "n_joints"), [(2, 5), (3, 6), (3, 7)])
+async def test_either_version_and_any_number_of_joints(tmp_path, hci, n_joints):
+    with FakeMicroscribe(tmp_path / "arm", hci, n_joints) as arm:
+        rig = MicroscribeRig(arm)
+        with rig.driver:
+            taken = await up(rig, 100.0)
+            await taken.until(lambda: len(taken.seqs()) >= 3, "3 samples")
+    block = taken.of(CountSamples)[0]
+    assert block.counts.shape[1] == n_joints
+    assert block.counts[0, 1:].tolist() == arm.counts[1:n_joints]
+
+
+@pytest.mark.parametrize("baud_rate", [9600, 57600])
+async def test_the_arm_follows_the_baud_rate(tmp_path, baud_rate):
+    with FakeMicroscribe(tmp_path / "arm") as arm:
+        rig = MicroscribeRig(arm, baud_rate=baud_rate)
+        with rig.driver:
+            await up(rig)
+            assert arm.session_baud == baud_rate
+        await until(lambda: arm.session_baud is None, "the session ends")
+
+
+async def test_a_session_left_behind_at_another_rate_is_ended(tmp_path):
+    with FakeMicroscribe(tmp_path / "arm") as arm:
+        arm.session_baud, arm._begun = 19200, True
+        rig = MicroscribeRig(arm)
+        with rig.driver:
+            await up(rig)
+        assert arm.n_sessions == 1
+
+
+async def test_an_arm_that_lost_power_is_told_as_restarted(rig):
+    with rig.driver:
+        taken = await up(rig)
+        await taken.until(lambda: taken.of(StreamStarted), "the stream")
+        rig.arm.power_cycle()
+        await taken.until(lambda: taken.of(DeviceLost), "the loss")
+        await taken.until(lambda: len(taken.of(DeviceUp)) == 2, "it is back")
+    assert [told.restarted for told in taken.of(DeviceUp)] == [False, True]
+    assert "does not answer" in taken.of(DeviceLost)[0].reason
+
+
+async def test_an_edge_has_the_counts_of_its_own_packet(rig):
+    with rig.driver:
+        taken = await up(rig, 500.0)
+        await taken.until(lambda: len(taken.seqs()) > 20, "samples")
+        rig.arm.press(1, True)
+        await taken.until(lambda: taken.of(LatchedCounts), "the edge")
+        (edge,) = taken.of(LatchedCounts)
+        await taken.until(
+            lambda: taken.of(CountSamples)[-1].sample_time_ns[-1] > edge.sample_time_ns,
+            "samples after it",
+        )
+    assert (edge.input, edge.active) == (1, True)
+    rows = [
+        (int(t), tuple(map(int, counts)), int(inputs))
+        for block in taken.of(CountSamples)
+        for t, counts, inputs in zip(
+            block.sample_time_ns, block.counts, block.inputs, strict=True
+        )
+    ]
+    assert (edge.sample_time_ns, edge.counts, 2) in rows
+    assert all(inputs == 0 for t, _, inputs in rows if t < edge.sample_time_ns)
+
+
+async def test_pedals_are_read_without_a_stream(rig):
+    with rig.driver:
+        taken = await up(rig, 0.0)
+        rig.arm.press(0, True)
+        await taken.until(lambda: taken.of(LatchedCounts), "the edge")
+    assert taken.of(CountSamples) == []
+    assert len(taken.of(LatchedCounts)[0].counts) == 6
+
+
+async def test_a_slow_stream_is_counted_by_its_own_schedule(rig):
+    with rig.driver:
+        taken = await up(rig, 40.0)
+        await taken.until(lambda: len(taken.seqs()) >= 8, "8 samples")
+    seqs = np.array(taken.seqs())
+    assert seqs[0] == 0
+    times_ns = np.concatenate([b.sample_time_ns for b in taken.of(CountSamples)])
+    per_number_ns = (times_ns[-1] - times_ns[0]) / (seqs[-1] - seqs[0])
+    assert per_number_ns == pytest.approx(25e6, rel=0.2)
+    # A busy machine may miss an instant: that is a gap, and told.
+    told = sum(f.count for f in taken.of(DeviceFault) if f.code == "samples_lost")
+    assert told >= seqs[-1] + 1 - len(seqs)
+
+
+async def test_a_count_that_cannot_be_is_missing_and_told(rig):
+    with rig.driver:
+        taken = await up(rig, 500.0)
+        await taken.until(lambda: len(taken.seqs()) > 20, "samples")
+        before = rig.arm.counts[2]
+        rig.arm.move(0, 0, 3000)
+        await taken.until(lambda: missing(taken, 2), "a reading is missing")
+        # It stays there: after a few packets it is believed.
+        await taken.until(
+            lambda: int(taken.of(CountSamples)[-1].counts[-1, 2]) == before + 3000,
+            "the new place",
+        )
+        await taken.until(
+            lambda: [f for f in taken.of(DeviceFault) if f.code == "readings_missing"],
+            "it is told",
+        )
+    assert all(before in (c, 0) or s == 0 for c, s in missing(taken, 2))
+
+
+def missing(taken: Taken, channel: int) -> list[tuple[int, int]]:
+    return [
+        (int(counts[channel]), int(status[channel]))
+        for block in taken.of(CountSamples)
+        for counts, status in zip(block.counts, block.status, strict=True)
+        if status[channel] & STATUS_MISSING
+    ]
+
+
+async def test_a_late_answer_is_not_taken_for_the_next_one(rig):
+    with rig.driver:
+        taken = await up(rig, 50.0)
+        await taken.until(lambda: len(taken.seqs()) >= 5, "samples")
+        rig.arm.late_s = 0.15
+        n = len(taken.seqs())
+        await taken.until(lambda: len(taken.seqs()) >= n + 40, "samples after it")
+    blocks = taken.of(CountSamples)
+    times_ns = np.concatenate([b.sample_time_ns for b in blocks])
+    seqs = np.array(taken.seqs())
+    assert (np.diff(times_ns) > 0).all()
+    # Later samples are as near to their instants as the first ones.
+    offsets_ns = times_ns - seqs * 20e6
+    assert np.ptp(offsets_ns[-20:]) < 15e6
+    assert abs(np.median(offsets_ns[-20:]) - np.median(offsets_ns[:5])) < 5e6
+
+
+async def test_a_timer_of_another_rate_is_left_alone(tmp_path):
+    with FakeMicroscribe(tmp_path / "arm") as arm:
+        arm.timer_rate_hz = 250.0
+        rig = MicroscribeRig(arm)
+        with rig.driver:
+            taken = await up(rig, 100.0)
+            await taken.until(lambda: len(taken.seqs()) >= 3, "3 samples")
+    assert [fault.code for fault in taken.of(DeviceFault)] == ["timer_unused"]
+
+
+async def test_reports_of_motion_are_samples(tmp_path):
+    with FakeMicroscribe(tmp_path / "arm") as arm:
+        rig = MicroscribeRig(arm, report="motion")
+        with rig.driver:
+            taken = await up(rig, 100.0)
+            await taken.until(lambda: taken.of(StreamStarted), "the stream")
+            for n in range(1, 6):
+                arm.move(0, 3)
+                await taken.until(lambda n=n: len(taken.seqs()) >= n, f"{n} samples")
+            arm.press(0, True)
+            await taken.until(lambda: taken.of(LatchedCounts), "the edge")
+            # A still arm is asked now and then.
+            n = len(taken.seqs())
+            await taken.until(lambda: len(taken.seqs()) >= n + 2, "it is asked")
+            arm.move(0, 5)
+            await taken.until(
+                lambda: int(taken.of(CountSamples)[-1].counts[-1, 1]) == arm.counts[1],
+                "motion again",
+            )
+    seqs = taken.seqs()
+    assert seqs == list(range(len(seqs)))
+    assert taken.of(DeviceFault) == []
+
+
+async def test_something_else_on_the_port_is_refused(tmp_path):
+    with FakeMicroscribe(tmp_path / "arm") as arm:
+        arm.maxes[0] = 0
+        rig = MicroscribeRig(arm)
+        with rig.driver:
+            taken = Taken(rig.delivery_queue)
+            await taken.until(lambda: taken.of(DeviceLost), "the refusal")
+    (lost,) = taken.of(DeviceLost)[:1]
+    assert "greatest counts" in lost.reason
+    assert "MicroScribe" in lost.remedy
+
+
+async def test_a_silent_port_names_its_baud_rate(tmp_path):
+    with FakeMicroscribe(tmp_path / "arm") as arm:
+        arm.mute = True
+        rig = MicroscribeRig(arm)
+        with rig.driver:
+            taken = Taken(rig.delivery_queue)
+            await taken.until(lambda: taken.of(DeviceLost), "the loss")
+    assert "115200 baud" in taken.of(DeviceLost)[0].reason

@@ -1,0 +1,157 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from traverse.drivers.microscribe.line import Heard
+from traverse.drivers.microscribe.packets import (
+    PacketClock,
+    Sample,
+    SampleBlock,
+    timer_runs,
+)
+from traverse.drivers.microscribe.pedals import MAX_WAITING, Pedals, PendingPedalEdges
+from traverse.protocol.microscribe.packets import Packet
+
+MS = 1_000_000
+REQUEST_NS, REPLY_NS, WIRE_NS = 100_000, 1_450_000, 1_350_000
+
+
+def heard(latch_ns: int, ticks: int, before_ns: int = 0, after_ns: int = 0) -> Heard:
+    """An exchange whose host was busy before and after the latch."""
+    begun_ns = latch_ns + REPLY_NS + after_ns
+    sent_ns = latch_ns - REQUEST_NS - before_ns
+    packet = Packet(0, ticks % 16384, (0,) * 6)
+    exchange_ns = begun_ns - sent_ns
+    delay_ns = (exchange_ns + WIRE_NS) // 2
+    return Heard(packet, sent_ns, begun_ns, begun_ns, delay_ns)
+
+
+def errors_ns(clock: PacketClock, period_ms: float) -> np.ndarray:
+    """Of times in a stream whose host is busy for some ms in one of ten exchanges."""
+    rng = np.random.default_rng(11)
+    found = []
+    for k in range(2000):
+        latch_ns = 10**12 + round(k * period_ms * MS)
+        ticks = int((latch_ns - 10**12) * (1 + 100e-6) / MS + 15900.3)  # wraps soon
+        busy = rng.exponential(4 * MS, 2) * (rng.random(2) < 0.1)
+        one = heard(latch_ns, ticks, *map(int, busy))
+        unwrapped, time_ns = clock.time_of(one)
+        assert one.sent_ns <= time_ns <= one.begun_ns
+        assert unwrapped in (ticks, time_ns)
+        found.append(time_ns - latch_ns)
+    return np.array(found[150:])  # the clock has settled after a second
+
+
+@pytest.mark.parametrize("period_ms", [10.0, 7.3])
+def test_the_timer_bounds_what_a_busy_host_adds(period_ms):
+    """Also where requests keep step with it, so that ticks never tell their edges."""
+    delay_ns = heard(0, 0).delay_ns
+    with_timer = errors_ns(PacketClock(1000.0, 16384, delay_ns), period_ms)
+    without = errors_ns(PacketClock(0.0, 16384, delay_ns), period_ms)
+    # Its edges are known to a tick, and a sample is put into a tick.
+    assert np.abs(with_timer).max() < 2.1 * MS
+    assert np.percentile(np.abs(with_timer), 99) < 1.1 * MS
+    assert np.abs(np.median(with_timer)) < 0.1 * MS
+    assert np.abs(without).max() > 5 * MS
+    assert np.percentile(np.abs(without), 99) > 2 * MS
+
+
+def test_an_undisturbed_exchange_is_known_to_what_is_not_line():
+    one = heard(5 * MS, 3)
+    _, time_ns = PacketClock(0.0, 16384, 0).time_of(one)
+    # 0.2 ms beside the bytes, of which half is taken to be before the latch.
+    assert abs(time_ns - 5 * MS) <= 100_000
+
+
+def test_an_answer_to_something_asked_before_is_recognised():
+    clock = PacketClock(1000.0, 16384, REPLY_NS)
+    for k in range(5):
+        assert not clock.is_old(heard(10 * MS * k, 10 * k))
+        clock.time_of(heard(10 * MS * k, 10 * k))
+    late = Heard(Packet(0, 50, ()), 80 * MS, 81 * MS, 81 * MS, 0)
+    assert clock.is_old(late)
+    assert not clock.is_old(heard(80 * MS, 80))
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "runs"), [(1000.0, True), (999.0, True), (250.0, False), (0.0, False)]
+)
+def test_a_timer_is_judged_by_how_far_it_went(rate_hz, runs):
+    seen = [heard(k * 20 * MS, 16300 + int(0.02 * k * rate_hz)) for k in range(10)]
+    assert timer_runs(seen, 1000.0, 16384) is runs
+
+
+def sample(number: int, buttons: int) -> Sample:
+    return Sample(number * 10 * MS, number * 10 * MS, number, buttons, (number,), (0,))
+
+
+@given(st.lists(st.integers(0, 3), max_size=40))
+def test_an_edge_is_what_two_packets_show(levels):
+    pedals = Pedals(0)
+    pedals.begin(sample(0, 0))
+    found = []
+    for number, buttons in enumerate(levels, start=1):
+        edges = pedals.judge(sample(number, buttons))
+        found.extend((e.number, e.down, e.first.ticks) for e in edges)
+    expected = []
+    for bit in (0, 1):
+        settled = 0
+        shown = [0, *(level >> bit & 1 for level in levels)]
+        for number in range(2, len(shown)):
+            if shown[number] == shown[number - 1] != settled:
+                settled = shown[number]
+                expected.append((bit, bool(settled), number - 1))
+    assert sorted(found) == sorted(expected)
+
+
+def test_bouncing_is_one_edge():
+    pedals = Pedals(100 * MS)
+    pedals.begin(sample(0, 0))
+    shown = [1, 1, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1, 0, 0]
+    edges = [e for n, b in enumerate(shown, 1) for e in pedals.judge(sample(n, b))]
+    assert [(e.down, e.first.ticks) for e in edges] == [(True, 1), (False, 13)]
+
+
+def test_a_packet_that_only_a_pedal_can_have_caused_is_enough():
+    pedals = Pedals(0)
+    pedals.begin(sample(0, 0))
+    (edge,) = pedals.judge(sample(1, 2), certain=True)
+    assert (edge.number, edge.down, edge.first.ticks) == (1, True, 1)
+    assert not pedals.unsettled
+
+
+def test_edges_wait_for_room_and_the_oldest_go_first():
+    taken, room = [], 0
+
+    def put(latch) -> bool:
+        if len(taken) < room:
+            taken.append(latch.token)
+            return True
+        return False
+
+    queue = PendingPedalEdges("ms", put)
+    pedals = Pedals(0)
+    pedals.begin(sample(0, 0))
+    (edge,) = pedals.judge(sample(1, 1), certain=True)
+    lost = sum(queue.add(edge) for _ in range(MAX_WAITING + 3))
+    assert lost == 3
+    assert queue.hand_over() == 0
+    room = 5
+    assert queue.hand_over() == 5
+    assert taken == [4, 5, 6, 7, 8]
+
+
+def test_samples_are_gathered_into_blocks():
+    block = SampleBlock("ms")
+    assert block.take(1) is None
+    block.add(3, sample(1, 0))
+    assert not block.is_due(15 * MS)
+    block.add(5, sample(2, 1))
+    assert block.is_due(20 * MS)
+    made = block.take(7)
+    assert made is not None
+    assert (made.stream, made.seq.tolist()) == (7, [3, 5])
+    assert made.inputs.tolist() == [0, 1]
+    assert made.counts.tolist() == [[1], [2]]
+    assert not block.is_due(100 * MS)

@@ -1,0 +1,260 @@
+"""Modbus encoders read in virtual time; the simulator's devices are the peers."""
+
+import asyncio
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from tests.drivers.driver_contract import DriverContract, StreamContract
+from tests.drivers.simulated_rig import SimulatedRig
+from tests.drivers.virtual_device import told_by
+from tests.simulator.one_hinge import mounted
+from traverse.drivers.base.delivery_queue import DeliveryQueue
+from traverse.drivers.base.values import (
+    STATUS_ERROR,
+    STATUS_WARNING,
+    DeviceAlarm,
+    DeviceFault,
+    DeviceLost,
+    DeviceUp,
+    StreamStarted,
+)
+from traverse.drivers.modbus.driver import Modbus
+from traverse.drivers.modbus.line import ModbusClient
+from traverse.drivers.modbus.options import ModbusOptions
+from traverse.simulator.devices.modbus import ModbusLine, ModbusTable
+
+FIELD = {"baud_rate": 115_200, "request_delay_s": 2e-4, "reply_delay_s": 2e-4}
+ENCODER = {"counts_per_turn": 65536, "status_register": 8}
+MASKS = {"error_mask": 1, "warning_mask": 2}
+BOTH = tuple({"address": a, **ENCODER, **MASKS} for a in (1, 2))
+
+
+def told(folder, *faults, table=None, encoders=BOTH, **options):
+    line = ModbusTable(
+        kind="modbus", id="m", port="p", addresses=(1, 2), **FIELD, **(table or {})
+    )
+    return told_by(
+        Modbus,
+        line,
+        folder,
+        ["p"],
+        *faults,
+        **{
+            "port": "p",
+            "encoders": encoders,
+            "baud_rate": 115_200,
+            "rate_hz": 50.0,
+            **options,
+        },
+    )
+
+
+@pytest.mark.parametrize(
+    ("table", "keys"),
+    [
+        ({}, {}),
+        ({"word_order": "low"}, {"word_order": "low", "function": 3}),
+        ({"words": 1, "position_register": 1}, {"words": 1, "position_register": 1}),
+        ({"encoder_turns": 4096}, {"turns": 4096}),
+    ],
+)
+def test_every_map_of_registers_is_read(tmp_path, table, keys):
+    encoders = tuple({**encoder, **keys} for encoder in BOTH)
+    run = told(tmp_path, table=table, encoders=encoders)
+    (up,) = run.of(DeviceUp)
+    modulus = 65536 * keys.get("turns", 1)
+    assert up.identity.moduli_counts == (modulus,) * 2
+    assert up.identity.counts_per_turn == (65536,) * 2
+    assert not up.identity.latches
+    assert (np.diff(run.joined("seq")) == 1).all()
+    assert not run.joined("status").any()
+    off = run.joined("counts") - run.counts_at(run.read_ns()) % modulus
+    assert np.abs(off).max() <= 1.0
+    assert run.of(DeviceFault) == []
+
+
+def test_a_reading_is_stamped_in_the_middle_of_its_exchange(tmp_path):
+    run = told(tmp_path, status_period_s=0.0)
+    latched = np.array([reading[2] for reading in run.notes.readings]) * 1e9
+    nearest = latched[:, np.newaxis] - run.read_ns().ravel()
+    # 8 bytes there and 9 back, 11 bits each, and 0.2 ms in the adapter each way:
+    # the latch is after 0.964 ms of 2.023 ms
+    expected_ns = 1e9 * (2e-4 + 8 * 11 / 115_200 - (4e-4 + 17 * 11 / 115_200) / 2)
+    off = np.abs(nearest - expected_ns).min(axis=0)
+    assert off.max() < 1000
+
+
+def test_the_rate_that_the_line_reaches_is_told(tmp_path):
+    run = told(tmp_path, rate_hz=400.0)
+    (started,) = run.of(StreamStarted)
+    # two exchanges of 2.023 ms and two silences of 1.75 ms
+    assert started.rate_hz == pytest.approx(0.8 / (2 * 3.773e-3), rel=0.01)
+    assert [fault.code for fault in run.of(DeviceFault)] == ["rate_limited"]
+
+
+def test_status_registers_mark_samples_and_are_alarms_that_end(tmp_path):
+    faults = (
+        {"kind": "status", "channel": 1, "at_s": 1.0, "duration_s": 1.0},
+        {"kind": "status", "channel": 0, "at_s": 1.0, "duration_s": 1.0, "bits": 2},
+    )
+    run = told(tmp_path, *faults, seconds=4.0, status_period_s=0.2)
+    assert sorted(run.alarms()) == [
+        (0, "encoder_warning", False),
+        (0, "encoder_warning", True),
+        (1, "encoder_error", False),
+        (1, "encoder_error", True),
+    ]
+    status = run.joined("status")
+    assert set(status[:, 0]) == {0, STATUS_WARNING}
+    assert set(status[:, 1]) == {0, STATUS_ERROR}
+    marked_s = run.read_ns()[status[:, 1] > 0, 1] * 1e-9
+    assert 1.0 < marked_s.min() < 1.3
+    assert 2.0 < marked_s.max() < 2.3
+
+
+def test_a_silent_encoder_is_an_alarm_that_ends_and_does_not_stop_the_others(tmp_path):
+    silent = {"kind": "silent", "channel": 1, "at_s": 1.0, "duration_s": 1.0}
+    run = told(tmp_path, silent, seconds=4.0, answer_timeout_s=0.03)
+    assert run.alarms() == [(1, "encoder_missing", True), (1, "encoder_missing", False)]
+    assert "encoder 2" in run.of(DeviceAlarm)[0].text
+    assert not run.missing()[:, 0].any()
+    assert 40 < run.missing()[:, 1].sum() < 90
+    assert run.of(DeviceLost) == []
+
+
+def test_late_replies_never_pass_for_the_next(tmp_path):
+    late = {"kind": "late", "channel": 0, "probability": 1.0, "duration_s": 0.02}
+    faults = [
+        {**late, "at_s": 0.5 + 0.2 * k, "delay_s": 0.02 + 0.002 * k} for k in range(30)
+    ]
+    run = told(tmp_path, *faults, seconds=7.0, answer_timeout_s=0.03)
+    good = ~run.missing()
+    off = run.joined("counts") - run.counts_at(run.read_ns()) % 65536
+    assert np.abs(off[good]).max() <= 16.0  # half of an exchange that was nearly late
+    assert run.missing()[:, 0].sum() >= 15
+    assert run.totals["faults"]["late"] >= 20
+
+
+def test_whatever_the_line_does_to_frames_no_wrong_count_comes_of_it(tmp_path):
+    kinds = ("lost", "corrupted", "garbage", "repeated", "check")
+    faults = [{"kind": k, "probability": 0.02, "seed": n} for n, k in enumerate(kinds)]
+    run = told(tmp_path, *faults, seconds=8.0, answer_timeout_s=0.03)
+    good = ~run.missing()
+    off = run.joined("counts") - run.counts_at(run.read_ns()) % 65536
+    assert np.abs(off[good]).max() <= 1.0
+    assert 0.02 < run.missing().mean() < 0.2
+
+
+def test_registers_that_are_not_there_are_told_with_a_remedy(tmp_path):
+    wrong = {**BOTH[0], "position_register": 77}
+    run = told(tmp_path, encoders=(wrong, BOTH[1]), answer_timeout_s=0.03)
+    assert run.alarms() == [(0, "encoder_missing", True)]
+    assert "position_register" in run.of(DeviceAlarm)[0].remedy
+    assert run.counters()["refused"] >= 3
+
+
+def test_an_echo_is_skipped(tmp_path):
+    run = told(tmp_path, table={"echo": True}, echo=True)
+    assert not run.missing().any()
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"encoders": ()},
+        {"encoders": (BOTH[0], BOTH[0])},
+        {"encoders": ({**BOTH[0], "address": 0},)},
+        {"encoders": ({**BOTH[0], "counts_per_turn": 2**20, "turns": 2**13},)},
+        {"encoders": ({"address": 1, "counts_per_turn": 8, "error_mask": 1},)},
+        {"encoders": (BOTH[0],), "parity": "mark"},
+    ],
+)
+def test_options_are_strict(bad):
+    with pytest.raises(ValidationError):
+        ModbusOptions(port="p", **bad)
+
+
+class Written:
+    """A port that keeps what is written and answers from a list."""
+
+    def __init__(self, *replies):
+        self.written = []
+        self.replies = [bytes.fromhex(reply) for reply in replies]
+
+    def wait(self, seconds):
+        return bool(seconds and self.replies)
+
+    def read(self):
+        return self.replies.pop(0)
+
+    def write(self, data):
+        self.written.append(data.hex(" ").upper())
+
+
+@pytest.mark.parametrize("cut", range(1, 9))
+def test_frames_are_those_of_manuals_however_they_are_cut(cut):
+    reply = "01 04 04 00 01 E2 40 E3 14"
+    port = Written(reply[: 3 * cut], reply[3 * cut :])
+    client = ModbusClient(
+        port, lambda: 0, lambda _s: None, timeout_s=0.1, silence_s=0.0, echo=False
+    )
+    found = client.read_input_registers(0, count=2, device_id=1)
+    assert found.registers == [0x0001, 0xE240]
+    assert port.written == ["01 04 00 00 00 02 71 CB"]
+
+
+class CountedUp(ModbusLine):
+    """Counts go up by one from reading to reading; replies are lost on demand."""
+
+    def __init__(self, table, mounting):
+        self.to_lose = 0
+        self.counts = [0, 0]
+        super().__init__(table, mounting)
+
+    def latch(self, channel, at_s):
+        self.counts[channel] += 1
+        return self.counts[channel], 0
+
+    def say(self, line, data, at_s, channel=None):
+        if self.to_lose:
+            self.to_lose -= 1
+        else:
+            super().say(line, data, at_s, channel)
+
+
+class ModbusRig(SimulatedRig):
+    """The simulator's encoders on a real pty, in a thread."""
+
+    def __init__(self, folder) -> None:
+        self.port = str(folder / "p")
+        self.table = ModbusTable(kind="modbus", id="m", port="p", addresses=(1, 2))
+        self.mounting = mounted(folder, self.table)
+        self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
+        self.driver = Modbus(
+            "m",
+            self.delivery_queue,
+            port=self.port,
+            encoders=BOTH,
+            baud_rate=115_200,
+            parity="none",
+            status_period_s=0.0,
+            answer_timeout_s=0.25,
+        )
+        super().__init__(lambda: CountedUp(self.table, self.mounting), self.mounting)
+
+    def lose(self, n):
+        self.device.to_lose = n
+
+
+class TestContract(DriverContract, StreamContract):
+    rate_hz = 100.0
+    parts = (1, 7, 20)
+
+    @pytest.fixture
+    async def rig(self, tmp_path):
+        rig = ModbusRig(tmp_path)
+        yield rig
+        rig.driver.close()
+        rig.unplug()

@@ -1,0 +1,128 @@
+"""The parts that drivers of polled encoders are made of."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from traverse.drivers.base.values import STATUS_MISSING, STATUS_WARNING
+from traverse.drivers.polling.channel import (
+    ASK_AGAIN_NS,
+    IMPLAUSIBLE,
+    UNCONFIRMED,
+    PolledChannel,
+    ReadError,
+    Reading,
+)
+from traverse.drivers.polling.sample_block import BLOCK_NS, SampleBlockBuilder
+from traverse.drivers.polling.schedule import SampleSchedule
+
+TURN = 16384
+SPEED_RAD_S = 20.0
+MS = 1_000_000
+SILENT = ReadError("silent", "does not answer", "check it")
+
+
+def channel(count=0, modulus=TURN) -> PolledChannel:
+    """One that has been read at `count` at time 0 and 1 ms."""
+    made = PolledChannel("encoder 1", modulus, TURN, SPEED_RAD_S)
+    assert made.judge(Reading(count, 0), 0) is UNCONFIRMED
+    assert made.judge(Reading(count, MS), MS) is None
+    return made
+
+
+def steps_in(ms: float) -> float:
+    """What a joint at the limit makes in a time."""
+    return SPEED_RAD_S * ms * 1e-3 / math.tau * TURN
+
+
+@given(st.integers(0, TURN - 1), st.integers(1, 70), st.booleans())
+def test_what_a_joint_can_reach_is_believed_across_the_wrap(start, ms, backwards):
+    step = int(steps_in(ms)) * (-1 if backwards else 1)
+    one = channel(start)
+    assert one.judge(Reading((start + step) % TURN, (1 + ms) * MS), 0) is None
+    assert one.count == (start + step) % TURN
+
+
+@given(st.integers(0, TURN - 1), st.integers(1, 40))
+def test_what_it_cannot_reach_is_not(start, ms):
+    step = int(steps_in(ms + 1)) + 6
+    one = channel(start)
+    far = Reading((start + step) % TURN, (1 + ms) * MS)
+    assert one.judge(far, 0) is IMPLAUSIBLE
+    assert (one.count, one.misses) == (start, 1)
+
+
+def test_counts_over_several_turns_may_not_jump_by_whole_turns():
+    one = channel(5, modulus=TURN << 14)
+    assert one.judge(Reading(5 + TURN, 2 * MS), 0) is IMPLAUSIBLE
+    assert one.judge(Reading((TURN << 14) - 5, 3 * MS), 0) is None
+
+
+def test_three_misses_in_a_row_make_it_missing_and_two_readings_bring_it_back():
+    one = channel(100)
+    for now_ms in (10, 20, 30):
+        assert not one.missing
+        assert one.judge(SILENT, now_ms * MS) is SILENT
+    assert one.missing
+    assert not one.due(30 * MS + ASK_AGAIN_NS - 1)
+    again_ns = 30 * MS + ASK_AGAIN_NS
+    assert one.due(again_ns)
+    assert one.judge(Reading(9000, again_ns), again_ns) is UNCONFIRMED
+    assert one.missing
+    assert one.due(again_ns + MS)  # at once, not after half a second
+    assert one.judge(Reading(9001, again_ns + MS), again_ns + MS) is None
+    assert not one.missing
+    assert one.count == 9001
+
+
+def test_readings_that_do_not_agree_do_not_bring_it_back():
+    one = PolledChannel("encoder 1", TURN, TURN, SPEED_RAD_S)
+    counts = [0, 8000, 3000, 12000]
+    told = [one.judge(Reading(c, k * MS), k * MS) for k, c in enumerate(counts)]
+    assert told == [UNCONFIRMED, IMPLAUSIBLE, IMPLAUSIBLE, IMPLAUSIBLE]
+    assert one.missing
+    assert one.time_ns is None
+
+
+@given(
+    st.floats(1.0, 5000.0),
+    st.lists(st.integers(0, 3_000_000_000), min_size=1, max_size=30),
+)
+def test_every_sample_is_taken_or_skipped_and_never_before_its_instant(rate_hz, steps):
+    begin_ns = 10**12
+    schedule = SampleSchedule(rate_hz, begin_ns)
+    now_ns, expected = begin_ns, 0
+    for step_ns in steps:
+        now_ns += step_ns
+        if schedule.next_ns > now_ns:
+            continue
+        number, instant_ns, skipped = schedule.take(now_ns)
+        assert number == expected + skipped
+        assert instant_ns == pytest.approx(begin_ns + number * 1e9 / rate_hz, abs=1)
+        assert now_ns - 1 - 1e9 / rate_hz < instant_ns <= now_ns + 1
+        expected = number + 1
+
+
+def test_a_block_has_the_instants_of_its_readings():
+    block = SampleBlockBuilder("arm")
+    assert block.take(1) is None
+    readings = [Reading(7, 1_000_300, STATUS_WARNING), None]
+    block.add(4, 1_000_000, readings, [7, 99], received_ns=1_000_900)
+    assert not block.is_due(1_000_000 + BLOCK_NS - 1)
+    assert block.is_due(1_000_000 + BLOCK_NS)
+    samples = block.take(3)
+    assert samples is not None
+    assert (samples.device, samples.stream, samples.received_ns) == (
+        "arm",
+        3,
+        1_000_900,
+    )
+    assert samples.seq.tolist() == [4]
+    assert samples.sample_time_ns.tolist() == [1_000_000]
+    assert samples.counts.tolist() == [[7, 99]]
+    assert samples.status.tolist() == [[STATUS_WARNING, STATUS_MISSING]]
+    assert samples.skew_ns is not None
+    assert samples.skew_ns.tolist() == [[300, 900]]
+    assert block.take(3) is None

@@ -1,0 +1,176 @@
+"""`traverse collect` beside a daemon that measures: the campaign that comes of it."""
+
+import asyncio
+import json
+import os
+import pty
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from tests.end_to_end.measuring import measuring
+from tests.end_to_end.programs import PATIENCE_S, Program, until
+from tests.end_to_end.workbench import CONE, REST, SPHERE, Workbench
+from tests.mosquitto import HOST, free_port
+from traverse.kinematics.arm_file.arm import read_arm
+from traverse.lab.campaign.campaign import read_campaign
+from traverse.protocol.messages import PointArgs
+
+CAMPAIGN = """\
+schema = "traverse/campaign/1"
+poses = "poses.csv"
+[[artefacts]]
+id = "seat"
+kind = "cone"
+[[artefacts]]
+id = "ball"
+kind = "sphere"
+"""
+
+
+def options(bench: Workbench, *more: str) -> list[str]:
+    where = ["--broker", f"{bench.host}:{bench.port}"]
+    return ["collect", "campaign.toml", "--arm", "arm.toml", *where, *more]
+
+
+@pytest.fixture
+def campaign(bench: Workbench) -> Workbench:
+    """A bench with a campaign of a cone and a sphere."""
+    (bench.folder / "campaign.toml").write_text(CAMPAIGN)
+    return bench
+
+
+@pytest.mark.needs("mosquitto")
+async def test_a_campaign_is_collected_as_it_is_touched(campaign: Workbench) -> None:
+    bench = campaign
+    lead_in = '[[motion]]\nkind = "rest"\nduration_s = 1.0'
+    bench.write_simulator(lead_in, CONE.format(postures=5), SPHERE.format(points=5))
+    bench.write_daemon(capture="live_rate_hz = 100.0")
+    asked = options(bench, "--each", "5", "--json")
+    collecting = Program(bench.folder, "collect", *asked)
+    with collecting:
+        await collecting.says("Touch seat (cone): 5 more")
+        await collecting.says("following")
+        async with measuring(bench) as (listener, _, _):
+            await listener.n_points(10)
+            assert await collecting.ended() == 0
+        assert "seat: 5 of 5; 0.0" in collecting.log
+        assert "ball: 5 of 5; radius 53.8" in collecting.log
+        report = json.loads(collecting.output)
+        assert (report["poses"], report["complete"]) == (10, True)
+        assert {one["touches"] for one in report["features"]} == {5}
+        arm = read_arm(bench.arm_file)
+        names = [joint.name for joint in arm.joints]
+        found = read_campaign(bench.folder, names)
+    presses = bench.presses()
+    assert found.poses.artefacts.tolist() == [0] * 5 + [1] * 5
+    took = [point.angles_rad for point in listener.points]
+    np.testing.assert_array_equal(found.poses.angles_rad, took)
+    assert len(presses) == 10
+    apart_s = np.diff([press["script_s"] for press in presses])
+    np.testing.assert_allclose(np.diff(found.poses.time_s), apart_s, atol=2e-3)
+    # The arm was led to each touch: every pose has the sense of some joint's motion.
+    senses = found.poses.approaches
+    assert senses is not None
+    assert (np.abs(np.nan_to_num(senses)).sum(axis=1) > 0).all()
+
+
+@pytest.mark.needs("mosquitto")
+async def test_an_ended_collection_goes_on_where_it_was(campaign: Workbench) -> None:
+    bench = campaign
+    bench.write_simulator(REST)
+    bench.write_daemon()
+    async with measuring(bench) as (listener, _, _):
+        with Program(bench.folder, "first", *options(bench, "--each", "2")) as first:
+            await first.says("following")
+            await listener.command(PointArgs())
+            await first.says("on seat: 1 of 2")
+            first.process.kill()
+        with Program(bench.folder, "again", *options(bench, "--each", "2")) as again:
+            await again.says("Touch seat (cone): 1 more")
+            await again.says("following")
+            for _ in range(3):
+                await listener.command(PointArgs())
+            assert await again.ended() == 0
+    lines = (bench.folder / "poses.csv").read_text().splitlines()
+    assert len(lines) == 1 + 4
+
+
+@pytest.mark.needs("mosquitto")
+async def test_keys_at_a_terminal_undo_and_quit(campaign: Workbench) -> None:
+    bench = campaign
+    bench.write_simulator(REST)
+    bench.write_daemon()
+    ours, theirs = pty.openpty()
+    shown = bytearray()
+    asyncio.get_running_loop().add_reader(
+        ours, lambda: shown.extend(os.read(ours, 65536))
+    )
+
+    async def shows(text: str) -> None:
+        await until(lambda: text.encode() in shown, f"{text!r} on the terminal")
+
+    async with measuring(bench) as (listener, _, _):
+        process = subprocess.Popen(  # noqa: ASYNC220 - it returns at once
+            [sys.executable, "-m", "traverse", *options(bench, "--each", "3")],
+            cwd=bench.folder,
+            stdin=theirs,
+            stdout=theirs,
+            stderr=theirs,
+            env={**os.environ, "TERM": "xterm", "COLUMNS": "120", "LINES": "40"},
+        )
+        try:
+            await shows("following")
+            await listener.command(PointArgs())
+            await shows("on seat: 1 of 3")
+            os.write(ours, b"u")
+            await shows("is left out again")
+            os.write(ours, b"nx")
+            await shows("Touch ball (sphere): 3 more")
+            await shows("is none of n, p, u, q")
+            os.write(ours, b"q")
+            assert await asyncio.to_thread(process.wait, PATIENCE_S) == 1
+        finally:
+            process.kill()
+            process.wait()
+            asyncio.get_running_loop().remove_reader(ours)
+            os.close(ours)
+            os.close(theirs)
+    assert (bench.folder / "poses.csv").read_text().count("\n") == 1
+
+
+async def test_a_broker_that_is_not_there_is_told(campaign: Workbench) -> None:
+    campaign.host, campaign.port = HOST, free_port()
+    with Program(campaign.folder, "collect", *options(campaign)) as collecting:
+        assert await collecting.ended() == 3
+        assert f"broker {HOST}:{campaign.port}" in collecting.log
+        assert "Traceback" not in collecting.log
+
+
+@pytest.mark.parametrize(
+    ("more", "files", "told"),
+    [
+        (["--allow", "shaky"], {}, "no quality flag shaky"),
+        ([], {"poses.csv": "time_s\n"}, "was not written by `traverse collect`"),
+        ([], {"collected.jsonl": "{}\n"}, "line 1"),
+        (
+            [],
+            {"campaign.toml": CAMPAIGN.replace("poses.csv", "scan.mcap")},
+            'poses = "poses.csv"',
+        ),
+    ],
+)
+async def test_what_would_spoil_files_is_refused(
+    campaign: Workbench, more: list[str], files: dict[str, str], told: str
+) -> None:
+    for name, text in files.items():
+        (campaign.folder / name).write_text(text)
+    arguments = options(campaign, *more)
+    with Program(campaign.folder, "collect", *arguments) as collecting:
+        assert await collecting.ended() == 2
+        assert told in collecting.log
+        assert "Traceback" not in collecting.log
+    for name, text in files.items():
+        assert (campaign.folder / name).read_text() == text

@@ -1,0 +1,94 @@
+"""The demonstration, as somebody types it."""
+
+import asyncio
+import re
+import signal
+from pathlib import Path
+
+import pytest
+
+from tests.end_to_end.programs import Program, until
+from tests.mosquitto import HOST, Mosquitto, free_port
+
+
+def assert_nothing_is_left(folder: Path) -> None:
+    """No program of a demonstration in this folder runs, no file of it is there."""
+    running = []
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            command = (process / "cmdline").read_bytes().decode()
+        except OSError:  # has just ended
+            continue
+        if str(folder) in command:
+            running.append(command.replace("\0", " "))
+    assert running == []
+    assert list(folder.glob("traverse-demo-*")) == []
+
+
+async def measure_one_round(folder: Path, broker: Mosquitto) -> None:
+    """`--once` over a real broker: tells length and deviation, and ends."""
+    where = ("--broker", f"{broker.host}:{broker.port}")
+    with Program(folder, "once", "demo", "--once", *where) as demo:
+        assert await demo.ended(90.0) == 0
+        found = re.search(
+            r"bar +ball bar: length (\d+\.\d{4}) mm, certificate 800\.0000 mm, "
+            r"deviation ([+-]\d+\.\d{4}) mm",
+            demo.output,
+        )
+        assert found, demo.output
+        length_mm, deviation_mm = map(float, found.groups())
+        assert length_mm - 800.0 == pytest.approx(deviation_mm, abs=1e-9)
+        assert abs(deviation_mm) < 0.2
+        for said in ("ball  ", "seat  ", "latency", "Hz achieved", " 0 missing"):
+            assert said in demo.output
+        assert demo.output.count(" point ") == 48
+        assert demo.log == ""
+
+
+async def measure_some_seconds(folder: Path) -> None:
+    """`--for` with a broker of its own."""
+    with Program(folder, "seconds", "demo", "--for", "10", "--no-page") as demo:
+        assert await demo.ended(45.0) == 0
+        assert " point " in demo.output
+        assert "measured 0 round(s)" in demo.output
+        assert demo.log == ""
+
+
+async def measure_until_ctrl_c(folder: Path) -> None:
+    """Ctrl-C ends it with a summary."""
+    with Program(folder, "interrupted", "demo", "--rate", "250") as demo:
+        await until(lambda: demo.output.count(" point ") > 2, "three points", 30.0)
+        assert await demo.stop(signal.SIGINT) == 0
+        assert "measured 0 round(s)" in demo.output
+        assert "latency" in demo.output
+        assert "250." in demo.output
+        assert "Traceback" not in demo.log
+
+
+@pytest.mark.slow
+@pytest.mark.needs("mosquitto")
+async def test_three_demonstrations_beside_each_other(
+    mosquitto: Mosquitto, tmp_path: Path
+) -> None:
+    async with asyncio.TaskGroup() as tasks:
+        tasks.create_task(measure_one_round(tmp_path, mosquitto))
+        tasks.create_task(measure_some_seconds(tmp_path))
+        tasks.create_task(measure_until_ctrl_c(tmp_path))
+    assert_nothing_is_left(tmp_path)
+
+
+async def test_a_broker_that_is_not_there_is_told(tmp_path: Path) -> None:
+    where = ("--broker", f"{HOST}:{free_port()}")
+    with Program(tmp_path, "demo", "demo", *where) as demo:
+        assert await demo.ended(30.0) == 3
+        assert "nothing listens there" in demo.log
+        assert "Traceback" not in demo.log
+    assert_nothing_is_left(tmp_path)
+
+
+async def test_ctrl_c_before_anything_runs_ends_it_too(tmp_path: Path) -> None:
+    with Program(tmp_path, "demo", "demo") as demo:
+        await until(lambda: list(tmp_path.glob("traverse-demo-*/*.log")), "it begins")
+        assert await demo.stop(signal.SIGINT) in {0, 130}
+        assert "Traceback" not in demo.log
+    assert_nothing_is_left(tmp_path)

@@ -1,0 +1,1 @@
+"""Delivery over the broker: outages, encodings, TLS, hostile clients."""

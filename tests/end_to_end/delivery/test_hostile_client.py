@@ -1,0 +1,204 @@
+"""Somebody at the broker means no good: the daemon answers or drops, measures on."""
+
+import asyncio
+import contextlib
+import socket
+from collections.abc import AsyncIterator
+
+import aiomqtt
+import pytest
+from paho.mqtt.packettypes import PacketTypes
+from paho.mqtt.properties import Properties
+
+from tests.end_to_end.listener import Listener
+from tests.end_to_end.measuring import measuring
+from tests.end_to_end.programs import PATIENCE_S, until
+from tests.end_to_end.workbench import SPHERE, Workbench
+from tests.hostile_messages import examples, fixed, names, payloads
+from traverse.client.cancel_tasks import end
+from traverse.daemon.commands.rate_limit import ALL, FLOOD
+from traverse.protocol import topics
+from traverse.protocol.encoding import encode
+from traverse.protocol.messages import Command, PointArgs, ScanArgs
+
+pytestmark = pytest.mark.needs("mosquitto")
+
+MORE_RSS_BYTES = 40_000_000
+OTHER = "arm-of-somebody-else"
+
+
+def command(request: str) -> bytes:
+    """A good command that takes a point."""
+    return encode(Command.carrying(PointArgs(), request), "msgpack")
+
+
+class Attacker:
+    """A client that may publish what it likes, and reads all that is published."""
+
+    def __init__(self, client: aiomqtt.Client, arm: str) -> None:
+        self.client = client
+        self._arm = arm
+        self.topics: set[str] = set()
+
+    async def send(
+        self,
+        payload: bytes,
+        name: str = "point",
+        *,
+        retain: bool = False,
+        response: str | None = None,
+        qos: int = 1,
+    ) -> None:
+        properties = Properties(PacketTypes.PUBLISH)
+        if response is not None:
+            properties.ResponseTopic = response
+            properties.CorrelationData = b"c"
+        topic = f"traverse/{self._arm}/cmd/{name}"
+        with contextlib.suppress(ValueError):  # the library refuses some names itself
+            await self.client.publish(topic, payload, qos, retain, properties)
+
+    async def listen(self) -> None:
+        async for message in self.client.messages:
+            self.topics.add(str(message.topic))
+
+
+@contextlib.asynccontextmanager
+async def attacking(bench: Workbench) -> AsyncIterator[Attacker]:
+    async with aiomqtt.Client(
+        bench.host,
+        bench.port,
+        protocol=aiomqtt.ProtocolVersion.V5,
+        timeout=PATIENCE_S,
+        max_queued_incoming_messages=100_000,
+        socket_options=[(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)],
+    ) as client:
+        client.pending_calls_threshold = 100_000
+        attacker = Attacker(client, bench.arm)
+        await client.subscribe("#", qos=0)
+        listening = asyncio.create_task(attacker.listen())
+        try:
+            yield attacker
+        finally:
+            await end([listening])
+
+
+async def all_received(listener: Listener, n: int) -> None:
+    await until(
+        lambda: listener.healths[-1].counters["commands_received"] >= n,
+        f"{n} commands received",
+    )
+
+
+async def point(listener: Listener, request: str) -> None:
+    answer = await listener.command(PointArgs(), request)
+    assert answer.ok, answer
+
+
+async def test_whatever_comes_is_answered_or_dropped_and_stays_at_home(
+    resting: Workbench,
+) -> None:
+    rubbish = [(payload, "point") for payload in fixed()]
+    rubbish += [
+        (payload, name)
+        for payload, name in zip(
+            examples(payloads, 50), examples(names, 50), strict=True
+        )
+        if name.isprintable() and not set(name) & set("/+#")  # the broker's own law
+    ]
+    assert len(rubbish) < ALL.at_once - 60  # or not all would be looked at
+    async with attacking(resting) as attacker:
+        await attacker.send(command("old"), retain=True)
+        async with pressing(attacker), measuring(resting) as (listener, _, _):
+            await until(lambda: len(listener.replies) >= 2, "answers to early commands")
+            await listener.event("commands.retained")
+        async with measuring(resting) as (listener, _, daemon):
+            await point(listener, "before")
+            before = listener.healths[-1].rss_bytes
+            for payload, name in rubbish:
+                await attacker.send(payload, name)
+            await attacker.send(b"x" * 200_000)  # more than a packet may have
+            await misdirect(attacker, resting.arm, listener)
+            for _ in range(20):  # one request, however often it comes
+                await attacker.send(command("same"))
+            await point(listener, "after")
+            await all_received(listener, 100)
+            assert listener.healths[-1].rss_bytes - before < MORE_RSS_BYTES
+            assert daemon.process.poll() is None
+            assert listener.healths[-1].counters["reconnects"] == 0
+        await attacker.send(b"", retain=True)
+    assert {"before", "same", "after"} <= set(listener.replies)
+    taken = [r for r in listener.replies.values() if r.ok and "seq" in (r.result or {})]
+    assert [p.seq for p in listener.points] == list(range(len(taken)))
+    assert "fault in command" not in daemon.log
+    assert all(t.isprintable() and len(t) < 1200 for t in daemon.log.splitlines())
+    assert not {t for t in attacker.topics if OTHER in t or t.startswith("somewhere")}
+
+
+async def misdirect(attacker: Attacker, arm: str, listener: Listener) -> None:
+    """Name places for answers at which a sender has no business."""
+    for place in (
+        f"traverse/{OTHER}/cmd/point",
+        f"traverse/{arm}/cmd/point",
+        f"traverse/{arm}/point",
+        "somewhere/else",
+    ):
+        await attacker.send(command(f"to {place}"), response=place)
+        await until(lambda: f"to {place}" in listener.replies, place)  # noqa: B023
+        error = listener.replies[f"to {place}"].error
+        assert error is not None
+        assert error.code == "command.bad_response"
+
+
+@contextlib.asynccontextmanager
+async def pressing(attacker: Attacker) -> AsyncIterator[None]:
+    """Send commands all the time, from before anybody is there to hear them."""
+
+    async def press() -> None:
+        for k in range(10_000):
+            await attacker.send(command(f"early-{k}"))
+            await asyncio.sleep(0.05)  # twenty a second
+
+    task = asyncio.create_task(press())
+    try:
+        yield
+    finally:
+        await end([task])
+
+
+async def test_a_flood_is_dropped_and_points_of_the_button_go_on(
+    bench: Workbench,
+) -> None:
+    bench.write_simulator(SPHERE.format(points=4), top="repeat = true")
+    bench.write_daemon()
+    stop = Command.carrying(ScanArgs(action="stop"), "flood")
+    payload = encode(stop, "msgpack")
+    async with attacking(bench) as attacker, measuring(bench) as (listener, _, daemon):
+        await listener.n_points(2)
+        before = listener.healths[-1].rss_bytes
+        for _ in range(ALL.at_once + 4 * FLOOD):
+            await attacker.send(payload, "scan", qos=0)
+        raised = await listener.event("commands.flood", active=True)
+        assert raised.severity == "warning"
+        taken = len(listener.points)
+        await listener.n_points(taken + 4)
+        over = await listener.event("commands.flood", active=False)
+        dropped = over.data["dropped"]
+        assert dropped >= FLOOD
+        await until_answered(listener)
+        assert listener.healths[-1].rss_bytes - before < MORE_RSS_BYTES
+        assert daemon.process.poll() is None
+        assert listener.told("broker.lost") == []
+    once = dict.fromkeys(p.seq for p in listener.points)  # sent again where unanswered
+    assert list(once) == list(range(len(once)))
+
+
+async def until_answered(listener: Listener) -> None:
+    """Take a point by command, as soon as commands are heard again."""
+    request = "after the flood"
+    topic = topics.command_topic(listener._arm, "point")
+    async with asyncio.timeout(PATIENCE_S):
+        while request not in listener.replies:
+            await listener.client.publish(topic, command(request), qos=1)
+            with contextlib.suppress(AssertionError):
+                await until(lambda: request in listener.replies, "it", 0.5)
+    assert listener.replies[request].ok

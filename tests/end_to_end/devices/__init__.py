@@ -1,0 +1,1 @@
+"""Whole arms with encoders of several makers, and faults of their lines."""

@@ -1,0 +1,117 @@
+"""Seven AMT21 encoders on one line, the button on a board of its own, and a pedal."""
+
+import os
+import struct
+import time
+
+import numpy as np
+import pytest
+
+from tests.end_to_end.arm_matrices import MatrixArm
+from tests.end_to_end.measuring import measuring
+from tests.end_to_end.programs import until
+from tests.end_to_end.workbench import REST, SPHERE, Workbench
+
+pytestmark = pytest.mark.needs("mosquitto")
+
+ENCODERS = """\
+kind = "amt21"
+addresses = [0x54, 0x58, 0x5C, 0x60, 0x64, 0x68, 0x6C]
+baud_rate = 2000000
+request_delay_s = 0.0001
+reply_delay_s = 0.0001
+echo = true
+[[device]]
+id = "handle"
+port = "handle.pty"
+inputs = ["button"]
+"""
+READ_BY = """\
+driver = "amt21"
+port = "{pty}"
+addresses = [0x54, 0x58, 0x5C, 0x60, 0x64, 0x68, 0x6C]
+answer_timeout_s = 0.1
+max_speed_rad_s = 500.0
+"""
+HANDLE = """
+[[device]]
+id = "handle"
+driver = "latch-board"
+port = "{folder}/handle.pty"
+[[device]]
+id = "pedal"
+driver = "evdev"
+port = "{folder}/pedal"
+keys = ["KEY_B"]
+"""
+BUTTON = 'trigger = "button" },'
+SILENT = """
+[[fault]]
+kind = "silent"
+device = "base"
+channel = 2
+at_s = 4.8
+duration_s = 1.0
+"""
+
+
+@pytest.fixture
+def line(bench: Workbench) -> Workbench:
+    text = bench.arm_file.read_text("utf-8")
+    text = text.replace("8388608", "16384").replace("4194304", "16384")
+    bench.arm_file.write_text(text, "utf-8")
+    bench.write_daemon(capture="tracking_rate_hz = 50.0")
+    path = bench.folder / "daemon.toml"
+    text = path.read_text("utf-8").replace('"base/0"', '"handle/0"')
+    board = f'driver = "latch-board"\nport = "{bench.pty}"'
+    assert board in text
+    text = text.replace(board, READ_BY.format(pty=bench.pty))
+    text = text.replace("inputs = [", 'inputs = [{ source = "pedal/0", ' + BUTTON)
+    path.write_text(text + HANDLE.format(folder=bench.folder), "utf-8")
+    os.mkfifo(bench.folder / "pedal")
+    return bench
+
+
+def step_on(pedal: int) -> None:
+    """Press and release the key, in the kernel's bytes."""
+    now_ns = time.monotonic_ns()
+    stamp = (now_ns // 10**9, now_ns % 10**9 // 1000)
+    for value in (1, 0):
+        os.write(pedal, struct.pack("@llHHi", *stamp, 1, 48, value))
+        os.write(pedal, struct.pack("@llHHi", *stamp, 0, 0, 0))
+
+
+async def test_points_of_amt21_encoders_are_where_the_ball_was(line: Workbench) -> None:
+    rest = '[[motion]]\nkind = "rest"\nduration_s = 3.0'
+    sphere = SPHERE.format(points=4)
+    line.write_simulator(rest, sphere, REST, board=ENCODERS, faults=SILENT)
+    # A pipe stands in for the pedal's device file; who writes holds it open.
+    pedal = os.open(line.folder / "pedal", os.O_RDWR)
+    async with measuring(line) as (listener, _, _):
+        await listener.n_points(4)
+
+        def alarms() -> list[bool | None]:
+            found = (e for e in listener.events if e.code == "alarm.encoder_missing")
+            return [event.active for event in found]
+
+        await until(lambda: alarms() == [True, False], "encoder 2 is lost and back")
+        step_on(pedal)
+        await listener.n_points(5)
+        health = listener.healths[-1]
+    os.close(pedal)
+    truth, points = line.presses(), listener.points[:4]
+    rounding_mm = MatrixArm(line.arm_file).resolution_mm()
+    for point, edge in zip(points, truth, strict=True):
+        # The hand rests while it presses; what is left is the rounding of counts.
+        off_mm = np.abs(np.array(point.xyz_mm) - edge["centre_mm"]).max()
+        assert off_mm < rounding_mm
+        assert "interpolated" in point.quality.flags
+    assert health.skew_mm is not None
+    counters = next(d.counters for d in health.devices if d.id == "base")
+    assert counters["echoed"] == 1
+    assert counters["missed_2"] >= 3
+    stepped = listener.points[4]
+    assert stepped.trigger == "button"
+    assert "interpolated" in stepped.quality.flags
+    codes = {event.code for event in listener.events}
+    assert "device.times_estimated" in codes  # a pipe has no clock of its own

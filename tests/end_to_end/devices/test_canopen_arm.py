@@ -1,0 +1,70 @@
+"""Seven CANopen encoders behind an slcan adapter, the button on a board of its own."""
+
+import numpy as np
+import pytest
+
+from tests.end_to_end.arm_matrices import MatrixArm
+from tests.end_to_end.measuring import measuring
+from tests.end_to_end.workbench import SPHERE, Workbench
+from traverse.protocol.messages import PointArgs
+
+pytestmark = pytest.mark.needs("mosquitto")
+
+ENCODERS = """\
+kind = "canopen"
+interface = "slcan"
+nodes = [11, 12, 13, 14, 15, 16, 17]
+encoder_turns = 64
+[[device]]
+id = "handle"
+port = "handle.pty"
+inputs = ["button"]
+"""
+READ_BY = """\
+driver = "canopen"
+interface = "slcan"
+channel = "{pty}"
+nodes = [11, 12, 13, 14, 15, 16, 17]
+heartbeat_ms = 500
+"""
+HANDLE = """
+[[device]]
+id = "handle"
+driver = "latch-board"
+port = "{folder}/handle.pty"
+"""
+
+
+def write_daemon(bench: Workbench) -> None:
+    bench.write_daemon()
+    path = bench.folder / "daemon.toml"
+    text = path.read_text("utf-8").replace('"base/0"', '"handle/0"')
+    board = f'driver = "latch-board"\nport = "{bench.pty}"'
+    assert board in text
+    text = text.replace(board, READ_BY.format(pty=bench.pty))
+    path.write_text(text + HANDLE.format(folder=bench.folder), "utf-8")
+
+
+async def test_points_of_canopen_encoders_are_where_the_ball_was(
+    bench: Workbench,
+) -> None:
+    rest = '[[motion]]\nkind = "rest"\nduration_s = 1.0'
+    bench.write_simulator(rest, SPHERE.format(points=4), rest, board=ENCODERS)
+    write_daemon(bench)
+    async with measuring(bench) as (listener, _, _):
+        await listener.n_points(4)
+        reply = await listener.command(PointArgs())
+        assert reply.ok, reply
+        await listener.n_points(5)
+        (drivers,) = [s.drivers for s in listener.statuses[-1:]]
+        health = listener.healths[-1]
+    assert [d.driver for d in drivers] == ["canopen", "latch-board"]
+    assert "12:53-1960001-3e9" in drivers[0].identity["name"]
+    truth, points = bench.presses(), listener.points[:4]
+    rounding_mm = MatrixArm(bench.arm_file).resolution_mm()
+    for point, edge in zip(points, truth, strict=True):
+        off_mm = np.abs(np.array(point.xyz_mm) - edge["centre_mm"]).max()
+        assert off_mm < 2 * rounding_mm
+        assert "incomplete" not in point.quality.flags
+    counters = next(d.counters for d in health.devices if d.id == "base")
+    assert counters["samples_complete"] > 100

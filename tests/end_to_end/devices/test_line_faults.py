@@ -1,0 +1,104 @@
+"""A bad line between board and host: only what was touched is missing."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.end_to_end.agreement import assert_one_point_an_edge
+from tests.end_to_end.listener import Listener, numbers
+from tests.end_to_end.measuring import measuring
+from tests.end_to_end.programs import until
+from tests.end_to_end.workbench import REST, SPHERE, Workbench
+from traverse.protocol.messages import ScanArgs
+
+pytestmark = pytest.mark.needs("mosquitto")
+N_POINTS = 4
+
+
+def line_fault(kind: str, probability: float = 0.05) -> str:
+    """A fault that lasts."""
+    return f'[[fault]]\nkind = "{kind}"\nprobability = {probability}\n'
+
+
+async def scan_and_probe(
+    bench: Workbench, faults: str
+) -> tuple[Listener, np.ndarray, dict[str, Any]]:
+    """Scan at 1 kHz while points are taken.
+
+    Returns:
+        The listener, the scan's numbers, and the simulator's summary of the device.
+    """
+    bench.write_simulator(SPHERE.format(points=N_POINTS), faults=faults)
+    bench.write_daemon()
+    async with measuring(bench) as (listener, simulator, _):
+        started = await listener.command(ScanArgs(action="start", rate_hz=1000.0))
+        scan = str((started.result or {})["scan"])
+        await listener.n_points(N_POINTS)
+        await listener.scan_points(scan, 1600)
+        await listener.command(ScanArgs(action="stop"))
+        blocks = await listener.scan_ended(scan)
+        assert await simulator.stop() == 0
+        await listener.event("device.lost", active=True)
+        told = len(listener.healths)
+        await until(lambda: len(listener.healths) > told + 1, "last figures")
+    seq = numbers(blocks)
+    assert (np.diff(seq) > 0).all()  # in order, none twice
+    missing = (blocks[-1].total or 0) - len(seq)
+    assert blocks[-1].lost == missing
+    assert_one_point_an_edge(bench, listener.points, bench.presses())
+    return listener, seq, bench.truth()[-1]["base"]
+
+
+async def test_a_healthy_line_loses_and_reports_nothing(bench: Workbench) -> None:
+    listener, seq, told = await scan_and_probe(bench, "")
+    assert (np.diff(seq) == 1).all()
+    counters = listener.healths[-1].counters
+    assert (counters["samples_lost"], counters["frames_rejected"]) == (0, 0)
+    assert counters["edges_lost"] == told["tx_dropped"] == told["rx_rejected"] == 0
+    expected = {"button.pressed", "button.released", "device.lost", "broker.lost"}
+    assert {e.code for e in listener.events} <= expected
+
+
+@pytest.mark.parametrize("kind", ["lost", "corrupted", "garbage", "repeated"])
+async def test_only_touched_samples_are_missing_and_no_edge(
+    bench: Workbench, kind: str
+) -> None:
+    listener, seq, told = await scan_and_probe(bench, line_fault(kind))
+    faults = told["faults"][kind]
+    missing = int(np.sum(np.diff(seq) - 1))
+    counters = listener.healths[-1].counters
+    assert faults > 30
+    if kind != "repeated":
+        # Garbage spoils the frame behind it; a struck delimiter spoils two frames.
+        touched = faults * (2 if kind == "corrupted" else 1)
+        assert 0 < missing <= touched
+        assert 0 < counters["samples_lost"] <= touched
+    else:
+        assert missing == counters["samples_lost"] == counters["frames_rejected"] == 0
+        assert listener.healths[-1].devices[0].counters["samples_repeated"] > 0
+    if kind in {"corrupted", "garbage"}:
+        assert 0 < counters["frames_rejected"] <= 2 * faults
+        assert listener.told("device.frames_rejected")
+    assert counters["edges_lost"] == 0
+
+
+async def test_an_encoder_that_doubts_its_count_marks_points_and_samples(
+    bench: Workbench,
+) -> None:
+    fault = '[[fault]]\nkind = "status"\nchannel = 2\nat_s = 0.5\nduration_s = 1.5\n'
+    bench.write_simulator(REST, faults=fault)
+    bench.write_daemon()
+    async with measuring(bench) as (listener, _, _):
+        started = await listener.command(ScanArgs(action="start", rate_hz=200.0))
+        raised = await listener.event("alarm.2", active=True)
+        cleared = await listener.event("alarm.2", active=False)
+        await listener.command(ScanArgs(action="stop"))
+        blocks = await listener.scan_ended(str((started.result or {})["scan"]))
+    assert raised.source == cleared.source == "base/2"
+    quality = np.concatenate([b.quality for b in blocks])
+    # The device's alarm is a warning on top of what each sample says of itself.
+    assert set(quality.tolist()) <= {0, 1, 2, 3}
+    doubted = np.flatnonzero(quality & 1)
+    assert len(doubted) == pytest.approx(300, abs=2)
+    assert (np.diff(doubted) == 1).all()

@@ -1,0 +1,173 @@
+"""From the cable of a MicroScribe to points, with the two commands of its owner."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from tests.end_to_end.agreement import delays_s
+from tests.end_to_end.arm_matrices import MatrixArm
+from tests.end_to_end.listener import Listener, listening
+from tests.end_to_end.programs import Program
+from tests.end_to_end.workbench import Workbench
+from tests.mosquitto import Mosquitto
+from traverse.cli.__main__ import app
+
+pytestmark = pytest.mark.needs("mosquitto")
+
+ALPHA = (0, 16384, 0, -16384, 16384, -16384)
+A = (0, 750, 10250, 750, 0, 0)
+D = (8250, 0, 0, 9000, 0, 5750)
+SPHERE = """\
+[[motion]]
+kind = "rest"
+duration_s = {rest_s}
+
+[[motion]]
+kind = "sphere"
+artefact = "ball"
+centre_mm = [300.0, 100.0, 120.0]
+radius_mm = 25.4
+points = 2
+"""
+FAULTS = """\
+[[fault]]
+kind = "cut"
+probability = 0.02
+
+[[fault]]
+kind = "late"
+probability = 0.005
+delay_s = 0.15
+
+[[fault]]
+kind = "reset"
+at_s = 0.8
+duration_s = 0.2
+"""
+
+
+def write_true_arm(folder: Path) -> None:
+    """The arm behind the simulated MicroScribe, by `traverse arm from-dh`."""
+    rows = ["alpha_rad,a_mm,d_mm"]
+    for alpha, a, d in zip(ALPHA, A, D, strict=True):
+        rows.append(f"{alpha * math.pi / 32768!r},{a * 0.0254!r},{d * 0.0254!r}")
+    table = folder / "dh.csv"
+    table.write_text("\n".join(rows), "utf-8")
+    words = f"arm from-dh {table} --out {folder / 'true.toml'} --device microscribe "
+    words += "--convention modified --counts-per-turn 8000 "
+    words += "--base-posture-rad 0.1,0.2,0,0,0.3,0"
+    assert CliRunner().invoke(app, words.split()).exit_code == 0
+
+
+def simulator_text(faults: str, device: str) -> str:
+    sphere = SPHERE.format(rest_s=1.5 if faults else 0.5)
+    return f"""\
+schema = "traverse/simulator/1"
+start = "first_start"
+truth_log = "truth.jsonl"
+repeat = true
+[arm]
+file = "true.toml"
+[operator]
+move_s = 0.7
+approach_s = 0.1
+dwell_s = 0.1
+press_s = 0.25
+[[device]]
+kind = "microscribe"
+id = "microscribe"
+port = "arm.pty"
+first_ticks = 15000
+home = [300, 7900, 40, 0, 10, 0]
+{device}
+[device.geometry]
+alpha = {list(ALPHA)}
+a = {list(A)}
+d = {list(D)}
+{sphere}
+{faults}
+"""
+
+
+async def measured(
+    bench: Workbench, faults: str = "", device: str = "", option: str = ""
+) -> Listener:
+    """Two points of the simulated arm, by the files that `arm-file` wrote."""
+    folder = bench.folder
+    bench.arm_file.unlink()
+    write_true_arm(folder)
+    (folder / "simulator.toml").write_text(simulator_text(faults, device), "utf-8")
+    async with listening(bench.host, bench.port, bench.arm) as listener:
+        with bench.simulator() as simulator:
+            await simulator.says("ready microscribe")
+            words = f"--port arm.pty --out arm.toml --name {bench.arm}"
+            with Program(folder, "ask", "microscribe", "arm-file", *words.split()) as a:
+                assert await a.ended() == 0
+            written = folder / "traverse.toml"
+            text = written.read_text("utf-8").replace(
+                'host = "localhost"', f'host = "{bench.host}"\nport = {bench.port}'
+            )
+            text = text.replace("baud_rate", f"{option}\nbaud_rate")
+            written.write_text(text, "utf-8")
+            with Program(folder, "daemon", "run", "--config", "traverse.toml") as d:
+                await listener.ready()
+                await listener.n_points(2)
+                assert await d.stop() == 0
+            assert await simulator.stop() == 0
+    return listener
+
+
+def truth_of(bench: Workbench, listener: Listener) -> list[dict[str, Any]]:
+    """The edges behind the points, in order; a bad line may have cost others."""
+    presses = iter(bench.presses())
+    return [
+        next(e for e in presses if e["counts"] == [c % 8000 for c in point.counts])
+        for point in listener.points
+    ]
+
+
+def assert_true(bench: Workbench, listener: Listener) -> None:
+    """Points are where the ball was when the packet was latched."""
+    presses = truth_of(bench, listener)
+    assert [point.seq for point in listener.points] == list(range(len(presses)))
+    assert {point.trigger for point in listener.points} == {"button"}
+    assert all(point.quality.ok for point in listener.points)
+    delays = delays_s(listener.points, presses)
+    assert np.ptp(delays) < 1e-2, delays
+    rounding_mm = MatrixArm(bench.arm_file).resolution_mm()
+    assert rounding_mm < 5.0
+    for point, edge in zip(listener.points, presses, strict=True):
+        assert np.abs(np.array(point.xyz_mm) - edge["centre_mm"]).max() < rounding_mm
+        assert np.abs(np.array(point.ijk) - edge["shank"]).max() < 5e-3
+
+
+async def test_reports_of_motion_bring_points_with_the_counts_of_their_packets(
+    bench: Workbench,
+) -> None:
+    listener = await measured(bench, device="hci = 3", option='report = "motion"')
+    assert_true(bench, listener)
+    arm = MatrixArm(bench.arm_file)
+    for point, edge in zip(listener.points, truth_of(bench, listener), strict=True):
+        centre_mm, _ = arm.pose(edge["counts"])
+        assert np.abs(np.array(point.xyz_mm) - centre_mm).max() < 1e-6
+    assert not listener.told("device.timer_unused")
+
+
+async def test_a_bad_line_costs_samples_and_invents_nothing(bench: Workbench) -> None:
+    listener = await measured(bench, FAULTS)
+    assert_true(bench, listener)
+    assert listener.told("device.samples_lost")
+    assert listener.told("device.restarted")
+
+
+async def test_a_port_without_an_arm_is_told(tmp_path: Path, mosquitto: Mosquitto):
+    del mosquitto
+    words = "--port nothing.pty --out arm.toml"
+    with Program(tmp_path, "ask", "microscribe", "arm-file", *words.split()) as asked:
+        assert await asked.ended() == 3
+        assert "nothing.pty" in asked.log
+    assert not (tmp_path / "arm.toml").exists()

@@ -1,0 +1,1 @@
+"""Points, scans and commands against the truth of the simulator."""

@@ -1,0 +1,198 @@
+"""An arm with effects touches a ball; a daemon with them and one without measure it."""
+
+import json
+from dataclasses import dataclass
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tests.daemon.values import kept_at_once
+from tests.end_to_end.measurement.virtual_time import Straight, VirtualBoard, played
+from tests.simulator.effects.examples import START, heavy_arm
+from traverse.daemon.acquisition.device import Device
+from traverse.daemon.acquisition.joint_devices import JointDevices
+from traverse.daemon.clock import HostClock
+from traverse.daemon.config.devices import section_of
+from traverse.daemon.config.schema import AssemblySection, UncertaintySection
+from traverse.daemon.delivery_dispatcher import Measuring
+from traverse.daemon.health import HealthReport
+from traverse.daemon.monitoring.events import EventLog
+from traverse.daemon.points.capture import Capture, TriggerMap
+from traverse.daemon.pose.arm_model import ArmModel, read_model
+from traverse.daemon.pose.live import LivePoseSampler
+from traverse.daemon.pose.pipeline import Pipeline
+from traverse.daemon.pose.uncertainty import Uncertainty
+from traverse.daemon.scans.scanner import Scanner
+from traverse.drivers.base.values import Delivery
+from traverse.kinematics.arm_file.arm import Arm, Effect, Identification, write_arm
+from traverse.protocol.messages import Point
+
+RATE_HZ = 100.0  # of the tracking stream that the daemon runs by itself
+COUNTS_PER_TURN = 2**28
+WARM_C = 27.5
+N_POINTS = 4
+
+SIMULATION = f"""\
+schema = "traverse/simulator/1"
+seed = 7
+start = "first_start"
+start_utc = {START.isoformat()}
+[arm]
+file = "true.toml"
+noise_rad = {{noise_rad}}
+[climate]
+temperature_c = {WARM_C}
+[operator]
+move_s = 0.15
+approach_s = 0.2
+dwell_s = 0.02
+switch_speed_mm_s = 40.0
+[[device]]
+id = "base"
+port = "board.pty"
+temperatures_c = [{WARM_C}]
+[[motion]]
+kind = "sphere"
+centre_mm = [500.0, 100.0, 50.0]
+radius_mm = 30.0
+points = {N_POINTS}
+"""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Points of both daemons, and what was true at each.
+
+    Attributes:
+        arm: With the effects.
+        truth: Lines of the truth log, one a point.
+        points: Of the daemon whose arm file has the effects.
+        bare: Of the one whose arm file has none.
+        board: That was measured with.
+        model: Of the first daemon.
+    """
+
+    arm: Arm
+    truth: list[dict[str, Any]]
+    points: list[Point]
+    bare: list[Point]
+    board: VirtualBoard
+    model: ArmModel
+
+    @property
+    def true_mm(self) -> np.ndarray:
+        """Centres of the ball, (n, 3)."""
+        return np.array([line["centre_mm"] for line in self.truth])
+
+    @property
+    def misses_mm(self) -> np.ndarray:
+        """With the effects in the daemon's file, (n, 3)."""
+        return places_mm(self.points) - self.true_mm
+
+    @property
+    def bare_misses_mm(self) -> np.ndarray:
+        """Without them, (n, 3)."""
+        return places_mm(self.bare) - self.true_mm
+
+    @property
+    def script_s(self) -> np.ndarray:
+        """When the points were touched, (n,)."""
+        return np.array([line["script_s"] for line in self.truth])
+
+
+def places_mm(points: list[Point]) -> np.ndarray:
+    return np.array([point.xyz_mm for point in points])
+
+
+def fine_arm(*effects: Effect) -> Arm:
+    """The heavy arm with a switching probe and encoders that resolve everything."""
+    arm = heavy_arm()
+    fine = {"counts_per_turn": COUNTS_PER_TURN}
+    joints = tuple(
+        joint.model_copy(update={"encoder": joint.encoder.model_copy(update=fine)})
+        for joint in arm.joints
+    )
+    changes = {
+        "joints": joints,
+        "probe": arm.probe.model_copy(update={"kind": "switching"}),
+        "effects": effects,
+        # Drifts are believed from their epoch to here.
+        "identification": Identification(date=START + timedelta(hours=1)),
+    }
+    return arm.model_copy(update=changes)
+
+
+class Daemon:
+    """The daemon's measuring path, without broker and event loop.
+
+    Args:
+        arm_file: what it measures with.
+        clock: the host's.
+        uncertainty: States covariances.
+    """
+
+    def __init__(
+        self, arm_file: Path, clock: HostClock, uncertainty: Uncertainty | None = None
+    ) -> None:
+        self.points: list[Point] = []
+        self.model = read_model(arm_file, {"base": None})
+        self._clock = clock
+        section = section_of(
+            {"id": "base", "driver": "latch-board", "port": "board.pty"}
+        )
+        self._device = Device(section, Straight(lambda delivery: None), None)
+        self._pipeline = Pipeline(self.model, clock)
+        self._measuring = Measuring(
+            clock=clock,
+            devices=JointDevices(self.model, [self._device]),
+            settings=AssemblySection(),
+            uncertainty=uncertainty or Uncertainty(UncertaintySection()),
+            pipeline=self._pipeline,
+            capture=Capture(clock, kept_at_once(self._keep)),
+            triggers=TriggerMap({("base", 1): "switch"}),
+            scanner=Scanner(clock, lambda scan: True, 0.05),
+            live=LivePoseSampler(clock, 20.0),
+            events=EventLog(clock, lambda event: None),
+            health=HealthReport(clock),
+            offer_live=lambda live: None,
+            status_changed=lambda: None,
+        )
+
+    def take(self, driver, delivery: Delivery) -> None:
+        self._device.driver = driver
+        self._measuring.take(self._device, delivery)
+
+    def use_model(self, model: ArmModel) -> None:
+        """Measure with another arm from now on."""
+        self._pipeline.use_model(model)
+
+    def _keep(self, point: Point) -> bool:
+        self.points.append(point)
+        return True
+
+
+def measured(
+    folder: Path, monkeypatch, *effects: Effect, noise_rad: float = 0.0
+) -> Measured:
+    """Play the script once and measure it with and without the effects."""
+    arm = fine_arm(*effects)
+    write_arm(folder / "true.toml", arm)
+    write_arm(folder / "bare.toml", arm.model_copy(update={"effects": ()}))
+    text = SIMULATION.format(noise_rad=noise_rad)
+    (folder / "simulator.toml").write_text(text, "utf-8")
+    board = VirtualBoard(folder)
+    adapted = Daemon(folder / "true.toml", board.clock)
+    bare = Daemon(folder / "bare.toml", board.clock)
+
+    def take(driver, delivery: Delivery) -> None:
+        bare.take(driver, delivery)
+        adapted.take(driver, delivery)
+
+    played(board, monkeypatch, RATE_HZ, take)
+    lines = (folder / "truth.jsonl").read_text("utf-8").splitlines()
+    edges = [json.loads(line) for line in lines]
+    truth = [edge for edge in edges if edge["input_name"] == "switch" and edge["level"]]
+    assert len(truth) == len(adapted.points) == len(bare.points) == N_POINTS
+    return Measured(arm, truth, adapted.points, bare.points, board, adapted.model)

@@ -1,0 +1,103 @@
+"""Commands over MQTT: answered on reply/<name> or where MQTT 5 says."""
+
+import asyncio
+
+import aiomqtt
+import pytest
+from paho.mqtt.packettypes import PacketTypes
+from paho.mqtt.properties import Properties
+
+from tests.end_to_end.arm_matrices import MatrixArm
+from tests.end_to_end.measuring import measuring
+from tests.end_to_end.programs import PATIENCE_S, until
+from tests.end_to_end.workbench import Workbench
+from traverse.protocol import topics
+from traverse.protocol.encoding import decode, encode
+from traverse.protocol.messages import Command, PointArgs, Reply, UndoArgs
+
+pytestmark = pytest.mark.needs("mosquitto")
+
+
+async def test_a_point_is_taken_on_command_and_the_answer_names_it(
+    resting: Workbench,
+) -> None:
+    async with measuring(resting) as (listener, _, _):
+        answers = [await listener.command(PointArgs()) for _ in range(3)]
+        await listener.n_points(3)
+    assert all(a.ok for a in answers)
+    named = [(a.result or {})["id"] for a in answers]
+    assert [p.id for p in listener.points] == named
+    assert [p.seq for p in listener.points] == [0, 1, 2]
+    assert {p.trigger for p in listener.points} == {"command"}
+    arm = MatrixArm(resting.arm_file)
+    for point in listener.points:
+        assert point.xyz_mm == pytest.approx(arm.pose(point.counts)[0], abs=1e-9)
+
+
+async def test_a_repeated_request_takes_no_second_point(resting: Workbench) -> None:
+    async with measuring(resting) as (listener, _, _):
+        first = await listener.command(PointArgs(), request="the-same")
+        listener.replies.clear()
+        assert await listener.command(PointArgs(), request="the-same") == first
+        other = await listener.command(PointArgs(), request="another")
+        await listener.n_points(2)
+    assert ((first.result or {})["seq"], (other.result or {})["seq"]) == (0, 1)
+    assert len(listener.points) == 2
+
+
+async def test_commands_that_cannot_be_done_say_why_and_what_to_do(
+    resting: Workbench,
+) -> None:
+    async with measuring(resting) as (listener, _, _):
+        refused = [
+            await listener.command(UndoArgs()),
+            await listener.command(PointArgs(samples=1_000_000)),
+        ]
+        await until(lambda: listener.healths[-1].counters["commands_refused"] == 2, "")
+    errors = [answer.error for answer in refused if answer.error]
+    assert [e.code for e in errors] == [
+        "capture.refused",
+        "command.bad_args",
+    ]
+    assert all(e.text and e.remedy for e in errors)
+    assert listener.points == []
+
+
+async def test_mqtt_5_answers_go_to_the_response_topic(resting: Workbench) -> None:
+    resting.write_daemon(broker='response_topics = ["elsewhere/+"]')
+    properties = Properties(PacketTypes.PUBLISH)
+    properties.ResponseTopic = f"elsewhere/{resting.arm}"
+    properties.CorrelationData = b"\x00\x01correlated"
+    command = encode(Command.carrying(PointArgs(), "five"), "json")
+    async with (
+        measuring(resting) as (listener, _, _),
+        aiomqtt.Client(
+            resting.host, resting.port, protocol=aiomqtt.ProtocolVersion.V5
+        ) as client,
+    ):
+        await client.subscribe(f"elsewhere/{resting.arm}", qos=1)
+        topic = topics.command_topic(resting.arm, "point")
+        await client.publish(topic, command, qos=1, properties=properties)
+        async with asyncio.timeout(PATIENCE_S):
+            message = await anext(aiter(client.messages))
+    assert message.properties is not None
+    assert message.properties.CorrelationData == b"\x00\x01correlated"
+    assert message.properties.ContentType == "application/msgpack"
+    assert isinstance(message.payload, bytes)
+    answer = decode(Reply, message.payload)
+    assert (answer.request, answer.ok) == ("five", True)
+    assert listener.replies == {}  # not there as well
+
+
+async def test_rubbish_as_a_command_is_counted_and_harms_nothing(
+    resting: Workbench,
+) -> None:
+    async with measuring(resting) as (listener, _, _):
+        for payload in (b"", b"\xff" * 100, b"{", b'{"schema": 1}'):
+            topic = topics.command_topic(resting.arm, "point")
+            await listener.client.publish(topic, payload, qos=1)
+        await until(
+            lambda: listener.healths[-1].counters["commands_refused"] == 4,
+            "four refused commands in health",
+        )
+        assert (await listener.command(PointArgs())).ok

@@ -1,0 +1,107 @@
+"""Timed scans: complete, at their rate, at any rate."""
+
+import numpy as np
+import pytest
+
+from tests.end_to_end.arm_matrices import MatrixArm
+from tests.end_to_end.listener import Listener, numbers, times_ns
+from tests.end_to_end.measuring import measuring
+from tests.end_to_end.workbench import REST, SPHERE, SWEEP, Workbench
+from traverse.protocol.messages import PointArgs, Scan, ScanArgs
+
+pytestmark = pytest.mark.needs("mosquitto")
+
+TRIES = 3
+
+
+async def scanned(listener: Listener, rate_hz: float, n: int) -> list[Scan]:
+    """Blocks of a whole scan, stopped after at least n points."""
+    started = await listener.command(ScanArgs(action="start", rate_hz=rate_hz))
+    assert started.ok, started
+    scan = str((started.result or {})["scan"])
+    await listener.scan_points(scan, n)
+    stopped = await listener.command(ScanArgs(action="stop"))
+    blocks = await listener.scan_ended(scan)
+    assert stopped.result == {"scan": scan, "total": blocks[-1].total}
+    return blocks
+
+
+def assert_complete(blocks: list[Scan], rate_hz: float) -> None:
+    """No number is missing, and the times are as far apart as the rate says."""
+    seq, at_ns = numbers(blocks), times_ns(blocks)
+    assert (seq == np.arange(blocks[-1].total or 0)).all()
+    assert [b.last for b in blocks] == [False] * (len(blocks) - 1) + [True]
+    assert (blocks[-1].lost, blocks[-1].dropped) == (0, 0)
+    # The host's picture of the board's clock settles by some milliseconds at first.
+    span_s = (at_ns[-1] - at_ns[0]) * 1e-9
+    assert span_s == pytest.approx((len(seq) - 1) / rate_hz, abs=0.015)
+    assert (np.diff(at_ns) >= 0).all()
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "seconds"), [(333.3, 2.0), (1000.0, 3.0), (10_000.0, 3.0)]
+)
+async def test_a_scan_is_complete_at_its_rate(
+    bench: Workbench, rate_hz: float, seconds: float
+) -> None:
+    bench.write_simulator(SWEEP, top="repeat = true")
+    bench.write_daemon()
+    async with measuring(bench) as (listener, _, _):
+        for _ in range(TRIES):
+            blocks = await scanned(listener, rate_hz, int(seconds * rate_hz))
+            points = len(numbers(blocks))
+            if not blocks[-1].lost:
+                break
+            # At 10 kHz a board's buffer lasts 0.13 s: a busy computer may lose, but not
+            # in silence.
+            assert (blocks[-1].total or 0) - points == blocks[-1].lost
+    assert_complete(blocks, rate_hz)
+    assert points >= int(seconds * rate_hz)
+    arm = MatrixArm(bench.arm_file)
+    for block in blocks[:: max(1, len(blocks) // 20)]:
+        if len(block.dtime_ns):
+            assert block.counts is not None
+            xyz_mm, shank = arm.pose(block.counts[0].tolist())
+            assert block.xyz_mm[0] == pytest.approx(xyz_mm, abs=1e-9)
+            assert block.ijk[0] == pytest.approx(shank, abs=1e-12)
+
+
+async def test_a_slow_scan_keeps_following_fast_joints(bench: Workbench) -> None:
+    bench.write_simulator(SPHERE.format(points=4), top="repeat = true")
+    bench.write_daemon()
+    async with measuring(bench) as (listener, _, _):
+        blocks = await scanned(listener, 7.0, 20)
+    assert_complete(blocks, 7.0)
+    arm = MatrixArm(bench.arm_file)
+    for block in blocks:
+        for counts, xyz_mm in zip(block.counts, block.xyz_mm, strict=True):
+            assert xyz_mm == pytest.approx(arm.pose(counts.tolist())[0], abs=1e-9)
+
+
+async def test_scans_follow_each_other_and_points_go_on_meanwhile(
+    bench: Workbench,
+) -> None:
+    bench.write_simulator(REST)
+    bench.write_daemon()
+    async with measuring(bench) as (listener, _, _):
+        first = await listener.command(ScanArgs(action="start", rate_hz=500.0))
+        await listener.scan_points(str((first.result or {})["scan"]), 100)
+        blocks = await scanned(listener, 200.0, 50)  # replaces the first one
+        ended = await listener.scan_ended(str((first.result or {})["scan"]))
+        assert (await listener.command(PointArgs())).ok
+        nothing = await listener.command(ScanArgs(action="stop"))
+    assert_complete(ended, 500.0)
+    assert_complete(blocks, 200.0)
+    assert nothing.result == {"scan": None, "total": 0}
+
+
+async def test_a_rate_beyond_the_board_is_refused(bench: Workbench) -> None:
+    bench.write_simulator(REST, board="max_rate_hz = 2000.0")
+    bench.write_daemon()
+    async with measuring(bench) as (listener, _, _):
+        refused = await listener.command(ScanArgs(action="start", rate_hz=2001.0))
+        blocks = await scanned(listener, 2000.0, 1000)
+    assert refused.error is not None
+    assert refused.error.code == "scan.rate"
+    assert "2000" in refused.error.text
+    assert_complete(blocks, 2000.0)

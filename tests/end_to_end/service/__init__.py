@@ -1,0 +1,1 @@
+"""Start, stop, supervision and recordings of the real daemon."""

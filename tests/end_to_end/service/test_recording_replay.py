@@ -1,0 +1,135 @@
+"""Recordings of the real daemon, replayed by the real command."""
+
+import json
+import os
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.end_to_end.measurement.test_capture_points import LIBRARY, change, result
+from tests.end_to_end.measuring import measuring
+from tests.end_to_end.programs import Program, until
+from tests.end_to_end.workbench import SPHERE, Workbench
+from traverse.protocol.messages import (
+    Label,
+    LabelArgs,
+    Point,
+    PointArgs,
+    ProbeArgs,
+    RecordArgs,
+    ReloadArgs,
+    ScanArgs,
+    UndoArgs,
+)
+
+pytestmark = pytest.mark.needs("mosquitto")
+
+
+async def replayed(
+    bench: Workbench, path: Path, *options: str
+) -> tuple[dict[str, Any], list[Point]]:
+    """What `traverse replay` says, and the points that it writes."""
+    arguments = ("replay", str(path), "--json", "--out", "points.jsonl", *options)
+    with Program(bench.folder, "replay", *arguments) as program:
+        status = await program.ended()
+        assert status == 0, program.output + program.log
+        report = json.loads(program.output)
+    lines = (bench.folder / "points.jsonl").read_text("utf-8").splitlines()
+    return report, [Point.model_validate_json(line) for line in lines]
+
+
+def size_of(path: Path) -> int:
+    return path.stat().st_size
+
+
+def assert_the_same(published: list[Point], points: list[Point]) -> None:
+    """What a subscriber got, and what a replay gives: equal in all but the numbers."""
+    then = {p.time_ns: p for p in published if p.retracts is None}
+    now = [p for p in points if p.retracts is None]
+    assert len(now) >= 14
+    for point in now:
+        told = then[point.time_ns]
+        assert (point.xyz_mm, point.ijk, point.angles_rad) == (
+            told.xyz_mm,
+            told.ijk,
+            told.angles_rad,
+        )
+        assert point.covariance_mm2 == told.covariance_mm2
+        assert point.surface_mm == told.surface_mm
+        assert point.quality == told.quality
+        assert point.label == told.label
+        assert point.model == told.model
+    assert {p.label for p in now} == {Label(), Label(artefact="ball")}
+    assert len({p.model for p in now}) == 2
+
+
+async def test_a_replay_gives_what_was_published_to_the_last_bit(
+    bench: Workbench,
+) -> None:
+    bench.write_simulator(SPHERE.format(points=200), arm="noise_rad = 5e-6")
+    bench.write_daemon(capture='compensation = "pretouch"\npretouch_mm = 1.0')
+    (bench.folder / "probes.toml").write_text(LIBRARY, "utf-8")
+    with_probes = 'file = "arm.toml"\nprobes = "probes.toml"'
+    change(bench, "daemon.toml", 'file = "arm.toml"', with_probes)
+    async with measuring(bench) as (listener, _, _):
+        await listener.n_points(2)
+        start = RecordArgs(action="start", name="first", note="all sorts of things")
+        path = Path(str(result(await listener.command(start))["file"]))
+        again = await listener.command(RecordArgs(action="start", name="second"))
+        await listener.n_points(5)
+        result(await listener.command(PointArgs()))
+        result(await listener.command(LabelArgs(artefact="ball")))
+        result(await listener.command(ScanArgs(action="start", rate_hz=500.0)))
+        await listener.n_points(8)
+        result(await listener.command(ScanArgs(action="stop")))
+        result(await listener.command(UndoArgs()))
+        result(await listener.command(ProbeArgs(name="long")))
+        await listener.n_points(12)
+        change(bench, "daemon.toml", "pretouch_mm = 1.0", "pretouch_mm = 1.5")
+        result(await listener.command(ReloadArgs()))
+        await listener.n_points(16)
+        recorded = result(await listener.command(RecordArgs(action="stop")))
+        stopped = await listener.command(RecordArgs(action="stop"))
+        health = listener.healths[-1].recording
+    assert not again.ok
+    assert again.error is not None
+    assert again.error.code == "recording.busy"
+    assert stopped.error is not None
+    assert stopped.error.code == "recording.none"
+    assert health.state in ("recording", "flight")
+    assert (recorded["gaps"], size_of(path)) == (0, recorded["bytes"])
+    report, points = await replayed(bench, path)
+    assert report["holds"]
+    assert report["points"]["compared"] == report["points"]["same"] >= 16
+    assert report["scan_points"]["compared"] == report["scan_points"]["same"] > 100
+    assert report["tear"] is None
+    assert_the_same(listener.points, points)
+    for block in ("1", "777"):
+        report, _ = await replayed(bench, path, "--block", block)
+        assert report["holds"]
+
+
+async def test_what_a_killed_daemon_recorded_is_kept_and_can_be_replayed(
+    bench: Workbench,
+) -> None:
+    bench.write_simulator(SPHERE.format(points=200))
+    bench.write_daemon()
+    async with measuring(bench) as (listener, _, daemon):
+        await listener.n_points(8)
+        # The flight recorder flushes every second.
+        flight = bench.folder / "state" / "recordings" / "flight"
+        await until(
+            lambda: any(f.stat().st_size > 20_000 for f in flight.iterdir()), ""
+        )
+        os.kill(daemon.process.pid, signal.SIGKILL)
+        daemon.process.wait()
+        with bench.daemon(name="second") as second:
+            event = await listener.event("recording.kept")
+            assert await second.stop() == 0
+    path = Path(event.text.rpartition(" ")[2])
+    assert path.name.endswith("-crash.mcap")
+    report, _ = await replayed(bench, path)
+    assert report["holds"]
+    assert report["points"]["same"] >= 1

@@ -1,0 +1,180 @@
+"""The daemon starts, refuses to start, and ends; exit statuses and what it says."""
+
+import asyncio
+import os
+import signal
+from pathlib import Path
+
+import pytest
+
+from tests.end_to_end.listener import listening
+from tests.end_to_end.measuring import measuring
+from tests.end_to_end.programs import until
+from tests.end_to_end.workbench import REST, Workbench
+from tests.mosquitto import HOST, free_port
+
+REFUSED, UNREACHABLE = 2, 3
+
+
+@pytest.fixture
+def alone(tmp_path: Path) -> Workbench:
+    """Files that name a broker which is not there."""
+    bench = Workbench(tmp_path, HOST, free_port())
+    bench.write_simulator(REST)
+    bench.write_daemon()
+    return bench
+
+
+async def test_no_port_and_no_broker_are_told_together(alone: Workbench) -> None:
+    with alone.daemon() as daemon:
+        assert await daemon.ended() == UNREACHABLE
+        assert "traverse cannot start:" in daemon.log
+        failures = [x for x in daemon.log.splitlines() if x.startswith("  - ")]
+        assert len(failures) == 2
+        assert str(alone.pty) in failures[0]
+        assert "no such port" in failures[0]
+        assert f"{alone.host}:{alone.port}" in failures[1]
+        assert "Traceback" not in daemon.log
+        assert daemon.output == ""
+
+
+async def test_every_mistake_of_a_configuration_is_told_at_once(
+    alone: Workbench,
+) -> None:
+    config = alone.folder / "daemon.toml"
+    text = config.read_text("utf-8").replace('driver = "latch-board"', "driver = 5")
+    config.write_text(f"colour = 1\n{text}\nperiod = 3\n", "utf-8")
+    with alone.daemon() as daemon:
+        assert await daemon.ended() == REFUSED
+        for where in ("colour", "device[0].driver", "health.period"):
+            assert f"{where}: " in daemon.log
+        assert "Traceback" not in daemon.log
+
+
+async def test_a_bad_arm_file_and_a_missing_broker_table_are_told_together(
+    alone: Workbench,
+) -> None:
+    arm = alone.arm_file.read_text("utf-8")
+    arm = arm.replace("axis = [0.0, 0.0, 1.0]", "axis = [0.0, 0.0, 0.0]")
+    alone.arm_file.write_text(arm.replace("sign = -1", "sign = 2"), "utf-8")
+    alone.port = 0
+    alone.write_daemon()
+    with alone.daemon() as daemon:
+        assert await daemon.ended() == REFUSED
+        for where in ("broker", "joints[0].axis", "joints[1].encoder.sign"):
+            assert f"{where}: " in daemon.log
+        assert "--embedded-broker" in daemon.log
+        assert "Traceback" not in daemon.log
+
+
+async def test_an_effect_that_cannot_be_applied_stops_the_start(
+    alone: Workbench,
+) -> None:
+    effect = (
+        '[[effects]]\nkind = "empirical"\njoint = "J3"\ncovariate = "time_s"\n'
+        "knots = [0.0, 60.0]\nvalues_rad = [0.0, 1e-5]\n"
+    )
+    text = alone.arm_file.read_text("utf-8")
+    alone.arm_file.write_text(f"{text}\n{effect}", "utf-8")
+    with alone.daemon() as daemon:
+        assert await daemon.ended() == REFUSED
+        assert "effects[0]" in daemon.log
+        assert "J3.empirical.time_s" in daemon.log
+
+
+async def test_a_missing_configuration_is_refused(tmp_path: Path) -> None:
+    with Workbench(tmp_path, HOST, 0).daemon() as daemon:
+        assert await daemon.ended() == REFUSED
+        assert "daemon.toml" in daemon.log
+        assert "Traceback" not in daemon.log
+
+
+async def test_an_arm_that_does_not_fit_the_board_is_refused(
+    alone: Workbench,
+) -> None:
+    with alone.simulator() as simulator:
+        await simulator.says("ready base")
+        text = alone.arm_file.read_text("utf-8")
+        text = text.replace("counts_per_turn = 8388608", "counts_per_turn = 8388607", 1)
+        alone.arm_file.write_text(text.replace('"base/6"', '"base/9"'), "utf-8")
+        with alone.daemon() as daemon:
+            assert await daemon.ended() == REFUSED
+            for said in ("8388607", "channel 9", f"{alone.host}:{alone.port}"):
+                assert said in daemon.log
+        assert await simulator.stop() == 0
+
+
+@pytest.mark.needs("mosquitto")
+async def test_a_second_daemon_on_the_port_says_so(
+    bench: Workbench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench.write_simulator(REST)
+    bench.write_daemon()
+    async with measuring(bench) as (listener, _, first):
+        monkeypatch.setenv("STATE_DIRECTORY", str(bench.folder / "other"))
+        with bench.daemon(name="second") as second:
+            assert await second.ended() == UNREACHABLE
+            assert f"cannot open {bench.pty}: in use by another program" in second.log
+        assert first.process.poll() is None
+        assert listener.told("device.lost", active=True) == []
+
+
+@pytest.mark.needs("mosquitto")
+async def test_a_second_daemon_leaves_the_first_in_peace(
+    bench: Workbench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench.write_simulator(REST)
+    bench.write_daemon()
+    async with measuring(bench) as (listener, _, _):
+        monkeypatch.setenv("STATE_DIRECTORY", str(bench.folder / "other"))
+        with bench.daemon(name="second") as second:
+            assert await second.ended() == UNREACHABLE
+        told = len(listener.healths)
+        await until(lambda: len(listener.healths) > told + 1, "more figures")
+        assert listener.healths[-1].counters["reconnects"] == 0
+        assert all(status.online for status in listener.statuses)
+
+
+async def test_a_signal_ends_it_while_it_waits_for_a_mute_board(
+    alone: Workbench,
+) -> None:
+    board, line = os.openpty()
+    try:
+        alone.pty.symlink_to(os.ttyname(line))
+        alone.write_daemon()
+        with alone.daemon() as daemon:
+            await asyncio.to_thread(os.read, board, 1)  # it says HELLO, nobody answers
+            daemon.process.send_signal(signal.SIGTERM)
+            # Sooner than it gives the board up: the devices may take eight seconds.
+            assert await daemon.ended(timeout_s=5.0) == 0
+    finally:
+        os.close(board)
+        os.close(line)
+
+
+@pytest.mark.needs("mosquitto")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+async def test_a_signal_ends_the_daemon_in_order(
+    bench: Workbench, number: signal.Signals
+) -> None:
+    bench.write_simulator(REST)
+    bench.write_daemon()
+    async with measuring(bench) as (listener, _, daemon):
+        assert await daemon.stop(number) == 0
+        assert "Traceback" not in daemon.log
+        await until(lambda: not listener.statuses[-1].online, "its last status")
+
+
+async def test_the_daemon_brings_its_own_broker(alone: Workbench) -> None:
+    port = str(alone.port)
+    alone.port = 0
+    alone.write_daemon()
+    with alone.simulator() as simulator:
+        await simulator.says("ready base")
+        with alone.daemon("--embedded-broker", "--embedded-port", port) as daemon:
+            await daemon.says("model ")
+            async with listening(HOST, int(port), alone.arm) as listener:
+                await listener.ready()
+            assert await daemon.stop() == 0
+            assert "Traceback" not in daemon.log
+        assert await simulator.stop() == 0

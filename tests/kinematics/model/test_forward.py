@@ -1,0 +1,246 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.kinematics.arms import geometries, random_geometry, seeds, size_mm
+from traverse.kinematics.model.forward import (
+    joint_positions,
+    probe_centre,
+    probe_pose,
+    stylus_direction,
+)
+from traverse.kinematics.model.geometry import Geometry, unit_vectors
+
+RELATIVE = 1e-12
+
+
+def postures(geometry, seed, n_samples=5):
+    rng = np.random.default_rng(seed)
+    return rng.uniform(-8, 8, (n_samples, geometry.n_joints))
+
+
+def rotation_matrix(axis, angle):
+    """Rodrigues' formula, 3x3."""
+    x, y, z = axis
+    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * skew + (1 - np.cos(angle)) * skew @ skew
+
+
+def turn_about_line(point, axis, angle):
+    """4x4 motion about the line through a point."""
+    motion = np.eye(4)
+    motion[:3, :3] = rotation_matrix(axis, angle)
+    motion[:3, 3] = point - motion[:3, :3] @ point
+    return motion
+
+
+def pose_by_matrices(geometry, angles):
+    """Product of exponentials about the joints' lines in the base posture."""
+    motion, origin = np.eye(4), geometry.origin_mm
+    for axis, link, zero, angle in zip(
+        geometry.axes, geometry.links_mm, geometry.zeros_rad, angles, strict=True
+    ):
+        motion = motion @ turn_about_line(origin, axis, angle - zero)
+        origin = origin + link
+    probe = np.append(origin + geometry.probe_vector_mm, 1.0)
+    return (motion @ probe)[:3], motion[:3, :3] @ geometry.probe_direction
+
+
+@given(geometries, seeds)
+def test_pose_agrees_with_homogeneous_matrices(geometry, seed):
+    angles = postures(geometry, seed)
+    centres, directions = probe_pose(geometry, angles)
+    for sample, centre, direction in zip(angles, centres, directions, strict=True):
+        expected_centre, expected_direction = pose_by_matrices(geometry, sample)
+        error = np.abs(centre - expected_centre).max()
+        assert error <= RELATIVE * size_mm(geometry)
+        np.testing.assert_allclose(direction, expected_direction, rtol=0, atol=1e-12)
+
+
+def test_planar_arm_of_two_joints_by_hand():
+    geometry = Geometry(
+        origin_mm=np.array([10.0, 0.0, 0.0]),
+        axes=np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0]]),
+        links_mm=np.array([[300.0, 0.0, 0.0], [200.0, 0.0, 5.0]]),
+        zeros_rad=np.array([0.25, -1.0]),
+        probe_vector_mm=np.array([0.0, 20.0, 0.0]),
+        probe_direction=np.array([1.0, 0.0, 0.0]),
+    )
+    # First joint a quarter turn left, second a quarter turn right: the first link
+    # points along y, the second and the probe as in the base posture.
+    angles = np.array([[0.25 + np.pi / 2, -1.0 - np.pi / 2]])
+    centre, direction = probe_pose(geometry, angles)
+    np.testing.assert_allclose(centre, [[210.0, 320.0, 5.0]], atol=1e-12)
+    np.testing.assert_allclose(direction, [[1.0, 0.0, 0.0]], atol=1e-15)
+    skeleton = [[[10, 0, 0], [10, 300, 0], [210, 320, 5]]]
+    np.testing.assert_allclose(joint_positions(geometry, angles), skeleton, atol=1e-12)
+
+
+@given(geometries)
+def test_base_posture_adds_up_the_links(geometry):
+    centre, direction = probe_pose(geometry, geometry.zeros_rad[np.newaxis])
+    expected = geometry.origin_mm + geometry.links_mm.sum(axis=0)
+    expected = expected + geometry.probe_vector_mm
+    np.testing.assert_allclose(
+        centre[0], expected, rtol=0, atol=RELATIVE * size_mm(geometry)
+    )
+    np.testing.assert_array_equal(direction[0], geometry.probe_direction)
+
+
+@given(geometries, seeds)
+def test_rigid_motion_of_the_base_posture_moves_the_probe_rigidly(geometry, seed):
+    rng = np.random.default_rng(seed)
+    rotation = rotation_matrix(unit_vectors(rng.normal(size=3)), rng.uniform(-3, 3))
+    shift = rng.uniform(-100, 100, 3)
+    moved = Geometry(
+        origin_mm=rotation @ geometry.origin_mm + shift,
+        axes=unit_vectors(geometry.axes @ rotation.T),
+        links_mm=geometry.links_mm @ rotation.T,
+        zeros_rad=geometry.zeros_rad,
+        probe_vector_mm=rotation @ geometry.probe_vector_mm,
+        probe_direction=unit_vectors(rotation @ geometry.probe_direction),
+    )
+    angles = postures(geometry, seed)
+    centres, directions = probe_pose(geometry, angles)
+    moved_centres, moved_directions = probe_pose(moved, angles)
+    atol = RELATIVE * (size_mm(geometry) + np.linalg.norm(shift))
+    np.testing.assert_allclose(
+        moved_centres, centres @ rotation.T + shift, rtol=0, atol=atol
+    )
+    np.testing.assert_allclose(
+        moved_directions, directions @ rotation.T, rtol=0, atol=1e-12
+    )
+
+
+@given(geometries, seeds, st.data())
+def test_turns_of_a_joint_add_up(geometry, seed, data):
+    """To turn by a in a new base posture is to turn by b + a in the old one."""
+    joint = data.draw(st.integers(0, geometry.n_joints - 1))
+    first = data.draw(st.floats(-7, 7))
+    axis = geometry.axes[joint]
+    turned = rotation_matrix(axis, first)
+    links, axes = geometry.links_mm.copy(), geometry.axes.copy()
+    links[joint:] = links[joint:] @ turned.T
+    axes[joint + 1 :] = unit_vectors(axes[joint + 1 :] @ turned.T)
+    new = replace(
+        geometry,
+        links_mm=links,
+        axes=axes,
+        probe_vector_mm=turned @ geometry.probe_vector_mm,
+        probe_direction=unit_vectors(turned @ geometry.probe_direction),
+    )
+    angles = postures(geometry, seed)
+    both = angles.copy()
+    both[:, joint] += first
+    np.testing.assert_allclose(
+        probe_centre(new, angles),
+        probe_centre(geometry, both),
+        rtol=0,
+        atol=4 * RELATIVE * size_mm(geometry),
+    )
+
+
+@given(geometries, seeds, st.integers(-3, 3))
+def test_whole_turns_change_nothing(geometry, seed, turns):
+    angles = postures(geometry, seed)
+    turned = angles.copy()
+    turned[:, seed % geometry.n_joints] += 2 * np.pi * turns
+    np.testing.assert_allclose(
+        probe_centre(geometry, turned),
+        probe_centre(geometry, angles),
+        rtol=0,
+        atol=4 * RELATIVE * size_mm(geometry),
+    )
+    np.testing.assert_allclose(
+        stylus_direction(geometry, turned),
+        stylus_direction(geometry, angles),
+        rtol=0,
+        atol=1e-12,
+    )
+
+
+@given(geometries, seeds, st.data())
+def test_shift_along_an_axis_between_neighbours_leaves_the_probe(geometry, seed, data):
+    """Invariance (3) of the paper: r_(k-1) - a u_k with r_k + a u_k.
+
+    For the first joint x_0 is what stands before it.
+    """
+    joint = data.draw(st.integers(0, geometry.n_joints - 1))
+    shift = data.draw(st.floats(-200, 200)) * geometry.axes[joint]
+    links, origin = geometry.links_mm.copy(), geometry.origin_mm
+    links[joint] += shift
+    if joint:
+        links[joint - 1] -= shift
+    else:
+        origin = origin - shift
+    shifted = replace(geometry, links_mm=links, origin_mm=origin)
+    angles = postures(geometry, seed)
+    np.testing.assert_allclose(
+        probe_centre(shifted, angles),
+        probe_centre(geometry, angles),
+        rtol=0,
+        atol=RELATIVE * (size_mm(geometry) + 400),
+    )
+
+
+@given(geometries, seeds)
+def test_skeleton_keeps_the_lengths_of_the_links(geometry, seed):
+    skeleton = joint_positions(geometry, postures(geometry, seed))
+    assert skeleton.shape == (5, geometry.n_joints + 1, 3)
+    links = geometry.links_mm.copy()
+    links[-1] += geometry.probe_vector_mm
+    lengths = np.linalg.norm(np.diff(skeleton, axis=1), axis=2)
+    np.testing.assert_allclose(
+        lengths,
+        np.broadcast_to(np.linalg.norm(links, axis=1), lengths.shape),
+        rtol=0,
+        atol=RELATIVE * size_mm(geometry),
+    )
+    np.testing.assert_array_equal(
+        skeleton[:, 0], np.broadcast_to(geometry.origin_mm, (5, 3))
+    )
+
+
+@given(st.lists(st.integers(0, 2600), max_size=6), st.booleans())
+def test_cutting_a_stream_into_blocks_keeps_every_bit(cuts, in_columns):
+    geometry = random_geometry(seed=4, n_joints=7)
+    angles = postures(geometry, seed=5, n_samples=2600)
+    centres, directions = probe_pose(geometry, angles)
+    if in_columns:  # another layout in memory is no other data
+        angles = np.asfortranarray(angles)
+    parts = [probe_pose(geometry, block) for block in np.split(angles, sorted(cuts))]
+    assert np.concatenate([p[0] for p in parts]).tobytes() == centres.tobytes()
+    assert np.concatenate([p[1] for p in parts]).tobytes() == directions.tobytes()
+
+
+def test_each_sample_alone_gives_the_bits_of_its_block():
+    geometry = random_geometry(seed=8, n_joints=7)
+    angles = postures(geometry, seed=9, n_samples=67)
+    block = probe_centre(geometry, angles)
+    alone = [probe_centre(geometry, sample[np.newaxis]) for sample in angles]
+    assert np.concatenate(alone).tobytes() == block.tobytes()
+
+
+def test_empty_block_gives_empty_results():
+    geometry = random_geometry(seed=1, n_joints=3)
+    centres, directions = probe_pose(geometry, np.empty((0, 3)))
+    assert centres.shape == directions.shape == (0, 3)
+    assert joint_positions(geometry, np.empty((0, 3))).shape == (0, 4, 3)
+
+
+@pytest.mark.parametrize("shape", [(3,), (2, 2), (2, 4), (1, 2, 3)])
+@pytest.mark.parametrize("of", [probe_pose, joint_positions])
+def test_angles_of_another_number_of_joints_are_refused(of, shape):
+    geometry = random_geometry(seed=1, n_joints=3)
+    with pytest.raises(ValueError, match=r"expected \(n_samples, 3\)"):
+        of(geometry, np.zeros(shape))
+
+
+def test_angles_are_left_as_they_are():
+    geometry = random_geometry(seed=1, n_joints=3)
+    angles = postures(geometry, seed=2)
+    angles.setflags(write=False)
+    probe_pose(geometry, angles)

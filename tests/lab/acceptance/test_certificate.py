@@ -1,0 +1,173 @@
+"""The certificate: what it holds, and what a change to any of it does."""
+
+import json
+import shutil
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+
+from tests.docs.pages import CHECKOUT
+from traverse.kinematics.arm_file.arm import FileError, read_arm
+from traverse.lab.acceptance.certificate.check import certificate_problems
+from traverse.lab.acceptance.certificate.files import write_certificate
+from traverse.lab.acceptance.certificate.values import sealed
+from traverse.lab.acceptance.certificate.words import figure_lines
+from traverse.lab.acceptance.conformity.limits import NO_LIMITS, read_limits
+from traverse.lab.acceptance.standards import verified
+from traverse.lab.measured_points.reading import files_read, read_measured
+from traverse.simulator.campaigns import write_campaign
+from traverse.simulator.campaigns.acceptance.poses import (
+    acceptance_poses,
+    drawn_acceptance,
+)
+
+ARM = CHECKOUT / "cli" / "demo_data" / "arm.toml"
+LIMITS = """\
+schema = "traverse/acceptance-limits/1"
+[mpe]
+interim_length_mm = 0.050
+"""
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A simulated interim check, and the certificate of it."""
+    folder = tmp_path_factory.mktemp("interim")
+    arm = read_arm(ARM)
+    write_campaign(
+        folder, drawn_acceptance(acceptance_poses(arm, "vdi2617-9", 3), 3), arm
+    )
+    (folder / "limits.toml").write_text(LIMITS)
+    limits = read_limits(folder / "limits.toml")
+    found = verified(read_measured(folder, arm), "vdi2617-9", limits)
+    files = {path.name: path.read_bytes() for path in files_read(folder)}
+    files["arm.toml"] = ARM.read_bytes()
+    files["limits.toml"] = LIMITS.encode()
+    when = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)
+    return sealed(found, arm, limits, files, when)
+
+
+@pytest.fixture(scope="module")
+def original(made, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("certificate")
+    write_certificate(made, folder)
+    return folder
+
+
+@pytest.fixture
+def written(original, tmp_path):
+    """A copy to be changed."""
+    return shutil.copytree(original, tmp_path, dirs_exist_ok=True)
+
+
+def test_everything_is_there_and_agrees(made, written):
+    names = {str(path.relative_to(written)) for path in written.rglob("*.*")}
+    assert names == {
+        "certificate.json",
+        "certificate.html",
+        "certificate.pdf",
+        "data/arm.toml",
+        "data/campaign.toml",
+        "data/limits.toml",
+        "data/poses.csv",
+    }
+    assert certificate_problems(written) == []
+    assert certificate_problems(written / "certificate.json") == []
+    values = json.loads((written / "certificate.json").read_text())
+    assert values == made.values
+    assert values["schema"] == "traverse/acceptance/1"
+    assert values["verdict"] == "accept"
+    assert values["complete"]
+
+
+def test_page_and_document_say_every_figure(made, written):
+    page = (written / "certificate.html").read_text()
+    values = made.values
+    for figure in values["figures"]:
+        assert figure["name"] in page
+        assert f"{figure['value_mm']:+.4f}" in page
+        assert figure["confirm"] in page
+    assert values["digest"]["digest"] in page
+    assert 'download="poses.csv"' in page
+    assert "http" not in page
+    document = (written / "certificate.pdf").read_bytes()
+    assert document.startswith(b"%PDF")
+    assert values["digest"]["digest"].encode() in document
+    lines = list(figure_lines(values))
+    assert "accepted" in lines[1]
+    assert lines[-1] == "Complete: accepted."
+
+
+def change(path, old, new):
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "message"),
+    [
+        ("data/poses.csv", "check-1", "check-2", "data/poses.csv was changed"),
+        ("data/limits.toml", "0.050", "0.060", "data/limits.toml was changed"),
+        ("data/arm.toml", "demo-7", "demo-8", "data/arm.toml was changed"),
+        ("certificate.json", '"accept"', '"reject"', "the figures were changed"),
+        ("certificate.json", '"digest": {', '"more": 1, "digest": {', "were changed"),
+    ],
+)
+def test_every_change_is_seen(written, name, old, new, message):
+    change(written / name, old, new)
+    assert any(message in problem for problem in certificate_problems(written))
+
+
+def test_a_file_that_is_gone_is_told(written):
+    (written / "data" / "poses.csv").unlink()
+    assert certificate_problems(written) == ["data/poses.csv is missing"]
+
+
+def test_other_figures_with_new_digests_do_not_follow_from_the_data(made, written):
+    # Whoever changes a figure and makes all digests anew is found by computing again.
+    (figure,) = made.verification.figures
+    values = json.loads((written / "certificate.json").read_text())
+    smaller = figure.value_mm / 2
+    values["figures"][0]["value_mm"] = smaller
+    from traverse.lab.acceptance.certificate.values import digest_values  # noqa: PLC0415
+
+    files = values.pop("digest")["files"]
+    values["digest"] = digest_values(values, files)
+    (written / "certificate.json").write_text(json.dumps(values))
+    (problem,) = certificate_problems(written)
+    assert f"the data give {figure.value_mm:.6f} mm" in problem
+
+
+def test_another_file_is_no_certificate(tmp_path):
+    with pytest.raises(FileError, match="cannot be read"):
+        certificate_problems(tmp_path)
+    (tmp_path / "certificate.json").write_text('{"schema": "other"}')
+    with pytest.raises(FileError, match="is no certificate"):
+        certificate_problems(tmp_path)
+
+
+def test_a_table_of_points_gives_the_same_figures(made, tmp_path):
+    folder = tmp_path / "points"
+    folder.mkdir()
+    for name in ("campaign.toml", "poses.csv"):
+        (folder / name).write_bytes(made.files[name])
+    arm = read_arm(ARM)
+    data = read_measured(folder, arm)
+    lines = ["id,artefact,feature,x_mm,y_mm,z_mm,temperature_c"]
+    for name, touched in data.touched.items():
+        for place, feature in zip(touched.places_mm, touched.features, strict=True):
+            cells = ",".join(map(repr, place.tolist()))
+            lines.append(f"p,{name},{feature},{cells},20.0")
+    (folder / "poses.csv").write_text("\n".join(lines) + "\n")
+    again = verified(read_measured(folder, arm), "vdi2617-9", NO_LIMITS)
+    values = [figure.value_mm for figure in again.figures]
+    expected = [figure.value_mm for figure in made.verification.figures]
+    np.testing.assert_allclose(values, expected, atol=1e-9)
+    (folder / "poses.csv").write_text(
+        "\n".join([lines[0], "p,chek-1,1,1,2,3,", "p,check-1,1,1,2,x,", ""])
+    )
+    with pytest.raises(FileError) as refused:
+        read_measured(folder, arm)
+    assert [p.where for p in refused.value.problems] == ["line 2", "line 3"]

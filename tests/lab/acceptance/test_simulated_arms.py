@@ -1,0 +1,103 @@
+"""Simulated arms with known errors: what acceptance says of them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.docs.pages import CHECKOUT
+from traverse.kinematics.arm_file.arm import effect_from_table, read_arm
+from traverse.lab.acceptance.conformity.limits import NO_LIMITS
+from traverse.lab.acceptance.plan import plan_of
+from traverse.lab.acceptance.standards import STANDARDS, verified
+from traverse.lab.measured_points.reading import read_measured
+from traverse.simulator.arm.truth import Deviations, true_arm
+from traverse.simulator.campaigns import NoiseTable, with_effects, write_campaign
+from traverse.simulator.campaigns.acceptance.poses import (
+    acceptance_poses,
+    drawn_acceptance,
+    touched_by,
+)
+
+ARM = read_arm(CHECKOUT / "cli" / "demo_data" / "arm.toml")
+QUIET = NoiseTable(encoder_rad=0.0, contact_mm=0.0, stated=False)
+
+
+def poses_of(standard):
+    return acceptance_poses(ARM, standard, 5, noise=QUIET, std_mm=0.0)
+
+
+POSES = {standard: poses_of(standard) for standard in STANDARDS}
+
+
+def figures(poses, standard, folder, seed=1):
+    write_campaign(folder, drawn_acceptance(poses, seed), ARM)
+    found = verified(read_measured(folder, ARM), standard, NO_LIMITS)
+    assert found.missing == ()
+    return {figure.key: figure for figure in found.figures}
+
+
+@pytest.mark.parametrize("standard", STANDARDS)
+def test_a_perfect_arm_has_no_errors(standard, tmp_path):
+    found = figures(POSES[standard], standard, tmp_path)
+    for figure in found.values():
+        assert figure.value_mm == pytest.approx(0.0, abs=1e-6), figure.name
+        assert figure.remarks == ()
+
+
+def test_a_ball_that_is_too_large_shows_in_the_size_alone(tmp_path):
+    table = {"kind": "probe_radius", "radius_error_mm": 0.004}
+    poses = with_effects(POSES["iso10360-12"], [effect_from_table(table)])
+    found = figures(poses, "iso10360-12", tmp_path)
+    assert found["p_size"].value_mm == pytest.approx(0.008, abs=1e-6)
+    assert found["p_form"].value_mm == pytest.approx(0.0, abs=1e-6)
+    assert found["e_uni"].value_mm == pytest.approx(0.0, abs=1e-6)
+
+
+def test_longer_standards_show_as_their_length(tmp_path):
+    effects = [
+        {"kind": "artefact_length", "artefact": f"check-{p}", "error_ppm": 20.0}
+        for p in range(1, 8)
+    ]
+    poses = with_effects(POSES["vdi2617-9"], [effect_from_table(e) for e in effects])
+    found = figures(poses, "vdi2617-9", tmp_path)["interim_length"]
+    true_mm = POSES["vdi2617-9"].artefacts[0].artefact.distance_mm
+    assert found.value_mm == pytest.approx(true_mm - true_mm / 1.00002, abs=1e-6)
+    assert dict(found.parts)["range of all errors"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_errors_of_length_are_those_of_the_places(tmp_path):
+    # Another true arm: what the arm file makes of its readings, straight from them.
+    truth = true_arm(ARM, Deviations(links_mm=0.02, axes_rad=1e-5, zeros_rad=0.0), 7)
+    poses = touched_by(POSES["iso10360-12"], truth)
+    found = figures(poses, "iso10360-12", tmp_path)["e_uni"]
+    data = read_measured(Path(tmp_path), ARM)
+    errors = []
+    for name, touched in data.touched.items():
+        if name.startswith("uni-"):
+            first, second = touched.places_mm[::2], touched.places_mm[1::2]
+            ends = np.array(list(data.artefacts[name].points_mm.values()))
+            length = np.linalg.norm(ends[1] - ends[0])
+            errors += (np.linalg.norm(second - first, axis=1) - length).tolist()
+    assert len(errors) == 105
+    assert found.value_mm == pytest.approx(max(errors, key=abs), abs=1e-9)
+    assert abs(found.value_mm) > 0.005
+
+
+@pytest.mark.parametrize("standard", STANDARDS)
+def test_plan_and_simulation_agree_on_what_is_touched(standard):
+    plan = plan_of(standard, ARM)
+    wanted = {}
+    for step in plan.steps:
+        wanted.setdefault(step.artefact, []).extend([step.feature] * step.touches)
+    poses = POSES[standard]
+    touched = {}
+    for index, feature in zip(poses.artefact_index, poses.feature_index, strict=True):
+        artefact = poses.artefacts[index].artefact
+        touched.setdefault(artefact.id, []).append(artefact.features[feature])
+    assert {k: sorted(v) for k, v in wanted.items()} == {
+        k: sorted(v) for k, v in touched.items()
+    }
+    assert all(k in plan.artefacts for k in wanted)
+    kinds = {p.artefact.id: p.artefact.kind for p in poses.artefacts}
+    assert {name: table["kind"] for name, table in plan.artefacts.items()} == kinds

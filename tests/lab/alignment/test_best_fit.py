@@ -1,0 +1,195 @@
+"""Best fit: what is flagged, refused, revealed; leapfrog joined to an alignment."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from tests.lab.alignment.aligned import (
+    BOX,
+    STD_MM,
+    WIDE,
+    codes,
+    common,
+    fitted,
+    told,
+    transformation,
+)
+from traverse.kinematics.helmert.adjustment import HelmertError
+from traverse.lab.alignment.best_fit import best_fit_alignment
+from traverse.lab.alignment.chained_alignment import chained_values
+from traverse.lab.alignment.common_points import CommonPoints, Place
+from traverse.lab.alignment.files import transformation_of
+from traverse.lab.alignment.statistics import global_test
+from traverse.lab.alignment.volume import fixed_volume
+from traverse.lab.alignment.words import alignment_lines, verdict_text
+
+NEAR_LINE = np.array([[0.0, 0, 0], [300, 20, 0], [700, 0, 25], [1000, 10, 0]])
+
+
+def test_a_wide_net_has_nothing_against_it():
+    found = fitted(WIDE, seed=2)
+    assert found.is_good
+    assert not found.flags
+    assert verdict_text(told(found)) == "Nothing speaks against it."
+    assert found.index.rms_mm < 1.0
+
+
+def test_nearly_collinear_points_are_called_so_however_small_their_residuals():
+    found = fitted(NEAR_LINE, seed=2, std_mm=0.001)
+    assert codes(found) == {"nearly_collinear", "small_for_the_volume"}
+    (flag,) = (f for f in found.flags if f.code == "nearly_collinear")
+    assert abs(flag.direction[0]) > 0.999
+    assert found.index.rms_mm > 5.0 * fitted(WIDE).index.rms_mm
+    assert "nearly collinear" in "\n".join(alignment_lines(told(found)))
+
+
+def test_points_on_a_line_within_their_errors_are_refused_with_the_direction():
+    to_mm = WIDE * [1.0, 0.0001, 0.0001]
+    with pytest.raises(HelmertError, match=r"line within their errors.*\(1.000, "):
+        fitted(to_mm, seed=4)
+    with pytest.raises(HelmertError, match=r"line within their errors.*\(1.000, "):
+        fitted(to_mm, seed=4, stated=False)
+
+
+def test_three_points_are_called_blind_across_their_plane():
+    found = fitted(WIDE[:3], seed=5)
+    assert codes(found) == {"coplanar", "blind_directions"}
+    normal = np.cross(WIDE[1] - WIDE[0], WIDE[2] - WIDE[0])
+    normal /= np.linalg.norm(normal)
+    for point in found.points:
+        assert point.detectable_mm[1] is None
+        assert abs(point.worst_direction @ normal) == pytest.approx(1.0)
+        assert point.hidden_mm is None
+        assert point.hidden_ratio > 0.3
+
+
+def test_a_mirrored_system_is_refused():
+    given = common(WIDE)
+    mirrored = CommonPoints(
+        given.names,
+        tuple(
+            Place(place.place_mm * [1, 1, -1], place.covariance_mm2)
+            for place in given.measured
+        ),
+        given.nominal,
+    )
+    with pytest.raises(HelmertError, match="left-handed"):
+        best_fit_alignment(mirrored, fixed_volume(BOX), "of the test")
+
+
+def test_a_scale_of_other_units_is_flagged():
+    given = common(WIDE)
+    inches = tuple(
+        Place(place.place_mm / 25.4, place.covariance_mm2) for place in given.measured
+    )
+    found = best_fit_alignment(
+        CommonPoints(given.names, inches, given.nominal),
+        fixed_volume(BOX),
+        "",
+        with_scale=True,
+    )
+    assert found.transformation.scale == pytest.approx(25.4)
+    assert "unlikely_scale" in codes(found)
+
+
+def test_errors_that_are_not_stated_are_estimated_and_test_nothing():
+    found = fitted(WIDE, seed=6, stated=False)
+    assert found.test.p_value is None
+    assert found.is_good
+    assert codes(found) == {"errors_not_stated"}
+    assert found.test.sigma0 == pytest.approx(STD_MM, rel=0.7)
+    values = told(found)
+    assert values["sigma0_unit"] == "mm"
+    assert all(point["p_value"] is None for point in values["points"])
+
+
+def test_errors_stated_for_some_points_only_are_refused():
+    given = common(WIDE)
+    some = (Place(given.measured[0].place_mm, None), *given.measured[1:])
+    with pytest.raises(ValueError, match=r"not of these measured points: P0; .*--std"):
+        best_fit_alignment(
+            CommonPoints(given.names, some, given.nominal), fixed_volume(BOX), ""
+        )
+
+
+def test_a_wrong_point_fails_the_test_and_is_named():
+    given = common(WIDE, seed=7)
+    wrong = given.measured[2].place_mm + np.array([0.5, 0.0, 0.2])
+    measured = (
+        *given.measured[:2],
+        Place(wrong, given.measured[2].covariance_mm2),
+        *given.measured[3:],
+    )
+    found = best_fit_alignment(
+        CommonPoints(given.names, measured, given.nominal), fixed_volume(BOX), ""
+    )
+    assert not found.is_good
+    assert codes(found) >= {"global_test_failed", "suspect_point"}
+    assert "do not use it" in verdict_text(told(found))
+    # and the covariance grows with sigma0
+    good = best_fit_alignment(given, fixed_volume(BOX), "")
+    grown = found.predicted.rms_mm / good.predicted.rms_mm
+    assert grown == pytest.approx(found.test.sigma0, rel=0.01)
+
+
+def test_an_error_of_the_detectable_size_is_found_four_times_out_of_five():
+    found = fitted(WIDE)
+    point = found.points[1]
+    size_mm, way = point.detectable_mm[1], point.worst_direction
+    n, hits = 300, 0
+    off = size_mm * transformation().rotation.T @ way
+    for seed in range(n):
+        given = common(WIDE, seed=1000 + seed)
+        moved = Place(
+            given.measured[1].place_mm + off, given.measured[1].covariance_mm2
+        )
+        measured = (given.measured[0], moved, *given.measured[2:])
+        again = best_fit_alignment(
+            CommonPoints(given.names, measured, given.nominal), fixed_volume(BOX), ""
+        )
+        # the residual that is seen of this error, in standard deviations
+        seen = again.points[1].residual_mm @ way
+        std = STD_MM * np.sqrt(way @ np.diag(again.points[1].redundancy) @ way)
+        hits += abs(seen) / std > stats.norm.isf(0.0005) * 0.999
+    assert hits / n == pytest.approx(0.8, abs=0.15)
+
+
+def test_the_global_test_against_scipy():
+    found = global_test(21.0, 6, is_stated=True)
+    assert found.p_value == pytest.approx(stats.chi2.sf(21.0, 6))
+    critical = stats.chi2.isf(0.05, 6)
+    assert stats.ncx2.sf(critical, 6, found.found_noncentrality) == pytest.approx(0.8)
+    assert stats.chi2.sf(critical / found.found_factor**2, 6) == pytest.approx(0.8)
+    low, high = found.interval
+    assert stats.chi2.cdf(21.0 / low**2, 6) == pytest.approx(0.975)
+    assert stats.chi2.cdf(21.0 / high**2, 6) == pytest.approx(0.025)
+    assert global_test(0.0, 0, is_stated=True) is None
+
+
+def test_a_leapfrog_joined_to_an_alignment_adds_both_errors():
+    first = told(fitted(WIDE, seed=8))
+    second = told(fitted(WIDE + 50.0, seed=9))
+    joined = chained_values(second, first, "first.json")
+    expected = transformation_of(first).after(transformation_of(second))
+    found = transformation_of(joined)
+    np.testing.assert_allclose(found.rotation, expected.rotation, atol=1e-15)
+    np.testing.assert_allclose(found.translation_mm, expected.translation_mm)
+    # Many drawn pairs scatter as it says, at a place.
+    place = np.array([[400.0, 100.0, 200.0]])
+    outer, inner = transformation_of(first), transformation_of(second)
+    rng, ends = np.random.default_rng(10), []
+    for _ in range(4000):
+        moved = place
+        for one, step in ((second, inner), (first, outer)):
+            xi = rng.multivariate_normal(np.zeros(6), one["covariance"]["matrix"])
+            moved = step.places_mm(moved)
+            away = moved - one["covariance"]["centre_mm"]
+            moved = moved + xi[:3] + np.cross(xi[3:], away)
+        ends.append(moved[0])
+    away = (outer.after(inner).places_mm(place) - joined["covariance"]["centre_mm"])[0]
+    x, y, z = away
+    design = np.hstack([np.eye(3), [[0, z, -y], [-z, 0, x], [y, -x, 0]]])
+    predicted = design @ np.array(joined["covariance"]["matrix"]) @ design.T
+    observed = np.cov(np.array(ends).T)
+    assert np.trace(observed) == pytest.approx(np.trace(predicted), rel=0.06)
+    assert joined["joined_with"]["file"] == "first.json"

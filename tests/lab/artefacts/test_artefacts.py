@@ -1,0 +1,159 @@
+"""Condition equations of every kind of artefact: derivatives, starts, meaning."""
+
+import numpy as np
+import pytest
+
+from tests.lab.simulated import random_directions, targets_of
+from traverse.lab.artefacts import ARTEFACT_KINDS, artefact_from_table
+from traverse.lab.artefacts.artefact import Touches
+
+TABLES = [
+    {"kind": "cone"},
+    {"kind": "sphere"},
+    {"kind": "sphere", "radius_mm": 25.0, "radius_std_mm": 0.001, "side": "inside"},
+    {"kind": "ball_bar", "radius_mm": [12.0, 15.0], "distance_mm": 300.0},
+    {"kind": "plane"},
+    {"kind": "parallel_planes", "distance_mm": 100.0},
+    {"kind": "parallel_planes", "distance_mm": 100.0, "side": "inside"},
+]
+NET = {"A": [0.0, 0, 0], "B": [100.0, 0, 0], "C": [0.0, 80, 0], "D": [10.0, 20, 90]}
+TABLES += [
+    {"kind": "points", "frame": frame, "points_mm": NET, **more}
+    for frame in ("arm", "own", "own_scaled")
+    for more in ({}, {"points_std_mm": 0.01})
+]
+
+
+def made(table, seed=1, n=40, growth=0.0):
+    """An artefact, true ball centres, and the touches."""
+    rng = np.random.default_rng(seed)
+    full = {"id": "x", **table}
+    place = np.array([300.0, -200.0, 150.0])
+    centres, names = targets_of(full, rng, n, place)
+    artefact = artefact_from_table(full)
+    listed = artefact.features or ("",)
+    features = np.array([listed.index(name) for name in names])
+    unknown = np.full((n, 3), np.nan)
+    growths = np.full(n, growth)
+    return artefact, centres, Touches(features, growths, unknown, 3.0, listed)
+
+
+def test_every_kind_is_tested_here():
+    assert {table["kind"] for table in TABLES} == set(ARTEFACT_KINDS)
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_derivatives_agree_with_central_differences(table):
+    artefact, centres, touches = made(table, growth=2e-3)
+    rng = np.random.default_rng(2)
+    state = artefact.start(centres, touches)
+    step = rng.normal(size=len(artefact.unknown_scales(touches))) * 0.01
+    state = artefact.moved(state, step)
+    centres = centres + rng.normal(size=centres.shape)
+    found = artefact.equations(state, centres, touches)
+    small = 1e-4
+    for component, unit in enumerate(np.eye(3) * small):
+        plus = artefact.equations(state, centres + unit, touches).misclosures_mm
+        minus = artefact.equations(state, centres - unit, touches).misclosures_mm
+        slope = (plus - minus) / (2 * small)
+        assert np.allclose(found.by_centre[:, :, component], slope, atol=1e-6)
+    for unknown, unit in enumerate(np.eye(len(step)) * small):
+        ahead, behind = artefact.moved(state, unit), artefact.moved(state, -unit)
+        plus = artefact.equations(ahead, centres, touches).misclosures_mm
+        minus = artefact.equations(behind, centres, touches).misclosures_mm
+        slope = (plus - minus) / (2 * small)
+        assert np.allclose(
+            found.by_unknowns[:, :, unknown], slope, rtol=1e-6, atol=1e-5
+        )
+        plus = artefact.certificate(ahead, touches).misclosures_mm
+        minus = artefact.certificate(behind, touches).misclosures_mm
+        slope = (plus - minus) / (2 * small)
+        certificate = artefact.certificate(state, touches)
+        assert np.allclose(certificate.by_unknowns[:, unknown], slope, atol=1e-6)
+        for length in artefact.lengths(state):
+            ((ahead_of),) = [
+                one.value_mm
+                for one in artefact.lengths(ahead)
+                if one.name == length.name
+            ]
+            ((behind_of),) = [
+                one.value_mm
+                for one in artefact.lengths(behind)
+                if one.name == length.name
+            ]
+            slope = (ahead_of - behind_of) / (2 * small)
+            assert length.by_unknowns[unknown] == pytest.approx(slope, abs=1e-6)
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_the_start_closes_exact_data_and_its_certificate(table):
+    artefact, centres, touches = made(table)
+    state = artefact.start(centres, touches)
+    found = artefact.equations(state, centres, touches)
+    assert np.allclose(found.misclosures_mm, 0.0, atol=1e-7)
+    certified = artefact.certificate(state, touches)
+    assert np.allclose(certified.misclosures_mm, 0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_the_start_survives_a_few_blunders(table):
+    artefact, centres, touches = made(table)
+    rng = np.random.default_rng(5)
+    centres[:3] += 2.0 * random_directions(rng, 3)
+    state = artefact.start(centres, touches)
+    found = artefact.equations(state, centres, touches).misclosures_mm[3:]
+    assert np.sqrt(np.median(found**2)) < 0.3
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_equations_leave_their_inputs_alone(table):
+    artefact, centres, touches = made(table)
+    state = artefact.start(centres, touches)
+    for array in (state, centres, touches.features, touches.growths):
+        array.setflags(write=False)
+    artefact.equations(state, centres, touches)
+    artefact.certificate(state, touches)
+    artefact.moved(state, np.full(len(artefact.unknown_scales(touches)), 1e-3))
+
+
+def test_a_warm_bar_is_longer_about_its_middle():
+    table = {"kind": "ball_bar", "radius_mm": 10.0, "distance_mm": 500.0}
+    artefact, centres, touches = made(table)
+    state = artefact.start(centres, touches)
+    warm = Touches(
+        touches.features, np.full(40, 1e-3), touches.directions, 3.0, ("1", "2")
+    )
+    # Both centres move outwards by 500 e-3 / 2 mm, and the radii grow by 0.01 mm.
+    along = state[3:6] - state[:3]
+    outwards = np.where(touches.features[:, None] == 0, -along, along) / 500.0
+    place = state[:6].reshape(2, 3)[touches.features]
+    grown = place + 0.25 * outwards + (centres - place) * (13.01 / 13.0)
+    found = artefact.equations(state, grown, warm).misclosures_mm
+    assert np.allclose(found, 0.0, atol=1e-9)
+
+
+def test_directions_tell_the_sides_of_a_plate_touched_from_both():
+    rng = np.random.default_rng(4)
+    centres = rng.uniform(-100, 100, (30, 3))
+    above = np.arange(30) % 2 == 0
+    centres[:, 2] = np.where(above, 3.0, -3.0)
+    directions = np.where(above[:, None], [0, 0, -1.0], [0, 0, 1.0])
+    plane = artefact_from_table({"id": "p", "kind": "plane"})
+    touches = Touches(np.zeros(30, int), np.zeros(30), directions, 3.0, ("",))
+    state = plane.start(centres, touches)
+    found = plane.equations(state, centres, touches).misclosures_mm
+    assert np.allclose(found, 0.0, atol=1e-12)
+    assert abs(state[3]) < 1e-12
+
+
+def test_a_nearly_flat_patch_of_a_sphere_keeps_its_side():
+    rng = np.random.default_rng(6)
+    up = np.column_stack([rng.normal(size=(20, 2)) * 0.05, np.ones(20)])
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    centres = np.array([100.0, 200, 300]) + 28.0 * up
+    sphere = artefact_from_table({"id": "s", "kind": "sphere", "radius_mm": 25.0})
+    touches = Touches(
+        np.zeros(20, int), np.zeros(20), np.full((20, 3), np.nan), 3.0, ("",)
+    )
+    state = sphere.start(centres, touches)
+    assert state[:3] == pytest.approx([100, 200, 300], abs=0.01)

@@ -1,0 +1,223 @@
+"""Campaign folders: read whole or refused with every line that is wrong."""
+
+import numpy as np
+import pytest
+
+from traverse.kinematics.arm_file.arm import FileError
+from traverse.lab.campaign.campaign import read_campaign
+
+CAMPAIGN = """\
+schema = "traverse/campaign/1"
+poses = "poses.csv"
+start_utc = 2026-11-20T09:00:00Z
+gravity_m_s2 = [0.1, 0.0, -9.8]
+[noise]
+encoder_rad = 4e-6
+[[artefacts]]
+id = "cone-1"
+kind = "cone"
+[[artefacts]]
+id = "bar"
+kind = "ball_bar"
+radius_mm = 12.7
+distance_mm = 800.0
+expansion_per_c = 1e-5
+[[artefacts]]
+id = "grid"
+kind = "points"
+frame = "own"
+points_mm = "grid.csv"
+"""
+GRID = "feature,x_mm,y_mm,z_mm\nA,0,0,0\nB,100,0,0\nC,0,100,0\n"
+HEADER = (
+    "time_s,artefact,feature,J1_rad,J2_rad,temperature_c,J1_approach,"
+    "direction_x,direction_y,direction_z\n"
+)
+ROWS = """\
+0.5,cone-1,,0.1,0.2,21.5,-1,,,
+1.5,bar,2,0.3,0.4,,0,0,0,-1
+2.5,grid,C,0.5,0.6,22,1,1,0,0
+3.5,grid,A,-0.5,6e-1,22,,1,0,0
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "campaign.toml").write_text(CAMPAIGN)
+    (tmp_path / "grid.csv").write_text(GRID)
+    (tmp_path / "poses.csv").write_text(HEADER + ROWS)
+    return tmp_path
+
+
+def problems(folder):
+    with pytest.raises(FileError) as caught:
+        read_campaign(folder, ["J1", "J2"])
+    return [str(problem) for problem in caught.value.problems]
+
+
+def test_a_campaign_is_read_into_arrays(folder):
+    campaign = read_campaign(folder, ["J1", "J2"])
+    poses = campaign.poses
+    assert [artefact.id for artefact in campaign.artefacts] == ["cone-1", "bar", "grid"]
+    assert campaign.encoder_rad == 4e-6
+    assert campaign.contact_mm is None
+    assert campaign.gravity_m_s2 == (0.1, 0.0, -9.8)
+    assert poses.lines.tolist() == [2, 3, 4, 5]
+    assert poses.time_s.tolist() == [0.5, 1.5, 2.5, 3.5]
+    assert poses.artefacts.tolist() == [0, 1, 2, 2]
+    assert poses.angles_rad.tolist() == [
+        [0.1, 0.2],
+        [0.3, 0.4],
+        [0.5, 0.6],
+        [-0.5, 0.6],
+    ]
+    assert poses.temperature_c == pytest.approx([21.5, np.nan, 22, 22], nan_ok=True)
+    assert poses.approaches[:, 0] == pytest.approx([-1, 0, 1, np.nan], nan_ok=True)
+    assert np.all(np.isnan(poses.approaches[:, 1]))
+    assert poses.directions[1].tolist() == [0, 0, -1]
+    assert poses.speeds_rad_s is None
+    assert len(campaign.digest) == 64
+
+
+def test_points_that_nobody_touched_are_left_out(folder):
+    campaign = read_campaign(folder, ["J1", "J2"])
+    assert campaign.feature_names[2] == ("A", "C")
+    assert campaign.poses.features.tolist()[2:] == [1, 0]
+    assert campaign.artefacts[2].points_mm == {"A": (0, 0, 0), "C": (0, 100, 0)}
+
+
+def test_columns_may_stand_in_any_order(folder):
+    (folder / "poses.csv").write_text(
+        "J2_rad,feature,artefact,J1_rad,time_s\n0.2,,cone-1,0.1,7\n"
+    )
+    poses = read_campaign(folder, ["J1", "J2"]).poses
+    assert poses.angles_rad.tolist() == [[0.1, 0.2]]
+    assert poses.time_s.tolist() == [7.0]
+
+
+def test_the_temperature_stretches_the_artefact(folder):
+    campaign = read_campaign(folder, ["J1", "J2"])
+    rows = np.array([1])
+    assert campaign.touches(1, rows, 3.0).growths.tolist() == [0.0]
+    poses = campaign.poses
+    poses.temperature_c[1] = 23.0
+    assert campaign.touches(1, rows, 3.0).growths == pytest.approx([3e-5])
+
+
+def test_every_bad_row_is_reported_with_its_line(folder):
+    bad = """\
+x,cone-1,,0.1,0.2,21.5,-1,,,
+1.5,bar,3,0.3,inf,,0,0,0,-1
+2.5,gird,C,0.5
+2.5,gird,C,0.5,0.6,22,1,1,0,0
+
+3.5,grid,D,0.5,1_0,22,2,1,1,0
+4.5,cone-1,,0.1,0.2,warm,-1,1,,
+5.5,cone-1,,0.1,0.2,20,-1,1,0,0
+"""
+    (folder / "poses.csv").write_text(HEADER + bad)
+    found = problems(folder)
+    expected = [
+        ("line 2", "time_s is 'x'"),
+        ("line 3", "unknown feature '3'"),
+        ("line 3", "J2_rad is 'inf'"),
+        ("line 4", "has 4 columns; expected 10"),
+        ("line 5", "unknown artefact 'gird'; did you mean 'grid'?"),
+        ("line 6", "is empty"),
+        ("line 7", "unknown feature 'D'"),
+        ("line 7", "J2_rad is '1_0'"),
+        ("line 7", "J1_approach is '2'"),
+        ("line 7", "direction has the length 1.414"),
+        ("line 8", "temperature_c is 'warm'"),
+        ("line 8", "give all three components or none"),
+    ]
+    assert len(found) == len(expected)
+    for text, (where, what) in zip(found, expected, strict=True):
+        assert text.startswith(where)
+        assert what in text
+
+
+def test_a_bad_row_far_down_is_found(folder):
+    row = "0.5,cone-1,,0.1,0.2,21.5,-1,,,\n"
+    rows = [row] * 45_000
+    rows[44_000] = row.replace("0.2", "")
+    (folder / "poses.csv").write_text(HEADER + "".join(rows))
+    assert problems(folder) == ["line 44002: J2_rad is '', not a finite number"]
+
+
+def test_many_bad_rows_are_counted_not_listed(folder):
+    (folder / "poses.csv").write_text(HEADER + "x\n" * 5000)
+    found = problems(folder)
+    assert len(found) == 101
+    assert found[-1] == "and 4900 more problems like these"
+
+
+def test_all_mistakes_of_a_header_are_reported(folder):
+    (folder / "poses.csv").write_text(
+        "time,artefact,feature,J1_rad,J1_rad,J3_rad,direction_x\n"
+    )
+    found = "\n".join(problems(folder))
+    assert "column 'time_s' is missing" in found
+    assert "column 'J2_rad' is missing" in found
+    assert "unknown column 'time'; did you mean 'time_s'?" in found
+    assert "column 'J1_rad' stands there twice" in found
+    assert "unknown column 'J3_rad'" in found
+    assert "direction_x needs direction_y, direction_z beside it" in found
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "where", "what"),
+    [
+        ('kind = "cone"', 'kind = "kone"', "artefacts[0].kind", "did you mean 'cone'?"),
+        ('id = "bar"', 'id = "cone-1"', "artefacts[1].id", "ids must differ"),
+        ("distance_mm", "distance", "artefacts[1].distance", "'distance_mm'"),
+        ("radius_mm = 12.7", "radius_mm = -1", "artefacts[1].radius_mm", "too small"),
+        ('frame = "own"', 'frame = "mine"', "artefacts[2].frame", "'own_scaled'"),
+        ("encoder_rad = 4e-6", "encoder = 4e-6", "noise.encoder", "encoder_rad"),
+        ("radius_mm = 12.7", "radius_mm = nan", "artefacts[1].radius_mm", "finite"),
+    ],
+)
+def test_mistakes_of_the_campaign_file_are_named(folder, old, new, where, what):
+    (folder / "campaign.toml").write_text(CAMPAIGN.replace(old, new))
+    found = problems(folder)
+    assert any(text.startswith(f"{where}: ") and what in text for text in found)
+
+
+@pytest.mark.parametrize(
+    ("grid", "what"),
+    [
+        ("name,x,y,z\nA,0,0,0\n", "line 1: columns are"),
+        (GRID + "A,1,2,3\n", "line 5: 'A' was given before"),
+        (GRID + "D,1,2\n", "line 5: ['D', '1', '2'] is not a name and three numbers"),
+        (GRID + "D,1,2,nan\n", "line 5: ['D', '1', '2', 'nan'] is not finite"),
+        ("feature,x_mm,y_mm,z_mm\n", "holds no points"),
+    ],
+)
+def test_mistakes_of_a_list_of_points_are_named(folder, grid, what):
+    (folder / "grid.csv").write_text(grid)
+    assert any(what in text for text in problems(folder))
+
+
+@pytest.mark.parametrize("name", ["campaign.toml", "poses.csv", "grid.csv"])
+def test_a_missing_file_is_named(folder, name):
+    (folder / name).unlink()
+    with pytest.raises(FileError, match=rf"{name}: 1 problem\n.*cannot be read"):
+        read_campaign(folder, ["J1", "J2"])
+
+
+def test_no_poses_are_refused(folder):
+    (folder / "poses.csv").write_text(HEADER)
+    assert problems(folder) == ["holds no poses; measure some"]
+
+
+def test_bytes_that_are_not_utf_8_are_refused(folder):
+    (folder / "poses.csv").write_bytes(HEADER.encode() + b"\xff\xfe\n")
+    assert "is not CSV in UTF-8" in problems(folder)[0]
+
+
+def test_a_part_of_a_campaign_keeps_its_artefacts(folder):
+    campaign = read_campaign(folder, ["J1", "J2"])
+    part = campaign.part(campaign.poses.artefacts == 2)
+    assert len(part.poses) == 2
+    assert part.poses.lines.tolist() == [4, 5]
+    assert part.artefacts == campaign.artefacts

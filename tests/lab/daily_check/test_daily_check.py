@@ -1,0 +1,184 @@
+"""The daily check: figures with known answers, the history, the report, pictures."""
+
+import sqlite3
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.lab.measurements import (
+    OCTAHEDRON,
+    artefact,
+    limits,
+    measured,
+    on_a_ball,
+    touches,
+)
+from traverse.kinematics.arm_file.arm import FileError
+from traverse.lab.daily_check.chart_pictures import (
+    chart_lines,
+    chart_png,
+    write_charts,
+)
+from traverse.lab.daily_check.figures import DailyCheckFigures, daily_check_figures
+from traverse.lab.daily_check.history import (
+    Check,
+    HistoryRefusedError,
+    add_check,
+    checks_of,
+)
+from traverse.lab.daily_check.report import (
+    read_certificate,
+    report_of,
+    report_values,
+)
+from traverse.lab.measured_points.certified_values import IncompleteError
+
+RADIUS_MM = 12.7
+# Around the mean: two touches 0.03 away along each axis; s^2 = 6 * 0.03^2 / 5.
+SEAT_MM = 0.03 * OCTAHEDRON + [400.0, 0.0, 0.0]
+MORE = np.vstack([OCTAHEDRON, np.ones(3) / np.sqrt(3), -np.ones(3) / np.sqrt(3)])
+NINE = np.vstack([MORE, [[0.6, 0.8, 0.0]]])
+
+
+def cone(places_mm=SEAT_MM):
+    return artefact("cone", "cone"), touches(places_mm, [""] * len(places_mm))
+
+
+def ball(outwards=NINE, radius_mm=RADIUS_MM, **keys):
+    table = {"radius_mm": RADIUS_MM, **keys}
+    places_mm = on_a_ball([500.0, 50.0, 0.0], radius_mm, outwards)
+    return artefact("sphere", "sphere", **table), touches(
+        places_mm, [""] * len(outwards), 22.0
+    )
+
+
+def test_figures_are_those_by_hand():
+    found = daily_check_figures(measured(cone(), ball(radius_mm=RADIUS_MM + 0.004)))
+    assert found.spat_max_mm == pytest.approx(0.03)
+    assert found.spat_2s_mm == pytest.approx(2 * np.sqrt(6 * 0.03**2 / 5))
+    assert found.sphere_form_mm == pytest.approx(0.0, abs=1e-9)
+    assert found.sphere_diameter_mm == pytest.approx(0.008, abs=1e-9)
+    assert (found.n_cone, found.n_sphere) == (6, 9)
+    assert found.temperature_c == pytest.approx(22.0)
+
+
+def test_the_sphere_is_as_large_as_it_is_warm():
+    found = daily_check_figures(measured(cone(), ball(expansion_per_c=1e-3)))
+    assert found.sphere_diameter_mm == pytest.approx(-2 * RADIUS_MM * 1e-3 * 2.0)
+
+
+def test_what_is_missing_is_told():
+    with pytest.raises(IncompleteError, match="0 artefacts of the kind sphere"):
+        daily_check_figures(measured(cone()))
+    with pytest.raises(IncompleteError, match="8 touches, expected 9"):
+        daily_check_figures(measured(cone(), ball(outwards=MORE)))
+    with pytest.raises(IncompleteError, match="radius_mm is missing"):
+        daily_check_figures(measured(cone(), ball(radius_mm=RADIUS_MM) and _unknown()))
+
+
+def _unknown():
+    (_, touched) = ball()
+    return artefact("sphere", "sphere"), touched
+
+
+def check(day, *, factor=1.0, shift_mm=0.0, begins="", digest="d" * 64, seed=3):
+    rng = np.random.default_rng([seed, day])
+    noise = np.exp(rng.normal(0.0, 0.15, 3)) * factor
+    figures = DailyCheckFigures(
+        0.030 * noise[0],
+        0.025 * noise[1],
+        0.020 * noise[2],
+        float(rng.normal(0.001, 0.002)) + shift_mm,
+        10,
+        9,
+        RADIUS_MM,
+        20.5,
+    )
+    time = f"2026-{1 + day // 28:02d}-{1 + day % 28:02d}T08:00:00Z"
+    return Check(time, "arm-7", digest, f"{day}", begins, figures)
+
+
+def test_the_history_keeps_checks_once_and_by_arm(tmp_path):
+    path = tmp_path / "interim.db"
+    assert checks_of(path, "arm-7") == []
+    assert add_check(path, check(1))
+    assert add_check(path, check(0))
+    assert not add_check(path, check(1))
+    assert add_check(path, replace(check(1), arm="other"))
+    assert checks_of(path, "arm-7") == [check(0), check(1)]
+
+
+def test_other_files_are_left_alone(tmp_path):
+    text, other, newer = tmp_path / "a", tmp_path / "b", tmp_path / "c"
+    text.write_text("no database" * 100)
+    with sqlite3.connect(other) as connection:
+        connection.execute("CREATE TABLE mine (x)")
+    checks_of(newer, "arm-7")
+    with sqlite3.connect(newer) as connection:
+        connection.execute("PRAGMA user_version = 9")
+    connection.close()
+    for path, words in ((text, "no history"), (other, "another"), (newer, "version 9")):
+        before = path.read_bytes()
+        with pytest.raises(HistoryRefusedError, match=words):
+            add_check(path, check(0))
+        assert path.read_bytes() == before
+
+
+def test_a_worn_tip_is_noticed_and_a_new_base_begins_after_the_repair():
+    good = [check(day) for day in range(40)]
+    assert report_of(good).is_in_control
+    worn = [*good, *(check(40 + n, shift_mm=-0.002 * n) for n in range(8))]
+    report = report_of(worn)
+    values = report_values(report)
+    assert not report.is_in_control
+    assert values["in_control"] is False
+    by_key = {figure["key"]: figure for figure in values["figures"]}
+    assert by_key["sphere_diameter_mm"]["alarms"]
+    assert not by_key["spat_2s_mm"]["alarms"]
+    repaired = [*worn, check(48, begins="new tip", digest="e" * 64)]
+    again = report_of(repaired)
+    assert again.is_in_control
+    assert len(again.checks) == 1
+    assert "judge from the third on" in again.remarks[0]
+
+
+def test_all_rules_together_are_about_one_false_alarm_a_year():
+    assert 0.5 < 250 * report_of([check(0)]).false_alarms < 1.0
+
+
+def test_beside_the_acceptance_and_its_limits(tmp_path):
+    certificate = {
+        "schema": "traverse/acceptance/1",
+        "standard": "asme-b89.4.22",
+        "date_utc": "2026-01-01T00:00:00Z",
+        "arm": {"name": "arm-7", "digest": "f" * 64},
+        "figures": [{"key": "spat_2s", "value_mm": 0.028, "limit_mm": 0.02}],
+    }
+    report = report_of([check(0)], certificate=certificate)
+    assert report.charts[0].accepted_mm == pytest.approx(0.028)
+    assert report.charts[0].exceeds
+    assert not report.is_in_control
+    assert "another arm file" in report.remarks[-1]
+    assert report_of([check(0)], limits(spat_2s_mm=0.5), certificate).is_in_control
+    path = tmp_path / "certificate.json"
+    path.write_text("{}")
+    with pytest.raises(FileError, match="is no certificate"):
+        read_certificate(path, "arm-7")
+    path.write_text('{"schema": "traverse/acceptance/1", "arm": {"name": "x"}}')
+    with pytest.raises(FileError, match="of arm 'x'"):
+        read_certificate(path, "arm-7")
+
+
+def test_pictures_are_made_of_short_and_long_histories(tmp_path):
+    for n in (1, 70):
+        checks = [check(day) for day in range(n - 1)] + [check(n, factor=9.0)]
+        report = report_of(checks)
+        assert chart_png(report).startswith(b"\x89PNG")
+    assert write_charts(report, tmp_path) == ["chart.png", "chart.html"]
+    page = (tmp_path / "chart.html").read_text()
+    assert "OUT OF CONTROL" in page
+    lines = chart_lines(report.charts[0])
+    assert {len(line) for line in lines} == {len(lines[0])}
+    assert lines[0].rstrip("|")[-1] == "X"
+    assert sum(line.count("o") + line.count("X") for line in lines) == 60

@@ -1,0 +1,199 @@
+"""The gap on poses kept aside, against dense formulas."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from tests.lab.diagnosis.fitted_rows import measured
+from tests.lab.simulated import PROBE_RADIUS_MM
+from traverse.kinematics.arm_file.arm import effect_from_table
+from traverse.lab.diagnosis.holdout.comparison import (
+    closed,
+    compare_on_holdout,
+    holdout_result,
+    is_worse,
+    uncontradicted,
+)
+from traverse.lab.diagnosis.holdout.holdout import split
+from traverse.lab.diagnosis.holdout.prediction import predicted, with_noise
+from traverse.lab.diagnosis.model.fit import fitted, with_effects
+from traverse.lab.diagnosis.model.observation_equations import equations_of
+from traverse.lab.identification.equations.network import stations
+from traverse.lab.identification.equations.station_equations import white_rows
+
+ECCENTRIC = effect_from_table(
+    {"kind": "encoder_eccentricity", "joint": "J3", "cos_rad": 4e-5, "sin_rad": -2e-5}
+)
+
+
+@cache
+def fit_of(eccentric: bool, term: bool):
+    """Fit the choosing poses; the arm may have an eccentricity, the model a term."""
+    of = measured().with_effect(ECCENTRIC) if eccentric else measured()
+    choosing, held_out = split(of.campaign, 1)
+    terms = (ECCENTRIC,) if term else ()
+    return fitted(of.campaign, with_effects(of.arm, terms), choosing), held_out
+
+
+def test_the_closed_part_by_hand():
+    assert closed(5.1, 1.02, 300) == pytest.approx(4.08 / 4.1)
+    assert closed(2.0, 2.5, 300) == pytest.approx(-0.5)
+    # 3 sqrt(2 / 200) = 0.3
+    assert closed(1.299, 1.0, 200) is None
+    assert closed(1.301, 1.0, 200) is not None
+    assert closed(float("nan"), float("nan"), 0) is None
+
+
+def test_the_paired_test_by_hand():
+    before = np.array([1.0, 2.0, 3.0, 4.0, np.nan])
+    degrees = np.full(5, 3.0)
+    # Growths 1, 2, 1, 2: mean 1.5, error 0.2887, t = 5.196; 4.541 is the 1 % point.
+    after = before + np.array([1.0, 2.0, 1.0, 2.0, 0.0])
+    assert is_worse(before, after, degrees)
+    # Growths 0, 2, 0, 2: t = 1.73.
+    after = before + np.array([0.0, 2.0, 0.0, 2.0, 0.0])
+    assert not is_worse(before, after, degrees)
+    assert not is_worse(after, before, degrees)
+    assert not is_worse(before, before, degrees)
+
+
+def test_statistics_are_those_of_the_dense_predictive_covariance():
+    fit, held_out = fit_of(eccentric=False, term=False)
+    adjustment = fit.adjustment
+    columns = equations_of(adjustment).columns
+    cofactors = np.linalg.pinv(columns.T @ columns, rcond=1e-13, hermitian=True)
+    found = predicted(adjustment, held_out, PROBE_RADIUS_MM)
+    network, state = adjustment.network, adjustment.state
+    n_free = network.parameters.n_free
+    first = n_free
+    for at, station in enumerate(stations(network.campaign, PROBE_RADIUS_MM, held_out)):
+        own = slice(first, first + len(station.scales))
+        first = own.stop
+        unknowns = state.unknowns[at]
+        for rows in white_rows(network, station, state.arm, unknowns):
+            for pose in range(0, len(station.poses), 5):
+                full = np.zeros((rows.misclosures.shape[1], len(cofactors)))
+                full[:, :n_free] = (
+                    rows.by_parameters[pose] * network.parameters.free_tolerances
+                )
+                full[:, own] = rows.by_unknowns[pose] * station.scales
+                covariance = np.eye(len(full)) + full @ cofactors @ full.T
+                v = rows.misclosures[pose]
+                assert found.statistics[station.poses[pose]] == pytest.approx(
+                    v @ np.linalg.solve(covariance, v), rel=1e-4
+                )
+
+
+def test_s_of_a_right_model_is_one():
+    fit, held_out = fit_of(eccentric=False, term=False)
+    found = holdout_result(fit.adjustment, held_out, PROBE_RADIUS_MM)
+    assert found.n == 3 * 48 + 24
+    assert found.chi2 == pytest.approx(1.0, abs=3.0 * np.sqrt(2.0 / found.n))
+    misclosures_mm = predicted(fit.adjustment, held_out, PROBE_RADIUS_MM).misclosures_mm
+    finite = misclosures_mm[np.isfinite(misclosures_mm)]
+    assert found.rms_mm == pytest.approx(np.sqrt(np.mean(finite**2)))
+    assert found.mean_distance_mm is None
+
+
+def test_the_missing_term_closes_the_gap():
+    before, held_out = fit_of(eccentric=True, term=False)
+    after, _ = fit_of(eccentric=True, term=True)
+    gap = compare_on_holdout(
+        before.adjustment, after.adjustment, held_out, PROBE_RADIUS_MM
+    )
+    assert gap.before.chi2 > 2.0
+    assert gap.closed == pytest.approx(1.0, abs=0.2)
+    assert not gap.is_worse
+    assert gap.n_contradicting == 0
+    back = compare_on_holdout(
+        after.adjustment, before.adjustment, held_out, PROBE_RADIUS_MM
+    )
+    assert back.is_worse
+
+
+def test_a_needless_term_brings_no_veto():
+    before, held_out = fit_of(eccentric=False, term=False)
+    after, _ = fit_of(eccentric=False, term=True)
+    gap = compare_on_holdout(
+        before.adjustment, after.adjustment, held_out, PROBE_RADIUS_MM
+    )
+    assert not gap.is_worse
+    assert gap.closed is None
+
+
+def test_blunders_among_the_held_out_poses_count_for_neither_model():
+    of = measured().with_effect(ECCENTRIC)
+    choosing, held_out = split(of.campaign, 1)
+    bad = np.flatnonzero(held_out)[[3, 30]]
+    angles_rad = of.campaign.poses.angles_rad.copy()
+    angles_rad[bad, 1] += 5e-4
+    of = of.with_poses(angles_rad=angles_rad)
+    before = fitted(of.campaign, of.arm, choosing).adjustment
+    after = fitted(of.campaign, with_effects(of.arm, (ECCENTRIC,)), choosing).adjustment
+    gap = compare_on_holdout(before, after, held_out, PROBE_RADIUS_MM)
+    assert gap.n_contradicting == 2
+    assert not np.any(gap.compared[bad])
+    assert np.array_equal(
+        gap.compared, uncontradicted(after, held_out, PROBE_RADIUS_MM)
+    )
+    assert gap.closed == pytest.approx(1.0, abs=0.2)
+
+
+def test_an_artefact_that_is_held_out_whole_is_predicted_but_for_its_place():
+    # Three cones, one after the other, so that scatter averages out.
+    statistics, degrees = 0.0, 0.0
+    of = measured()
+    for index in range(4):
+        whole = of.campaign.poses.artefacts == index
+        fit = fitted(of.campaign, of.arm, ~whole)
+        found = predicted(fit.adjustment, whole, PROBE_RADIUS_MM)
+        assert np.sum(found.degrees[whole]) == pytest.approx(3 * 40 - 3)
+        assert np.all(np.isnan(found.statistics[~whole]))
+        statistics += float(np.sum(found.statistics[whole]))
+        degrees += float(np.sum(found.degrees[whole]))
+    assert statistics / degrees == pytest.approx(1.0, abs=3.0 * np.sqrt(2.0 / degrees))
+
+
+def test_more_noise_makes_the_same_misclosures_smaller():
+    fit, held_out = fit_of(eccentric=False, term=False)
+    noise = fit.adjustment.network.noise
+    doubled = noise.scaled(
+        np.full_like(noise.encoder_rad, 2.0), np.full_like(noise.contact_mm, 2.0)
+    )
+    of_cones = held_out & (measured().campaign.poses.artefacts < 4)
+    plain = holdout_result(fit.adjustment, of_cones, PROBE_RADIUS_MM)
+    weighed = holdout_result(fit.adjustment, of_cones, PROBE_RADIUS_MM, doubled)
+    # Certificates keep their own noise: a quarter, nearly.
+    assert weighed.chi2 == pytest.approx(0.25 * plain.chi2, rel=0.01)
+    assert weighed.rms_mm == plain.rms_mm
+    again = with_noise(with_noise(fit.adjustment, doubled), noise)
+    assert holdout_result(again, of_cones, PROBE_RADIUS_MM).chi2 == pytest.approx(
+        plain.chi2
+    )
+
+
+def test_without_held_out_poses_there_is_nothing_to_say():
+    fit, held_out = fit_of(eccentric=False, term=False)
+    gap = compare_on_holdout(
+        fit.adjustment, fit.adjustment, np.zeros_like(held_out), PROBE_RADIUS_MM
+    )
+    assert gap.before.n == 0
+    assert np.isnan(gap.before.rms_mm)
+    assert gap.closed is None
+    assert not gap.is_worse
+
+
+def test_mean_distances_are_told_for_known_points():
+    fit, held_out = fit_of(eccentric=False, term=False)
+    network = fit.adjustment.network
+    artefacts = network.campaign.artefacts
+    named = artefacts[0].model_copy(update={"kind": "points"})
+    campaign = replace(network.campaign, artefacts=(named, *artefacts[1:]))
+    adjustment = replace(fit.adjustment, network=replace(network, campaign=campaign))
+    found = holdout_result(adjustment, held_out, PROBE_RADIUS_MM)
+    mine = held_out & (campaign.poses.artefacts == 0)
+    misclosures_mm = predicted(adjustment, mine, PROBE_RADIUS_MM).misclosures_mm[mine]
+    expected_mm = np.mean(np.sqrt(np.sum(misclosures_mm**2, axis=1)))
+    assert found.mean_distance_mm == pytest.approx(expected_mm)

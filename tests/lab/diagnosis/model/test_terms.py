@@ -1,0 +1,227 @@
+"""Terms of a fit one by one: taken out, and their standard deviations."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from tests.lab.diagnosis.fitted_rows import measured
+from tests.simulator.effects.examples import heavy_arm, spec_of
+from traverse.cli.blind_campaign import campaign_from_simulation
+from traverse.kinematics.arm_file.arm import effect_from_table
+from traverse.lab.diagnosis.candidates.library import library_bank
+from traverse.lab.diagnosis.candidates.scoring import judge, project
+from traverse.lab.diagnosis.model.candidate import BankName
+from traverse.lab.diagnosis.model.fit import fitted, with_effects
+from traverse.lab.diagnosis.model.observation_equations import equations_of
+from traverse.lab.diagnosis.model.serial_correlation import (
+    SerialCorrelation,
+    without_serial_noise,
+)
+from traverse.lab.diagnosis.model.terms import estimates_of, rows_without
+from traverse.lab.identification.equations.network import has_length
+from traverse.lab.identification.equations.plausible_sizes import campaign_start
+from traverse.simulator.campaigns import (
+    BallBar,
+    Cone,
+    NoiseTable,
+    draw_noise,
+    make_poses,
+)
+from traverse.simulator.campaigns import with_effects as touched_with
+
+START = campaign_start(measured().campaign)
+ECCENTRICITY = {
+    "kind": "encoder_eccentricity",
+    "joint": "J3",
+    "cos_rad": 3e-5,
+    "sin_rad": -1e-5,
+}
+DRIFT = {"kind": "base_drift", "rate_mm_s": [3e-5, 0.0, -2e-5], "epoch_utc": START}
+STEP = {
+    "kind": "base_step",
+    "at_s": 500.0,
+    "step_mm": [0.02, -0.01, 0.0],
+    "epoch_utc": START,
+}
+WOBBLE = {
+    "kind": "axis_wobble",
+    "joint": "J4",
+    "order": 2,
+    "cos_rad": [2e-5, 0.0, 0.0],
+    "sin_rad": [0.0, 0.0, -3e-5],
+}
+LOBING = {"kind": "probe_lobing", "amplitude_mm": 0.008, "phase_rad": 0.6}
+COMPLIANCE = {"kind": "bearing_compliance", "joint": "J2", "compliance_rad_nm": 1e-5}
+
+
+@cache
+def fit_with(*tables):
+    """A fit with some effects of a campaign in which there are these."""
+    effects = tuple(effect_from_table(dict(table)) for table in tables)
+    given = measured()
+    for effect in effects:
+        given = given.with_effect(effect)
+    return given, given.fit(effects)
+
+
+def frozen(table):
+    return tuple(
+        (key, tuple(value) if isinstance(value, list) else value)
+        for key, value in table.items()
+    )
+
+
+@pytest.mark.parametrize(
+    "table",
+    [ECCENTRICITY, DRIFT, STEP, WOBBLE, LOBING, COMPLIANCE],
+    ids=lambda t: t["kind"],
+)
+def test_a_term_taken_out_leaves_the_rows_of_a_fit_without_it(table):
+    given, fit = fit_with(frozen(table))
+    found = rows_without(equations_of(fit.adjustment), 0)
+    expected = given.rows()
+    if np.array_equal(fit.included, given.fit().included):
+        assert found.redundancy == expected.redundancy
+        changed = np.abs(
+            expected.residuals - equations_of(fit.adjustment).residuals
+        ).max()
+        np.testing.assert_allclose(
+            found.residuals, expected.residuals, atol=0.03 * changed + 0.02
+        )
+    assert found.sum_of_squares == pytest.approx(expected.sum_of_squares, rel=0.02)
+
+
+def test_the_other_term_stays():
+    given, fit = fit_with(frozen(ECCENTRICITY), frozen(DRIFT))
+    rows = equations_of(fit.adjustment)
+    effects = tuple(effect_from_table(t) for t in (ECCENTRICITY, DRIFT))
+    for index in (0, 1):
+        expected = equations_of(given.fit((effects[1 - index],)).adjustment)
+        found = rows_without(rows, index)
+        assert found.redundancy == expected.redundancy
+        np.testing.assert_allclose(found.residuals, expected.residuals, atol=0.05)
+
+
+def test_a_term_taken_out_is_found_again_with_its_size():
+    given, fit = fit_with(frozen(ECCENTRICITY), frozen(DRIFT))
+    rows = rows_without(equations_of(fit.adjustment), 0)
+    found = judge(rows, project(rows, library_bank(rows, given.arm)))
+    best = found.projected[int(np.argmax(found.scores))]
+    assert best.candidate.name == "encoder_eccentricity J3"
+    assert best.candidate.bank is BankName.LIBRARY
+    amplitudes, covariance = best.amplitudes(rows.residuals)
+    estimates = estimates_of(equations_of(fit.adjustment), 0)
+    for at, key in enumerate(("cos_rad", "sin_rad")):
+        assert amplitudes[at] == pytest.approx(estimates[key].value, abs=2e-7)
+        assert covariance[at, at] ** 0.5 == pytest.approx(estimates[key].std, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    "table", [ECCENTRICITY, DRIFT, WOBBLE, COMPLIANCE], ids=lambda t: t["kind"]
+)
+def test_standard_deviations_are_those_of_the_adjustment(table):
+    _, fit = fit_with(frozen(table))
+    adjustment = fit.adjustment
+    parameters = adjustment.network.parameters
+    directions = parameters.effects.directions(adjustment.state.arm.geometry)
+    inverse = adjustment.split.inverse[-directions.shape[1] :]
+    stds = adjustment.sigma0 * np.linalg.norm(directions @ inverse, axis=1)
+    found = estimates_of(equations_of(adjustment), 0)
+    told = np.concatenate([np.atleast_1d(one.std) for one in found.values()])
+    np.testing.assert_allclose(told, stds, rtol=0.02, atol=1e-3 * stds.max())
+
+
+def test_without_any_length_misclosures_say_nothing_of_it():
+    """They grow with the arm: a column of its length would explain all of them."""
+    given = measured().with_effect(effect_from_table(dict(ECCENTRICITY)))
+    campaign = given.campaign
+    kinds = np.array([artefact.kind for artefact in campaign.artefacts])
+    on_cones = kinds[campaign.poses.artefacts] == "cone"
+    # Stated noise that is too small makes misclosures as large as many poses do.
+    campaign = replace(campaign.part(on_cones), encoder_rad=2e-7, contact_mm=1e-4)
+    everyone = np.ones(len(campaign.poses), dtype=np.bool_)
+    arm = with_effects(given.arm, (effect_from_table(dict(ECCENTRICITY)),))
+    adjustment = fitted(campaign, arm, everyone, snooping=False).adjustment
+    assert not has_length(adjustment.network)
+    rows = equations_of(adjustment)
+    assert rows.redundancy == adjustment.redundancy
+    assert rows.sum_of_squares == pytest.approx(adjustment.system.sum_of_squares)
+    inverse = adjustment.split.inverse[-2:]
+    stds = adjustment.sigma0 * np.linalg.norm(inverse, axis=1)
+    found = estimates_of(rows, 0)
+    np.testing.assert_allclose([one.std for one in found.values()], stds, rtol=1e-3)
+
+
+def test_estimates_have_the_keys_and_units_of_the_arm_file():
+    _, fit = fit_with(frozen(WOBBLE))
+    found = estimates_of(equations_of(fit.adjustment), 0)
+    assert {key: one.unit for key, one in found.items()} == {
+        "cos_rad": "rad",
+        "sin_rad": "rad",
+    }
+    axis = fit.adjustment.state.arm.geometry.axes[3]
+    for one in found.values():
+        assert np.shape(one.value) == np.shape(one.std) == (3,)
+        assert np.dot(one.value, axis) == pytest.approx(0.0, abs=1e-12)
+    assert fit.arm.effects[0].values["cos_rad"] == found["cos_rad"].value
+
+
+def test_slow_noise_widens_what_is_slow():
+    _, fit = fit_with(frozen(ECCENTRICITY), frozen(DRIFT))
+    rows = equations_of(fit.adjustment)
+    slow = without_serial_noise(rows, SerialCorrelation(0.5, 0.95))
+    plain, wide = (
+        np.linalg.norm(estimates_of(given, 1)["rate_mm_s"].std)
+        for given in (rows, slow)
+    )
+    assert wide > 1.5 * plain
+    fast = [estimates_of(given, 0)["cos_rad"].std for given in (rows, slow)]
+    assert fast[1] < 1.2 * fast[0]
+
+
+def test_without_effects_there_is_nothing_to_take_out():
+    rows = measured().rows()
+    with pytest.raises(ValueError, match="no effects"):
+        rows_without(rows, 0)
+    with pytest.raises(ValueError, match="no effects"):
+        estimates_of(rows, 0)
+
+
+def test_estimates_scatter_as_much_as_they_say():
+    """Effects of the simulator's physics, noise drawn many times."""
+    tables = (
+        ECCENTRICITY,
+        {**DRIFT, "rate_mm_s": [1e-4, -5e-5, 2e-5]},
+        {"kind": "thermal_expansion", "expansion_per_c": 1e-5},
+    )
+    bar = BallBar(
+        id="bar", n_poses=40, radius_mm=12.7, distance_mm=400.0, distance_std_mm=5e-4
+    )
+    spec = spec_of(*(Cone(id=f"cone-{n}", n_poses=40) for n in (1, 2, 3)), bar)
+    arm = heavy_arm()
+    start = spec.conditions.start_utc
+    effects = tuple(
+        effect_from_table({**t, "epoch_utc": start} if "epoch_utc" in t else t)
+        for t in tables
+    )
+    noise = NoiseTable(encoder_rad=5e-6, contact_mm=0.003)
+    poses = touched_with(make_poses(arm, spec, 5), effects)
+    deviations, before = [], None
+    for seed in range(15):
+        campaign = campaign_from_simulation(draw_noise(poses, seed, noise).campaign)
+        everyone = np.ones(len(campaign.poses), dtype=np.bool_)
+        start_arm = with_effects(arm, effects) if before is None else before.arm
+        before = fitted(campaign, start_arm, everyone)
+        rows = equations_of(before.adjustment)
+        for index, effect in enumerate(effects):
+            for key, one in estimates_of(rows, index).items():
+                away = np.subtract(one.value, effect.values[key]) / np.array(one.std)
+                deviations += np.atleast_1d(away).tolist()
+    n = len(deviations)
+    assert n == 15 * 6
+    # Not quite independent: keys of one campaign correlate a little.
+    squares = float(np.sum(np.square(deviations)))
+    assert stats.chi2.ppf(1e-4, n) < squares < stats.chi2.isf(1e-4, n)

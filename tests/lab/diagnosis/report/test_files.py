@@ -1,0 +1,190 @@
+"""What a diagnosis writes: arm file, diagnosis.json to the letter, pictures."""
+
+import json
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.lab.diagnosis.diagnosed import (
+    COS_RAD,
+    SIN_RAD,
+    clean,
+    drifting,
+    eccentric,
+)
+from traverse.kinematics.arm_file.arm import read_arm, write_arm
+from traverse.lab.diagnosis.model.result import HoldoutResult, Step
+from traverse.lab.diagnosis.report.adapted_arm import (
+    arm_with_provenance,
+    terms_without_epoch,
+    write_adapted,
+)
+from traverse.lab.diagnosis.report.files import (
+    diagnosis_json,
+    pose_parts,
+    write_diagnosis,
+)
+
+WHEN = datetime(2026, 11, 21, 8, 0, tzinfo=UTC)
+COMMENT = "# The arm in the cellar."
+FILES = {
+    "arm.toml",
+    "diagnosis.json",
+    "discrepancies.csv",
+    "report.html",
+    "ledger.png",
+    "artefacts.png",
+    "joints.png",
+    "conditions.png",
+    "term-1.png",
+}
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("arms") / "bench.toml"
+    write_arm(path, eccentric().arm)
+    path.write_text(f"{COMMENT}\n{path.read_text('utf-8')}", "utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, source) -> Path:
+    target = tmp_path_factory.mktemp("out") / "deep"
+    target.mkdir()
+    (target / "term-7.png").write_bytes(b"of an earlier diagnosis")
+    write_diagnosis(target, eccentric(), source, WHEN)
+    return target
+
+
+@pytest.fixture(scope="module")
+def said(folder) -> Any:
+    return json.loads((folder / "diagnosis.json").read_text("utf-8"))
+
+
+def test_just_these_files_are_written(folder):
+    assert {path.name for path in folder.iterdir()} == FILES
+    for name in FILES:
+        if name.endswith(".png"):
+            assert (folder / name).read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_arm_has_the_effect_its_provenance_and_the_comments(folder, source):
+    arm = read_arm(folder / "arm.toml")
+    assert (folder / "arm.toml").read_text("utf-8").startswith(COMMENT)
+    assert source.read_text("utf-8").count("[[effects]]") == 0
+    (effect,) = arm.effects
+    assert (effect.kind, effect.joint) == ("encoder_eccentricity", "J3")
+    (term,) = eccentric().terms
+    for key, truth_rad in (("cos_rad", COS_RAD), ("sin_rad", SIN_RAD)):
+        std_rad = term.estimates[key].std
+        assert effect.values[key] == pytest.approx(truth_rad, abs=4 * std_rad)
+    assert arm.identification.date == WHEN
+    assert arm.identification.sigma0 == eccentric().after.sigma0
+    assert "J3.encoder_eccentricity.cos_rad" in arm.identification.parameters
+
+
+def test_an_arm_file_can_be_written_in_place(folder, source, tmp_path):
+    path = tmp_path / "bench.toml"
+    path.write_bytes(source.read_bytes())
+    adapted = arm_with_provenance(eccentric(), WHEN)
+    write_adapted(path, adapted, path)
+    assert path.read_bytes() == (folder / "arm.toml").read_bytes()
+
+
+def test_the_json_follows_the_contract(said):
+    assert said["schema"] == "traverse/diagnosis/1"
+    assert said["verdict"] == "named"
+    (term,) = said["terms"]
+    assert term["status"] == "named"
+    assert (term["kind"], term["joint"]) == ("encoder_eccentricity", "J3")
+    assert term["order"] is None
+    assert term["component"] is None
+    assert term["covariate"] is None
+    assert "harmonic" not in term
+    assert set(term["parameters"]) == {"cos_rad", "sin_rad"}
+    assert set(term["parameters"]["cos_rad"]) == {"value", "std", "unit"}
+    assert term["log_bayes_factor"] > 20
+    assert np.log10(term["p_value"]) == pytest.approx(term["log10_p"])
+    assert isinstance(term["separate_by"], str)
+    for rival in term["alternatives"]:
+        assert rival.keys() >= {"kind", "joint", "order", "log_bayes_factor", "alias"}
+    assert said["sigma0"]["after"] < said["sigma0"]["before"]
+    gap = said["gap"]
+    for key in ("held_out_rms_mm", "held_out_chi2"):
+        assert gap[key]["after"] < gap[key]["before"]
+    assert 0.5 < gap["closed"] < 1.2
+    assert "held_out_mean_distance_mm" not in gap
+    blunder = int(eccentric().campaign.poses.lines[100])
+    assert said["excluded"] == [{"line": blunder}]
+    assert [step["effect"] for step in said["ledger"]] == [
+        None,
+        "encoder_eccentricity J3",
+    ]
+    assert said["ledger"][0]["held_out_rms_mm"] == gap["held_out_rms_mm"]["before"]
+    assert said["ledger"][1]["held_out_rms_mm"] == gap["held_out_rms_mm"]["after"]
+    for entry in said["detectable"]:
+        assert entry.keys() >= {"kind", "joint", "minimum"}
+        minimum = entry["minimum"]
+        assert minimum is None or minimum.keys() == {"value", "unit"}
+        assert (minimum is None) == bool(entry["why"])
+
+
+def test_a_p_value_below_all_numbers_is_zero_beside_its_logarithm():
+    found = eccentric()
+    term = replace(found.terms[0], log10_p=-1234.5)
+    (told,) = diagnosis_json(replace(found, terms=(term,)))["terms"]
+    assert told["p_value"] == 0.0
+    assert told["log10_p"] == -1234.5
+
+
+def test_a_gap_that_cannot_be_told_is_null():
+    assert diagnosis_json(replace(eccentric(), closed=None))["gap"]["closed"] is None
+
+
+def test_known_points_have_a_mean_distance():
+    ledger = (
+        Step(None, HoldoutResult(0.02, 3.0, 90, 0.031), 1.7),
+        Step("encoder_eccentricity J3", HoldoutResult(0.01, 1.0, 90, 0.015), 1.0),
+    )
+    told = diagnosis_json(replace(eccentric(), ledger=ledger))["gap"]
+    assert told["held_out_mean_distance_mm"] == {"before": 0.031, "after": 0.015}
+
+
+def test_clean_has_no_terms():
+    told = diagnosis_json(clean())
+    assert told["verdict"] == "clean"
+    assert told["terms"] == []
+    assert len(told["ledger"]) == 1
+    json.dumps(told, allow_nan=False)
+
+
+def test_an_effect_bound_to_an_unknown_time_is_not_written(tmp_path):
+    found = drifting()
+    source = tmp_path / "bench.toml"
+    write_arm(source, found.arm)
+    assert [effect.kind for effect in found.adapted.effects] == ["base_drift"]
+    assert terms_without_epoch(found) == found.terms
+    write_diagnosis(tmp_path / "out", found, source, WHEN)
+    arm = read_arm(tmp_path / "out" / "arm.toml")
+    assert arm.effects == ()
+    assert not any("base_drift" in name for name in arm.identification.parameters)
+    told = json.loads((tmp_path / "out" / "diagnosis.json").read_text("utf-8"))
+    assert told["terms"][0]["accepted"]
+    assert not told["terms"][0]["in_arm_file"]
+    # With a start it has an epoch, and is written.
+    started = replace(found, campaign=replace(found.campaign, start_utc=WHEN))
+    assert terms_without_epoch(started) == ()
+    assert len(arm_with_provenance(started).effects) == 1
+
+
+def test_every_pose_has_one_part(folder):
+    found = eccentric()
+    parts = pose_parts(found)
+    assert parts[100] == "excluded"
+    assert parts.count("held_out") == np.count_nonzero(found.held_out & ~found.excluded)
+    assert set(parts) == {"choosing", "held_out", "excluded"}

@@ -1,0 +1,253 @@
+"""Names, numbers with units, and the sentences of a diagnosis."""
+
+from dataclasses import replace
+
+import pytest
+
+from tests.lab.diagnosis.diagnosed import clean, drifting, eccentric
+from traverse.lab.diagnosis.model.candidate import BankName, Candidate
+from traverse.lab.diagnosis.model.result import Alternative, Detectable, Estimate
+from traverse.lab.diagnosis.report.detectable_table import (
+    detectable_lines,
+    joint_rows,
+    reasons,
+    whole_arm_rows,
+)
+from traverse.lab.diagnosis.report.names import (
+    candidate_label,
+    odds,
+    p_value_text,
+    quantity,
+    term_size,
+    term_size_text,
+)
+from traverse.lab.diagnosis.report.words import (
+    held_out_sentence,
+    missing_sentences,
+    rival_sentences,
+    summary_lines,
+    verdict_sentences,
+)
+
+
+def candidate(kind, joint=None, **more) -> Candidate:
+    values = {
+        "order": None,
+        "component": None,
+        "covariate": None,
+        "artefact": None,
+        "at_s": None,
+    }
+    return Candidate(
+        bank=BankName.LIBRARY,
+        kind=kind,
+        joint=joint,
+        parameters=("x",),
+        scales=(1.0,),
+        log_prior=0.0,
+        **{**values, **more},
+    )
+
+
+@pytest.mark.parametrize(
+    ("made", "said"),
+    [
+        (candidate("encoder_eccentricity", "J3"), "encoder eccentricity, joint J3"),
+        (
+            candidate("axis_runout", "J5", order=2, component="radial"),
+            "radial runout twice a turn, joint J5",
+        ),
+        (candidate("thermal_expansion"), "thermal expansion of all links"),
+        (
+            candidate("thermal_expansion", "J3"),
+            "thermal expansion of the link, joint J3",
+        ),
+        (candidate("artefact_length", artefact="bar"), "length of bar"),
+        (
+            candidate("count_slip", "J2", at_s=412.04),
+            "jump of the encoder's zero, joint J2, at 412.0 s",
+        ),
+        (
+            candidate("empirical", "J4", covariate="J5_rad", component="tilt"),
+            "something over the reading of J5 that changes joint J4 (the tilt of its "
+            "axis)",
+        ),
+    ],
+)
+def test_effects_have_names_for_people(made, said):
+    assert candidate_label(made) == said
+
+
+@pytest.mark.parametrize(
+    ("numbers", "said"),
+    [
+        ((2.31e-5, 1.2e-6, "rad"), "23.1 ± 1.2 µrad"),
+        ((-1.475e-5, 4e-7, "1/C"), "-14.75 ± 0.40 ppm/°C"),
+        ((8.25e-6, 1.3e-7, "rad/(N m)"), "8.25 ± 0.13 µrad/(N m)"),
+        ((4.5e-5, 1.7e-6, "mm/s"), "45.0 ± 1.7 nm/s"),
+        ((0.0042, None, "mm"), "4.2 µm"),
+        ((3.2e-9, None, "rad/s"), "3.2 nrad/s"),
+        ((12.3456, 0.0, "ppm"), "12 ± 0 ppm"),
+        ((0.0, None, "rad"), "0 rad"),
+    ],
+)
+def test_numbers_have_units_and_as_many_digits_as_are_known(numbers, said):
+    assert quantity(*numbers) == said
+
+
+def test_the_size_of_cosine_and_sine_is_their_amplitude():
+    estimates = {
+        "cos_rad": Estimate(3e-5, 1e-6, "rad"),
+        "sin_rad": Estimate(-4e-5, 2e-6, "rad"),
+    }
+    value, std, unit = term_size(estimates)
+    assert unit == "rad"
+    assert value == pytest.approx(5e-5)
+    # d|a| = (c dc + s ds) / |a|
+    assert std == pytest.approx(((0.6 * 1e-6) ** 2 + (0.8 * 2e-6) ** 2) ** 0.5)
+
+
+def test_where_or_when_is_no_size():
+    estimates = {
+        "amplitude_mm": Estimate(0.004, 0.0002, "mm"),
+        "phase_rad": Estimate(1.0, 0.1, "rad"),
+    }
+    assert term_size(estimates) == (0.004, 0.0002, "mm")
+    assert term_size({}) is None
+
+
+def test_the_size_of_a_curve_is_its_range():
+    curve = {"values_rad": Estimate((0.0, 2e-5, -1e-5), (1e-6,) * 3, "rad")}
+    value, _, _ = term_size(curve)
+    assert value == pytest.approx(3e-5)
+    term = replace(
+        eccentric().terms[0],
+        estimates=curve,
+        candidate=candidate("empirical", "J3", covariate="time_s"),
+    )
+    assert term_size_text(term) == "30 µrad from lowest to highest"
+
+
+def test_odds_and_probabilities_never_underflow():
+    assert odds(0.0) == "1:1"
+    assert odds(3.689) == "1:40"
+    assert odds(2000.0) == "1:10^869"
+    assert p_value_text(-2.0) == "p = 0.01"
+    assert p_value_text(-1234.5) == "p = 10^-1234"
+
+
+def test_the_first_sentence_names_the_effect_its_joint_and_its_size():
+    first = verdict_sentences(eccentric())[0]
+    assert first.startswith("Missing effect: encoder eccentricity, joint J3 (3")
+    assert first.endswith(" µrad).")
+
+
+def test_clean_says_so_and_names_no_effect():
+    sentences = missing_sentences(clean())
+    assert len(sentences) == 1
+    assert sentences[0].startswith("Clean: ")
+
+
+def test_rivals_and_aliases_are_told_apart():
+    term = eccentric().terms[0]
+    rivals = (
+        Alternative(
+            candidate("axis_runout", "J3", order=2, component="radial"),
+            term.log_bayes_factor - 3.689,
+            0.93,
+            alias=False,
+        ),
+        Alternative(candidate("encoder_scale", "J3"), 1.0, 0.99999, alias=True),
+    )
+    excluded, alias = rival_sentences(replace(term, alternatives=rivals))
+    assert excluded == (
+        "Cannot be excluded: radial runout twice a turn, joint J3 (evidence 1:40)."
+    )
+    assert "structural alias): encoder scale, joint J3." in alias
+
+
+def test_statuses_have_their_own_words():
+    found = eccentric()
+    term = found.terms[0]
+    tentative = replace(term, status="tentative", accepted=False)
+    said = " ".join(missing_sentences(replace(found, terms=(tentative,))))
+    assert "tentatively" in said
+    assert "It is not in the adapted arm." in said
+    unknown = replace(
+        term,
+        status="unknown",
+        harmonic=3,
+        candidate=candidate("empirical", "J3", covariate="J5_rad"),
+    )
+    said = " ".join(missing_sentences(replace(found, terms=(unknown,))))
+    assert "no known effect explains it: something over the reading of J5" in said
+    assert "repeats 3 times a turn" in said
+
+
+def test_a_veto_is_told():
+    said = " ".join(verdict_sentences(replace(eccentric(), vetoed=True)))
+    assert "nothing was added" in said
+
+
+def test_the_gap_is_told_with_its_part_or_without():
+    found = eccentric()
+    assert "% of what is achievable" in held_out_sentence(found)
+    assert "cannot be told" in held_out_sentence(replace(found, closed=None))
+
+
+def test_an_experiment_is_proposed_where_there_is_one():
+    found = eccentric()
+    term = replace(found.terms[0], separate_by="hang a known mass at the wrist")
+    said = verdict_sentences(replace(found, terms=(term,)))
+    assert "To separate: hang a known mass at the wrist" in said
+
+
+def test_what_is_bound_to_an_unknown_time_is_told():
+    assert any(
+        "is not written to the arm file" in line for line in summary_lines(drifting())
+    )
+
+
+def test_excluded_poses_are_named_by_their_lines():
+    line = eccentric().campaign.poses.lines[100]
+    assert f"(line {line})" in summary_lines(eccentric())[-1]
+
+
+DETECTABLE = (
+    Detectable(
+        candidate("encoder_eccentricity", "J1"), "cos_rad", 7e-6, 5e-6, "rad", 0.002, ""
+    ),
+    Detectable(
+        candidate("encoder_eccentricity", "J2"), "cos_rad", 9e-6, 5e-6, "rad", 0.002, ""
+    ),
+    Detectable(
+        candidate("joint_compliance", "J1"),
+        "compliance_rad_nm",
+        None,
+        None,
+        "rad/(N m)",
+        0.0,
+        "J1 is vertical: gravity does not twist it",
+    ),
+    Detectable(candidate("base_drift"), "rate_mm_s", 1e-5, 8e-6, "mm/s", 0.003, ""),
+)
+
+
+def test_detectable_sizes_stand_in_a_table_of_joints():
+    assert joint_rows(DETECTABLE, ["J1", "J2", "J3"]) == [
+        ["encoder eccentricity [µrad]", "7", "9", ""],
+        ["torsion under gravity [rad/(N m)]", "—", "", ""],
+    ]
+    assert whole_arm_rows(DETECTABLE) == [["drift of the base", "10 nm/s", "3 µm"]]
+
+
+def test_what_cannot_be_seen_has_a_reason():
+    assert reasons(DETECTABLE) == [
+        "J1 is vertical: gravity does not twist it: torsion under gravity, joint J1"
+    ]
+    lines = detectable_lines(DETECTABLE)
+    assert len(lines) == 4
+    assert lines[0].endswith("from 7 µrad on (2 µm at the probe)")
+    assert lines[2].endswith(
+        "cannot be seen: J1 is vertical: gravity does not twist it"
+    )

@@ -1,0 +1,141 @@
+"""False alarms as often as said; serial noise recognised, estimated, taken out."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from tests.lab.diagnosis.fitted_rows import measured, measured_rows
+from traverse.lab.diagnosis.candidates.library import library_bank
+from traverse.lab.diagnosis.candidates.scoring import project
+from traverse.lab.diagnosis.candidates.steps import scan_steps
+from traverse.lab.diagnosis.model.serial_correlation import (
+    SerialCorrelation,
+    is_serially_correlated,
+    serial_correlation,
+    without_serial_noise,
+)
+from traverse.lab.diagnosis.search.thresholds import log_p_threshold, noise_draws
+
+
+def correlated_errors(rows, share, phi, n_draws, seed):
+    """Errors of rows whose readings and contacts wander, pose after pose in time."""
+    rng = np.random.default_rng(seed)
+    times_s = rows.adjustment.network.campaign.poses.time_s
+    n_sources = rows.sources.shape[1]
+    wander = rng.normal(size=(len(times_s), n_sources, n_draws))
+    order = np.argsort(times_s)
+    for before, now in pairwise(order):
+        wander[now] = phi * wander[before] + np.sqrt(1.0 - phi**2) * wander[now]
+    white = rng.normal(size=wander.shape)
+    both = np.sqrt(share) * wander + np.sqrt(1.0 - share) * white
+    errors = np.einsum("rs,rsd->rd", rows.sources, both[rows.poses])
+    certificates = rows.poses < 0
+    errors[certificates] = rng.normal(size=(np.count_nonzero(certificates), n_draws))
+    return errors
+
+
+def test_draws_are_of_unit_weight_and_free_of_the_unknowns():
+    rows = measured_rows()
+    draws = noise_draws(rows, 2000, 5)
+    np.testing.assert_allclose(rows.basis.T @ draws, 0.0, atol=1e-9)
+    squares = np.sum(draws**2, axis=0)
+    std = np.sqrt(2.0 / rows.redundancy / 2000)
+    assert squares.mean() / rows.redundancy == pytest.approx(1.0, abs=4.0 * std)
+    assert np.array_equal(draws[:, :5], noise_draws(rows, 2000, 5)[:, :5])
+
+
+@pytest.mark.parametrize("level", [0.01, 0.05])
+def test_fresh_noise_alarms_as_often_as_said(level):
+    rows = measured_rows()
+    bank = project(rows, library_bank(rows, measured().arm))
+    found = log_p_threshold(rows, bank, noise_draws(rows, 2000, 1), level)
+    n_fresh = 4000
+    fresh = noise_draws(rows, n_fresh, 2)
+    totals = np.sum(fresh**2, axis=0)
+    lowest = np.zeros(n_fresh)
+    for one in bank:
+        q = len(one.singular_values)
+        if q == 0:
+            continue
+        explained = np.sum((one.directions.T @ fresh) ** 2, axis=0)
+        rest = rows.redundancy - q
+        f = explained / q / ((totals - explained) / rest)
+        lowest = np.minimum(lowest, stats.f.logsf(f, q, rest))
+    rate = np.mean(lowest < found)
+    assert 0.5 * level < rate < 1.8 * level
+
+
+def test_scans_lower_a_threshold():
+    rows = measured_rows()
+    draws = noise_draws(rows, 400, 1)
+    scans = tuple(scan.largest for scan in scan_steps(rows))
+    one = log_p_threshold(rows, (), draws, 0.01, scans[:1])
+    all_of_them = log_p_threshold(rows, (), draws, 0.01, scans)
+    assert all_of_them < one < np.log(0.01)
+    # Never beyond what as many tests as moments and steps could need.
+    n_tests = len(scans) * len(measured().campaign.poses)
+    assert all_of_them > np.log(0.01 / n_tests) - 1.0
+
+
+def test_a_threshold_goes_with_the_logarithm_of_the_level():
+    rows = measured_rows()
+    bank = project(rows, library_bank(rows, measured().arm))[:5]
+    draws = noise_draws(rows, 500, 1)
+    strict, loose = (log_p_threshold(rows, bank, draws, x) for x in (1e-4, 1e-2))
+    assert loose - strict == pytest.approx(np.log(100.0))
+
+
+@pytest.mark.parametrize(("share", "phi"), [(0.4, 0.95), (0.5, 0.8)])
+def test_serial_noise_is_recognised_and_estimated(share, phi):
+    rows = measured_rows()
+    errors = correlated_errors(rows, share, phi, 12, seed=4)
+    white = noise_draws(rows, 300, 6)
+    found = [replace(rows, values=error) for error in errors.T]
+    assert sum(is_serially_correlated(one, white, 0.01) for one in found) >= 11
+    estimates = [serial_correlation(one) for one in found]
+    # The unknowns take a part of what is slow.
+    shares = [one.share for one in estimates]
+    assert 0.6 * share < np.mean(shares) < 1.2 * share
+    assert np.mean([one.phi for one in estimates]) == pytest.approx(phi, abs=0.08)
+
+
+def test_white_noise_is_not_called_serial():
+    rows = measured_rows()
+    white = noise_draws(rows, 1000, 6)
+    fresh = np.random.default_rng(8).normal(size=(60, len(rows.values)))
+    alarms = sum(
+        is_serially_correlated(replace(rows, values=one), white, 0.02) for one in fresh
+    )
+    assert alarms <= stats.binom.isf(1e-4, 60, 0.02)
+    shares = [serial_correlation(replace(rows, values=one)).share for one in fresh]
+    assert np.median(shares) < 0.1
+
+
+def test_rows_without_serial_noise_are_white():
+    rows = measured_rows()
+    share, phi, n_draws = 0.5, 0.9, 2500
+    found = without_serial_noise(rows, SerialCorrelation(share, phi))
+    errors = correlated_errors(rows, share, phi, n_draws, seed=9)
+    for whitened, is_white in ((found.decorrelated(errors), True), (errors, False)):
+        covariance = whitened @ whitened.T / n_draws
+        np.testing.assert_allclose(np.diag(covariance), 1.0, atol=6 / n_draws**0.5)
+        apart = covariance - np.diag(np.diag(covariance))
+        assert (np.abs(apart).max() < 6.0 / np.sqrt(n_draws)) == is_white
+
+
+def test_unknowns_are_taken_out_of_decorrelated_rows_too():
+    rows = measured_rows()
+    found = without_serial_noise(rows, SerialCorrelation(0.3, 0.95))
+    np.testing.assert_allclose(found.root @ found.values, rows.values, atol=1e-9)
+    left = found.project(found.columns)
+    assert np.abs(left).max() < 0.02
+    assert found.redundancy == rows.redundancy
+
+
+def test_no_share_leaves_the_rows_as_they_are():
+    rows = measured_rows()
+    found = without_serial_noise(rows, SerialCorrelation(0.0, 0.9))
+    np.testing.assert_allclose(found.values, rows.values, atol=1e-12)

@@ -1,0 +1,268 @@
+"""Whole diagnoses of simulated campaigns: what is told, and what is not."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from tests.lab.diagnosis.diagnosed import ECCENTRIC, clean, eccentric
+from tests.lab.diagnosis.engine_campaigns import (
+    DECISION,
+    OPTIONS,
+    hidden,
+    measured_with,
+    poses,
+)
+from tests.lab.diagnosis.fitted_rows import measured
+from traverse.lab.diagnosis.diagnose import diagnose
+from traverse.lab.diagnosis.holdout.comparison import compare_on_holdout
+from traverse.lab.diagnosis.holdout.holdout import split
+from traverse.lab.diagnosis.model.fit import with_effects
+
+
+def decided(campaign, options=DECISION):
+    return diagnose(campaign, poses().arm, options)
+
+
+def names(found):
+    return [(one.candidate.kind, one.candidate.joint) for one in found.terms]
+
+
+def bump():
+    """Lines of an encoder are damaged over a fifth of the joint's travel."""
+    return hidden("bump", 30.0, draw=8)
+
+
+@cache
+def bumpy():
+    return decided(measured_with(bump()), OPTIONS)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_nothing_is_found_where_nothing_is_missing(seed):
+    found = decided(measured_with(seed=seed))
+    assert found.verdict == "clean"
+    assert found.terms == ()
+    assert found.closed is None
+    assert not found.vetoed
+    assert [step.effect for step in found.ledger] == [None]
+    assert found.ledger[0].held_out.chi2 == pytest.approx(1.0, abs=0.35)
+    assert all(one.log10_p > one.threshold_log10_p for one in found.leftovers)
+    assert found.adapted.effects == ()
+
+
+def test_a_wrong_noise_level_is_no_effect():
+    # Three fifths of the noise are stated.
+    assert decided(measured_with(seed=4, stated_factor=0.6)).verdict == "clean"
+
+
+def test_noise_that_nobody_states_is_estimated():
+    found = decided(measured_with(hidden("backlash", 15.0), seed=5, stated=False))
+    assert names(found)[0][0] == "backlash"
+    assert np.mean(found.noise.encoder_rad) == pytest.approx(5e-6, rel=0.5)
+
+
+def test_an_eccentricity_is_named_with_its_size():
+    found = eccentric()
+    assert found.verdict == "named"
+    (term,) = found.terms
+    assert names(found) == [("encoder_eccentricity", "J3")]
+    for key in ("cos_rad", "sin_rad"):
+        one = term.estimates[key]
+        assert abs(one.value - ECCENTRIC[key]) < 3.0 * one.std
+        assert 0.0 < one.std < 3e-6
+        assert one.unit == "rad"
+        assert term.effect.values[key] == one.value
+    assert term.accepted
+    assert found.adapted.effects == (term.effect,)
+    assert term.log_bayes_factor > 20.0
+    assert term.log10_p < -10.0
+
+
+def test_the_gap_closes_on_poses_that_were_kept_aside():
+    found = eccentric()
+    assert found.closed > 0.9
+    assert not found.vetoed
+    assert not np.any(found.choosing & found.held_out)
+    assert found.held_out.mean() == pytest.approx(0.3, abs=0.05)
+    used = np.concatenate([s.poses for s in found.after.network.stations])
+    assert not np.any(found.held_out[used])
+    assert not np.any(found.excluded & ~found.choosing)
+    assert found.excluded.sum() <= 3
+
+
+def test_the_ledger_tells_every_step():
+    found = eccentric()
+    start, last = found.ledger
+    assert (start.effect, last.effect) == (None, "encoder_eccentricity J3")
+    assert start.held_out.n == last.held_out.n > 50
+    assert start.held_out.chi2 > 1.5
+    assert last.held_out.chi2 < 1.2
+    assert start.held_out.rms_mm > last.held_out.rms_mm > 0.0
+    assert start.sigma0 > 1.2 > last.sigma0
+    s = [step.held_out.chi2 for step in found.ledger]
+    assert found.closed == pytest.approx((s[0] - s[1]) / (s[0] - 1.0))
+    radius_mm = found.arm.probe.radius_mm
+    again = compare_on_holdout(found.before, found.after, found.held_out, radius_mm)
+    assert again.closed == pytest.approx(found.closed)
+
+
+def test_what_could_have_been_seen_is_told_of_every_kind():
+    told = {one.candidate.kind for one in eccentric().detectable}
+    assert {"encoder_eccentricity", "base_drift", "thermal_expansion"} <= told
+    for one in eccentric().detectable:
+        assert one.minimum is None or 0.0 < one.best <= one.minimum
+        assert (one.minimum is None) == bool(one.why)
+
+
+def test_a_decision_alone_says_the_same_terms():
+    quick = decided(measured_with(bump()))
+    assert names(quick) == names(bumpy())
+    assert [t.status for t in quick.terms] == [t.status for t in bumpy().terms]
+    assert quick.detectable == ()
+    assert all(one.separate_by == "" for one in quick.terms)
+    assert clean().detectable == ()
+
+
+def test_a_bump_is_unknown_at_its_joint_and_becomes_a_curve():
+    found, wrong = bumpy(), bump()
+    assert found.verdict == "unknown"
+    unknown = [one for one in found.terms if one.status == "unknown"]
+    assert {one.candidate.joint for one in unknown} == {wrong.joint}
+    term = unknown[0]
+    assert term.candidate.kind == term.effect.kind == "empirical"
+    assert term.candidate.covariate == f"{wrong.joint}_rad"
+    assert term.accepted
+    assert term.effect in found.adapted.effects
+    assert found.closed > 0.75
+
+
+def test_the_curve_of_a_bump_is_where_the_bump_is():
+    wrong = bump()
+    (term,) = [one for one in bumpy().terms if one.status == "unknown"]
+    knots = np.array(term.effect.values["knots"])
+    values = np.array(term.effect.values["values_rad"])
+    top = np.argmax(np.sign(wrong.fault.height_rad) * (values - np.median(values)))
+    spacing = np.diff(knots).max()
+    assert abs(knots[top] - wrong.fault.middle_rad) < spacing
+
+
+def test_blunders_do_not_hide_an_effect():
+    share = 0.05
+    wrong = hidden("encoder_eccentricity", 20.0)
+    found = decided(measured_with(wrong, blunder_share=share))
+    assert ("encoder_eccentricity", wrong.joint) in names(found)[:1]
+    n_blunders = share * len(found.choosing)
+    assert 0.4 * n_blunders < found.excluded.sum() < 1.2 * n_blunders + 2
+
+
+def test_blunders_alone_are_no_effect():
+    found = decided(measured_with(seed=6, blunder_share=0.05))
+    assert found.verdict == "clean"
+    assert found.excluded.sum() > 3
+
+
+def test_slow_noise_is_no_drift():
+    found = decided(measured_with(seed=2, serial_share=0.4))
+    assert found.verdict == "clean"
+    assert found.noise.serial_share > 0.1
+    assert found.noise.serial_phi > 0.6
+
+
+def test_an_effect_is_found_in_slow_noise():
+    wrong = hidden("backlash", 20.0)
+    found = decided(measured_with(wrong, serial_share=0.4))
+    assert names(found) == [("backlash", wrong.joint)]
+
+
+def test_a_campaign_of_times_and_angles_alone_is_diagnosed():
+    wrong = hidden("encoder_eccentricity", 20.0)
+    campaign = measured_with(wrong)
+    bare = replace(
+        campaign.poses,
+        temperature_c=None,
+        joint_temperatures_c=None,
+        approaches=None,
+        speeds_rad_s=None,
+        directions=None,
+        force_n=None,
+    )
+    found = decided(replace(campaign, poses=bare, start_utc=None), OPTIONS)
+    assert ("encoder_eccentricity", wrong.joint) in names(found)
+    reasons = {one.candidate.kind: one.why for one in found.detectable if one.why}
+    assert {"thermal_expansion", "backlash", "encoder_latency"} <= set(reasons)
+    assert "no temperature" in reasons["thermal_expansion"]
+
+
+def test_an_effect_that_the_arm_has_already_is_no_finding():
+    found = eccentric()
+    entry = found.terms[0].effect
+    arm = with_effects(found.arm, (entry,))
+    again = diagnose(found.campaign, arm, replace(DECISION, seed=3))
+    assert again.verdict == "clean"
+    (kept,) = again.adapted.effects
+    assert kept.kind == "encoder_eccentricity"
+    for key in ("cos_rad", "sin_rad"):
+        std = found.terms[0].estimates[key].std
+        assert abs(kept.values[key] - entry.values[key]) < 3.0 * std
+
+
+def test_equal_seeds_decide_equally():
+    given = measured()
+    one, other = (diagnose(given.campaign, given.arm, DECISION) for _ in range(2))
+    assert one.leftovers == other.leftovers
+    assert np.array_equal(one.held_out, other.held_out)
+
+
+def two_wrong():
+    return hidden("encoder_eccentricity", 20.0), hidden("backlash", 20.0)
+
+
+def test_two_effects_are_found_one_after_the_other():
+    found = decided(measured_with(*two_wrong()), OPTIONS)
+    assert {name[0] for name in names(found)} == {one.kind for one in two_wrong()}
+    s = [step.held_out.chi2 for step in found.ledger]
+    assert s[0] > s[1] > s[2]
+    # A decision alone says the ends only.
+    quick = decided(measured_with(*two_wrong()))
+    first, last = quick.ledger
+    assert first.held_out.chi2 == pytest.approx(s[0])
+    assert last.held_out.chi2 == pytest.approx(s[2])
+    assert last.effect == ", ".join(step.effect for step in found.ledger[1:])
+
+
+@pytest.mark.parametrize("wished", [False, True])
+def test_tentative_terms_enter_only_where_wished(wished):
+    options = replace(OPTIONS, most_terms=1, accept_tentative=wished)
+    found = decided(measured_with(*two_wrong()), options)
+    assert len(found.terms) == 1
+    assert len(found.ledger) == 2
+    # Something is left, so the one name is not sure.
+    assert found.verdict == "tentative"
+    assert found.terms[0].accepted == wished
+    assert len(found.adapted.effects) == int(wished)
+
+
+def test_what_makes_unseen_poses_worse_stays_out():
+    # The effect is in the poses for choosing only: no model of it predicts the rest.
+    plain, spoilt = measured_with(), measured_with(hidden("encoder_scale", 25.0))
+    _, held_out = split(plain, DECISION.seed)
+    angles_rad = spoilt.poses.angles_rad.copy()
+    angles_rad[held_out] = plain.poses.angles_rad[held_out]
+    campaign = replace(plain, poses=replace(plain.poses, angles_rad=angles_rad))
+    found = decided(campaign, OPTIONS)
+    assert np.array_equal(found.held_out, held_out)
+    assert found.vetoed
+    assert names(found)[0][0] == "encoder_scale"
+    assert not any(term.accepted for term in found.terms)
+    assert found.adapted.effects == ()
+    assert found.ledger[-1].held_out.chi2 > found.ledger[0].held_out.chi2
+
+
+def test_progress_rises():
+    told = []
+    given = measured()
+    diagnose(given.campaign, given.arm, DECISION, lambda _, part: told.append(part))
+    assert told == sorted(told)
+    assert 0.0 < told[0] < told[-1] < 1.0

@@ -1,0 +1,34 @@
+"""Every kind of effect hidden once by the simulator's physics, and found."""
+
+import pytest
+
+from tests.lab.diagnosis.engine_campaigns import (
+    DECISION,
+    hidden,
+    measure,
+    measured_with,
+    poses,
+)
+from traverse.lab.diagnosis.diagnose import diagnose
+from traverse.simulator.campaigns.blind.effects import EFFECT_KINDS
+
+
+@pytest.mark.parametrize("kind", EFFECT_KINDS)
+def test_an_effect_is_found_under_its_name_or_an_alias(kind):
+    # A bar could not be believed to be so wrong that these poses saw more of it.
+    wrong = hidden(kind, 12.0 if kind == "artefact_length" else 25.0)
+    found = diagnose(measured_with(wrong), poses().arm, DECISION)
+    assert found.verdict in ("named", "tentative")
+    term = max(found.terms, key=lambda one: one.log_bayes_factor)
+    keys = wrong.keys
+    component = keys["component"] if kind == "axis_runout" else None
+    true = (kind, wrong.joint, keys.get("order"), component, keys.get("artefact"))
+    told = {term.candidate.identity}
+    told |= {one.candidate.identity for one in term.alternatives}
+    aliases = measure(kind == "artefact_length").names_like(wrong)
+    assert told & (aliases | {true})
+    if term.status == "named" and len(told) == 1:
+        assert told <= aliases | {true}
+    assert term.log10_p < -20.0
+    if found.closed is not None:
+        assert found.closed > 0.8

@@ -1,0 +1,119 @@
+"""Identification of campaigns made by the simulator's own physics."""
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from benchmarks.proofs.campaigns import demo_arm, mix_poses
+from benchmarks.proofs.invariants import distance_errors
+from benchmarks.proofs.planted import PlantedNoise
+from traverse.cli.blind_campaign import campaign_from_simulation
+from traverse.lab.identification.identify import Options, identify
+from traverse.simulator.campaigns import draw_noise
+from traverse.simulator.campaigns.spec import NoiseTable
+
+N_JOINTS = 7
+DETERMINED = {
+    "cones": 4 * N_JOINTS - 4,
+    "cones+bar": 4 * N_JOINTS - 3,
+    "bars": 4 * N_JOINTS - 3,
+    "sphere-known": 4 * N_JOINTS - 3,
+    "planes+length": 4 * N_JOINTS - 3,
+    "points-own": 4 * N_JOINTS - 3,
+    "points-arm": 4 * N_JOINTS + 3,
+    "everything": 4 * N_JOINTS + 3,
+}
+QUICK = Options(n_suggestions=0)
+# One in a thousand campaigns may be further out on either side.
+RARE = 1e-3
+
+
+@pytest.fixture(scope="module", params=DETERMINED)
+def mix(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def poses(mix):
+    return mix_poses(mix, 300, seed=5)
+
+
+@pytest.fixture(scope="module", params=[11, 12])
+def result(request, poses):
+    return identify(
+        campaign_from_simulation(draw_noise(poses, request.param).campaign),
+        poses.arm,
+        QUICK,
+    )
+
+
+def test_a_simulated_campaign_converges_to_the_noise_that_was_put_in(result):
+    assert result.converged
+    assert len(result.iterations) < 12
+    assert result.rms_after_mm < 0.03 < result.rms_before_mm
+    statistic = result.sigma0**2 * result.redundancy
+    low, high = chi2.ppf([RARE, 1 - RARE], result.redundancy)
+    assert low < statistic < high
+
+
+def test_a_campaign_comes_out_as_foreseen_from_the_planted_errors(mix, poses):
+    planted = PlantedNoise(poses, NoiseTable())
+    options = Options(n_suggestions=0, snooping=False)
+    simulated = draw_noise(poses, 13)
+    found = identify(campaign_from_simulation(simulated.campaign), poses.arm, options)
+    assert found.redundancy == planted.redundancy
+    foreseen = planted.foreseen(simulated)
+    total = found.adjustment.system.sum_of_squares
+    spread = np.sqrt(2.0 * found.redundancy)
+    assert abs(total - foreseen.sum_of_squares) < 0.1 * spread
+    has_scale = mix != "cones"
+    errors = distance_errors(found, poses, 4, has_scale=has_scale, steps=foreseen.steps)
+    spread = np.sqrt(2.0 * errors.degrees)
+    assert abs(errors.chi_square - errors.foreseen) < 0.1 * spread
+
+
+def test_predicted_distances_are_as_wrong_as_the_covariance_says(mix, poses, result):
+    errors = distance_errors(result, poses, 1, has_scale=mix != "cones")
+    low, high = chi2.ppf([RARE, 1 - RARE], errors.degrees)
+    # Points in the arm's system say where it stands too, which no distance sees.
+    assert errors.degrees == min(DETERMINED[mix], 4 * N_JOINTS - 3)
+    assert low < errors.chi_square < high
+
+
+def test_what_a_mix_determines_is_what_theory_says(mix, result):
+    assert result.adjustment.split.n_determined == DETERMINED[mix]
+    if mix == "cones":
+        (scale,) = result.undetermined
+        assert "no length" in scale.why
+    else:
+        assert result.undetermined == ()
+
+
+@pytest.mark.parametrize("name", ["cones+bar", "sphere-known", "planes+length"])
+@pytest.mark.parametrize("share", [0.01, 0.05])
+def test_blunders_are_removed_and_leave_no_trace(name, share):
+    spoilt_poses = mix_poses(name, 300, seed=6)
+    simulated = draw_noise(spoilt_poses, 21, NoiseTable(blunder_share=share))
+    result = identify(
+        campaign_from_simulation(simulated.campaign), spoilt_poses.arm, QUICK
+    )
+    lines = {blunder.line for blunder in simulated.truth.blunders}
+    excluded = {pose.line for pose in result.excluded}
+    assert len(lines) == round(share * 300)
+    assert lines <= excluded
+    assert len(excluded - lines) <= 1
+    assert result.global_test.p_value > RARE
+    errors = distance_errors(result, spoilt_poses, 2)
+    assert errors.chi_square < chi2.ppf(1 - RARE, errors.degrees)
+
+
+def test_identified_distances_are_hundreds_of_times_better_than_the_designs():
+    poses = mix_poses("cones+bar", 300, seed=7)
+    campaign = campaign_from_simulation(draw_noise(poses, 31).campaign)
+    result = identify(campaign, demo_arm(), QUICK)
+    found = distance_errors(result, poses, 3)
+    held = Options(hold=("J*",), n_suggestions=0, snooping=False)
+    design = identify(campaign, demo_arm(), held)
+    before = distance_errors(design, poses, 3)
+    assert np.abs(found.errors_mm).max() < 0.02
+    assert np.abs(before.errors_mm).max() > 1.0

@@ -1,0 +1,219 @@
+"""The truth comes back, within the stated covariance, whatever the datum."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from tests.lab.simulated import (
+    Noise,
+    TrueArm,
+    arm_value,
+    bar,
+    cones,
+    disturbed,
+    rotations,
+    seven_joints,
+    simulate,
+)
+from traverse.kinematics.model.derivatives import probe_derivatives
+from traverse.kinematics.model.forward import probe_centre
+from traverse.lab.identification.equations.datum import rigid_motions, with_datum
+from traverse.lab.identification.identify import Options, identify
+
+PLAIN = Options(snooping=False, coarse_start=False, n_suggestions=0)
+SPHERE = {"id": "ball", "kind": "sphere", "radius_mm": 25.4}
+GAUGE = {"id": "gauge", "kind": "parallel_planes", "distance_mm": 100.0}
+PLANES = [{"id": f"plane-{i}", "kind": "plane"} for i in range(5)]
+NET = {
+    "id": "net",
+    "kind": "points",
+    "frame": "own",
+    "points_mm": {"A": [0.0, 0, 0], "B": [200.0, 0, 0], "C": [0.0, 150, 60]},
+}
+MIXES = {
+    "cones and bar": [*cones(3), bar()],
+    "bars only": [bar(id=f"bar-{i}") for i in range(4)],
+    "sphere of known radius": [*cones(2), SPHERE],
+    "planes and one length": [*PLANES, GAUGE],
+    "everything": [*cones(2), bar(), SPHERE, GAUGE, *PLANES[:2], NET],
+}
+
+
+def distances(geometry, angles_rad):
+    """Distances between all pairs of probe centres: no datum enters."""
+    centres = probe_centre(geometry, angles_rad)
+    first, second = np.triu_indices(len(centres), 1)
+    return np.linalg.norm(centres[first] - centres[second], axis=1)
+
+
+def distance_slopes(result, angles_rad):
+    """Derivatives of those distances by the free parameters."""
+    adjustment = result.adjustment
+    values = adjustment.state.arm
+    derivatives = probe_derivatives(values.geometry, angles_rad)
+    poses = adjustment.network.campaign.poses.part(np.arange(len(angles_rad)))
+    columns = adjustment.network.parameters.columns(values, derivatives, poses)
+    first, second = np.triu_indices(len(angles_rad), 1)
+    along = derivatives.centres_mm[first] - derivatives.centres_mm[second]
+    units = along / np.linalg.norm(along, axis=1, keepdims=True)
+    return np.einsum("ni,nip->np", units, columns[first] - columns[second])
+
+
+def squared_deviation(result, true, n_postures=12):
+    """Chi-square of predicted distances against the truth, and its degrees."""
+    angles = np.random.default_rng(99).uniform(-3, 3, (n_postures, 7))
+    slopes = distance_slopes(result, angles)
+    error = distances(result.adjustment.state.arm.geometry, angles) - distances(
+        true.geometry(), angles
+    )
+    covariance = slopes @ result.covariance @ slopes.T
+    values, vectors = np.linalg.eigh(covariance)
+    good = values > 1e-9 * values.max()
+    return float(np.sum((vectors[:, good].T @ error) ** 2 / values[good])), good.sum()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mix", MIXES)
+def test_estimates_agree_with_the_truth_as_their_covariance_says(mix):
+    design = seven_joints()
+    total, degrees, passed = 0.0, 0, 0
+    n_seeds = 3
+    for seed in range(n_seeds):
+        true = disturbed(design, 100 + seed)
+        campaign = simulate(true, MIXES[mix], 40, seed)
+        result = identify(campaign, arm_value(design), PLAIN)
+        assert result.converged
+        statistic, count = squared_deviation(result, true)
+        total, degrees = total + statistic, degrees + count
+        passed += result.global_test.passed
+    assert chi2.ppf(0.005, degrees) < total < chi2.ppf(0.995, degrees)
+    assert passed >= n_seeds - 1
+
+
+def test_a_single_campaign_is_as_good_as_it_says():
+    design = seven_joints()
+    true = disturbed(design, 7)
+    campaign = simulate(true, MIXES["everything"], 40, 7)
+    result = identify(campaign, arm_value(design), PLAIN)
+    statistic, degrees = squared_deviation(result, true)
+    assert chi2.ppf(0.001, degrees) < statistic < chi2.ppf(0.999, degrees)
+    assert result.rms_after_mm < 0.01
+    assert result.rms_before_mm > 1.0
+    assert result.global_test.passed
+
+
+def test_without_noise_the_truth_comes_back_exactly():
+    design = seven_joints()
+    true = disturbed(design, 8)
+    exact = simulate(true, MIXES["everything"], 25, 8, noise=Noise(0.0, 0.0))
+    result = identify(exact, arm_value(design), PLAIN)
+    angles = np.random.default_rng(1).uniform(-3, 3, (10, 7))
+    found = distances(result.adjustment.state.arm.geometry, angles)
+    assert found == pytest.approx(distances(true.geometry(), angles), abs=1e-6)
+
+
+def test_points_in_the_arms_system_give_absolute_positions():
+    design = seven_joints()
+    true = replace(disturbed(design, 9), origin_mm=np.array([13.0, -22.0, 31.0]))
+    points = {"A": [600.0, 0, 300], "B": [-200.0, 500, 500], "C": [300.0, -500, 100]}
+    table = {"id": "net", "kind": "points", "frame": "arm", "points_mm": points}
+    campaign = simulate(true, [table], 150, 9)
+    result = identify(campaign, arm_value(design), PLAIN)
+    angles = np.random.default_rng(1).uniform(-3, 3, (20, 7))
+    found = probe_centre(result.adjustment.state.arm.geometry, angles)
+    assert found == pytest.approx(true.centres(angles), abs=0.05)
+
+
+def test_the_answer_does_not_depend_on_the_datum():
+    design = seven_joints()
+    campaign = simulate(disturbed(design, 4), MIXES["cones and bar"], 40, 4)
+    angles = np.random.default_rng(1).uniform(-3, 3, (10, 7))
+    first = identify(campaign, arm_value(design), PLAIN)
+    used = first.adjustment.network.parameters
+    others = np.array(
+        [
+            used.free[at] or name.startswith(("origin", "probe")) or ".zero" in name
+            for at, name in enumerate(used.names)
+        ]
+    )
+    joints = np.array([".axis." in n or ".link." in n for n in used.names])
+    freed = used.with_free(used.free | joints)
+    changed = with_datum(freed, design.geometry(), preferred=others)
+    hold = tuple(np.array(used.names)[joints & ~changed.free])
+    assert len(hold) == 3
+    assert not set(hold) & set(np.array(used.names)[~used.free])
+    second = identify(campaign, arm_value(design), replace(PLAIN, hold=hold))
+    assert second.adjustment.network.parameters.n_free == 25
+    one, two = (r.adjustment.state.arm.geometry for r in (first, second))
+    assert distances(one, angles) == pytest.approx(distances(two, angles), abs=1e-9)
+    assert first.sigma0 == pytest.approx(second.sigma0, rel=1e-9)
+
+
+def test_the_answer_does_not_depend_on_the_base_posture():
+    design = seven_joints()
+    campaign = simulate(disturbed(design, 5), MIXES["cones and bar"], 40, 5)
+    angles = np.random.default_rng(1).uniform(-3, 3, (10, 7))
+    turns = np.random.default_rng(2).uniform(-2, 2, 7)
+    moved = in_another_posture(design, turns)
+    assert moved.centres(angles) == pytest.approx(design.centres(angles), abs=1e-10)
+    found = [
+        distances(
+            identify(campaign, arm_value(arm), PLAIN).adjustment.state.arm.geometry,
+            angles,
+        )
+        for arm in (design, moved)
+    ]
+    assert found[0] == pytest.approx(found[1], rel=0, abs=1e-9)
+
+
+def in_another_posture(arm: TrueArm, turns_rad) -> TrueArm:
+    """Write the same arm in the posture that these turns lead to."""
+    turned = np.eye(3)
+    axes, links = [], []
+    for k, turn in enumerate(turns_rad):
+        axes.append(turned @ arm.axes[k])
+        turned = turned @ rotations(arm.axes[k], np.array([turn]))[0]
+        links.append(turned @ arm.links_mm[k])
+    return TrueArm(
+        np.array(axes), np.array(links), arm.zeros_rad + turns_rad, arm.origin_mm
+    )
+
+
+def test_rigid_motions_change_no_distance():
+    design = seven_joints()
+    campaign = simulate(design, cones(1), 20, 1)
+    result = identify(campaign, arm_value(design), PLAIN)
+    parameters = result.adjustment.network.parameters
+    all_free = parameters.with_free(np.ones_like(parameters.free))
+    values = result.adjustment.state.arm
+    derivatives = probe_derivatives(values.geometry, campaign.poses.angles_rad)
+    columns = all_free.columns(values, derivatives, campaign.poses)
+    moved = columns @ rigid_motions(all_free, values.geometry)
+    centred = derivatives.centres_mm - values.geometry.origin_mm
+    for turn, unit in enumerate(np.eye(3)):
+        shift = moved[:, :, turn] - np.cross(unit, centred)
+        assert np.allclose(shift - shift[0], 0.0, atol=1e-9)
+        assert np.allclose(moved[:, :, 3 + turn], unit, atol=1e-12)
+
+
+def test_the_datum_holds_three_components_and_the_origin():
+    geometry = seven_joints().geometry()
+    design = seven_joints()
+    campaign = simulate(design, cones(1), 5, 1)
+    result = identify(campaign, arm_value(design), PLAIN)
+    parameters = result.adjustment.network.parameters
+    held = set(parameters.names) - set(parameters.free_names)
+    joints = {name for name in held if ".axis." in name or ".link." in name}
+    assert len(joints) == 3
+    assert with_datum(parameters, geometry).n_free == parameters.n_free
+
+
+def test_the_campaigns_poses_are_left_alone():
+    design = seven_joints()
+    campaign = simulate(disturbed(design, 4), MIXES["everything"], 10, 4)
+    campaign.poses.angles_rad.setflags(write=False)
+    before = campaign.poses.angles_rad.copy()
+    identify(campaign, arm_value(design))
+    assert np.array_equal(before, campaign.poses.angles_rad)

@@ -1,0 +1,159 @@
+"""What a report says in words, for good and bad results."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.lab.simulated import arm_value, bar, cones, disturbed, seven_joints, simulate
+from traverse.lab.identification.equations.probe_effect import posture_columns
+from traverse.lab.identification.identify import identify
+from traverse.lab.identification.report import summary_lines
+from traverse.lab.identification.report.page import result_map
+from traverse.lab.identification.report.undetermined_effects import (
+    undetermined_effects_mm,
+)
+from traverse.lab.identification.report.words import (
+    combination,
+    length_mm,
+    map_sentence,
+    noise_sentence,
+    probability,
+    sigma0_sentences,
+)
+from traverse.lab.identification.results.result import (
+    ExcludedPose,
+    GlobalTest,
+    Identification,
+)
+
+
+@pytest.fixture(scope="module")
+def good() -> Identification:
+    true = seven_joints()
+    campaign = simulate(disturbed(true, 3), [*cones(3), bar()], 30, 7)
+    return replace(
+        identify(campaign, arm_value(true)),
+        sigma0=1.02,
+        redundancy=200,
+        global_test=GlobalTest(0.6, True, False),
+    )
+
+
+@pytest.fixture(scope="module")
+def scaleless() -> Identification:
+    true = seven_joints()
+    return identify(simulate(disturbed(true, 3), cones(4), 30, 7), arm_value(true))
+
+
+@pytest.mark.parametrize(
+    ("sigma0", "test", "said"),
+    [
+        (1.02, GlobalTest(0.6, True, False), "agree with the measurements"),
+        (2.5, GlobalTest(1e-9, False, False), "2.5 times as large"),
+        (2.5, GlobalTest(1e-9, False, False), "p = below 0.0001"),
+        (1.1, GlobalTest(0.03, False, False), "By chance 3 % of campaigns"),
+        (0.4, GlobalTest(1e-9, False, False), "smaller than the given noise"),
+        (1.0, GlobalTest(0.98, True, True), "tests nothing"),
+    ],
+)
+def test_sigma0_is_put_into_words(
+    good: Identification, sigma0: float, test: GlobalTest, said: str
+) -> None:
+    result = replace(good, sigma0=sigma0, global_test=test)
+    assert said in " ".join(sigma0_sentences(result))
+
+
+def test_chance_is_not_named_where_it_is_out_of_the_question(
+    good: Identification,
+) -> None:
+    result = replace(good, sigma0=3.0, global_test=GlobalTest(1e-20, False, False))
+    assert "chance" not in " ".join(sigma0_sentences(result))
+
+
+def test_little_redundancy_is_called_a_weak_check(good: Identification) -> None:
+    # 1.96 / sqrt(2 redundancy): 49 % for 8, 9.8 % for 200.
+    weak = " ".join(sigma0_sentences(replace(good, redundancy=8)))
+    assert "less than about 49 %" in weak
+    assert "a weak check" in weak
+    assert "less than about 10 %" in " ".join(sigma0_sentences(good))
+    none = " ".join(sigma0_sentences(replace(good, redundancy=0)))
+    assert "nothing checks" in none
+
+
+def test_without_convergence_no_figure_is_told(good: Identification) -> None:
+    lines = summary_lines(replace(good, converged=False), result_map(good))
+    assert len(lines) == 2
+    assert "did not converge" in lines[1]
+
+
+def test_undetermined_scale_is_told_where_distances_are(
+    good: Identification, scaleless: Identification
+) -> None:
+    assert "the truth is worse" in map_sentence(scaleless, result_map(scaleless))
+    assert "the truth is worse" not in map_sentence(good, result_map(good))
+    lines = summary_lines(scaleless, result_map(scaleless))
+    assert any(line.startswith("undetermined: ") and "scale" in line for line in lines)
+    assert any("one keeps its design value" in line for line in lines)
+
+
+def test_changed_zeros_are_told(good: Identification) -> None:
+    offsets_rad = np.zeros(7)
+    offsets_rad[2] = 0.25
+    lines = summary_lines(replace(good, zero_offsets_rad=offsets_rad), result_map(good))
+    assert any("J3 by +0.2500 rad" in line for line in lines)
+
+
+def test_many_excluded_poses_are_counted_not_all_listed(good: Identification) -> None:
+    excluded = tuple(ExcludedPose(line, 9.0) for line in range(2, 42))
+    lines = summary_lines(replace(good, excluded=excluded), result_map(good))
+    (line,) = [line for line in lines if "contradict" in line]
+    assert line.startswith("40 of 120 poses contradict")
+    assert line.endswith("12, 13, ...).")
+
+
+def test_noise_names_its_origin(good: Identification) -> None:
+    assert noise_sentence(good).startswith("Noise (given or assumed): readings 5 µrad")
+    estimated = replace(good, global_test=GlobalTest(1.0, True, True))
+    assert noise_sentence(estimated).startswith("Noise (estimated)")
+
+
+def test_long_combinations_are_cut_after_the_largest() -> None:
+    direction = {f"J{k}.axis.v": (-1.0) ** k * k / 10.0 for k in range(1, 9)}
+    assert combination(direction) == (
+        "J8.axis.v +0.80, J7.axis.v -0.70, J6.axis.v +0.60, J5.axis.v -0.50, "
+        "J4.axis.v +0.40, J3.axis.v -0.30 and 2 more"
+    )
+
+
+@pytest.mark.parametrize(
+    ("value_mm", "said"),
+    [
+        (0.0, "0.0000 mm"),
+        (0.00012, "0.00012 mm"),
+        (0.00434, "0.0043 mm"),
+        (12.3456, "12.346 mm"),
+        (1234.56, "1234.6 mm"),
+        (float("nan"), "nan mm"),
+    ],
+)
+def test_lengths_have_digits_that_matter(value_mm: float, said: str) -> None:
+    assert length_mm(value_mm) == said
+
+
+def test_small_probabilities_are_not_spelled_out() -> None:
+    assert (probability(3e-9), probability(0.312)) == ("below 0.0001", "0.31")
+
+
+def test_undetermined_scale_is_worth_what_it_moves(scaleless: Identification) -> None:
+    # A scale s shifts the probe by s x; what no rigid motion takes away of that is
+    # s times the distance from the mean place.
+    (effect_mm,) = undetermined_effects_mm(scaleless)
+    network = scaleless.adjustment.network
+    arm = scaleless.adjustment.state.arm
+    _, centres_mm = posture_columns(network, arm)
+    spread_mm = np.sqrt(centres_mm.var(axis=0).sum())
+    # J2 carries 60 mm and, along the axis of J3, 500 mm: they grow by 5 mm and a part.
+    (direction,) = scaleless.undetermined
+    scale = abs(direction.direction["J2.link.v"]) * 5.0 / 560.0
+    assert effect_mm == pytest.approx(scale * spread_mm, rel=0.02)

@@ -1,0 +1,195 @@
+"""The volumetric uncertainty: by hand, by drawing arms at random, for any datum."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from tests.lab.simulated import bar, cones, disturbed, seven_joints, simulate
+from traverse.kinematics.model.forward import probe_centre
+from traverse.kinematics.model.geometry import Geometry
+from traverse.lab.identification.equations.arm_parameters import arm_parameters
+from traverse.lab.identification.equations.datum import with_datum
+from traverse.lab.identification.equations.network import Network, stations
+from traverse.lab.identification.equations.noise import a_priori_noise
+from traverse.lab.identification.equations.parameters import ArmValues
+from traverse.lab.identification.equations.station_equations import start_state
+from traverse.lab.identification.solve.adjustment import Adjustment, adjust
+from traverse.lab.identification.volume.distance_deviations import (
+    ArmUncertainty,
+    arm_uncertainty,
+    distance_deviations_mm,
+    noise_deviations_mm,
+)
+from traverse.lab.identification.volume.inverse_kinematics import reach, sample_postures
+from traverse.lab.identification.volume.uncertainty_map import uncertainty_map
+
+TRUE = seven_joints()
+
+
+def one_joint(length_mm: float) -> Geometry:
+    """A hand of a clock."""
+    return Geometry(
+        np.zeros(3),
+        np.array([[0.0, 0.0, 1.0]]),
+        np.array([[length_mm, 0.0, 0.0]]),
+        np.zeros(1),
+        np.zeros(3),
+        np.array([1.0, 0.0, 0.0]),
+    )
+
+
+@cache
+def adjusted(datum: tuple[str, ...]) -> Adjustment:
+    """An adjusted campaign, with its datum among some parameters."""
+    campaign = simulate(disturbed(TRUE, 3), [*cones(4), bar()], 40, 7)
+    geometry = TRUE.geometry()
+    parameters = arm_parameters(geometry, campaign.joint_names)
+    among = np.array([name.startswith((*datum, "origin")) for name in parameters.names])
+    network = Network(
+        campaign,
+        stations(campaign, 3.0, np.ones(len(campaign.poses), dtype=bool)),
+        with_datum(parameters, geometry, among),
+        a_priori_noise(campaign),
+        np.ones(len(campaign.poses)),
+    )
+    design = ArmValues(geometry, np.empty(0))
+    return adjust(network, start_state(network, design), design)
+
+
+def known(datum: tuple[str, ...] = ("J1", "J2", "J3")) -> ArmUncertainty:
+    adjustment = adjusted(datum)
+    inverse = adjustment.split.inverse
+    return arm_uncertainty(
+        adjustment.state.arm, adjustment.network.parameters, inverse @ inverse.T
+    )
+
+
+@pytest.fixture(scope="module")
+def readings() -> np.ndarray:
+    return adjusted(("J1", "J2", "J3")).network.campaign.poses.angles_rad
+
+
+@pytest.mark.parametrize("turn_rad", [0.3, 1.0, 2.5])
+def test_chord_of_a_clock_hand_grows_with_the_hand(turn_rad: float) -> None:
+    # Chord 2 r sin(a/2): its derivative by r is 2 sin(a/2).
+    geometry = one_joint(400.0)
+    parameters = arm_parameters(geometry, ("J1",))
+    along = next(
+        name
+        for name, row in zip(
+            ("J1.link.v", "J1.link.w"), parameters.basis(geometry)[0], strict=True
+        )
+        if abs(row[0]) > 0.9
+    )
+    free = np.array([name == along for name in parameters.names])
+    arm = ArmUncertainty(geometry, parameters.with_free(free), np.array([[0.01**2]]))
+    found = distance_deviations_mm(arm, np.zeros((1, 1)), np.array([[turn_rad]]))
+    assert found[0] == pytest.approx(0.01 * 2.0 * np.sin(turn_rad / 2.0), rel=1e-12)
+
+
+def test_noise_of_a_clock_hand_is_that_of_both_ends() -> None:
+    # A quarter turn: the chord's slope by each angle is r cos(45 degrees).
+    found = noise_deviations_mm(
+        one_joint(400.0),
+        np.array([1e-5]),
+        0.003,
+        np.zeros((1, 1)),
+        np.array([[np.pi / 2]]),
+    )
+    slope_mm = 400.0 * np.cos(np.pi / 4) * 1e-5
+    expected = np.sqrt(2.0 * slope_mm**2 + 2.0 * 0.003**2)
+    assert found[0] == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_distance_of_a_pose_to_itself_has_no_direction_and_no_deviation() -> None:
+    same = np.full((1, 7), 0.4)
+    assert distance_deviations_mm(known(), same, same)[0] == 0.0
+
+
+def test_deviations_do_not_depend_on_the_datum(readings: np.ndarray) -> None:
+    first, second = known(), known(("J5", "J6"))
+    assert first.parameters.free_names != second.parameters.free_names
+    pairs = readings[:80], readings[80:160]
+    np.testing.assert_allclose(
+        distance_deviations_mm(first, *pairs),
+        distance_deviations_mm(second, *pairs),
+        rtol=1e-4,  # both are linearised at their own, nearly equal arm
+    )
+    maps = [uncertainty_map(arm, readings).deviations_mm for arm in (first, second)]
+    np.testing.assert_array_equal(*(np.isnan(values) for values in maps))
+    np.testing.assert_allclose(*maps, rtol=1e-3)
+
+
+def test_deviations_are_those_of_arms_drawn_at_random(readings: np.ndarray) -> None:
+    arm, n_arms = known(), 2000
+    pairs = readings[:30], readings[90:120]
+    rng = np.random.default_rng(5)
+    root = np.linalg.cholesky(arm.covariance)
+    values = ArmValues(arm.geometry, np.empty(0))
+    drawn_mm = np.empty((n_arms, 30))
+    for number in range(n_arms):
+        step = root @ rng.normal(size=len(root))
+        drawn = arm.parameters.moved(values, step).geometry
+        ends_mm = [probe_centre(drawn, angles_rad) for angles_rad in pairs]
+        drawn_mm[number] = np.linalg.norm(ends_mm[0] - ends_mm[1], axis=1)
+    # A standard deviation of n draws has the relative deviation 1 / sqrt(2 n).
+    np.testing.assert_allclose(
+        drawn_mm.std(axis=0, ddof=1),
+        distance_deviations_mm(arm, *pairs),
+        rtol=4.5 / np.sqrt(2.0 * n_arms),
+    )
+
+
+def test_postures_reach_their_places_within_the_travelled_ranges(
+    readings: np.ndarray,
+) -> None:
+    arm = known()
+    cloud = sample_postures(arm.geometry, readings)
+    places_mm = probe_centre(arm.geometry, readings[::3])
+    for rank in (0, 4):
+        angles_rad, good = reach(cloud, places_mm, rank)
+        assert np.mean(good) > 0.9
+        away_mm = probe_centre(arm.geometry, angles_rad) - places_mm
+        assert np.all(np.linalg.norm(away_mm[good], axis=1) < 0.5)
+        assert np.all(angles_rad >= readings.min(axis=0) - 0.021)
+        assert np.all(angles_rad <= readings.max(axis=0) + 0.021)
+    _, good = reach(cloud, np.array([[5000.0, 0.0, 0.0]]), 0)
+    assert not good[0]
+
+
+def test_the_map_is_in_the_size_of_single_pairs_and_knows_its_worst_place(
+    readings: np.ndarray,
+) -> None:
+    arm = known()
+    found = uncertainty_map(arm, readings)
+    assert found.length_mm == 500.0
+    some = distance_deviations_mm(arm, readings[:100], readings[100:200])
+    for name, figures in found.summary().items():
+        assert figures.median_mm <= figures.quantile_95_mm <= figures.largest_mm
+        assert 0.2 * np.median(some) < figures.median_mm < 5.0 * np.median(some), name
+    assert set(found.summary()) == {"radial", "tangential", "axial", "from reference"}
+
+
+def test_a_small_arm_gets_shorter_distances() -> None:
+    geometry = TRUE.geometry()
+    small = Geometry(
+        geometry.origin_mm,
+        geometry.axes,
+        0.2 * geometry.links_mm,
+        geometry.zeros_rad,
+        geometry.probe_vector_mm,
+        geometry.probe_direction,
+    )
+    parameters = arm_parameters(small, [f"J{k + 1}" for k in range(7)])
+    parameters = with_datum(parameters, small)
+    arm = ArmUncertainty(small, parameters, np.eye(parameters.n_free) * 1e-6)
+    ranges_rad = np.stack([small.zeros_rad - 2.0, small.zeros_rad + 2.0])
+    assert uncertainty_map(arm, ranges_rad).length_mm == 100.0
+
+
+def test_an_arm_that_hardly_moved_has_an_empty_map() -> None:
+    arm = known()
+    still_rad = np.stack([arm.geometry.zeros_rad, arm.geometry.zeros_rad + 1e-6])
+    found = uncertainty_map(arm, still_rad, 500.0)
+    assert not np.any(np.isfinite(found.deviations_mm[:3]))

@@ -1,0 +1,118 @@
+import math
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from traverse.protocol.microscribe import session as wire
+from traverse.protocol.microscribe.packets import Framing
+
+# 90 degrees, 10.250 in: the two examples of the specification.
+ALPHA = bytes.fromhex("00 00 40 00 00 00 C0 00 40 00 C0 00")
+A = bytes.fromhex("00 00 00 00 28 0A 00 00 00 00 00 00")
+D = bytes.fromhex("20 D0 00 00 00 00 24 00 00 00 04 1A")
+TABLE = ALPHA + A + D
+
+MAXES_2 = bytes.fromhex(
+    "C6 03 3F FF 00 00 00 00 00 00 00 00 00 1F 3F 1F 3F 1F 3F 0F 9F 0F 9F 00 00"
+)
+
+
+def test_requests_are_the_bytes_of_the_specification():
+    assert wire.END_SESSION == b"\xc5"
+    assert bytes.fromhex("49 4D 4D 43") == wire.CALL
+    assert bytes.fromhex("42 45 47 49 4E") == wire.BEGIN
+    motion = wire.motion_request(Framing.HCI2, 300, timer=True)
+    assert motion == bytes.fromhex(
+        "CF 01 2C 23 7F FF FF FF FF FF FF FF FF 00 01 00 01 00 01 00 01 00 01 00 01"
+    )
+    assert len(motion) == 25
+    assert len(wire.motion_request(Framing.HCI3, 10, timer=False)) == 29
+
+
+def test_geometry_is_read_as_specified():
+    found = wire.kinematics_of(TABLE, "")
+    quarter = math.pi / 2
+    assert found.alpha_rad == pytest.approx(
+        (0, quarter, 0, -quarter, quarter, -quarter)
+    )
+    assert found.a_mm == pytest.approx((0, 0, 260.35, 0, 0, 0))
+    assert found.d_mm == pytest.approx((213.36, 0, 0, 234.0864, 0, 26.67))
+    assert found.beta_rad == 0.0
+
+
+def test_the_comment_says_whether_there_is_a_rotation_more():
+    beta = wire.kinematics_of(TABLE + b"\xff\x00", "MicroScribe Beta 2").beta_rad
+    assert beta == pytest.approx(-256 * math.pi / 32768)
+    assert wire.kinematics_of(TABLE + b"\xff\x00", "calibrated").beta_rad == 0.0
+
+
+@pytest.mark.parametrize(("size", "comment"), [(35, ""), (0, ""), (36, "Beta")])
+def test_geometry_that_is_too_short_says_what_is_missing(size, comment):
+    with pytest.raises(ValueError, match=f"has {size} bytes, expected 3[68]"):
+        wire.kinematics_of(TABLE[:size], comment)
+
+
+def test_greatest_counts_tell_the_framing():
+    found = wire.maxes_reply(MAXES_2)
+    assert found is not None
+    assert found.framing is Framing.HCI2
+    assert found.timer == 16383
+    assert found.encoders == (7999, 7999, 7999, 3999, 3999, 0)
+
+
+@pytest.mark.parametrize("width", ["H", "I"])
+def test_greatest_counts_of_hci3_are_found_in_either_width(width):
+    counts = (7999, 7999, 7999, 3999, 3999, 3999, 3999, 0)
+    block = MAXES_2[:13] + struct.pack(f">8{width}", *counts)
+    found = wire.maxes_reply(block.ljust(45, b"\0"))
+    assert found is not None
+    assert found.framing is Framing.HCI3
+    assert found.encoders == counts
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        MAXES_2[1:],
+        MAXES_2[:-1],
+        MAXES_2 + b"\0",
+        MAXES_2[:13] + bytes(12),
+        MAXES_2[:13] + b"\xff" * 12,
+    ],
+    ids=["no echo", "short", "long", "no encoder", "too great"],
+)
+def test_other_answers_are_no_greatest_counts(data):
+    assert wire.maxes_reply(data) is None
+
+
+def test_replies_are_found_behind_their_echo():
+    assert wire.text_reply(0xC8, b"\x00\x12\xc8MicroScribe 3D\x00\x83") == (
+        "MicroScribe 3D"
+    )
+    assert wire.counted_reply(0xC0, b"\xc0\x24" + TABLE + b"\x00") == TABLE
+    assert wire.fixed_reply(0xC1, 12, b"\xc1" + A + b"\x00") == A
+    assert wire.home_counts(A) == (0, 0, 10250, 0, 0, 0)
+
+
+def test_every_prefix_of_a_reply_is_incomplete():
+    text, counted, fixed = b"\xc8abc\x00", b"\xc0\x24" + TABLE, b"\xc1" + A
+    for n in range(len(text)):
+        assert wire.text_reply(0xC8, text[:n]) is None
+    for n in range(len(counted)):
+        assert wire.counted_reply(0xC0, counted[:n]) is None
+    for n in range(len(fixed)):
+        assert wire.fixed_reply(0xC1, 12, fixed[:n]) is None
+
+
+@given(st.binary(max_size=400))
+def test_noise_raises_nothing_but_what_is_told(noise):
+    text = wire.text_reply(0xC8, noise)
+    assert text is None or (text.isprintable() and len(text) <= wire.LONGEST_TEXT)
+    block = wire.counted_reply(0xC0, noise)
+    assert block is None or block in noise
+    wire.fixed_reply(0xC1, 12, noise)
+    wire.maxes_reply(b"\xc6" + noise)
+    if block is not None and len(block) >= 38:
+        wire.kinematics_of(block, "Beta")

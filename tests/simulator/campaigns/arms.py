@@ -1,0 +1,30 @@
+"""Arms for campaigns, and where their balls are by the paper's formula."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tests.simulator.conftest import arm_text
+from traverse.kinematics.arm_file.arm import Arm, parse_arm
+
+
+def seven_joint_arm() -> Arm:
+    return parse_arm(arm_text())
+
+
+def six_joint_arm() -> Arm:
+    arm = seven_joint_arm()
+    return arm.model_copy(update={"joints": arm.joints[:2] + arm.joints[3:]})
+
+
+def ball_centres_mm(arm: Arm, readings_rad: np.ndarray) -> np.ndarray:
+    """x = x0 + sum P_k r_k, P_k = R_1 ... R_k: vectors only, one pose at a time."""
+    centres = []
+    for readings in readings_rad:
+        at = np.array(arm.origin_mm)
+        turned = Rotation.identity()
+        for joint, reading in zip(arm.joints, readings, strict=True):
+            axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
+            turned *= Rotation.from_rotvec((reading - joint.zero_rad) * axis)
+            at = at + turned.apply(joint.link_mm)
+        centres.append(at + turned.apply(arm.probe.vector_mm))
+    return np.array(centres)

@@ -1,0 +1,118 @@
+"""What the blind test hides: drawn from a seed, of every kind, as arm files say it."""
+
+import numpy as np
+import pytest
+
+from tests.simulator.campaigns.arms import seven_joint_arm
+from traverse.kinematics.arm_file.arm import EFFECT_KINDS as CONTRACT_KINDS
+from traverse.kinematics.arm_file.arm import parse_arm
+from traverse.simulator.campaigns.blind.effects import EFFECT_KINDS, drawn_effect
+from traverse.simulator.campaigns.blind.faults import CURVE, FAULT_KINDS, drawn_fault
+from traverse.simulator.campaigns.blind.poses import pose_set, weighed
+from traverse.strict_toml.writing import arm_text as written_arm
+
+
+@pytest.fixture(scope="module")
+def poses():
+    return pose_set(seven_joint_arm(), 1, 2)
+
+
+def rng(seed=0):
+    return np.random.default_rng(seed)
+
+
+def test_every_kind_of_the_contract_is_hidden():
+    assert {*EFFECT_KINDS, CURVE} == set(CONTRACT_KINDS)
+
+
+def test_at_least_five_kinds_have_no_name():
+    assert len(set(FAULT_KINDS) - set(CONTRACT_KINDS)) >= 5
+
+
+@pytest.mark.parametrize("kind", EFFECT_KINDS)
+def test_equal_seeds_draw_equal_effects(poses, kind):
+    first, second = (drawn_effect(rng(3), poses, kind) for _ in range(2))
+    assert first == second
+    assert first.kind == kind
+
+
+@pytest.mark.parametrize("kind", EFFECT_KINDS)
+@pytest.mark.parametrize("seed", range(4))
+def test_an_arm_file_takes_what_is_drawn(poses, kind, seed):
+    effect = drawn_effect(rng(seed), poses, kind)
+    arm = poses.arm.model_copy(update={"effects": (effect.entry,)})
+    values = arm.model_dump(by_alias=True, exclude_none=True)
+    assert parse_arm(written_arm(values, None)).effects == (effect.entry,)
+
+
+@pytest.mark.parametrize("kind", EFFECT_KINDS)
+def test_only_sizes_grow(poses, kind):
+    effect = drawn_effect(rng(1), poses, kind)
+    larger = effect.scaled(3.0)
+    assert larger.fixed == effect.fixed
+    for key, size in effect.sizes.items():
+        assert larger.sizes[key] == pytest.approx(3.0 * np.array(size))
+
+
+def test_all_joints_and_orders_come(poses):
+    drawn = [drawn_effect(rng(seed), poses, "encoder_harmonic") for seed in range(300)]
+    assert {effect.joint for effect in drawn} == {j.name for j in poses.arm.joints}
+    orders = [effect.fixed["order"] for effect in drawn]
+    assert {2, 3, 4} < set(orders)
+    assert max(orders) > 10
+
+
+def test_latency_is_of_one_joint_or_of_all(poses):
+    drawn = [drawn_effect(rng(seed), poses, "encoder_latency") for seed in range(40)]
+    assert {effect.joint is None for effect in drawn} == {True, False}
+
+
+def test_steps_come_while_it_is_measured(poses):
+    times_s = poses.conditions.time_s
+    for seed in range(20):
+        at_s = drawn_effect(rng(seed), poses, "count_slip").fixed["at_s"]
+        assert times_s[10] < at_s < times_s[-10]
+
+
+@pytest.mark.parametrize("kind", ["axis_wobble", "axis_runout"])
+def test_vectors_lie_across_or_along_the_axis(poses, kind):
+    for seed in range(10):
+        effect = drawn_effect(rng(seed), poses, kind)
+        axis = next(j.axis for j in poses.arm.joints if j.name == effect.joint)
+        axis = np.array(axis) / np.linalg.norm(axis)
+        for vector in effect.sizes.values():
+            along = np.dot(vector, axis)
+            if effect.fixed.get("component") == "axial":
+                assert vector == pytest.approx(along * axis)
+            else:
+                assert along == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("kind", FAULT_KINDS)
+def test_faults_grow_in_proportion(poses, kind):
+    fault = drawn_fault(rng(2), poses, kind)
+    (key,) = set(fault.keys) - {"covariate", "knots"}
+    assert fault.scaled(2.5).keys[key] == pytest.approx(2.5 * np.array(fault.keys[key]))
+
+
+def test_a_coupling_is_with_another_joint(poses):
+    for seed in range(20):
+        fault = drawn_fault(rng(seed), poses, "cross-coupling")
+        assert fault.covariate != f"{fault.joint}_rad"
+
+
+def test_masses_of_the_file_are_kept():
+    arm = seven_joint_arm()
+    heavy = arm.joints[0].model_copy(update={"mass_kg": 9.0})
+    arm = arm.model_copy(update={"joints": (heavy, *arm.joints[1:])})
+    found = weighed(arm)
+    assert found.joints[0].mass_kg == 9.0
+    assert all(joint.mass_kg is not None for joint in found.joints)
+
+
+def test_poses_tell_everything_that_effects_depend_on(poses):
+    assert 450 <= poses.n_poses <= 520
+    assert np.ptp(poses.conditions.temperature_c) > 1.0
+    assert set(np.unique(poses.conditions.approach)) == {-1, 1}
+    assert np.std(poses.conditions.speed_rad_s) == pytest.approx(0.3, rel=0.1)
+    assert poses.spec.conditions.start_utc is not None

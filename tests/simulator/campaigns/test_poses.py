@@ -1,0 +1,236 @@
+import numpy as np
+import pytest
+
+from tests.simulator.campaigns.arms import (
+    ball_centres_mm,
+    seven_joint_arm,
+    six_joint_arm,
+)
+from traverse.kinematics.arm_file.arm import FileError
+from traverse.simulator.arm.truth import Deviations, true_arm
+from traverse.simulator.campaigns import (
+    MIXES,
+    BallBar,
+    CampaignSpec,
+    ConditionTable,
+    Cone,
+    ParallelPlanes,
+    Plane,
+    Points,
+    PoseSet,
+    Sphere,
+    UnreachableError,
+    make_poses,
+    true_arm_file,
+)
+
+ARM = seven_joint_arm()
+BALL_MM = ARM.probe.radius_mm
+SEED = 5
+
+
+def touched(*artefacts, arm=ARM, **keys) -> PoseSet:
+    return make_poses(arm, CampaignSpec(artefacts=artefacts, **keys), SEED)
+
+
+def true_centres_mm(poses: PoseSet) -> np.ndarray:
+    readings_rad = poses.turns_rad + poses.truth.zeros_rad
+    return ball_centres_mm(true_arm_file(poses.arm, poses.truth), readings_rad)
+
+
+def assert_equal_mm(found, expected):
+    np.testing.assert_allclose(found, expected, atol=1e-9, rtol=0)
+
+
+def test_a_cone_holds_the_ball_in_one_point():
+    poses = touched(Cone(id="c", n_poses=30))
+    (placed,) = poses.artefacts
+    point_mm = placed.true_table()["point_mm"]
+    assert_equal_mm(true_centres_mm(poses), np.tile(point_mm, (30, 1)))
+    assert np.all(np.isnan(poses.towards))
+
+
+@pytest.mark.parametrize(("side", "sign"), [("outside", 1.0), ("inside", -1.0)])
+def test_a_sphere_is_touched_at_one_ball_radius(side, sign):
+    poses = touched(Sphere(id="s", n_poses=40, radius_mm=25.0, side=side))
+    table = poses.artefacts[0].true_table()
+    offsets_mm = true_centres_mm(poses) - table["centre_mm"]
+    distances_mm = np.linalg.norm(offsets_mm, axis=1)
+    assert_equal_mm(distances_mm, 25.0 + sign * BALL_MM)
+    np.testing.assert_allclose(
+        poses.towards, -sign * offsets_mm / distances_mm[:, None], atol=1e-10
+    )
+
+
+def test_both_spheres_of_a_bar_are_touched_and_their_distance_is_true():
+    bar = BallBar(
+        id="b", n_poses=41, radius_mm=12.0, second_radius_mm=8.0, distance_mm=300.0
+    )
+    poses = touched(bar)
+    table = poses.artefacts[0].true_table()
+    centres_mm = np.array(table["centres_mm"])
+    assert_equal_mm(np.linalg.norm(centres_mm[1] - centres_mm[0]), 300.0)
+    offsets_mm = true_centres_mm(poses) - centres_mm[poses.feature_index]
+    radii_mm = np.array([12.0, 8.0])[poses.feature_index]
+    assert_equal_mm(np.linalg.norm(offsets_mm, axis=1), radii_mm + BALL_MM)
+    assert np.bincount(poses.feature_index).tolist() == [21, 20]
+
+
+def test_a_plane_is_touched_from_its_outer_side():
+    poses = touched(Plane(id="p", n_poses=40, size_mm=200.0))
+    table = poses.artefacts[0].true_table()
+    heights_mm = true_centres_mm(poses) @ table["normal"] - table["offset_mm"]
+    assert_equal_mm(heights_mm, BALL_MM)
+    np.testing.assert_allclose(poses.towards @ table["normal"], -1.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("side", "sign"), [("outside", 1.0), ("inside", -1.0)])
+def test_parallel_planes_are_touched_at_one_ball_radius(side, sign):
+    gauge = ParallelPlanes(
+        id="g", n_poses=40, distance_mm=100.0, size_mm=60.0, side=side
+    )
+    poses = touched(gauge)
+    table = poses.artefacts[0].true_table()
+    first_mm, second_mm = table["offsets_mm"]
+    assert_equal_mm(second_mm - first_mm, 100.0)
+    heights_mm = true_centres_mm(poses) @ table["normal"]
+    is_second = poses.feature_index == 1
+    assert_equal_mm(heights_mm[~is_second], first_mm - sign * BALL_MM)
+    assert_equal_mm(heights_mm[is_second], second_mm + sign * BALL_MM)
+    towards = poses.towards @ table["normal"]
+    np.testing.assert_allclose(towards, np.where(is_second, -sign, sign), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("frame", "scale"), [("arm", 1.0), ("own", 1.0), ("own_scaled", 1.002)]
+)
+def test_points_are_where_their_seven_parameters_put_them(frame, scale):
+    grid = Points(id="g", n_poses=24, n_points=6, size_mm=200, frame=frame, scale=scale)
+    poses = touched(grid)
+    (placed,) = poses.artefacts
+    table = placed.true_table()
+    stated_mm = placed.artefact.stated(np.random.default_rng(1), placed.placement)
+    known_mm = np.array([stated_mm["points_mm"][f"P{k + 1}"] for k in range(6)])
+    if frame != "arm":
+        rotation = np.array(table["rotation"])
+        np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-14)
+        assert np.linalg.det(rotation) > 0.0
+        known_mm = [table["translation_mm"] + scale * rotation @ p for p in known_mm]
+    assert_equal_mm(true_centres_mm(poses), np.array(known_mm)[poses.feature_index])
+
+
+def test_a_warm_standard_is_longer_by_its_expansion():
+    bar = BallBar(
+        id="b", n_poses=40, radius_mm=10.0, distance_mm=300.0, expansion_per_c=12e-6
+    )
+    poses = touched(bar, conditions=ConditionTable(temperature_c=30.0))
+    centres_mm = true_centres_mm(poses)
+    found = []
+    for feature in (0, 1):
+        at_mm = centres_mm[poses.feature_index == feature]
+        # |x|^2 = 2 x.c + (R^2 - |c|^2) is linear in the centre c.
+        design = np.column_stack([2.0 * at_mm, np.ones(len(at_mm))])
+        found.append(np.linalg.lstsq(design, np.sum(at_mm**2, axis=1))[0][:3])
+    distance_mm = np.linalg.norm(found[1] - found[0])
+    np.testing.assert_allclose(distance_mm, 300.0 * (1 + 12e-6 * 10.0), atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("travel", "roll_deg", "hinge_deg"),
+    [("full", 180, 180), ("wide", 150, 75), ("narrow", 60, 40)],
+)
+def test_turns_stay_within_the_named_travel(travel, roll_deg, hinge_deg):
+    poses = make_poses(ARM, CampaignSpec(mix="cones", n_poses=200, travel=travel), SEED)
+    # J1, J3, J5, J7 of this arm turn about the elements that they carry.
+    largest = np.deg2rad([roll_deg, hinge_deg] * 3 + [roll_deg])
+    np.testing.assert_allclose(poses.limits_rad, np.stack([-largest, largest], 1))
+    assert np.all(np.abs(poses.turns_rad) <= largest)
+    assert np.all(np.ptp(poses.turns_rad, axis=0) > 1.3 * largest)
+
+
+def test_turns_stay_within_limits_of_ones_own():
+    limits = tuple((-0.5 - 0.1 * k, 1.0) for k in range(7))
+    poses = touched(Cone(id="c", n_poses=60), limits_rad=limits)
+    assert np.all(poses.turns_rad >= np.array(limits)[:, 0])
+    assert np.all(poses.turns_rad <= 1.0)
+
+
+def test_a_cone_is_touched_in_postures_that_use_the_whole_travel():
+    poses = touched(Cone(id="c", n_poses=100))
+    spread = np.std(poses.turns_rad, axis=0)
+    even = np.ptp(poses.limits_rad, axis=1) / np.sqrt(12.0)
+    assert np.median(spread / even) > 0.7
+
+
+def test_an_arm_of_six_joints_touches_everything():
+    spec = CampaignSpec(mix="everything", n_poses=90)
+    poses = make_poses(six_joint_arm(), spec, SEED)
+    assert poses.turns_rad.shape == (90, 6)
+
+
+@pytest.mark.parametrize("mix", MIXES)
+def test_a_mix_deals_its_poses_out_evenly(mix):
+    poses = make_poses(ARM, CampaignSpec(mix=mix, n_poses=50), SEED)
+    counts = np.bincount(poses.artefact_index)
+    assert np.sum(counts) == 50
+    assert len(counts) == len(MIXES[mix])
+    assert np.ptp(counts) <= 1
+
+
+def test_every_visit_goes_round_all_artefacts():
+    cones = [Cone(id=f"c{k}", n_poses=5) for k in range(2)]
+    poses = touched(*cones, conditions=ConditionTable(visits=2))
+    assert poses.artefact_index.tolist() == [0, 0, 1, 1, 0, 0, 0, 1, 1, 1]
+    assert np.all(np.diff(poses.conditions.time_s) > 0.0)
+
+
+def test_the_temperature_swings_about_its_middle():
+    conditions = ConditionTable(temperature_c=23.0, swing_c=2.0)
+    poses = touched(Cone(id="c", n_poses=300), conditions=conditions)
+    temperature_c = poses.conditions.temperature_c
+    assert np.all(np.abs(temperature_c - 23.0) <= 2.0)
+    assert np.ptp(temperature_c) > 2.0
+
+
+def test_speeds_have_the_sense_of_the_approach():
+    conditions = ConditionTable(speed_rad_s=0.1)
+    poses = touched(Cone(id="c", n_poses=50), conditions=conditions)
+    speed_rad_s = poses.conditions.speed_rad_s
+    assert np.all(np.sign(speed_rad_s) == poses.conditions.approach)
+
+
+def test_equal_seeds_give_equal_poses_and_others_other_ones():
+    spec = CampaignSpec(mix="cones+bar", n_poses=60)
+    first, again, other = (make_poses(ARM, spec, seed) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first.turns_rad, again.turns_rad)
+    np.testing.assert_array_equal(first.truth.zeros_rad, again.truth.zeros_rad)
+    assert not np.any(first.turns_rad == other.turns_rad)
+
+
+def test_a_given_truth_is_the_one_that_touches():
+    truth = true_arm(ARM, Deviations(), 1)
+    spec = CampaignSpec(mix="cones", n_poses=20)
+    poses = make_poses(ARM, spec, SEED, truth)
+    assert poses.truth is truth
+
+
+def test_a_bar_longer_than_the_arm_is_told():
+    bar = BallBar(id="long", n_poses=10, radius_mm=10.0, distance_mm=5000.0)
+    with pytest.raises(UnreachableError, match=r"ball_bar 'long'.*make it smaller"):
+        touched(bar)
+
+
+def test_all_that_does_not_fit_is_told_at_once():
+    artefacts = (
+        Sphere(id="bowl", n_poses=9, radius_mm=2.0, side="inside"),
+        BallBar(id="bar", n_poses=9, radius_mm=10.0, distance_mm=20.0),
+        ParallelPlanes(
+            id="gap", n_poses=9, distance_mm=5.0, size_mm=9.0, side="inside"
+        ),
+        Points(id="grid", n_poses=9, size_mm=100.0, scale=1.1),
+        Points(id="net", n_poses=9, size_mm=100.0, frame="arm", expansion_per_c=1e-5),
+    )
+    with pytest.raises(FileError) as caught:
+        touched(*artefacts, limits_rad=((-1.0, 1.0),))
+    places = [problem.where for problem in caught.value.problems]
+    assert places == ["limits_rad", *(f"artefacts[{k}]" for k in range(5))]
