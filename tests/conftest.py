@@ -17,8 +17,6 @@ from tests import programs, warm_start
 from tests.mosquitto import Mosquitto
 
 GRACE_S = 2.0
-# Folders with the longest files of tests.
-LONG = ("browser", "docs", "end_to_end", "lab", "traverse")
 LINKS = pytest.StashKey[Path]()
 # How long an example takes says how busy this machine is.
 hypothesis.settings.register_profile("any_machine", deadline=None)
@@ -108,9 +106,9 @@ def no_task_is_left(
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put long files first, by turns of those that wait and those that compute.
+    """Spread the files of every folder: those that wait among those that compute.
 
-    Workers take file by file in this order: they end at about the same time.
+    Workers take file by file in this order, so that cores are busy until the end.
     """
     for item in items:
         for group in _needed(item) - programs.groups().keys():
@@ -118,14 +116,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
                 f"{item.nodeid} needs group {group!r}, which {programs.INSTALLER} "
                 "does not know: add it there, with its programs and packages"
             )
-    files = {item.path: None for item in items}
-    ranks: dict[Path, tuple[bool, int]] = {}
-    counts: dict[str, int] = {}
-    for path in files:
-        folder = os.path.relpath(path, Path(__file__).parent).partition("/")[0]
-        ranks[path] = (folder not in LONG, counts.setdefault(folder, 0))
-        counts[folder] += 1
-    items.sort(key=lambda item: ranks[item.path])
+    folders: dict[str, dict[Path, None]] = {}
+    for item in items:
+        folder = os.path.relpath(item.path, Path(__file__).parent).partition("/")[0]
+        folders.setdefault(folder, {})[item.path] = None
+    ranks = {
+        path: at / len(files)
+        for files in folders.values()
+        for at, path in enumerate(files)
+    }
+    items.sort(key=lambda item: (ranks[item.path], item.path))
     gc.collect()
     gc.freeze()  # what was imported and collected is not looked through again
 

@@ -80,7 +80,7 @@ class WarmStart:
     """The process that programs are forked from; one for all tests of a worker."""
 
     def __init__(self, *options: str) -> None:
-        ours, theirs = socket.socketpair()
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
             self._server = subprocess.Popen(
                 [sys.executable, *options, __file__, str(theirs.fileno())],

@@ -100,6 +100,7 @@ class Sections(PointFilter):
 
     def _leave(self, heights: Floats) -> None:
         """Note how far the path has been from the last plane, in spacings."""
-        if self._plane is not None and len(heights):
-            away = np.abs(heights - self._plane)
+        known = heights[np.isfinite(heights)]
+        if self._plane is not None and len(known):
+            away = np.abs(known - self._plane)
             self._away = max(self._away, float(np.max(away, initial=0.0)))

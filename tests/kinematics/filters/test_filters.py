@@ -92,6 +92,12 @@ def test_regions_are_what_their_definitions_say(xyz_mm):
         assert len(Slab((0, 0, 5), -3, 0.5).apply(one)) == (known and in_slab)
 
 
+def test_a_sample_without_a_value_does_not_hide_how_far_a_path_has_been():
+    xyz_mm = [(1, 0, 0), (0, 0, 0), (math.nan, 0, 0), (0, 0, 0), (1, 0, 0)]
+    found = MAKERS["sections"]().apply(block_of(xyz_mm))
+    assert found.seq.tolist() == [1, 3]
+
+
 @given(walks | places)
 def test_spacing_by_balls_keeps_what_a_plain_loop_keeps(xyz_mm):
     kept: list[int] = []
