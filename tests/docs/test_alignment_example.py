@@ -29,6 +29,9 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
+FLAG = re.compile(r'AlignmentWarning\(\s*"(\w+)"')
+
+
 def aligned(*words: str) -> tuple[int, str]:
     given = ["align", "touched.csv", "--nominal", "part.csv", "--std", "0.025", *words]
     result = CliRunner().invoke(app, given)
@@ -68,9 +71,7 @@ def test_every_key_and_flag_stands_on_the_page(folder):
     assert missing <= {"min_mm", "max_mm"}
     sources = (CHECKOUT / "lab" / "alignment").glob("*.py")
     codes = {
-        code
-        for source in sources
-        for code in re.findall(r'AlignmentWarning\(\s*"(\w+)"', source.read_text("utf-8"))
+        code for source in sources for code in FLAG.findall(source.read_text("utf-8"))
     }
     assert len(codes) == 11
     assert {code for code in codes if f"| `{code}` |" not in page} == set()
