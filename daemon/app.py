@@ -4,7 +4,7 @@ import contextlib
 import logging
 from pathlib import Path
 
-from traverse.daemon.config.broker import BrokerSection
+from traverse.daemon.config.schema import BrokerSection
 from traverse.daemon.inputs import REFUSED, UNREACHABLE, StartupError, read_inputs
 from traverse.daemon.mqtt.embedded_broker import HOST, BrokerStartError, embedded_broker
 from traverse.daemon.service import Service

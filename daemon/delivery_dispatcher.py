@@ -16,8 +16,12 @@ from traverse.daemon.acquisition.late_readings import LateReadingMonitor
 from traverse.daemon.acquisition.resampler import Resampler
 from traverse.daemon.acquisition.temperature_monitor import TemperatureMonitor
 from traverse.daemon.clock import HostClock
-from traverse.daemon.config.quality import QualitySection
-from traverse.daemon.config.schema import AssemblySection, CaptureSection, Configuration
+from traverse.daemon.config.schema import (
+    AssemblySection,
+    CaptureSection,
+    Configuration,
+    QualitySection,
+)
 from traverse.daemon.health import HealthReport
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.points.capture import Capture, TriggerMap, triggers_of

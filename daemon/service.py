@@ -11,8 +11,7 @@ from traverse.daemon.clock import HostClock
 from traverse.daemon.command_table import CommandTable
 from traverse.daemon.commands.dispatcher import CommandDispatcher
 from traverse.daemon.commands.reload import Inputs
-from traverse.daemon.config.broker import BrokerSection
-from traverse.daemon.config.schema import Configuration
+from traverse.daemon.config.schema import BrokerSection, Configuration
 from traverse.daemon.frozen_clock import FrozenClock
 from traverse.daemon.health import HealthReport
 from traverse.daemon.inputs import StartupError

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from tests.protocol.message_examples import POINT
 from traverse.daemon.clock import HostClock
-from traverse.daemon.config.outbox import OutboxSection
+from traverse.daemon.config.schema import OutboxSection
 from traverse.daemon.health import HealthReport
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue

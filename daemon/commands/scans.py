@@ -5,8 +5,7 @@ import asyncio
 from traverse.daemon.acquisition.joint_devices import JointDevices
 from traverse.daemon.commands.dispatcher import CommandError, Result
 from traverse.daemon.commands.points import check_ready
-from traverse.daemon.config.scan import ScanSection
-from traverse.daemon.config.schema import CaptureSection
+from traverse.daemon.config.schema import CaptureSection, ScanSection
 from traverse.daemon.delivery_dispatcher import Measuring
 from traverse.daemon.scans.plan import requested_scan
 from traverse.daemon.scans.scanner import Scanner

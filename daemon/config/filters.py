@@ -51,7 +51,7 @@ class FilterSection(StrictModel):
         name = table.get("kind") if isinstance(table, Mapping) else None
         return section_class(str(name))
 
-    def made(self) -> PointFilter:
+    def create(self) -> PointFilter:
         """The filter, new.
 
         Raises:
@@ -61,8 +61,8 @@ class FilterSection(StrictModel):
         return FILTERS[self.kind](**values)
 
     @model_validator(mode="after")
-    def _can_be_made(self) -> Self:
-        self.made()
+    def _check_create(self) -> Self:
+        self.create()
         return self
 
 
@@ -82,7 +82,7 @@ class QualityFilterSection(FilterSection):
 
     allowed: tuple[str, ...] = ()
 
-    def made(self) -> PointFilter:
+    def create(self) -> PointFilter:
         """The filter, new.
 
         Raises:
@@ -127,15 +127,15 @@ AnyFilter = Annotated[SerializeAsAny[FilterSection], BeforeValidator(filter_of)]
 
 def filter_chain(sections: Iterable[FilterSection]) -> FilterChain:
     """The filters of a configuration, new, in its order."""
-    return FilterChain([section.made() for section in sections])
+    return FilterChain([section.create() for section in sections])
 
 
 def removed_counters(chain: FilterChain) -> dict[str, int]:
     """How many points each filter has held back, by its place and kind."""
     return {
-        f"scan_filter_{place}_{one.kind}": removed
-        for place, (one, removed) in enumerate(
+        f"scan_filter_{place}_{filter_.kind}": removed
+        for place, (filter_, removed) in enumerate(
             zip(chain.filters, chain.removed, strict=True), start=1
         )
-        if not one.interpolates
+        if not filter_.interpolates
     }

@@ -3,22 +3,193 @@
 Every key is explained in docs/reference/configuration.md.
 """
 
+import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, field_validator, model_validator
 
-from traverse.daemon.config.broker import BrokerSection, broker_table_problems
 from traverse.daemon.config.devices import AnyDevice
-from traverse.daemon.config.metrics import MetricsSection
-from traverse.daemon.config.outbox import OutboxSection
-from traverse.daemon.config.quality import QualitySection
-from traverse.daemon.config.realtime import RealtimeSection
-from traverse.daemon.config.recording import RecordingSection
-from traverse.daemon.config.scan import ScanSection
+from traverse.daemon.config.filters import AnyFilter, flag_bits
 from traverse.kinematics.arm_file.arm import Problem, StrictModel, read_strict
+from traverse.protocol import topics
+from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages.point import Compensation
+
+TLS_PORT = 8883
+
+FileName = Annotated[str, Field(min_length=1, max_length=4096)]
+
+
+class BrokerSection(StrictModel):
+    """Where results go.
+
+    There is no key that switches the check of the broker's certificate off.
+    """
+
+    host: str = Field(default="localhost", min_length=1, max_length=253)
+    port: int = Field(default=1883, ge=1, le=65535)
+    username: str | None = Field(default=None, min_length=1, max_length=256)
+    password_file: FileName | None = None
+    tls: bool = False
+    ca_file: FileName | None = None
+    certificate_file: FileName | None = None
+    key_file: FileName | None = None
+    response_topics: Annotated[tuple[str, ...], Field(max_length=16)] = ()
+    keepalive_s: int = Field(default=15, ge=1, le=600)
+    encoding: Literal["msgpack", "json"] = "msgpack"
+
+    @model_validator(mode="before")
+    @classmethod
+    def _default_tls_port(cls, raw: object) -> object:
+        """With TLS and without a port it is that of MQTT over TLS."""
+        if isinstance(raw, Mapping) and raw.get("tls") is True and "port" not in raw:
+            return {**raw, "port": TLS_PORT}
+        return raw
+
+
+def broker_table_problems(raw: object) -> Iterator[Problem]:
+    """What does not go together in a table [broker]."""
+    if not isinstance(raw, Mapping):
+        return
+    if raw.get("tls") is not True:
+        for key in ("ca_file", "certificate_file", "key_file"):
+            if key in raw:
+                text = "is given without tls = true; the line would not be encrypted"
+                yield Problem(f"broker.{key}", text)
+    for key, other in (
+        ("certificate_file", "key_file"),
+        ("key_file", "certificate_file"),
+    ):
+        if key in raw and other not in raw:
+            text = f"is missing; {key} is given, and the two belong together"
+            yield Problem(f"broker.{other}", text)
+    if "password_file" in raw and "username" not in raw:
+        text = "is missing; password_file is given, and a password needs a name"
+        yield Problem(".".join(("broker", "username")), text)
+    yield from _filter_problems(raw.get("response_topics"))
+
+
+def _filter_problems(filters: Any) -> Iterator[Problem]:  # noqa: ANN401 - of a file
+    """Filters that are none, or that would let answers into topics of arms."""
+    if not isinstance(filters, list):
+        return
+    for index, one in enumerate(filters):
+        if not isinstance(one, str):
+            continue
+        try:
+            topics.check_response_filter(one)
+        except MessageError as error:
+            yield Problem(f"broker.response_topics[{index}]", str(error))
+
+
+class MetricsSection(StrictModel):
+    """Where figures can be read; nowhere without a port."""
+
+    port: int | None = Field(default=None, ge=1, le=65535)
+    host: str = Field(default="127.0.0.1", min_length=1)
+
+
+class OutboxSection(StrictModel):
+    """How long points are kept that the broker has."""
+
+    keep_days: float = Field(default=90.0, gt=0.0, le=36_500.0)
+    keep_mb: float = Field(default=1000.0, ge=1.0, le=1_000_000.0)
+
+
+MAX_PRIORITY = 98  # 99 is the kernel's own threads'
+
+
+class RealtimeSection(StrictModel):
+    """What the system is asked for; what it refuses is told and does without."""
+
+    priority: int = Field(default=0, ge=0, le=MAX_PRIORITY)
+    lock_memory: bool = False
+    cpus: Annotated[tuple[int, ...], Field(max_length=64)] = ()
+
+    @field_validator("cpus")
+    @classmethod
+    def _check_cpus(cls, cpus: tuple[int, ...]) -> tuple[int, ...]:
+        there = sorted(os.sched_getaffinity(0))
+        if missing := [cpu for cpu in cpus if cpu not in there]:
+            told = ", ".join(map(str, there))
+            message = f"this computer lends the daemon the CPUs {told}, not {missing}"
+            raise ValueError(message)
+        return cpus
+
+
+class RecordingSection(StrictModel):
+    """What is recorded, how much of it is kept, and how safely."""
+
+    flight: bool = True
+    flight_s: float = Field(default=60.0, ge=20.0, le=3600.0)
+    flight_mb: int = Field(default=64, ge=4, le=100_000)
+    kept: int = Field(default=10, ge=1, le=1000)
+    flush_s: float = Field(default=1.0, ge=0.1, le=10.0)
+    sync: bool = False
+    min_free_mb: int = Field(default=500, ge=10, le=1_000_000)
+    max_mb: int = Field(default=20_000, ge=10, le=1_000_000)
+
+
+class EndStopSection(StrictModel):
+    """How far a joint can turn."""
+
+    joint: str = Field(min_length=1)
+    low_rad: float
+    high_rad: float
+    margin_rad: float = Field(default=0.035, ge=0.0, le=3.2)
+
+    @model_validator(mode="after")
+    def _has_range(self) -> Self:
+        if self.high_rad - self.low_rad <= 2.0 * self.margin_rad:
+            text = (
+                f"low_rad {self.low_rad:g} and high_rad {self.high_rad:g}: nothing is "
+                f"left between margins of {self.margin_rad:g}; correct them"
+            )
+            raise ValueError(text)
+        return self
+
+
+class QualitySection(StrictModel):
+    """Limits; those that are left out are not looked at."""
+
+    end_stops: Annotated[tuple[EndStopSection, ...], Field(max_length=64)] = ()
+    singular_ratio: float | None = Field(default=None, gt=0.0, lt=1.0)
+    overspeed_mm_s: float | None = Field(default=None, gt=0.0)
+    temperature_low_c: float | None = Field(default=None, ge=-273.15)
+    temperature_high_c: float | None = None
+    temperature_change_c: float | None = Field(default=3.0, gt=0.0)
+    temperature_time_s: float = Field(default=300.0, ge=1.0, le=86_400.0)
+    identification_days: float | None = Field(default=None, gt=0.0)
+    refuse: Annotated[tuple[str, ...], Field(max_length=32)] = ()
+
+    @field_validator("refuse")
+    @classmethod
+    def _check_flags(cls, names: tuple[str, ...]) -> tuple[str, ...]:
+        flag_bits(names)
+        return names
+
+    @model_validator(mode="after")
+    def _check_band(self) -> Self:
+        low_c, high_c = self.temperature_low_c, self.temperature_high_c
+        if low_c is not None and high_c is not None and low_c >= high_c:
+            text = f"temperature_low_c {low_c:g} below temperature_high_c {high_c:g}"
+            raise ValueError(text)
+        return self
+
+
+class ScanSection(StrictModel):
+    """What a scan's command leaves open, and which of its points pass."""
+
+    rate_hz: float = Field(default=100.0, gt=0.0, le=10_000.0)
+    dense_rate_hz: float = Field(default=1000.0, ge=10.0, le=10_000.0)
+    held_wait_s: float = Field(default=0.2, ge=0.01, le=2.0)
+    delivery: Literal["live", "complete"] = "live"
+    spool_mb: float = Field(default=1000.0, ge=2.0, le=1_000_000.0)
+    spool_days: float = Field(default=7.0, gt=0.0, le=36_500.0)
+    filters: Annotated[tuple[AnyFilter, ...], Field(max_length=32)] = ()
+
 
 Action = Literal["point", "average", "undo", "scan", "stop", "session", "air", "none"]
 INPUT_PATTERN = r"^[A-Za-z0-9_-]+/[0-7]$"
@@ -42,11 +213,11 @@ class InputSection(StrictModel):
     long: Action | None = None
 
     @property
-    def meanings(self) -> dict[str, Action]:
+    def gesture_actions(self) -> dict[str, Action]:
         """What its gestures do, those that do anything."""
-        told = {"click": self.click, "double": self.double, "hold": self.hold}
-        told["long"] = self.long
-        return {name: action for name, action in told.items() if action is not None}
+        actions = {"click": self.click, "double": self.double, "hold": self.hold}
+        actions["long"] = self.long
+        return {name: action for name, action in actions.items() if action is not None}
 
     @property
     def device_id(self) -> str:

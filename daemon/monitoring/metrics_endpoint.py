@@ -10,7 +10,7 @@ import math
 from collections.abc import AsyncIterator, Callable
 from email.utils import formatdate
 
-from traverse.daemon.config.metrics import MetricsSection
+from traverse.daemon.config.schema import MetricsSection
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.exposition import CONTENT_TYPE
 

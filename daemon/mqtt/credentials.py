@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from traverse.broker.tls import tls_context
-from traverse.daemon.config.broker import BrokerSection
+from traverse.daemon.config.schema import BrokerSection
 from traverse.kinematics.arm_file.arm import Problem
 
 CREDENTIAL = "credential:"

@@ -92,5 +92,5 @@ def buttons_of(settings: CaptureSection) -> Buttons:
         int(settings.double_s * 1e9),
     )
     return Buttons(
-        {(i.device_id, i.number): i.meanings for i in settings.inputs}, times
+        {(i.device_id, i.number): i.gesture_actions for i in settings.inputs}, times
     )

@@ -8,7 +8,7 @@ reach, so its limit is a share of that.
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.daemon.config.quality import QualitySection
+from traverse.daemon.config.schema import QualitySection
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.protocol.messages import QualityFlag

@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Iterable
 
 from traverse.daemon.clock import HostClock
-from traverse.daemon.config.quality import QualitySection
+from traverse.daemon.config.schema import QualitySection
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.protocol.messages import QualityFlag
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.filters import flag_bits
-from traverse.daemon.config.quality import QualitySection
+from traverse.daemon.config.schema import QualitySection
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.points.capture import CaptureRefusedError
 from traverse.daemon.pose.arm_model import ArmModel

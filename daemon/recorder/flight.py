@@ -9,7 +9,7 @@ from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
-from traverse.daemon.config.recording import RecordingSection
+from traverse.daemon.config.schema import RecordingSection
 from traverse.recording.run_reader import RunReader
 from traverse.recording.run_writer import Entry, RunHead, RunWriter
 

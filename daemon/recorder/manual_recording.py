@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from traverse.daemon.config.recording import RecordingSection
+from traverse.daemon.config.schema import RecordingSection
 from traverse.recording.run_writer import Entry, RunHead, RunWriter
 
 

@@ -11,7 +11,7 @@ from types import TracebackType
 from typing import Self
 
 from traverse.daemon.clock import HostClock
-from traverse.daemon.config.recording import RecordingSection
+from traverse.daemon.config.schema import RecordingSection
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.points.session import Session
 from traverse.daemon.recorder.fault_trigger import FaultTrigger

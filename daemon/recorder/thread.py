@@ -10,7 +10,7 @@ from functools import partial
 from operator import methodcaller
 from pathlib import Path
 
-from traverse.daemon.config.recording import RecordingSection
+from traverse.daemon.config.schema import RecordingSection
 from traverse.daemon.recorder.encoding import RecordingEncoder
 from traverse.daemon.recorder.flight import FlightRecorder
 from traverse.daemon.recorder.item_queue import Item, RecorderQueue

@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import asdict
 
-from traverse.daemon.config.scan import ScanSection
+from traverse.daemon.config.schema import ScanSection
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.points.capture import Capture
 from traverse.daemon.pose.arm_model import ArmModel

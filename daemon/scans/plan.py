@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from traverse.daemon.commands.dispatcher import CommandError
-from traverse.daemon.config.scan import ScanSection
+from traverse.daemon.config.schema import ScanSection
 from traverse.kinematics.filters import FILTERS, PointFilter
 from traverse.protocol.messages import ScanArgs
 from traverse.protocol.messages.scan import ScanMode

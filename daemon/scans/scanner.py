@@ -9,7 +9,7 @@ import numpy as np
 
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.filters import filter_chain
-from traverse.daemon.config.scan import ScanSection
+from traverse.daemon.config.schema import ScanSection
 from traverse.daemon.pose.alignment import ActiveAlignment, Alignment
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.poses import PoseBlock

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from traverse.daemon.config.outbox import OutboxSection
+from traverse.daemon.config.schema import OutboxSection
 from traverse.daemon.store.database import MessageDatabase
 from traverse.daemon.store.records import Entry, Figures, StorageError
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from traverse.daemon.clock import HostClock
 from traverse.daemon.commands.dispatcher import Result
-from traverse.daemon.config.outbox import OutboxSection
+from traverse.daemon.config.schema import OutboxSection
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import Latencies
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue

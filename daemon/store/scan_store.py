@@ -18,8 +18,7 @@ from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 
 from traverse.daemon.clock import HostClock
-from traverse.daemon.config.outbox import OutboxSection
-from traverse.daemon.config.scan import ScanSection
+from traverse.daemon.config.schema import OutboxSection, ScanSection
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import Latencies
 from traverse.daemon.mqtt.message_publisher import MessagePublisher

@@ -14,7 +14,7 @@ from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
-from traverse.daemon.config.realtime import RealtimeSection
+from traverse.daemon.config.schema import RealtimeSection
 from traverse.daemon.monitoring.events import EventLog
 
 MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4

@@ -14,12 +14,14 @@ from tests.docs.pages import code_words, tables, text_of
 from traverse.cli.__main__ import app
 from traverse.daemon.commands.rate_limit import Limit
 from traverse.daemon.config import schema
-from traverse.daemon.config.broker import BrokerSection
 from traverse.daemon.config.devices import DeviceSection
 from traverse.daemon.config.filters import section_class
-from traverse.daemon.config.outbox import OutboxSection
-from traverse.daemon.config.quality import EndStopSection
-from traverse.daemon.config.recording import RecordingSection
+from traverse.daemon.config.schema import (
+    BrokerSection,
+    EndStopSection,
+    OutboxSection,
+    RecordingSection,
+)
 from traverse.daemon.pose import probe_library
 from traverse.drivers.base.registry import DRIVERS, driver_class
 from traverse.kinematics.arm_file import arm

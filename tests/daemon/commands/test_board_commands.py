@@ -16,10 +16,10 @@ from traverse.daemon.commands.dispatcher import CommandError
 from traverse.daemon.commands.points import PointCommands
 from traverse.daemon.commands.scans import Requests
 from traverse.daemon.config.devices import section_of
-from traverse.daemon.config.scan import ScanSection
 from traverse.daemon.config.schema import (
     AssemblySection,
     CaptureSection,
+    ScanSection,
     UncertaintySection,
 )
 from traverse.daemon.delivery_dispatcher import Measuring

@@ -4,7 +4,7 @@ import pytest
 from pydantic import ValidationError
 
 from traverse.daemon.config.filters import filter_of, flag_bits
-from traverse.daemon.config.scan import ScanSection
+from traverse.daemon.config.schema import ScanSection
 from traverse.kinematics.arm_file.arm import FileError, parse_strict
 from traverse.kinematics.filters.regions import Box
 from traverse.protocol.messages import QualityFlag
@@ -19,7 +19,7 @@ def test_tables_become_filters_in_their_order():
         '[[filters]]\nkind = "box"\nlow_mm = [0, 0, 0]\nhigh_mm = [1, 2, 3]\n'
         '[[filters]]\nkind = "speed"\nmax_mm_s = 50\n'
     )
-    box, speed = (one.made() for one in found.filters)
+    box, speed = (one.create() for one in found.filters)
     assert box == Box((0.0, 0.0, 0.0), (1.0, 2.0, 3.0))
     assert (speed.max_mm_s, speed.min_mm_s) == (50.0, 0.0)
 

@@ -12,7 +12,7 @@ from tests.daemon.monitoring.prometheus_reader import read, value
 from tests.daemon.values import SetClock
 from tests.mosquitto import free_port
 from tests.protocol.message_examples import HEALTH
-from traverse.daemon.config.metrics import MetricsSection
+from traverse.daemon.config.schema import MetricsSection
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.exposition import family
 from traverse.daemon.monitoring.latencies import Latencies

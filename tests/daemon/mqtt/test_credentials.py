@@ -5,7 +5,7 @@ import pickle
 import pytest
 
 from tests.certificates import Authority, openssl
-from traverse.daemon.config.broker import BrokerSection, broker_table_problems
+from traverse.daemon.config.schema import BrokerSection, broker_table_problems
 from traverse.daemon.mqtt.credentials import (
     MAX_PASSWORD_BYTES,
     BrokerAddress,

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from tests.daemon.values import arm_model
-from traverse.daemon.config.quality import EndStopSection, QualitySection
+from traverse.daemon.config.schema import EndStopSection, QualitySection
 from traverse.daemon.pose.limits import PoseLimits, SpeedTracker
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.protocol.messages import QualityFlag

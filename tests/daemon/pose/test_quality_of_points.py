@@ -5,7 +5,7 @@ import pytest
 
 from tests.daemon.board_harness import BOARD, Bench
 from tests.daemon.values import arm_model, count_samples, latch
-from traverse.daemon.config.quality import EndStopSection, QualitySection
+from traverse.daemon.config.schema import EndStopSection, QualitySection
 from traverse.drivers.base.values import DeviceUp
 
 TURN = 65536  # of J1, on channel 2

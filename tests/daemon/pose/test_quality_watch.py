@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.daemon.values import PoseMaker, SetClock, arm_model
-from traverse.daemon.config.quality import EndStopSection, QualitySection
+from traverse.daemon.config.schema import EndStopSection, QualitySection
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.points.capture import CaptureRefusedError
 from traverse.daemon.pose.quality_watch import QualityMonitor

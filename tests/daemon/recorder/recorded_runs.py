@@ -7,7 +7,7 @@ import numpy as np
 
 from tests.daemon.two_devices import BEGIN_NS, ON_TWO, TURNS, Reader, true_counts
 from tests.daemon.values import ARM, UTC_OFFSET_NS
-from traverse.daemon.config.recording import RecordingSection
+from traverse.daemon.config.schema import RecordingSection
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.recorder.recorded_inputs import (
     read_recorded_inputs,

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tests.daemon.values import PoseMaker, SetClock, arm_model
 from traverse.daemon.config.filters import filter_of, removed_counters
-from traverse.daemon.config.scan import ScanSection
+from traverse.daemon.config.schema import ScanSection
 from traverse.daemon.pose.alignment import ActiveAlignment, Alignment
 from traverse.daemon.scans.plan import ScanPlan
 from traverse.daemon.scans.scanner import Scanner
@@ -262,7 +262,7 @@ def test_daemon_and_off_line_filters_give_the_same_points(model, seed, tables, n
         bench.scanner.take(model, block)
     bench.ended()
     whole = bench.block(range(400))
-    off_line = FilterChain([filter_of(table).made() for table in tables[:n]]).apply(
+    off_line = FilterChain([filter_of(table).create() for table in tables[:n]]).apply(
         PointBlock(
             whole.seq,
             whole.sample_time_ns,

@@ -6,7 +6,7 @@ from tests.daemon.store.outbox_entries import rows
 from tests.daemon.values import SetClock
 from tests.end_to_end.programs import until
 from tests.protocol.message_examples import SCAN
-from traverse.daemon.config.scan import ScanSection
+from traverse.daemon.config.schema import ScanSection
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.mqtt.message_publisher import MessagePublisher
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue

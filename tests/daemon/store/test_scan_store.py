@@ -6,7 +6,7 @@ import sqlite3
 from tests.daemon.store.outbox_entries import execute, rows
 from tests.daemon.store.scan_store_harness import POINTS, Bench, block
 from tests.end_to_end.programs import until
-from traverse.daemon.config.scan import ScanSection
+from traverse.daemon.config.schema import ScanSection
 from traverse.daemon.mqtt.outgoing_queue import MAX_SPOOLED
 from traverse.daemon.store.scan_store import MAX_WAITING
 

@@ -13,7 +13,7 @@ import pytest
 from pydantic import ValidationError
 
 from tests.daemon.values import SetClock
-from traverse.daemon.config.realtime import RealtimeSection
+from traverse.daemon.config.schema import RealtimeSection
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.system.realtime import NET_NEW_OBJECTS, prepare
 
@@ -24,7 +24,7 @@ from pathlib import Path
 from traverse.daemon.clock import HostClock
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.system.realtime import prepare
-from traverse.daemon.config.realtime import RealtimeSection
+from traverse.daemon.config.schema import RealtimeSection
 if sys.argv[2] == "nobody" and os.getuid() == 0:
     os.setuid(65534)
 ending = threading.Event()
