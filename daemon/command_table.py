@@ -14,7 +14,7 @@ from traverse.daemon.commands.resend import ResendCommands
 from traverse.daemon.commands.scans import Requests
 from traverse.daemon.instrument import Instrument
 from traverse.daemon.output import Output
-from traverse.daemon.system.systemd_notify import Notifier
+from traverse.daemon.system.systemd import Notifier
 
 
 class CommandTable:

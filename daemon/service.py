@@ -24,8 +24,8 @@ from traverse.daemon.pose.model_log import log_model
 from traverse.daemon.reports import Reports
 from traverse.daemon.startup_check import StartupCheck
 from traverse.daemon.state_dir import state_path
-from traverse.daemon.system.lifecycle import Life
-from traverse.daemon.system.systemd_notify import Notifier
+from traverse.daemon.system.lifecycle import ServiceLifecycle
+from traverse.daemon.system.systemd import Notifier
 from traverse.protocol import topics
 
 log = logging.getLogger(__name__)
@@ -120,7 +120,7 @@ class Service:
             self._output.events,
             keep_trying=keep_trying,
         )
-        self._life = Life(
+        self._life = ServiceLifecycle(
             configuration=configuration,
             folder=state_path(path),
             notifier=notifier,

@@ -21,7 +21,7 @@ from tests.end_to_end.service.service_manager import stopped_thread
 from tests.protocol.message_examples import HEALTH
 from traverse.daemon.clock import HostClock
 from traverse.daemon.monitoring.latencies import Latencies
-from traverse.daemon.monitoring.loop_cycles import Cycles, GarbageCollectionTimer
+from traverse.daemon.monitoring.loop_cycles import CycleLog, GarbageCollectionTimer
 from traverse.daemon.monitoring.prometheus import exposition
 from traverse.drivers.base.values import CountSamples
 
@@ -85,7 +85,7 @@ def reaction_s(folder: Path, port: int, heard: socket.socket) -> tuple[float, fl
 def costs_us() -> tuple[float, float, float]:
     """Of a cycle in the ring, of a latency, of the figures for one scrape."""
     clock, latencies = HostClock(), Latencies()
-    cycles = Cycles(clock, GarbageCollectionTimer(Latencies()), latencies)
+    cycles = CycleLog(clock, GarbageCollectionTimer(Latencies()), latencies)
     one = np.zeros(1, np.int64)
     bits, counts = one.astype(np.uint8), np.zeros((1, 7), np.uint32)
     status = counts.astype(np.uint8)
@@ -98,7 +98,9 @@ def costs_us() -> tuple[float, float, float]:
         return (time.process_time() - begun_s) / n * 1e6
 
     return (
-        cost_us(100_000, lambda: cycles.note("base", sample, clock.monotonic_ns(), 0)),
+        cost_us(
+            100_000, lambda: cycles.record("base", sample, clock.monotonic_ns(), 0)
+        ),
         cost_us(100_000, lambda: latencies.add(123_456)),
         cost_us(500, lambda: exposition(HEALTH, {"x": latencies}, 1.0, "0.1")),
     )

@@ -17,7 +17,7 @@ from traverse.daemon.delivery_dispatcher import Measuring
 from traverse.daemon.inputs import StartupError, read_inputs
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.pose.arm_model import ArmModel
-from traverse.daemon.system.systemd_notify import Notifier
+from traverse.daemon.system.systemd import Notifier
 from traverse.protocol.messages import ReloadArgs
 
 QUIET_S = 5.0

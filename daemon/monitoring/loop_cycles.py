@@ -1,4 +1,4 @@
-"""The last thousand cycles of the event loop, and a file of them after a fault.
+"""The last thousand cycles of the event loop, and a report of them after a fault.
 
 A cycle is one delivery of a device, handled. Kept in memory at next to no cost; written
 to a JSON file when something has gone wrong, and at the end, so that afterwards it can
@@ -6,8 +6,10 @@ be seen whether the loop was late, interrupted or overrun. docs/reference/servic
 explains the file.
 """
 
+import asyncio
 import gc
 import json
+import logging
 import statistics
 import time
 from collections import deque
@@ -18,12 +20,16 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from traverse.daemon.clock import HostClock
+from traverse.daemon.monitoring.events import Occurrence
 from traverse.daemon.monitoring.latencies import Latencies
 from traverse.drivers.base.values import CountSamples, Delivery
+
+log = logging.getLogger(__name__)
 
 KEPT = 1000
 FILES = 10
 PATTERN = "cycles-*.json"
+REPORT_NS = 60_000_000_000  # between two reports, however much goes wrong
 
 
 class LoopCycle(NamedTuple):
@@ -61,13 +67,13 @@ class GarbageCollectionTimer:
         self.total_ns = 0
 
     def __enter__(self) -> "GarbageCollectionTimer":
-        gc.callbacks.append(self._look)
+        gc.callbacks.append(self._time)
         return self
 
     def __exit__(self, *_: object) -> None:
-        gc.callbacks.remove(self._look)
+        gc.callbacks.remove(self._time)
 
-    def _look(self, phase: str, _info: dict[str, int]) -> None:
+    def _time(self, phase: str, _info: dict[str, int]) -> None:
         now_ns = time.monotonic_ns()
         if phase == "start":
             self._begun_ns = now_ns
@@ -77,8 +83,8 @@ class GarbageCollectionTimer:
             self._begun_ns = 0
 
 
-class Cycles:
-    """The ring.
+class CycleLog:
+    """Ring buffer of the last cycles.
 
     Args:
         clock: the host's.
@@ -95,8 +101,10 @@ class Cycles:
         self._collected_ns = 0
         self._ring: deque[LoopCycle] = deque(maxlen=KEPT)
 
-    def note(self, device: str, delivery: Delivery, begun_ns: int, queue: int) -> None:
-        """Note a delivery that has just been handled."""
+    def record(
+        self, device: str, delivery: Delivery, begun_ns: int, queue: int
+    ) -> None:
+        """Record a delivery that has just been handled."""
         took_ns = self._clock.monotonic_ns() - begun_ns
         collected_ns = self._collections.total_ns
         received_ns = getattr(delivery, "received_ns", None)
@@ -115,15 +123,15 @@ class Cycles:
         self._collected_ns = collected_ns
         self._handling.add(took_ns)
 
-    def taken(self, reason: str) -> "Taken":
-        """All that is kept now; takes next to no time."""
+    def report(self, reason: str) -> "CycleReport":
+        """Copy what the buffer holds now; takes next to no time."""
         now_ns, offset_ns = self._clock.monotonic_ns(), self._clock.utc_offset_ns()
-        return Taken(tuple(self._ring), reason, now_ns + offset_ns, offset_ns)
+        return CycleReport(tuple(self._ring), reason, now_ns + offset_ns, offset_ns)
 
 
 @dataclass(frozen=True, slots=True)
-class Taken:
-    """Cycles of a moment, and why they were taken."""
+class CycleReport:
+    """Cycles of a moment, and why they were copied."""
 
     cycles: tuple[LoopCycle, ...]
     reason: str
@@ -179,20 +187,70 @@ def _jitter(cycles: tuple[LoopCycle, ...]) -> dict[str, dict[str, float]]:
     return found
 
 
-def write_report(folder: Path, taken: Taken) -> Path:
+def write_report(folder: Path, report: CycleReport) -> Path:
     """Write a report beside the latest others; the oldest go. For a thread.
 
     Raises:
         OSError: it cannot be written.
     """
-    moment = time.gmtime(taken.time_ns // 1_000_000_000)
-    millis = taken.time_ns // 1_000_000 % 1000
+    moment = time.gmtime(report.time_ns // 1_000_000_000)
+    millis = report.time_ns // 1_000_000 % 1000
     name = f"cycles-{time.strftime('%Y%m%dT%H%M%S', moment)}.{millis:03d}Z.json"
     path = folder / name
     unfinished = path.with_suffix(".part")
     with unfinished.open("w", encoding="utf-8") as file:
-        file.writelines(taken.lines())
+        file.writelines(report.lines())
     unfinished.replace(path)
     for old in sorted(folder.glob(PATTERN))[:-FILES]:
         old.unlink(missing_ok=True)
     return path
+
+
+class CycleReports:
+    """Write a report after a fault, and one at the end.
+
+    Args:
+        cycles: what is reported.
+        folder: where reports are written.
+        clock: the host's.
+    """
+
+    def __init__(self, cycles: CycleLog, folder: Path, clock: HostClock) -> None:
+        self._cycles = cycles
+        self._folder = folder
+        self._clock = clock
+        self._reported_ns: int | None = None
+        self._writing: asyncio.Task[None] | None = None
+        self._is_finished = False
+
+    def on_event(self, what: Occurrence) -> None:
+        """Write a report if this event is a fault."""
+        is_fault = what.severity == "error" and what.active is not False
+        if not is_fault or self._is_finished:
+            return
+        now_ns = self._clock.monotonic_ns()
+        if self._reported_ns is None or now_ns - self._reported_ns >= REPORT_NS:
+            self._reported_ns = now_ns
+            reason = f"{what.code} [{what.source}]: {what.text}"
+            self._writing = asyncio.create_task(self._write(reason))
+
+    def close(self) -> None:
+        """Write no report of a fault from now on."""
+        self._is_finished = True
+
+    async def finish(self, reason: str) -> None:
+        """Write the last report, after the one that is being written."""
+        if self._writing is not None:
+            await self._writing
+        await self._write(reason)
+
+    async def _write(self, reason: str) -> None:
+        report = self._cycles.report(reason)
+        if not report.cycles:
+            return
+        try:
+            path = await asyncio.to_thread(write_report, self._folder, report)
+        except OSError as error:
+            log.warning("cycles cannot be written to %s: %s", self._folder, error)
+        else:
+            log.info("the last cycles are in %s", path)

@@ -12,7 +12,7 @@ from email.utils import formatdate
 
 from traverse.daemon.config.schema import MetricsSection
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.monitoring.exposition import CONTENT_TYPE
+from traverse.daemon.monitoring.prometheus import CONTENT_TYPE
 
 MAX_REQUEST = 8192
 MAX_CLIENTS = 8

@@ -1,12 +1,15 @@
-"""All figures of health as Prometheus wants them: base units, totals since start."""
+"""All figures of health in Prometheus' text format, version 0.0.4.
 
-from collections.abc import Iterable, Mapping
+Base units, totals since the start; docs/reference/metrics.md explains each.
+"""
 
-from traverse.daemon.monitoring.exposition import family, histogram
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+
 from traverse.daemon.monitoring.latencies import Latencies
 from traverse.protocol.messages import Health
 from traverse.protocol.messages.health import COUNTERS, LATENCIES, LATENCY_BOUNDS_US
 
+CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 STATES = ("starting", "ready", "lost", "failed", "stopped")
 CONNECTION = ("connecting", "connected", "lost")
 OUTBOX = ("ready", "failed")
@@ -18,6 +21,11 @@ SPOOL = {
 RECORDING = ("off", "flight", "recording", "failed")
 BOUNDS_S = [bound_us / 1e6 for bound_us in LATENCY_BOUNDS_US]
 
+Labels = Mapping[str, str]
+Samples = list[tuple[Labels, float]]
+Row = tuple[str, str, float | Samples | None]
+"""Name without prefix, help text, and the samples, one value, or nothing."""
+
 
 def exposition(
     health: Health,
@@ -25,7 +33,7 @@ def exposition(
     cpu_s: float,
     version: str,
 ) -> str:
-    """The text that a scrape gets.
+    """Format the page that a scrape gets.
 
     Args:
         health: the figures of now.
@@ -33,47 +41,10 @@ def exposition(
         cpu_s: CPU time that the process has used.
         version: of the daemon.
     """
-    about = {"arm": health.arm, "version": version, "kernel": health.kernel}
+    rows = (*_process(health, cpu_s, version), *_queues(health), *_devices(health))
     return "".join(
         (
-            family("traverse_info", "gauge", "the daemon; always 1", [(about, 1)]),
-            family(
-                "traverse_uptime_seconds",
-                "gauge",
-                "time since the daemon's start",
-                [({}, health.uptime_s)],
-            ),
-            family(
-                "traverse_cpu_seconds_total",
-                "counter",
-                "CPU time that the daemon has used",
-                [({}, cpu_s)],
-            ),
-            family(
-                "traverse_resident_memory_bytes",
-                "gauge",
-                "resident memory of the daemon",
-                [({}, health.rss_bytes)],
-            ),
-            family(
-                "traverse_temperature_celsius",
-                "gauge",
-                "temperatures used by the corrections",
-                [({"of": name}, c) for name, c in health.temperatures_c.items()],
-            ),
-            family(
-                "traverse_skew_meters",
-                "gauge",
-                "largest error of position that reading the joints at different "
-                "instants may have left since the previous health message",
-                [] if health.skew_mm is None else [({}, health.skew_mm / 1000)],
-            ),
-            *_counters(health),
-            *_broker(health),
-            *_outbox(health),
-            *_spool(health),
-            *_recording(health),
-            *_devices(health),
+            *(family(f"traverse_{name}", text, value) for name, text, value in rows),
             histogram(
                 "traverse_latency_seconds",
                 "; ".join(f"{name}: {text}" for name, text in LATENCIES.items()),
@@ -87,133 +58,108 @@ def exposition(
     )
 
 
-def _counters(health: Health) -> Iterable[str]:
+def _process(health: Health, cpu_s: float, version: str) -> Iterator[Row]:
+    about = {"arm": health.arm, "version": version, "kernel": health.kernel}
+    yield "info", "the daemon; always 1", [(about, 1)]
+    yield "uptime_seconds", "time since the daemon's start", health.uptime_s
+    yield "cpu_seconds_total", "CPU time that the daemon has used", cpu_s
+    yield "resident_memory_bytes", "resident memory of the daemon", health.rss_bytes
+    yield (
+        "temperature_celsius",
+        "temperatures used by the corrections",
+        [({"of": name}, c) for name, c in health.temperatures_c.items()],
+    )
+    yield (
+        "skew_meters",
+        "largest error of position that reading the joints at different "
+        "instants may have left since the previous health message",
+        None if health.skew_mm is None else health.skew_mm / 1000,
+    )
     for name, value in sorted(health.counters.items()):
         text = COUNTERS.get(name, "points of scans held back by this filter")
-        yield family(f"traverse_{name}_total", "counter", text, [({}, value)])
+        yield f"{name}_total", text, value
 
 
-def _broker(health: Health) -> Iterable[str]:
-    broker = health.broker
-    yield family(
-        "traverse_broker_state",
-        "gauge",
+def _queues(health: Health) -> Iterator[Row]:
+    """What is on its way to the broker and to the disk."""
+    broker, outbox, spool = health.broker, health.outbox, health.spool
+    yield (
+        "broker_state",
         "1 for the state that the connection to the broker is in",
-        [({"state": state}, state == broker.state) for state in CONNECTION],
+        _states(CONNECTION, broker.state),
     )
-    yield family(
-        "traverse_broker_reconnects_total",
-        "counter",
+    yield (
+        "broker_reconnects_total",
         "times that the connection to the broker came back",
-        [({}, broker.reconnects)],
+        broker.reconnects,
     )
-    yield family(
-        "traverse_messages_queued",
-        "gauge",
-        "messages that wait to be published",
-        [({}, broker.queued)],
-    )
-    yield family(
-        "traverse_messages_unacknowledged",
-        "gauge",
+    yield "messages_queued", "messages that wait to be published", broker.queued
+    yield (
+        "messages_unacknowledged",
         "messages published that the broker has not acknowledged",
-        [({}, broker.unacknowledged)],
+        broker.unacknowledged,
     )
-    yield family(
-        "traverse_messages_dropped_total",
-        "counter",
+    yield (
+        "messages_dropped_total",
         "messages dropped because the queue was full",
-        [({}, broker.dropped)],
+        broker.dropped,
     )
-
-
-def _outbox(health: Health) -> Iterable[str]:
-    outbox = health.outbox
-    yield family(
-        "traverse_outbox_state",
-        "gauge",
+    yield (
+        "outbox_state",
         "1 for the state that the outbox is in",
-        [({"state": state}, state == outbox.state) for state in OUTBOX],
+        _states(OUTBOX, outbox.state),
     )
-    yield family(
-        "traverse_outbox_points",
-        "gauge",
+    yield (
+        "outbox_points",
         "points kept on the disk, retractions included",
-        [({}, outbox.points)],
+        outbox.points,
     )
-    yield family(
-        "traverse_outbox_points_unsent",
-        "gauge",
+    yield (
+        "outbox_points_unsent",
         "points on the disk that the broker does not have yet",
-        [({}, outbox.unsent)],
+        outbox.unsent,
     )
-    yield family(
-        "traverse_outbox_bytes", "gauge", "size of the outbox", [({}, outbox.bytes)]
-    )
+    yield "outbox_bytes", "size of the outbox", outbox.bytes
     oldest_ns = outbox.oldest_unsent_ns
-    yield family(
-        "traverse_outbox_oldest_unsent_seconds",
-        "gauge",
+    yield (
+        "outbox_oldest_unsent_seconds",
         "age of the first point that the broker does not have yet",
-        [] if oldest_ns is None else [({}, (health.time_ns - oldest_ns) * 1e-9)],
+        None if oldest_ns is None else (health.time_ns - oldest_ns) * 1e-9,
     )
-
-
-def _spool(health: Health) -> Iterable[str]:
-    spool = health.spool
-    yield family(
-        "traverse_spool_state",
-        "gauge",
+    yield (
+        "spool_state",
         "1 for the state that the spool of scans is in; none while it is not used",
-        [] if spool is None else [({"state": s}, s == spool.state) for s in OUTBOX],
+        None if spool is None else _states(OUTBOX, spool.state),
     )
     for name, text in SPOOL.items():
-        value = None if spool is None else spool.model_dump()[name]
-        yield family(
-            f"traverse_spool_{name}",
-            "gauge",
-            text,
-            [] if value is None else [({}, value)],
-        )
-
-
-def _recording(health: Health) -> Iterable[str]:
+        yield f"spool_{name}", text, None if spool is None else getattr(spool, name)
     recording = health.recording
-    yield family(
-        "traverse_recording_state",
-        "gauge",
+    yield (
+        "recording_state",
         "1 for the state that the recorder is in",
-        [({"state": state}, state == recording.state) for state in RECORDING],
+        _states(RECORDING, recording.state),
     )
-    yield family(
-        "traverse_recording_queued",
-        "gauge",
-        "items that wait to be recorded",
-        [({}, recording.queued)],
-    )
-    yield family(
-        "traverse_recording_dropped_total",
-        "counter",
+    yield "recording_queued", "items that wait to be recorded", recording.queued
+    yield (
+        "recording_dropped_total",
         "items not recorded for want of room",
-        [({}, recording.dropped)],
+        recording.dropped,
     )
 
 
-def _devices(health: Health) -> Iterable[str]:
+def _devices(health: Health) -> Iterator[Row]:
     devices = [({"device": device.id}, device) for device in health.devices]
-    yield family(
-        "traverse_device_state",
-        "gauge",
+    yield (
+        "device_state",
         "1 for the state that the device is in",
         [
-            ({**labels, "state": state}, state == device.state)
+            ({**labels, **state}, value)
             for labels, device in devices
-            for state in STATES
+            for state, value in _states(STATES, device.state)
         ],
     )
-    yield family(
-        "traverse_device_silence_seconds",
-        "gauge",
+    yield (
+        "device_silence_seconds",
         "time since the device was last heard",
         [
             (labels, device.age_s)
@@ -221,15 +167,13 @@ def _devices(health: Health) -> Iterable[str]:
             if device.age_s is not None
         ],
     )
-    yield family(
-        "traverse_device_samples_queued",
-        "gauge",
+    yield (
+        "device_samples_queued",
         "samples that wait between the reader thread and the pipeline",
         [(labels, device.queued) for labels, device in devices],
     )
-    yield family(
-        "traverse_device_temperature_celsius",
-        "gauge",
+    yield (
+        "device_temperature_celsius",
         "the device's own sensors",
         [
             ({**labels, "sensor": sensor}, value)
@@ -237,9 +181,8 @@ def _devices(health: Health) -> Iterable[str]:
             for sensor, value in device.temperatures_c.items()
         ],
     )
-    yield family(
-        "traverse_device_counters_total",
-        "counter",
+    yield (
+        "device_counters_total",
         "counters of the device and its driver since it was opened, by name",
         [
             ({**labels, "counter": name}, value)
@@ -247,3 +190,72 @@ def _devices(health: Health) -> Iterable[str]:
             for name, value in sorted(device.counters.items())
         ],
     )
+
+
+def _states(states: Iterable[str], current: str) -> Samples:
+    return [({"state": state}, state == current) for state in states]
+
+
+def family(name: str, text: str, value: float | Samples | None) -> str:
+    """One family; empty without samples.
+
+    Args:
+        name: with its unit; a counter, which only grows, ends in `_total`.
+        text: what it is, for people.
+        value: of its one sample; or labels and value of each.
+    """
+    if value is None or value == []:
+        return ""
+    samples = value if isinstance(value, list) else [({}, value)]
+    kind = "counter" if name.endswith("_total") else "gauge"
+    lines = [f"{name}{_labels(labels)} {_number(value)}" for labels, value in samples]
+    return "\n".join([*_head(name, kind, text), *lines, ""])
+
+
+def histogram(
+    name: str,
+    text: str,
+    bounds: Sequence[float],
+    samples: Iterable[tuple[Labels, Sequence[int], float]],
+) -> str:
+    """One family of histograms.
+
+    Args:
+        name: with its unit.
+        text: what it is, for people.
+        bounds: upper bounds of the bins but the last.
+        samples: labels, how many lie in each bin, and the sum of all.
+    """
+    lines = []
+    for labels, counts, total in samples:
+        below = 0
+        for bound, count in zip([*bounds, float("inf")], counts, strict=True):
+            below += count
+            limits = {**labels, "le": _number(bound)}
+            lines.append(f"{name}_bucket{_labels(limits)} {below}")
+        lines.append(f"{name}_sum{_labels(labels)} {_number(total)}")
+        lines.append(f"{name}_count{_labels(labels)} {below}")
+    return "\n".join([*_head(name, "histogram", text), *lines, ""]) if lines else ""
+
+
+def _head(name: str, kind: str, text: str) -> tuple[str, str]:
+    escaped = text.replace("\\", "\\\\").replace("\n", "\\n")
+    return f"# HELP {name} {escaped}", f"# TYPE {name} {kind}"
+
+
+def _labels(labels: Labels) -> str:
+    if not labels:
+        return ""
+    told = ",".join(f'{name}="{_escaped(value)}"' for name, value in labels.items())
+    return f"{{{told}}}"
+
+
+def _escaped(value: str) -> str:
+    return value.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
+
+
+def _number(value: float) -> str:
+    """As Prometheus writes it: +Inf, and whole numbers without a point."""
+    if value == float("inf"):
+        return "+Inf"
+    return str(int(value)) if float(value).is_integer() else repr(float(value))

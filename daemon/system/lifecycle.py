@@ -7,7 +7,6 @@ cycles and the metrics endpoint.
 
 import asyncio
 import contextlib
-import logging
 import time
 from collections.abc import Callable, Iterable
 from importlib.metadata import version
@@ -21,30 +20,24 @@ from traverse.daemon.config.schema import Configuration
 from traverse.daemon.health import HealthReport
 from traverse.daemon.monitoring.events import EventLog, Occurrence
 from traverse.daemon.monitoring.loop_cycles import (
-    Cycles,
+    CycleLog,
+    CycleReports,
     GarbageCollectionTimer,
-    write_report,
 )
 from traverse.daemon.monitoring.metrics_endpoint import metrics_endpoint
 from traverse.daemon.monitoring.prometheus import exposition
 from traverse.daemon.mqtt.connection import Publisher
-from traverse.daemon.system.memory import trim_memory_periodically
-from traverse.daemon.system.realtime import prepare
-from traverse.daemon.system.status_line import StatusLine
-from traverse.daemon.system.systemd_notify import Notifier
-from traverse.daemon.system.watchdog import Watchdog
+from traverse.daemon.system.realtime import prepare, trim_memory_periodically
+from traverse.daemon.system.systemd import Notifier, StatusLine, Watchdog
 from traverse.drivers.base.driver import CLOSE_S
 from traverse.drivers.base.heartbeat import Pulse
 from traverse.drivers.base.values import Delivery
 from traverse.protocol.messages import Health
 
-log = logging.getLogger(__name__)
-
-REPORT_NS = 60_000_000_000  # between two reports of cycles, however much goes wrong
 SPARE_S = 5.0
 
 
-class Life:
+class ServiceLifecycle:
     """Use as an asynchronous context manager around the measuring.
 
     Args:
@@ -77,8 +70,6 @@ class Life:
         pulses: Callable[[], Iterable[Pulse]],
     ) -> None:
         self._configuration = configuration
-        self._folder = folder
-        self._clock = clock
         self._devices = devices
         self._events = events
         self._health = health
@@ -88,11 +79,11 @@ class Life:
         self._notifier = notifier
         self._watchdog = Watchdog(notifier, devices, pulses, events)
         self._collections = GarbageCollectionTimer(health.latencies["collection"])
-        self._cycles = Cycles(clock, self._collections, health.latencies["handling"])
-        self._line = StatusLine()
-        self._doing, self._told = "starting", ""
-        self._reported_ns: int | None = None
-        self._writing: asyncio.Task[None] | None = None
+        handling = health.latencies["handling"]
+        self._cycles = CycleLog(clock, self._collections, handling)
+        self._reports = CycleReports(self._cycles, folder, clock)
+        self._status_line = StatusLine()
+        self._phase, self._sent_line = "starting", ""
         self._stack = contextlib.AsyncExitStack()
 
     async def __aenter__(self) -> Self:
@@ -101,7 +92,7 @@ class Life:
             metrics_endpoint(self._configuration.metrics, self._metrics, self._events)
         )
         for work in (self._watchdog.run(), trim_memory_periodically()):
-            self._stack.push_async_callback(_cancelled, asyncio.create_task(work))
+            self._stack.push_async_callback(_cancel, asyncio.create_task(work))
         self.tell()
         return self
 
@@ -111,11 +102,9 @@ class Life:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._doing = "ended"
+        self._reports.close()
         await self._stack.aclose()
-        if self._writing is not None:
-            await self._writing
-        await self._report("end" if error is None else f"end: {error!r}")
+        await self._reports.finish("end" if error is None else f"end: {error!r}")
 
     def begin(self, limit_s: float) -> None:
         """Start-up may take so long."""
@@ -125,55 +114,36 @@ class Life:
         """Everything is there, or its absence has been told."""
         readers = [device.driver.thread for device in self._devices]
         prepare(self._configuration.realtime, readers, self._events)
-        self._doing = "measuring"
+        self._phase = "measuring"
         self.tell()
         self._notifier.ready()
 
     def stop(self, limit_s: float) -> None:
         """The end begins; what waits is sent for so long."""
-        self._doing = "stopping"
+        self._phase = "stopping"
         self._notifier.stopping(limit_s + CLOSE_S + SPARE_S)
         self.tell()
 
     def tell(self) -> None:
         """Send the line of status, if it has changed; call it a few times a second."""
-        line = self._line.text(
-            self._doing,
+        line = self._status_line.text(
+            self._phase,
             {device.section.id: device.state for device in self._devices},
             self._publisher.state,
             self._waiting(),
         )
-        if line != self._told:
-            self._told = line
+        if line != self._sent_line:
+            self._sent_line = line
             self._notifier.status(line)
 
     def note(self, device: Device, delivery: Delivery, begun_ns: int) -> None:
         """A delivery has been handled."""
         queue = device.delivery_queue.waiting_samples
-        self._cycles.note(device.section.id, delivery, begun_ns, queue)
+        self._cycles.record(device.section.id, delivery, begun_ns, queue)
 
     def look_at(self, what: Occurrence) -> None:
         """Write the cycles down if this event is a fault."""
-        is_fault = what.severity == "error" and what.active is not False
-        if not is_fault or self._doing == "ended":
-            return
-        now_ns = self._clock.monotonic_ns()
-        if self._reported_ns is None or now_ns - self._reported_ns >= REPORT_NS:
-            self._reported_ns = now_ns
-            reason = f"{what.code} [{what.source}]: {what.text}"
-            self._writing = asyncio.create_task(self._report(reason))
-
-    async def _report(self, reason: str) -> None:
-        """Write the cycles down, if there have been any."""
-        taken = self._cycles.taken(reason)
-        if not taken.cycles:
-            return
-        try:
-            path = await asyncio.to_thread(write_report, self._folder, taken)
-        except OSError as error:
-            log.warning("cycles cannot be written to %s: %s", self._folder, error)
-        else:
-            log.info("the last cycles are in %s", path)
+        self._reports.on_event(what)
 
     def _metrics(self) -> str:
         return exposition(
@@ -184,6 +154,6 @@ class Life:
         )
 
 
-async def _cancelled(task: asyncio.Task[None]) -> None:
+async def _cancel(task: asyncio.Task[None]) -> None:
     task.cancel()
     await asyncio.gather(task, return_exceptions=True)

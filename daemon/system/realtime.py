@@ -38,7 +38,7 @@ def prepare(
         events: where it is told what was refused.
     """
     running = [thread for thread in readers if thread.native_id is not None]
-    _name(running)
+    _set_thread_names(running)
     refused = [*_schedule(section, running), *_lock(section)]
     gc.collect()
     gc.freeze()
@@ -54,7 +54,7 @@ def prepare(
         )
 
 
-def _name(threads: Iterable[threading.Thread]) -> None:
+def _set_thread_names(threads: Iterable[threading.Thread]) -> None:
     """Give threads, in the kernel, the names that they have here; for `top -H`."""
     for thread in threads:
         path = Path(f"/proc/self/task/{thread.native_id}/comm")

@@ -12,7 +12,7 @@ from traverse.daemon.commands.reload import Inputs, Reload
 from traverse.daemon.inputs import read_inputs
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.points.capture import triggers_of
-from traverse.daemon.system.systemd_notify import Notifier
+from traverse.daemon.system.systemd import Notifier
 from traverse.drivers.base.values import DeviceUp
 from traverse.protocol.messages import ReloadArgs
 

@@ -12,7 +12,7 @@ from traverse.daemon.monitoring.latencies import Latencies
 from traverse.daemon.monitoring.loop_cycles import (
     FILES,
     KEPT,
-    Cycles,
+    CycleLog,
     GarbageCollectionTimer,
     write_report,
 )
@@ -24,7 +24,7 @@ class Bench:
         self.clock = SetClock()
         self.pauses, self.handling = Latencies(), Latencies()
         self.collections = GarbageCollectionTimer(self.pauses)
-        self.cycles = Cycles(self.clock, self.collections, self.handling)
+        self.cycles = CycleLog(self.clock, self.collections, self.handling)
 
     def cycle(self, begun_ns, took_ns=1000, *, device="base", late_ns=0, queue=0):
         """Samples of one device, handled at a moment."""
@@ -32,11 +32,11 @@ class Bench:
         late_by_ns = begun_ns + late_ns
         self.clock.now_ns = late_by_ns + took_ns
         samples = replace(samples, received_ns=begun_ns)
-        self.cycles.note(device, samples, late_by_ns, queue)
+        self.cycles.record(device, samples, late_by_ns, queue)
 
 
 def report_of(bench, reason=""):
-    return json.loads("".join(bench.cycles.taken(reason).lines()))
+    return json.loads("".join(bench.cycles.report(reason).lines()))
 
 
 @pytest.fixture
@@ -47,7 +47,7 @@ def bench():
 def test_a_cycle_tells_how_late_and_long_it_was_and_what_waited(bench):
     bench.cycle(5 * 10**12, 30_000, late_ns=7000, queue=12)
     bench.clock.now_ns = 6 * 10**12
-    bench.cycles.note("base", DeviceCounters("base", {}), 6 * 10**12, 0)
+    bench.cycles.record("base", DeviceCounters("base", {}), 6 * 10**12, 0)
     report = report_of(bench, "fault")
     assert report["schema"] == "traverse/cycles/1"
     assert report["reason"] == "fault"
@@ -116,7 +116,7 @@ def test_files_are_named_by_their_time_and_only_the_latest_stay(bench, tmp_path)
     (tmp_path / "outbox.db").touch()
     for k in range(FILES + 3):
         bench.clock.now_ns = 10**12 + k * 1_000_000
-        path = write_report(tmp_path, bench.cycles.taken(f"number {k}"))
+        path = write_report(tmp_path, bench.cycles.report(f"number {k}"))
     assert path.name == "cycles-20231114T223000.012Z.json"  # by `date -u -d @...`
     files = sorted(tmp_path.glob("cycles-*"))
     assert len(files) == FILES

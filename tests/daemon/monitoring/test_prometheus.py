@@ -14,7 +14,6 @@ from tests.mosquitto import free_port
 from tests.protocol.message_examples import HEALTH
 from traverse.daemon.config.schema import MetricsSection
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.monitoring.exposition import family
 from traverse.daemon.monitoring.latencies import Latencies
 from traverse.daemon.monitoring.metrics_endpoint import (
     LIMIT_S,
@@ -23,7 +22,7 @@ from traverse.daemon.monitoring.metrics_endpoint import (
     MetricsEndpoint,
     metrics_endpoint,
 )
-from traverse.daemon.monitoring.prometheus import exposition
+from traverse.daemon.monitoring.prometheus import exposition, family
 
 HOST = "127.0.0.1"
 GET = b"GET /metrics HTTP/1.1\r\nHost: x\r\n\r\n"
@@ -94,7 +93,7 @@ def test_what_is_not_known_is_left_out():
     health = HEALTH.model_copy(update={"skew_mm": None, "temperatures_c": {}})
     families = read(figures(health))
     assert not {"traverse_skew_meters", "traverse_temperature_celsius"} & set(families)
-    assert family("x", "gauge", "nothing", []) == ""
+    assert family("x", "nothing", []) == ""
 
 
 @pytest.mark.needs("prometheus")

@@ -2,7 +2,7 @@
 
 import re
 
-from traverse.daemon.system.status_line import StatusLine
+from traverse.daemon.system.systemd import StatusLine
 
 
 def test_what_is_well_is_short():

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from traverse.daemon.system.systemd_notify import Notifier
+from traverse.daemon.system.systemd import Notifier
 
 
 @pytest.fixture(params=["path", "abstract"])

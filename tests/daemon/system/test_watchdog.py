@@ -10,8 +10,7 @@ from tests.drivers.taken import until
 from traverse.daemon.acquisition.device import Device
 from traverse.daemon.config.devices import section_of
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.system.systemd_notify import Notifier
-from traverse.daemon.system.watchdog import Watchdog
+from traverse.daemon.system.systemd import Notifier, Watchdog
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.heartbeat import Pulse
 from traverse.drivers.base.values import DeviceCounters
@@ -55,7 +54,7 @@ class Bench:
 
     def is_fed(self) -> bool:
         """Look once; whether systemd hears of it."""
-        self.watchdog.look()
+        self.watchdog.check()
         try:
             return self.heard.recv(100) == b"WATCHDOG=1"
         except BlockingIOError:

@@ -1,0 +1,219 @@
+"""Notify systemd by sd_notify(3), its watchdog included.
+
+Lines such as `READY=1` go as one datagram to the socket that `$NOTIFY_SOCKET` names.
+Without it, as when the daemon is started by hand, nothing is sent.
+
+The watchdog is fed as long as measuring really goes on: every thread that measures,
+stores or records has a `Pulse`, which is checked before each feeding. The event loop
+proves itself by feeding at all, and by taking what readers deliver. A stuck thread
+stops the feeding, and systemd restarts the daemon. A device that is gone is not stuck:
+its reader keeps trying.
+"""
+
+import asyncio
+import os
+import socket
+import time
+from collections.abc import Callable, Iterable, Mapping
+
+from traverse.daemon.acquisition.device import Device
+from traverse.daemon.monitoring.events import EventLog
+from traverse.drivers.base.heartbeat import Pulse
+
+ABSTRACT = "@"  # how the name of a socket outside the file system begins
+
+
+class Notifier:
+    """Connection to the service manager.
+
+    Args:
+        environment: where `NOTIFY_SOCKET`, `WATCHDOG_USEC` and `WATCHDOG_PID` stand.
+    """
+
+    def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
+        path = environment.get("NOTIFY_SOCKET", "")
+        self._address = "\0" + path[1:] if path.startswith(ABSTRACT) else path
+        self.watchdog_s = _watchdog_s(environment) if path else None
+
+    def send(self, *lines: str) -> None:
+        """Send assignments in one datagram; one that finds no room is lost."""
+        if not self._address:
+            return
+        try:
+            with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as out:
+                out.setblocking(False)
+                out.sendto("\n".join(lines).encode(), self._address)
+        except OSError:  # a manager that restarts must not stop the measuring
+            return
+
+    def ready(self) -> None:
+        """Start-up, or a reload, has ended."""
+        self.send("READY=1")
+
+    def reloading(self) -> None:
+        """A reload begins; `ready` ends it. Valid for notify and notify-reload."""
+        now_us = time.clock_gettime_ns(time.CLOCK_MONOTONIC) // 1000
+        self.send("RELOADING=1", f"MONOTONIC_USEC={now_us}")
+
+    def stopping(self, limit_s: float) -> None:
+        """The end begins and takes at most ``limit_s``."""
+        self.send("STOPPING=1", f"EXTEND_TIMEOUT_USEC={int(limit_s * 1e6)}")
+
+    def starting(self, limit_s: float) -> None:
+        """Start-up goes on and takes at most ``limit_s``."""
+        self.send(f"EXTEND_TIMEOUT_USEC={int(limit_s * 1e6)}")
+
+    def status(self, text: str) -> None:
+        """A line that `systemctl status` shows."""
+        self.send(f"STATUS={' '.join(text.split())}")
+
+    def feed(self) -> None:
+        """Everything goes on: the watchdog waits anew."""
+        self.send("WATCHDOG=1")
+
+
+def _watchdog_s(environment: Mapping[str, str]) -> float | None:
+    """After how long without feeding this process would be killed."""
+    timeout_us, process = (
+        environment.get("WATCHDOG_USEC"),
+        environment.get("WATCHDOG_PID"),
+    )
+    if process is not None and process != str(os.getpid()):
+        return None  # it is meant for another process
+    return (
+        int(timeout_us) * 1e-6
+        if timeout_us is not None and timeout_us.isdecimal()
+        else None
+    )
+
+
+def local_time() -> str:
+    """Hours, minutes and seconds, as in the log."""
+    return time.strftime("%H:%M:%S")
+
+
+class StatusLine:
+    """Makes the line; remembers since when something has been as it is.
+
+    Args:
+        now: tells the time of day.
+    """
+
+    def __init__(self, now: Callable[[], str] = local_time) -> None:
+        self._now = now
+        self._since: dict[str, tuple[str, str]] = {}
+
+    def text(
+        self, doing: str, devices: Mapping[str, str], broker: str, waiting: int
+    ) -> str:
+        """One line such as "measuring: 2 devices, broker lost since 12:03:11".
+
+        Args:
+            doing: what the daemon does.
+            devices: state of each, by its name.
+            broker: state of the connection.
+            waiting: points that the broker does not have yet.
+        """
+        ready = sum(state == "ready" for state in devices.values())
+        since = {name: self._time(name, state) for name, state in devices.items()}
+        broker_since = self._time("broker/", broker)
+        parts = [f"{ready} device{'s' * (ready != 1)}"]
+        parts += [
+            f"{name} {state} since {since[name]}"
+            for name, state in devices.items()
+            if state != "ready"
+        ]
+        if broker != "connected":
+            parts.append(f"broker {broker} since {broker_since}")
+        if waiting:
+            parts.append("1 point waits" if waiting == 1 else f"{waiting} points wait")
+        return f"{doing}: {', '.join(parts)}"
+
+    def _time(self, name: str, state: str) -> str:
+        """Local time at which a state was first told."""
+        before, since = self._since.get(name, ("", ""))
+        if before != state:
+            since = self._now()
+            self._since[name] = state, since
+        return since
+
+
+FEEDS = 4  # in the time after which systemd would act
+SHARE = 0.5  # of that time: how long one turn of a thread may take
+MIN_TURN_S = 3.0  # at least: a question to a device that does not answer takes its time
+ALONE_S = 20.0  # where no service manager watches
+CHECK_S = 5.0
+
+
+class Watchdog:
+    """Check all signs of life and feed the watchdog.
+
+    Args:
+        notifier: to the service manager.
+        devices: all of the configuration.
+        pulses: gives the signs of life of all other threads.
+        events: where it is told who is stuck.
+    """
+
+    def __init__(
+        self,
+        notifier: Notifier,
+        devices: Iterable[Device],
+        pulses: Callable[[], Iterable[Pulse]],
+        events: EventLog,
+    ) -> None:
+        self._notifier = notifier
+        self._devices = list(devices)
+        self._pulses = pulses
+        self._events = events
+        self._last_taken: dict[str, int | None] = {}
+        self._stuck: set[str] = set()
+        watchdog_s = notifier.watchdog_s
+        self._limit_s = max(MIN_TURN_S, SHARE * watchdog_s) if watchdog_s else ALONE_S
+        self._period_s = watchdog_s / FEEDS if watchdog_s else CHECK_S
+
+    async def run(self) -> None:
+        """Check and feed until cancelled."""
+        while True:
+            self.check()
+            await asyncio.sleep(self._period_s)
+
+    def check(self) -> bool:
+        """Feed if nothing is stuck; report what is."""
+        found = dict(self._found())
+        for name in self._stuck - set(found):
+            self._report(name, f"the {name} goes on", active=False)
+        for name, text in found.items():
+            self._report(name, text, active=True)
+        self._stuck = set(found)
+        if not found:
+            self._notifier.feed()
+        return not found
+
+    def _found(self) -> Iterable[tuple[str, str]]:
+        for pulse in (*(d.driver.pulse for d in self._devices), *self._pulses()):
+            silent_s = pulse.overdue_s(self._limit_s)
+            if silent_s is not None:
+                yield pulse.name, f"the {pulse.name} has not moved for {silent_s:.1f} s"
+        for device in self._devices:
+            name, delivery_queue = device.section.id, device.delivery_queue
+            before, self._last_taken[name] = self._last_taken.get(name), None
+            if delivery_queue.is_due:
+                self._last_taken[name] = delivery_queue.taken
+                if before == delivery_queue.taken:  # as at the last check
+                    text = f"nobody takes what the reader of {name} delivers"
+                    yield f"taker of {name}", text
+
+    def _report(self, name: str, text: str, *, active: bool) -> None:
+        self._events.change(
+            active,
+            "error",
+            "watchdog.stuck",
+            text,
+            source=name.replace(" ", "-"),
+            remedy="systemd starts the daemon anew; report it with the log"
+            if active and self._notifier.watchdog_s
+            else "start the daemon anew; report it with the log"
+            if active
+            else "",
+        )
