@@ -27,7 +27,8 @@ from traverse.daemon.monitoring.loop_cycles import (
 from traverse.daemon.monitoring.metrics_endpoint import metrics_endpoint
 from traverse.daemon.monitoring.prometheus import exposition
 from traverse.daemon.mqtt.connection import Publisher
-from traverse.daemon.system.realtime import prepare, trim_memory_periodically
+from traverse.daemon.system.memory import trim_memory_periodically
+from traverse.daemon.system.realtime import prepare
 from traverse.daemon.system.systemd import Notifier, StatusLine, Watchdog
 from traverse.drivers.base.driver import CLOSE_S
 from traverse.drivers.base.heartbeat import Pulse
