@@ -109,7 +109,7 @@ def test_a_collection_is_told_in_the_cycle_that_it_interrupted(bench):
         assert told[1] > 0
         assert bench.pauses.figures().n >= 1
         assert bench.pauses.total_ns >= told[1]
-    assert bench.collections._look not in gc.callbacks
+    assert bench.collections._time not in gc.callbacks
 
 
 def test_files_are_named_by_their_time_and_only_the_latest_stay(bench, tmp_path):
