@@ -2,7 +2,7 @@
 
 from traverse.daemon.commands.dispatcher import CommandDispatcher
 from traverse.daemon.config.filters import removed_counters
-from traverse.daemon.mqtt.connection import Publisher
+from traverse.daemon.mqtt.connection import BrokerConnection
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
 from traverse.daemon.points.capture import Capture
 from traverse.daemon.pose.live import LivePoseSampler
@@ -11,7 +11,7 @@ from traverse.daemon.store.scan_store import ScanStore
 from traverse.protocol.messages import BrokerHealth
 
 
-def broker_health(publisher: Publisher, queue: OutgoingQueue) -> BrokerHealth:
+def broker_health(publisher: BrokerConnection, queue: OutgoingQueue) -> BrokerHealth:
     """How the connection is, and what waits for it."""
     dropped = queue.dropped
     return BrokerHealth(
@@ -36,7 +36,7 @@ def health_counters(
     spool: ScanStore,
     live: LivePoseSampler,
     commands: CommandDispatcher,
-    publisher: Publisher,
+    publisher: BrokerConnection,
     queue: OutgoingQueue,
 ) -> dict[str, int]:
     """All counters, by the name that they have in the health message."""

@@ -7,7 +7,7 @@ from traverse.daemon.commands.dispatcher import CommandDispatcher
 from traverse.daemon.health import HealthReport
 from traverse.daemon.health_counters import broker_health, health_counters
 from traverse.daemon.instrument import Instrument
-from traverse.daemon.mqtt.connection import Publisher
+from traverse.daemon.mqtt.connection import BrokerConnection
 from traverse.daemon.output import Output
 from traverse.kinematics.kernel.choice import KERNEL
 from traverse.protocol.encoding import Encoding
@@ -30,7 +30,7 @@ class Reports:
         publisher: to be set before figures are asked for; it needs a status itself.
     """
 
-    publisher: Publisher
+    publisher: BrokerConnection
 
     def __init__(
         self,

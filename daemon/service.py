@@ -16,7 +16,7 @@ from traverse.daemon.frozen_clock import FrozenClock
 from traverse.daemon.health import HealthReport
 from traverse.daemon.inputs import StartupError
 from traverse.daemon.instrument import Instrument
-from traverse.daemon.mqtt.connection import Publisher
+from traverse.daemon.mqtt.connection import BrokerConnection
 from traverse.daemon.mqtt.credentials import address_of
 from traverse.daemon.output import Output
 from traverse.daemon.pose.arm_model import ArmModel
@@ -103,7 +103,7 @@ class Service:
             health=health,
         )
         offline = self._reports.status(online=False)
-        self._publisher = Publisher(
+        self._publisher = BrokerConnection(
             address=address_of(broker, path.parent),
             client_id=f"traverse-{model.name}",
             will=self._output.outlet.outgoing("status", offline),

@@ -17,7 +17,7 @@ from traverse.daemon.inputs import (
     check_devices,
 )
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.mqtt.connection import Publisher
+from traverse.daemon.mqtt.connection import BrokerConnection
 
 log = logging.getLogger(__name__)
 
@@ -40,7 +40,7 @@ class StartupCheck:
     def __init__(
         self,
         devices: list[Device],
-        publisher: Publisher,
+        publisher: BrokerConnection,
         events: EventLog,
         *,
         keep_trying: bool,

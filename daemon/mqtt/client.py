@@ -17,11 +17,51 @@ import aiomqtt
 from paho.mqtt.client import Client as PahoClient
 from paho.mqtt.client import MQTTMessage
 from paho.mqtt.enums import MQTTErrorCode
+from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
 from traverse.broker.diagnosing_client import DiagnosingClient
 from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage
+from traverse.protocol.encoding import Encoding, content_type
+
+RECEIVE_MAXIMUM = 32  # commands of QoS 1 on their way to us
+
+
+class CachedProperties(Properties):
+    """What every message in one encoding carries; packed once, since that is slow.
+
+    Args:
+        encoding: of the payloads.
+    """
+
+    def __init__(self, encoding: Encoding) -> None:
+        super().__init__(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]  # paho's is not typed
+        self.ContentType = content_type(encoding)
+        # Past paho's own attributes, which are properties of MQTT.
+        packed = super().pack()  # type: ignore[no-untyped-call]  # paho's is not typed
+        object.__setattr__(self, "_packed", packed)
+
+    def pack(self) -> bytes:
+        """As they go into a packet."""
+        packed: bytes = object.__getattribute__(self, "_packed")
+        return packed
+
+
+def publish_properties(encoding: Encoding) -> Properties:
+    """What a message carries, to which more can be added."""
+    properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]  # paho's is not typed
+    properties.ContentType = content_type(encoding)
+    return properties
+
+
+def connect_properties(max_packet_bytes: int) -> Properties:
+    """What we are ready to take in: longer packets the broker must not send."""
+    properties = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]  # paho's is not typed
+    properties.MaximumPacketSize = max_packet_bytes
+    properties.ReceiveMaximum = RECEIVE_MAXIMUM
+    return properties
+
 
 MAX_IN_FLIGHT = 16  # paho holds back what is beyond 20
 
@@ -55,7 +95,7 @@ class BrokerClient(DiagnosingClient):
         super().__init__(*arguments, **options)
         self._own_thread = threading.current_thread()
 
-    async def ended(self) -> None:
+    async def wait_closed(self) -> None:
         """Wait until the connection is gone.
 
         Raises:
@@ -95,18 +135,18 @@ class BrokerClient(DiagnosingClient):
         return info.mid
 
     @contextlib.contextmanager
-    def together(self) -> Iterator[None]:
+    def corked(self) -> Iterator[None]:
         """What is sent within the block leaves at its end, in few packets.
 
         The broker is woken once, and each waking costs as much as encoding a message.
         """
-        self._hold_back(True)
+        self._set_cork(True)
         try:
             yield
         finally:
-            self._hold_back(False)
+            self._set_cork(False)
 
-    def _hold_back(self, wanted: bool) -> None:
+    def _set_cork(self, wanted: bool) -> None:
         sock = self._client.socket()
         if isinstance(sock, socket.socket):
             with contextlib.suppress(OSError):  # a dead one says so when written to
@@ -126,7 +166,7 @@ class BrokerClient(DiagnosingClient):
         if self.writable is not None and not self.is_congested:
             self.writable()
 
-    def _answered(self, mid: int, reason: str | None) -> None:
+    def _acknowledge(self, mid: int, reason: str | None) -> None:
         if self.acknowledged is not None:
             self.acknowledged(mid, reason)
 
@@ -179,5 +219,5 @@ class BrokerClient(DiagnosingClient):
             reason = str(reason_code) if reason_code.is_failure else None
             # Not within paho's callback, where nothing can be sent: it would wait for
             # itself.
-            self._loop.call_soon(self._answered, mid, reason)
+            self._loop.call_soon(self._acknowledge, mid, reason)
         super()._on_publish(client, userdata, mid, reason_code, properties)

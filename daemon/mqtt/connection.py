@@ -13,11 +13,18 @@ from collections.abc import AsyncIterator, Callable
 from typing import Literal
 
 import aiomqtt
+from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
+from paho.mqtt.reasoncodes import ReasonCode
 
-from traverse.broker.reasons import reason_code
-from traverse.daemon.mqtt.client import BrokerClient
-from traverse.daemon.mqtt.connection_errors import reason_of
+from traverse.broker.reasons import Wording, reason_code
+from traverse.broker.reasons import reason_of as connect_error_text
+from traverse.daemon.mqtt.client import (
+    BrokerClient,
+    CachedProperties,
+    connect_properties,
+    publish_properties,
+)
 from traverse.daemon.mqtt.credentials import (
     BrokerAddress,
     Credentials,
@@ -25,34 +32,57 @@ from traverse.daemon.mqtt.credentials import (
     read_credentials,
 )
 from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage, OutgoingQueue
-from traverse.daemon.mqtt.properties import (
-    CachedProperties,
-    connect_properties,
-    publish_properties,
-)
 from traverse.daemon.mqtt.sender import PublishLoop
 from traverse.daemon.mqtt.subscriber import CommandSubscriber, IncomingCommand
 from traverse.protocol.encoding import Encoding
+
+WORDING = Wording(
+    who="this arm",
+    where=" of [broker]",
+    use_tls="set tls = true in [broker]",
+    absent="",  # an event has its remedy beside it
+)
+# Why a connection that was there has ended; paho says 128 where it was just cut.
+_DISCONNECT_REASONS = {
+    128: "the connection was cut; the broker has ended, or the network between",
+    137: "the broker is too busy",
+    139: "the broker is shutting down",
+    141: "nothing was heard of the other side for longer than keepalive_s of [broker]",
+    142: "somebody else came with this arm's client id; is there a second daemon of "
+    "this name?",
+    152: "somebody has ended the connection at the broker",
+}
+
+
+def reason_of(error: BaseException, address: BrokerAddress) -> str:
+    """What went wrong with a connection, for people."""
+    for one in (error, error.__cause__ or error.__context__):
+        match one:
+            case aiomqtt.MqttCodeError(rc=ReasonCode(packetType=of, value=code)):
+                if of == PacketTypes.DISCONNECT and code in _DISCONNECT_REASONS:
+                    return _DISCONNECT_REASONS[code]
+    return connect_error_text(error, address, WORDING)
+
 
 log = logging.getLogger(__name__)
 
 FIRST_RETRY_S = 0.2
 LAST_RETRY_S = 5.0
-MAX_PACKET_BYTES = 65_536  # told to a broker of MQTT 5: more it must not send
+MAX_PACKET_BYTES = 65_536  # announced to a broker of MQTT 5 as its limit
 UNSUPPORTED_VERSION = (132, 1)  # reason code of MQTT 5, return code of MQTT 3.1.1
 
 
 CONNECTION_FAILURES = (aiomqtt.MqttError, OSError, CredentialsError)
 
 
-class Publisher:
+class BrokerConnection:
     """Keeps a connection, has the queue sent, hands on what comes in.
 
     Args:
         address: of the broker.
         client_id: unique for the arm; two clients with one name fight.
         will: what the broker publishes when this client vanishes.
-        encoding: of the payloads, told as MQTT 5 content type.
+        encoding: of the payloads, announced as MQTT 5 content type.
         queue: what is to be sent.
         subscription: topic filter of the commands.
         receive: called with each command; see `CommandSubscriber`.
@@ -75,9 +105,9 @@ class Publisher:
         self._client_id = client_id
         self._will = will
         self._encoding = encoding
-        self._usual_properties = CachedProperties(encoding)
+        self._cached_properties = CachedProperties(encoding)
         self._queue = queue
-        self._hearing = CommandSubscriber(subscription, receive)
+        self._subscriber = CommandSubscriber(subscription, receive)
         self._changed = changed
         self._version = aiomqtt.ProtocolVersion.V5
         self._access: Credentials | None = None
@@ -107,28 +137,28 @@ class Publisher:
         """Connect, send and receive; come back after every loss; until cancelled."""
         retry_s = FIRST_RETRY_S
         connected_before = False
-        told = ""
+        last_reason = ""
         while True:
             try:
                 async with self._connection(will=True) as client:
                     self.reconnects += connected_before
-                    connected_before, retry_s, told = True, FIRST_RETRY_S, ""
-                    await self._hearing.begin(client)
+                    connected_before, retry_s, last_reason = True, FIRST_RETRY_S, ""
+                    await self._subscriber.subscribe(client)
                     self.state = "connected"
                     self._changed(True, f"broker {self.address} connected")
                     await self._serve(client)
-                    continue  # at once: with new certificates, or deaf to a flood
+                    continue  # immediately: new certificates, or a flood of commands
             except CONNECTION_FAILURES as error:
                 reason = reason_of(error, self.address)
-                if self.state == "connected" or reason != told:
-                    self.state, told = "lost", reason
+                if self.state == "connected" or reason != last_reason:
+                    self.state, last_reason = "lost", reason
                     self._changed(False, f"broker {self.address}: {reason}")
             # Jitter keeps a fleet from coming back all at once.
             await asyncio.sleep(retry_s * random.uniform(0.5, 1.0))
             retry_s = min(2 * retry_s, LAST_RETRY_S)
 
     async def _serve(self, client: BrokerClient) -> None:
-        sending = PublishLoop(
+        publish_loop = PublishLoop(
             client,
             self._queue,
             properties=self._properties,
@@ -136,10 +166,10 @@ class Publisher:
             broker=str(self.address),
         )
         tasks: tuple[asyncio.Task[None], ...] = (
-            asyncio.create_task(sending.run()),
-            asyncio.create_task(client.ended()),
-            asyncio.create_task(self._hearing.run(client)),
-            asyncio.create_task(self._see_changed_files()),
+            asyncio.create_task(publish_loop.run()),
+            asyncio.create_task(client.wait_closed()),
+            asyncio.create_task(self._subscriber.run(client)),
+            asyncio.create_task(self._wait_for_changed_files()),
         )
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -151,7 +181,7 @@ class Publisher:
             if isinstance(result, Exception):
                 raise result
 
-    async def _see_changed_files(self) -> None:
+    async def _wait_for_changed_files(self) -> None:
         """Wait until the files that open the broker are others than at connecting."""
         while True:
             await self._renewal.wait()
@@ -170,7 +200,7 @@ class Publisher:
             return None
         encoding = message.encoding or self._encoding
         if message.correlation is None and encoding == self._encoding:
-            return self._usual_properties
+            return self._cached_properties
         properties = publish_properties(encoding)
         if message.correlation is not None:
             properties.CorrelationData = message.correlation

@@ -15,7 +15,7 @@ from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage, OutgoingQueue
 log = logging.getLogger("traverse.daemon.publisher")
 
 ANSWER_S = 5.0
-LOOK_S = 1.0
+CHECK_S = 1.0
 REFUSED_S = 5.0  # a refused point is tried again: somebody may correct the access list
 
 
@@ -47,7 +47,7 @@ class PublishLoop:
         self._properties = properties
         self._changed = changed
         self._broker = broker
-        self._on_the_way: dict[int, tuple[str, OutgoingMessage, float]] = {}
+        self._in_flight: dict[int, tuple[str, OutgoingMessage, float]] = {}
         self._is_sending = False
         self._was_refused = False
         self._resumes_s = 0.0
@@ -65,10 +65,10 @@ class PublishLoop:
         try:
             while True:
                 self._send()
-                await asyncio.wait((self._failed,), timeout=LOOK_S)
+                await asyncio.wait((self._failed,), timeout=CHECK_S)
                 if self._failed.done():
                     self._failed.result()
-                self._look()
+                self._check_timeouts()
         finally:
             queue.offered = client.acknowledged = client.writable = None
             queue.take_back()
@@ -83,9 +83,9 @@ class PublishLoop:
         several = self._queue.n_waiting > 1
         self._is_sending = True
         try:
-            with client.together() if several else contextlib.nullcontext():
+            with client.corked() if several else contextlib.nullcontext():
                 while (
-                    len(self._on_the_way) < client.max_in_flight
+                    len(self._in_flight) < client.max_in_flight
                     and not client.is_congested
                     and (taken := self._queue.next()) is not None
                 ):
@@ -103,13 +103,13 @@ class PublishLoop:
             self._queue.drop(kind, message)
             return
         if message.qos:
-            self._on_the_way[number] = kind, message, time.monotonic()
+            self._in_flight[number] = kind, message, time.monotonic()
         else:
             self._queue.done(kind, message)
 
     def _answered(self, number: int, refusal: str | None) -> None:
         """The broker has a message, or does not want it."""
-        answered = self._on_the_way.pop(number, None)
+        answered = self._in_flight.pop(number, None)
         if answered is None:
             return
         kind, message, _ = answered
@@ -132,12 +132,12 @@ class PublishLoop:
             self._queue.drop(kind, message)
         self._send()
 
-    def _look(self) -> None:
+    def _check_timeouts(self) -> None:
         """Notice silence, and the end of the wait after a refusal."""
         now_s = time.monotonic()
-        if any(now_s - since_s > ANSWER_S for *_, since_s in self._on_the_way.values()):
+        if any(now_s - since_s > ANSWER_S for *_, since_s in self._in_flight.values()):
             raise aiomqtt.MqttError(f"no answer within {ANSWER_S:g} s")
         if self._resumes_s and now_s >= self._resumes_s:
             self._resumes_s = 0.0
-            self._on_the_way.clear()
+            self._in_flight.clear()
             self._queue.take_back()

@@ -1,4 +1,4 @@
-"""Commands as they come from the broker, and deafness to a flood of them."""
+"""Subscribe to commands; back off from a flood of them."""
 
 import asyncio
 import logging
@@ -26,7 +26,7 @@ class IncomingCommand:
 
 
 class CommandSubscriber:
-    """Asks each connection for commands and hands them on.
+    """Subscribe each connection to commands and pass them on.
 
     Args:
         subscription: topic filter of the commands.
@@ -39,28 +39,28 @@ class CommandSubscriber:
     ) -> None:
         self._subscription = subscription
         self._receive = receive
-        self._deaf_until_s = 0.0
+        self._backoff_until_s = 0.0
         self._flooded = asyncio.Event()
 
-    async def begin(self, client: BrokerClient) -> None:
-        """Ask a new connection for commands, unless they come as a flood."""
+    async def subscribe(self, client: BrokerClient) -> None:
+        """Subscribe a new connection to commands, unless they are a flood."""
         self._flooded.clear()
-        if self._deafness_s() <= 0.0:
+        if self._backoff_s() <= 0.0:
             await self._subscribe(client)
 
     async def run(self, client: BrokerClient) -> None:
-        """Hear commands until they come as a flood; then the connection has to end.
+        """Receive commands until they are a flood; then the connection has to end.
 
-        The next one is not asked for commands for a time: so the broker forgets those
+        The next one does not subscribe for a time: so the broker forgets those
         that wait for us, and its answers to our points are not behind them.
         """
-        if (deafness_s := self._deafness_s()) > 0.0:
-            await asyncio.sleep(deafness_s)
+        if (backoff_s := self._backoff_s()) > 0.0:
+            await asyncio.sleep(backoff_s)
             await self._subscribe(client)
         await self._flooded.wait()
 
     async def _subscribe(self, client: BrokerClient) -> None:
-        client.received = self._take
+        client.received = self._on_message
         for code in await client.subscribe(self._subscription, qos=1):
             if (code if isinstance(code, int) else code.value) >= REFUSED_SUBSCRIPTION:
                 log.warning(
@@ -69,8 +69,8 @@ class CommandSubscriber:
                     code,
                 )
 
-    def _take(self, message: MQTTMessage) -> None:
-        if self._deafness_s() > 0.0:
+    def _on_message(self, message: MQTTMessage) -> None:
+        if self._backoff_s() > 0.0:
             return  # it was on its way when the flood was noticed
         pause_s = self._receive(
             IncomingCommand(
@@ -82,9 +82,9 @@ class CommandSubscriber:
             )
         )
         if pause_s:
-            self._deaf_until_s = asyncio.get_running_loop().time() + pause_s
+            self._backoff_until_s = asyncio.get_running_loop().time() + pause_s
             self._flooded.set()
 
-    def _deafness_s(self) -> float:
-        """For how long commands are not wanted; not above 0: they are."""
-        return self._deaf_until_s - asyncio.get_running_loop().time()
+    def _backoff_s(self) -> float:
+        """How long not to subscribe yet; 0 or less: subscribe now."""
+        return self._backoff_until_s - asyncio.get_running_loop().time()

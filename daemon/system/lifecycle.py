@@ -26,7 +26,7 @@ from traverse.daemon.monitoring.loop_cycles import (
 )
 from traverse.daemon.monitoring.metrics_endpoint import metrics_endpoint
 from traverse.daemon.monitoring.prometheus import exposition
-from traverse.daemon.mqtt.connection import Publisher
+from traverse.daemon.mqtt.connection import BrokerConnection
 from traverse.daemon.system.memory import trim_memory_periodically
 from traverse.daemon.system.realtime import prepare
 from traverse.daemon.system.systemd import Notifier, StatusLine, Watchdog
@@ -65,7 +65,7 @@ class ServiceLifecycle:
         devices: list[Device],
         events: EventLog,
         health: HealthReport,
-        publisher: Publisher,
+        publisher: BrokerConnection,
         figures: Callable[[], Health],
         waiting: Callable[[], int],
         pulses: Callable[[], Iterable[Pulse]],

@@ -6,7 +6,7 @@ import contextlib
 import aiomqtt
 
 from tests.drivers.taken import until
-from traverse.daemon.mqtt.connection import Publisher
+from traverse.daemon.mqtt.connection import BrokerConnection
 from traverse.daemon.mqtt.credentials import BrokerAddress
 from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage, OutgoingQueue
 
@@ -20,7 +20,7 @@ class Bench:
         self.queue = OutgoingQueue()
         self.received = []
         self.changes = []
-        self.publisher = Publisher(
+        self.publisher = BrokerConnection(
             address=address,
             client_id="traverse-bench-7",
             will=OutgoingMessage(STATUS, b"gone", qos=1, retain=True),

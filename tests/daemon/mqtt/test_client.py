@@ -38,7 +38,7 @@ async def test_messages_that_are_sent_together_leave_together():
             line = stack.enter_context(await taking)
             client.send(OutgoingMessage("live", b"abc"), None)
             assert line.recv(1000) == POSE  # at once, where it is alone
-            with client.together():
+            with client.corked():
                 client.send(OutgoingMessage("live", b"abc"), None)
                 client.send(OutgoingMessage("live", b"abc"), None)
                 with pytest.raises(BlockingIOError):
@@ -48,5 +48,5 @@ async def test_messages_that_are_sent_together_leave_together():
 
 async def test_a_connection_that_is_gone_is_told_by_sending_and_not_by_holding_back():
     client = BrokerClient("nowhere")
-    with client.together(), pytest.raises(aiomqtt.MqttError):
+    with client.corked(), pytest.raises(aiomqtt.MqttError):
         client.send(OutgoingMessage("live", b"abc"), None)

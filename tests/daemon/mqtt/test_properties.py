@@ -2,7 +2,7 @@
 
 import pytest
 
-from traverse.daemon.mqtt.properties import CachedProperties, publish_properties
+from traverse.daemon.mqtt.client import CachedProperties, publish_properties
 
 
 @pytest.mark.parametrize("encoding", ["msgpack", "json"])
