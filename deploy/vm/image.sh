@@ -16,7 +16,7 @@ if [ ! -f "$disk" ]; then
         --dpkgopt='path-exclude=/usr/share/locale/*' \
         --dpkgopt='path-exclude=/usr/share/doc/*/*' \
         --dpkgopt='path-include=/usr/share/doc/traverse/*' \
-        bookworm "$root" "${DEBIAN_MIRROR:-http://deb.debian.org/debian}"
+        bookworm "$root" ${DEBIAN_MIRROR:-}
     modules="$root/usr/lib/modules/$release"
     mkdir -p "$modules"
     cp "$kernel/lib/modules/$release"/modules.* "$modules/"
