@@ -50,6 +50,7 @@ ln -s fd/2 /dev/stderr
 cd {folder}
 {command}
 """
+CLONE = "/root/traverse"
 FAILED, NOT_HERE = 1, 2
 
 
@@ -72,19 +73,28 @@ def main() -> int:
     if asked.python != "python3":
         commands = [f"{command} PYTHON={asked.python}" for command in commands]
     try:
-        archive = made_tree(asked.suite, asked.python)
-    except NotHereError as error:
+        with unpacked(made_tree(asked.suite, asked.python)) as tree:
+            clone(tree)
+            done, took = timed(commands, lambda words: run(tree, words, CLONE))
+    except (NotHereError, OSError, subprocess.CalledProcessError) as error:
         say(f"fresh_machine.py: {error}")
         if not asked.or_in_place:
             return NOT_HERE
         done, took = timed(commands, here)
         say(f"Not on a fresh machine, but in this checkout: {took}\n({error})")
         return 0 if done else FAILED
-    with unpacked(archive) as tree:
-        run(tree, "git clone --quiet /mnt/checkout traverse", "/root")
-        done, took = timed(commands, lambda words: run(tree, words, "/root/traverse"))
     say(f"On a pristine Debian {asked.suite}, {asked.python}: {took}")
     return 0 if done else FAILED
+
+
+def clone(tree: Path) -> None:
+    """Clone the commit that is checked out.
+
+    Raises:
+        NotHereError: nothing can be run in the tree.
+    """
+    if run(tree, f"git clone --quiet /mnt/checkout {CLONE}", "/"):
+        raise NotHereError("nothing can be run in the tree; see above")
 
 
 def here(command: str) -> int:
@@ -213,14 +223,20 @@ def remove(tree: Path) -> None:
 
 @contextmanager
 def mounted(path: Path, tree: Path, at: str | None = None) -> Iterator[None]:
-    """Show a file or folder of this machine in a tree, to be read only."""
+    """Show a file or folder of this machine in a tree, to be read only.
+
+    Raises:
+        NotHereError: mounting is not allowed.
+    """
     place = tree / (at or str(path)).lstrip("/")
     place.parent.mkdir(parents=True, exist_ok=True)
     if path.is_dir():
         place.mkdir(exist_ok=True)
     else:
         place.touch()
-    subprocess.run(["mount", "--bind", "--options", "ro", path, place], check=True)
+    mount = ["mount", "--bind", "--options", "ro", path, place]
+    if subprocess.run(mount, check=False).returncode:
+        raise NotHereError("folders cannot be mounted here; see above")
     try:
         yield
     finally:
@@ -270,4 +286,5 @@ def run(tree: Path, command: str, folder: str) -> int:
     return ran.returncode
 
 
-sys.exit(main())
+if __name__ == "__main__":
+    sys.exit(main())
