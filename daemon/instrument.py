@@ -56,7 +56,7 @@ class Instrument:
     ) -> None:
         settings, spool, recorder = configuration.capture, output.spool, output.recorder
         self.part = ActiveAlignment()
-        self.capture = Capture(steps, recorder.following(output.outbox.keep), self.part)
+        self.capture = Capture(steps, recorder.following(output.outbox.put), self.part)
         self.scanner = Scanner(
             steps, spool.offer, settings.scan_block_s, configuration.scan, self.part
         )

@@ -60,10 +60,11 @@ class Rig:
                 "id": session.next_id,
             }
         )
-        keeping = self.outbox.keep(session, point)
+        keeping = self.outbox.put(point, session.begun_ns, session.note)
         if keeping is None:
             raise RuntimeError("the outbox has no room")
         session.add(point)
+        keeping.roll_back = lambda: session.roll_back(point)
         return keeping
 
     async def safe(self, keeping: PendingWrite) -> None:

@@ -1,7 +1,7 @@
 """The command `align`: sets and clears the alignment, in order with the points."""
 
-from traverse.daemon.commands.dispatcher import Result
 from traverse.daemon.delivery_dispatcher import Measuring
+from traverse.daemon.errors import Result
 from traverse.daemon.pose.alignment import (
     ActiveAlignment,
     Alignment,

@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Awaitable, Callable
 
-from traverse.daemon.commands.dispatcher import CommandError, Result
+from traverse.daemon.errors import RequestRefusedError, Result
 from traverse.daemon.monitoring.events import EventLog
 from traverse.protocol.messages import ScanArgs
 
@@ -45,7 +45,7 @@ class ButtonScans:
         async with self._turn:
             try:
                 await self._change_scan(args)
-            except CommandError as error:
+            except RequestRefusedError as error:
                 self._events.report(
                     "error",
                     "scan.refused",

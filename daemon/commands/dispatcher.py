@@ -14,6 +14,7 @@ from traverse.daemon.clock import HostClock
 from traverse.daemon.commands.rate_limit import PAUSE_S, CommandRateLimiter
 from traverse.daemon.commands.refusal_log import RefusalLog, single_line
 from traverse.daemon.commands.reply_cache import Answers
+from traverse.daemon.errors import RequestRefusedError, Result
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage
 from traverse.daemon.mqtt.subscriber import IncomingCommand
@@ -29,17 +30,7 @@ MAX_COMMAND_BYTES = 16_384
 MAX_COMMAND_ELEMENTS = 256
 MAX_CORRELATION_BYTES = 256
 
-Result = Mapping[str, Any]
 CommandHandler = Callable[[Any], Awaitable[Result]]
-
-
-class CommandError(Exception):
-    """A command that cannot be carried out; the sender is told why."""
-
-    def __init__(self, code: str, text: str, remedy: str) -> None:
-        super().__init__(text)
-        self.code = code
-        self.remedy = remedy
 
 
 class CommandDispatcher:
@@ -156,21 +147,21 @@ class CommandDispatcher:
             reply = Reply(request=command.request, ok=True, result=dict(result))
             return encode(reply, self._encoding)
         except MessageError as error:
-            problem = CommandError(
+            problem = RequestRefusedError(
                 "command.bad_args", str(error), "correct the arguments and send again"
             )
-        except CommandError as error:
+        except RequestRefusedError as error:
             problem = error
         except Exception as error:
             log.exception("fault in command %s", name)
-            problem = CommandError(
+            problem = RequestRefusedError(
                 "command.failed",
                 f"a fault in the daemon: {type(error).__name__}; its log tells more",
                 "report it with the daemon's log",
             )
         return self._refusal(name, command.request, problem)
 
-    def _refusal(self, name: str, request: str, problem: CommandError) -> bytes:
+    def _refusal(self, name: str, request: str, problem: RequestRefusedError) -> bytes:
         self._refuse(f"command {name} refused: {problem}")
         error = ReplyError(
             code=problem.code, text=str(problem)[:2000], remedy=problem.remedy
@@ -179,13 +170,13 @@ class CommandDispatcher:
 
     def _problem_of_the_way_back(
         self, incoming: IncomingCommand
-    ) -> CommandError | None:
+    ) -> RequestRefusedError | None:
         """Why the answer cannot go where the sender wants it."""
         topic, correlation = incoming.response_topic, incoming.correlation
         if topic is not None and not is_response_topic(
             topic, self._arm, self._response_topics
         ):
-            return CommandError(
+            return RequestRefusedError(
                 "command.bad_response",
                 f"answers do not go to {topic[:200]!r}; the command was not carried "
                 f"out. Expected: a topic below traverse/{self._arm}/reply/",
@@ -193,7 +184,7 @@ class CommandDispatcher:
                 "in [broker] of the daemon's configuration",
             )
         if correlation is not None and len(correlation) > MAX_CORRELATION_BYTES:
-            return CommandError(
+            return RequestRefusedError(
                 "command.bad_response",
                 f"correlation data of {len(correlation)} bytes; the command was not "
                 f"carried out. Expected: at most {MAX_CORRELATION_BYTES}",
@@ -201,10 +192,10 @@ class CommandDispatcher:
             )
         return None
 
-    def _problem_of_rate(self, name: str) -> CommandError | None:
+    def _problem_of_rate(self, name: str) -> RequestRefusedError | None:
         if self._answers.n_executing < MAX_RUNNING and self._limits.admit_kind(name):
             return None
-        return CommandError(
+        return RequestRefusedError(
             "command.too_many",
             "too many commands in a short time, or still being carried out; this one "
             "was not",
@@ -240,9 +231,9 @@ class CommandDispatcher:
         )
 
 
-def _not_available(name: str, available: list[str]) -> CommandError:
+def _not_available(name: str, available: list[str]) -> RequestRefusedError:
     what = "this version cannot do" if name in COMMANDS else "there is no command"
-    return CommandError(
+    return RequestRefusedError(
         "command.not_available",
         f"{what} {name!r}; it has: {', '.join(available)}",
         "use one of these commands",

@@ -6,11 +6,11 @@ from typing import TypeVar
 
 from traverse.daemon.acquisition.device import Device
 from traverse.daemon.acquisition.joint_devices import JointDevices
-from traverse.daemon.commands.dispatcher import CommandError, Result
 from traverse.daemon.config.schema import CaptureSection
 from traverse.daemon.delivery_dispatcher import Measuring
+from traverse.daemon.errors import RequestRefusedError, Result
 from traverse.daemon.points.averaging import MAX_AVERAGING_NS, Average, AverageLimits
-from traverse.daemon.points.capture import Capture, CaptureRefusedError
+from traverse.daemon.points.capture import Capture
 from traverse.daemon.points.controller import Answer
 from traverse.drivers.base.values import DeviceError
 from traverse.protocol.messages import (
@@ -62,12 +62,12 @@ class PointCommands:
         check_ready(self._devices)
         if (args.samples or 1) > 1 or args.dwell_s is not None:
             average = self._average(args)
-            point = await _told(self._measuring.points.take_mean(average))
+            point = await self._measuring.points.take_mean(average)
         elif self._devices.has_simultaneous_latch:
             point = await self._latched_point(self._devices.all[0])
         else:
             self._measuring.asked("take_now")
-            point = await _told(self._measuring.points.take_now())
+            point = await self._measuring.points.take_now()
         result = {"session": point.session, "seq": point.seq, "id": point.id}
         if point.samples > 1:
             result |= {"samples": point.samples, "spread_mm": point.spread_mm}
@@ -76,10 +76,8 @@ class PointCommands:
     async def undo(self, args: UndoArgs) -> Result:
         """Take the last point back; gives the retraction and what it retracts."""
         self._measuring.asked("undo", id=args.id)
-        retraction: Point = await _told(
-            self._measuring.points.in_order(
-                lambda: self._capture.undo("command", args.id)
-            )
+        retraction: Point = await self._measuring.points.in_order(
+            lambda: self._capture.undo("command", args.id)
         )
         return {
             "session": retraction.session,
@@ -98,7 +96,7 @@ class PointCommands:
             return label
 
         self._measuring.asked("label", **label.model_dump())
-        await _told(self._measuring.points.in_order(set_label))
+        await self._measuring.points.in_order(set_label)
         return {"label": label.model_dump()}
 
     async def begin_session(self, args: SessionArgs) -> Result:
@@ -111,7 +109,7 @@ class PointCommands:
             return session.id
 
         self._measuring.asked("session", note=args.note or "")
-        return {"session": await _told(self._measuring.points.in_order(begin))}
+        return {"session": await self._measuring.points.in_order(begin)}
 
     def _average(self, args: PointArgs) -> Average:
         settings = self._settings
@@ -121,7 +119,7 @@ class PointCommands:
             args.samples is not None
             and args.samples > rate_hz * MAX_AVERAGING_NS * 1e-9
         ):
-            raise CommandError(
+            raise RequestRefusedError(
                 "command.bad_args",
                 f"{args.samples} samples take longer than "
                 f"{MAX_AVERAGING_NS * 1e-9:g} s at the {rate_hz:g} Hz of now",
@@ -146,39 +144,33 @@ class PointCommands:
         try:
             token = device.driver.request_latch()
         except DeviceError as error:
-            raise CommandError("device.busy", str(error), error.remedy) from error
+            raise RequestRefusedError(
+                "device.busy", str(error), error.remedy
+            ) from error
         self._measuring.await_latch(token, waiting)
         try:
             await asyncio.wait({waiting}, timeout=LATCH_TIMEOUT_S)
             if token in latches:
-                raise CommandError(
+                raise RequestRefusedError(
                     "device.no_answer",
                     f"{device.section.id} did not latch within {LATCH_TIMEOUT_S:g} s",
                     "check the device",
                 )
-            return await _told(waiting)  # it may have to wait for its turn
+            return await waiting  # it may have to wait for its turn
         finally:
             self._measuring.give_up_latch(token, waiting)
-
-
-async def _told(answer: asyncio.Future[T]) -> T:
-    """What comes of a request."""
-    try:
-        return await answer
-    except CaptureRefusedError as error:
-        raise CommandError(error.code, str(error), error.remedy) from error
 
 
 def check_ready(devices: JointDevices) -> None:
     """See that all devices of the arm can measure now.
 
     Raises:
-        CommandError: one cannot.
+        RequestRefusedError: one cannot.
     """
     device = devices.absent
     if device is not None:
         reason = device.lost.reason if device.lost else "it is not ready"
-        raise CommandError(
+        raise RequestRefusedError(
             "device.lost",
             f"{device.section.id} cannot measure: {reason}",
             "bring the device back, then send the command again as a new request",

@@ -4,9 +4,8 @@ import asyncio
 from collections.abc import Callable
 from pathlib import Path
 
-from traverse.daemon.commands.dispatcher import CommandError, Result
 from traverse.daemon.delivery_dispatcher import Measuring
-from traverse.daemon.points.capture import CaptureRefusedError
+from traverse.daemon.errors import CaptureRefusedError, RequestRefusedError, Result
 from traverse.daemon.pose.arm_model import ArmModel, model_with_probe
 from traverse.daemon.pose.probe_library import LibraryProbe, read_probes
 from traverse.kinematics.arm_file.arm import FileError
@@ -48,7 +47,7 @@ class ProbeCommands:
         """Measure with a probe of the library; gives its name and the new model."""
         path = self._library
         if path is None:
-            raise CommandError(
+            raise RequestRefusedError(
                 "command.not_available",
                 "the configuration names no probe library",
                 "write one, and name it as `probes` in [arm]",
@@ -56,12 +55,12 @@ class ProbeCommands:
         try:  # anew each time, so that a probe can be added while the daemon runs
             library = await asyncio.to_thread(read_probes, path)
         except FileError as error:
-            raise CommandError(
+            raise RequestRefusedError(
                 REFUSED, str(error)[:2000], "correct the probe library"
             ) from error
         chosen = library.named(args.name)
         if chosen is None:
-            raise CommandError(
+            raise RequestRefusedError(
                 REFUSED,
                 f"{path.name} has no probe {args.name!r}; it has: {library.names}",
                 "use one of these names, or add the probe to the library",
@@ -76,6 +75,7 @@ class ProbeCommands:
                 raise CaptureRefusedError(
                     f"the arm cannot measure with {chosen.name!r}: {error}",
                     "correct the probe library",
+                    REFUSED,
                 ) from error
             self._measuring.use_probe(model)
             self._chosen = chosen
@@ -84,10 +84,7 @@ class ProbeCommands:
             return model
 
         self._measuring.asked("probe", probe=chosen.model_dump_json())
-        try:
-            model: ArmModel = await points.in_order(use)
-        except CaptureRefusedError as error:
-            raise CommandError(REFUSED, str(error), error.remedy) from error
+        model: ArmModel = await points.in_order(use)
         return {
             "probe": chosen.name,
             "model": model.digest,

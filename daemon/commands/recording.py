@@ -4,8 +4,8 @@ import logging
 from importlib.metadata import version
 from pathlib import Path
 
-from traverse.daemon.commands.dispatcher import CommandError, Result
 from traverse.daemon.config.schema import Configuration
+from traverse.daemon.errors import RequestRefusedError, Result
 from traverse.daemon.frozen_clock import FrozenClock
 from traverse.daemon.inputs import REFUSED, StartupError
 from traverse.daemon.monitoring.events import EventLog
@@ -75,7 +75,7 @@ class RecordingCommands:
                 return await self._stop()
             return await self._start(args.name or "", args.note or "")
         except OSError as error:
-            raise CommandError(
+            raise RequestRefusedError(
                 "recording.failed",
                 f"the recording cannot be written: {error.strerror or error}",
                 "make room on the daemon's disk, or use another name",
@@ -84,7 +84,7 @@ class RecordingCommands:
     async def _start(self, name: str, note: str) -> Result:
         running = self._recorder.running
         if running is not None:
-            raise CommandError(
+            raise RequestRefusedError(
                 "recording.busy",
                 f"{running!r} is being recorded",
                 "stop it first; there is one recording at a time",
@@ -94,7 +94,7 @@ class RecordingCommands:
 
     async def _stop(self) -> Result:
         if self._recorder.running is None:
-            raise CommandError(
+            raise RequestRefusedError(
                 "recording.none",
                 "nothing is being recorded",
                 "it may have ended by itself: see the events recording.stopped",

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from traverse.daemon.acquisition.device import Device
-from traverse.daemon.commands.dispatcher import CommandError, Result
 from traverse.daemon.config.schema import Configuration
 from traverse.daemon.delivery_dispatcher import Measuring
+from traverse.daemon.errors import RequestRefusedError, Result
 from traverse.daemon.inputs import StartupError, read_inputs
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.pose.arm_model import ArmModel
@@ -75,14 +75,14 @@ class Reload:
         """Reload; gives the new model and what has changed.
 
         Raises:
-            CommandError: the old goes on; says why.
+            RequestRefusedError: the old goes on; says why.
         """
         del args  # it has none
         async with self._turn:
             self._notifier.reloading()
             try:
                 changed = await self._reload()
-            except CommandError as error:
+            except RequestRefusedError as error:
                 self._events.report(
                     "error",
                     error.code,
@@ -107,7 +107,7 @@ class Reload:
         """Reload because of SIGHUP; what went wrong is told by an event."""
         try:
             await self.carry_out(ReloadArgs())
-        except CommandError:
+        except RequestRefusedError:
             return
 
     async def _reload(self) -> list[str]:
@@ -117,13 +117,13 @@ class Reload:
             )
         except StartupError as error:
             text = str(error).partition("\n")[2] or str(error)
-            raise CommandError(
+            raise RequestRefusedError(
                 "reload.refused", text, "correct the files and reload again"
             ) from error
         try:
             model = self._with_probe(model)
         except ValueError as error:
-            raise CommandError(
+            raise RequestRefusedError(
                 "reload.refused",
                 f"the arm cannot have the probe that is in use: {error}",
                 "correct the arm file, or change the probe first",
@@ -137,7 +137,7 @@ class Reload:
             for text in model.mismatches_with(device.section.id, device.identity)
         ]
         if fixed:
-            raise CommandError(
+            raise RequestRefusedError(
                 "reload.refused",
                 f"a running daemon cannot change this: {'; '.join(fixed)}",
                 "start the daemon anew, or take these changes back",
@@ -155,7 +155,7 @@ class Reload:
                 while not self._measuring.is_idle:  # noqa: ASYNC110 - a state, no event
                     await asyncio.sleep(LOOK_S)
         except TimeoutError as error:
-            raise CommandError(
+            raise RequestRefusedError(
                 "reload.busy",
                 f"points were being taken, or buttons held, for {QUIET_S:g} s",
                 "release the buttons, then reload again",

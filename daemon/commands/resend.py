@@ -2,7 +2,7 @@
 
 from collections.abc import Awaitable, Callable
 
-from traverse.daemon.commands.dispatcher import Result
+from traverse.daemon.errors import Result
 from traverse.daemon.store.records import HeldSession
 from traverse.daemon.store.scan_resend import ScanResend
 from traverse.protocol.messages import ResendArgs
@@ -26,7 +26,7 @@ class ResendCommands:
         """Begin to send a range again, or tell what is held.
 
         Raises:
-            CommandError: too many ranges wait, or a database cannot be read.
+            RequestRefusedError: too many ranges wait, or a database cannot be read.
         """
         if args.scan is not None:
             return await self._scans.send(args.scan, args.from_seq, args.to_seq)

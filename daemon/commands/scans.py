@@ -3,10 +3,10 @@
 import asyncio
 
 from traverse.daemon.acquisition.joint_devices import JointDevices
-from traverse.daemon.commands.dispatcher import CommandError, Result
 from traverse.daemon.commands.points import check_ready
 from traverse.daemon.config.schema import CaptureSection, ScanSection
 from traverse.daemon.delivery_dispatcher import Measuring
+from traverse.daemon.errors import RequestRefusedError, Result
 from traverse.daemon.scans.plan import requested_scan
 from traverse.daemon.scans.scanner import Scanner
 from traverse.protocol.messages import ScanArgs
@@ -52,7 +52,7 @@ class Requests:
             return {"scan": None if plan is None else plan.id, "total": total}
         check_ready(self._devices)
         if args.held and not any(i.trigger == "button" for i in self._settings.inputs):
-            raise CommandError(
+            raise RequestRefusedError(
                 "scan.no_button",
                 "no input of the configuration is a button that could hold a scan",
                 'name one in [capture] inputs, with trigger = "button"',
@@ -75,7 +75,7 @@ class Requests:
             if self._scanner.plan is plan:  # else another command has had its way
                 self._measuring.scans.stop()
                 self.track()
-            raise CommandError(
+            raise RequestRefusedError(
                 "device.no_answer",
                 f"{device.section.id} did not begin to stream within "
                 f"{STREAM_TIMEOUT_S:g} s",

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.daemon.points.capture import CaptureRefusedError
+from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.pose.poses import LatchedPose, PoseBlock
 from traverse.kinematics.effects.base.block import Block
 from traverse.protocol.messages import QualityFlag

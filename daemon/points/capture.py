@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.schema import CaptureSection
+from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.points.session import Session
 from traverse.daemon.pose.alignment import ActiveAlignment
 from traverse.daemon.pose.arm_model import ArmModel
@@ -16,19 +17,12 @@ from traverse.daemon.store.pending_write import PendingWrite
 from traverse.protocol.messages import Label, Point, Quality
 from traverse.protocol.messages.point import Compensation, Covariance, Trigger
 
+PointWriter = Callable[[Point, int, str], PendingWrite | None]
+"""Writes a point of a session that began at a time [UTC ns], with its note."""
 QUEUE_FULL = (
     "so many points wait for the disk that no more can be taken",
     "wait until the disk has caught up, then try again; see `outbox` in health",
 )
-
-
-class CaptureRefusedError(Exception):
-    """No point was taken, or none taken back; the text says why."""
-
-    def __init__(self, text: str, remedy: str, code: str = "capture.refused") -> None:
-        super().__init__(text)
-        self.remedy = remedy
-        self.code = code
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +55,7 @@ class Capture:
 
     Args:
         clock: the host's.
-        keep: sends a point of a session to the disk; None if there is no room for it.
+        write: writes a point to the disk; None if there is no room for it.
         part: the alignment in use.
 
     Attributes:
@@ -71,12 +65,12 @@ class Capture:
     def __init__(
         self,
         clock: HostClock,
-        keep: Callable[[Session, Point], PendingWrite | None],
+        write: PointWriter,
         part: ActiveAlignment | None = None,
     ) -> None:
         self._clock = clock
         self.part = part or ActiveAlignment()
-        self._keep = keep
+        self._write = write
         self.session = self._new_session("")
         self.label = Label()
         self.captured = 0
@@ -115,7 +109,7 @@ class Capture:
             label=self.label,
             quality=Quality.from_bits(pose.quality),
         )
-        return self._hand_on(point)
+        return self._submit(point)
 
     def undo(self, trigger: Trigger, point_id: str | None = None) -> PendingWrite:
         """Take the last point back that stands yet; gives the retraction on its way.
@@ -144,7 +138,7 @@ class Capture:
             trigger=trigger,
             time_ns=self._clock.to_utc_ns(self._clock.monotonic_ns()),
         )
-        return self._hand_on(retraction)
+        return self._submit(retraction)
 
     def begin_session(self, note: str = "") -> Session:
         """Number from 0 again; what the next points are taken on is to be said anew."""
@@ -155,21 +149,22 @@ class Capture:
     def _new_session(self, note: str) -> Session:
         return Session(self._clock.to_utc_ns(self._clock.monotonic_ns()), note)
 
-    def _hand_on(self, point: Point) -> PendingWrite:
+    def _submit(self, point: Point) -> PendingWrite:
         session = self.session
-        keeping = self._keep(session, point)
-        if keeping is None:
+        write = self._write(point, session.begun_ns, session.note)
+        if write is None:
             raise CaptureRefusedError(*QUEUE_FULL)
         session.add(point)
+        write.roll_back = lambda: session.roll_back(point)
 
-        def settled() -> None:
-            if keeping.trouble is None:
+        def on_settled() -> None:
+            if write.trouble is None:
                 session.confirm(point)
                 self.captured += point.retracts is None
                 self.retracted += point.retracts is not None
 
-        keeping.on_settled(settled)
-        return keeping
+        write.on_settled(on_settled)
+        return write
 
 
 class TriggerMap:

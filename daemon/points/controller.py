@@ -7,11 +7,12 @@ from typing import Any
 
 from traverse.daemon.acquisition.device import Device
 from traverse.daemon.config.schema import Action, CaptureSection
+from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.health import HealthReport
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.points.averaging import Average
 from traverse.daemon.points.buttons import buttons_of
-from traverse.daemon.points.capture import Capture, CaptureRefusedError, TriggerMap
+from traverse.daemon.points.capture import Capture, TriggerMap
 from traverse.daemon.points.compensation import Tip
 from traverse.daemon.points.ordered_replies import Answers, Outcome
 from traverse.daemon.points.point_evaluator import PointEvaluator

@@ -7,7 +7,7 @@ that is still on its way to the disk.
 from collections import deque
 from collections.abc import Callable
 
-from traverse.daemon.points.capture import CaptureRefusedError
+from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.points.request_queue import Request
 from traverse.daemon.store.pending_write import PendingWrite
 

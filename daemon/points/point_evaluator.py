@@ -3,8 +3,9 @@
 from dataclasses import replace
 
 from traverse.daemon.config.schema import CaptureSection
+from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.points.averaging import Average, AverageLimits
-from traverse.daemon.points.capture import CaptureRefusedError, Measured
+from traverse.daemon.points.capture import Measured
 from traverse.daemon.points.compensation import RetractDetector, Tip, without_direction
 from traverse.daemon.points.point_events import PointEventReporter
 from traverse.daemon.points.pose_evaluator import ArmSight, Stage

@@ -1,8 +1,8 @@
 """What is told of edges, refusals, labels and sessions."""
 
 from traverse.daemon.acquisition.device import Device
+from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.points.capture import CaptureRefusedError
 from traverse.daemon.points.request_queue import Request
 from traverse.daemon.points.session import Session
 from traverse.daemon.pose.arm_model import ArmModel

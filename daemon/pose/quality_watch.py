@@ -7,8 +7,8 @@ import numpy as np
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.filters import flag_bits
 from traverse.daemon.config.schema import QualitySection
+from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.points.capture import CaptureRefusedError
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.limits import Floats, PoseLimits, SpeedTracker
 from traverse.daemon.pose.persistent_flags import Standing

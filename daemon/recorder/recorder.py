@@ -5,7 +5,7 @@ dropped and counted, and the files say that something is missing.
 """
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -13,7 +13,7 @@ from typing import Self
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.schema import RecordingSection
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.points.session import Session
+from traverse.daemon.points.capture import PointWriter
 from traverse.daemon.recorder.fault_trigger import FaultTrigger
 from traverse.daemon.recorder.item_queue import Item, RecorderQueue
 from traverse.daemon.recorder.jobs import ThreadJobs
@@ -32,7 +32,6 @@ from traverse.protocol.messages.recording_health import RecordingHealth
 
 STATE_NS = 6_000_000_000
 PATIENCE_NS = 3_000_000_000  # a state is told of a quiet moment, if one comes
-Keep = Callable[[Session, Point], PendingWrite | None]
 
 
 class Recorder(StepListener):
@@ -131,11 +130,11 @@ class Recorder(StepListener):
         if isinstance(message, Event) and self._section.flight:
             self._faults.note(now_ns, message)
 
-    def following(self, keep: Keep) -> Keep:
+    def following(self, keep: PointWriter) -> PointWriter:
         """What sends points to the disk, followed: those that arrive are recorded."""
 
-        def kept(session: Session, point: Point) -> PendingWrite | None:
-            keeping = keep(session, point)
+        def kept(point: Point, begun_ns: int, note: str) -> PendingWrite | None:
+            keeping = keep(point, begun_ns, note)
             if keeping is not None:
                 self._follow(keeping)
             return keeping

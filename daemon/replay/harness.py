@@ -11,11 +11,11 @@ from traverse.daemon.acquisition.joint_devices import JointDevices
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.schema import Configuration
 from traverse.daemon.delivery_dispatcher import Measuring
+from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.health import HealthReport
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.points.averaging import Average, AverageLimits
-from traverse.daemon.points.capture import Capture, CaptureRefusedError, triggers_of
-from traverse.daemon.points.session import Session
+from traverse.daemon.points.capture import Capture, triggers_of
 from traverse.daemon.pose.alignment import (
     ActiveAlignment,
     Alignment,
@@ -230,7 +230,7 @@ class ReplayHarness:
         self.configuration = configuration
         self.measuring.use(configuration, model)
 
-    def _keep(self, session: Session, point: Point) -> PendingWrite:
+    def _keep(self, point: Point, begun_ns: int, note: str) -> PendingWrite:
         keeping = PendingWrite(point)
         keeping.settle()
         self._take_point(point)

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from traverse.daemon.commands.dispatcher import CommandError
 from traverse.daemon.config.schema import ScanSection
+from traverse.daemon.errors import RequestRefusedError
 from traverse.kinematics.filters import FILTERS, PointFilter
 from traverse.protocol.messages import ScanArgs
 from traverse.protocol.messages.scan import ScanMode
@@ -72,7 +72,7 @@ def requested_scan(
         tracking_rate_hz: the stream is at least this fast.
 
     Raises:
-        CommandError: the rate is not possible, or values do not go together.
+        RequestRefusedError: the rate is not possible, or values do not go together.
     """
     if args.mode == "time":
         plan = plan_scan(args.rate_hz or settings.rate_hz, tracking_rate_hz)
@@ -85,9 +85,9 @@ def requested_scan(
             plan.selection()
         except ValueError as error:
             text = "correct the arguments and send again"
-            raise CommandError("command.bad_args", str(error), text) from error
+            raise RequestRefusedError("command.bad_args", str(error), text) from error
     if plan.device_rate_hz > largest_hz:
-        raise CommandError(
+        raise RequestRefusedError(
             "scan.rate",
             f"{plan.rate_hz:g} Hz is more than the {largest_hz:g} Hz possible",
             "ask for a lower rate",

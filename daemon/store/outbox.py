@@ -1,6 +1,6 @@
 """The outbox: a point is on the disk before anybody is told that it was taken.
 
-On the event loop; what takes time is done by the thread. A point goes from `keep` to
+On the event loop; what takes time is done by the thread. A point goes from `put` to
 the disk, then to whoever waits for it and to the broker, and is marked when the broker
 has it. What the broker does not have is sent after a start, first and in order.
 """
@@ -12,12 +12,11 @@ from collections.abc import AsyncIterator, Callable, Mapping
 from pathlib import Path
 
 from traverse.daemon.clock import HostClock
-from traverse.daemon.commands.dispatcher import Result
 from traverse.daemon.config.schema import OutboxSection
+from traverse.daemon.errors import Result
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import Latencies
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
-from traverse.daemon.points.session import Session
 from traverse.daemon.store.folder_lock import exclusive_state_dir
 from traverse.daemon.store.forwarder import MessageForwarder
 from traverse.daemon.store.jobs import Condition, Rules
@@ -130,14 +129,20 @@ class Outbox:
         """Go by other rules of what may be forgotten."""
         self._section = section
 
-    def keep(self, session: Session, point: Point) -> PendingWrite | None:
-        """Send a point of a session to the disk; None where too many wait for it."""
+    def put(self, point: Point, begun_ns: int, note: str) -> PendingWrite | None:
+        """Write a point to the disk; None where too many wait for that.
+
+        Args:
+            point: a capture or a retraction.
+            begun_ns: when its session began [UTC].
+            note: of its session.
+        """
         if not self._is_open or len(self._in_flight) >= self._limit:
             return None
         entry = Entry(
-            session.id,
-            session.begun_ns,
-            session.note,
+            point.session,
+            begun_ns,
+            note,
             point.seq,
             point.id,
             point.time_ns,
@@ -147,13 +152,13 @@ class Outbox:
         )
         self._entries.append((self._clock.monotonic_ns(), entry))
         self._passage.keep(entry)
-        return self._in_flight.add(session, point)
+        return self._in_flight.add(point)
 
     async def resend(self, args: ResendArgs) -> Result:
         """Carry out the command.
 
         Raises:
-            CommandError: too many ranges wait, or the database cannot be read.
+            RequestRefusedError: too many ranges wait, or the database cannot be read.
         """
         return await self._passage.again.carry_out(args)
 

@@ -1,9 +1,8 @@
-"""Points on their way to the disk: from a number to a promise kept, or taken back."""
+"""Points that are being written: they succeed, or fail and are rolled back."""
 
 from collections import deque
 from collections.abc import Callable
 
-from traverse.daemon.points.session import Session
 from traverse.daemon.store.records import StorageError
 from traverse.protocol.messages import Point
 
@@ -15,12 +14,14 @@ class PendingWrite:
         point: a capture or a retraction.
         is_settled: it is on the disk, or it is not and never will be.
         trouble: why it is not.
+        roll_back: called if the write fails, before anybody is notified of that.
     """
 
     def __init__(self, point: Point) -> None:
         self.point = point
         self.is_settled = False
         self.trouble: StorageError | None = None
+        self.roll_back: Callable[[], object] = lambda: None
         self._acts: list[Callable[[], object]] = []
 
     def settle(self, trouble: StorageError | None = None) -> None:
@@ -39,31 +40,31 @@ class PendingWrite:
 
 
 class PendingWrites:
-    """Keepings in the order of their numbers."""
+    """Writes in the order of their points' numbers."""
 
     def __init__(self) -> None:
-        self._keepings: deque[tuple[Session, PendingWrite]] = deque()
+        self._writes: deque[PendingWrite] = deque()
 
     def __len__(self) -> int:
-        return len(self._keepings)
+        return len(self._writes)
 
-    def add(self, session: Session, point: Point) -> PendingWrite:
-        """A point of a session is on its way."""
-        keeping = PendingWrite(point)
-        self._keepings.append((session, keeping))
-        return keeping
+    def add(self, point: Point) -> PendingWrite:
+        """Add a point that is being written."""
+        write = PendingWrite(point)
+        self._writes.append(write)
+        return write
 
     def keep(self) -> Point:
-        """The first is on the disk: whoever waits for it hears that. Gives it."""
-        _, keeping = self._keepings.popleft()
-        keeping.settle()
-        return keeping.point
+        """Settle the first, which is on the disk; return its point."""
+        write = self._writes.popleft()
+        write.settle()
+        return write.point
 
     def fail(self, trouble: StorageError) -> None:
-        """None will be: first their numbers become free again, then all hear of it."""
-        failed = list(self._keepings)
-        self._keepings.clear()
-        for session, keeping in reversed(failed):
-            session.roll_back(keeping.point)
-        for _, keeping in failed:
-            keeping.settle(trouble)
+        """Fail all: roll back from the newest to the oldest, only then notify."""
+        failed = list(self._writes)
+        self._writes.clear()
+        for write in reversed(failed):
+            write.roll_back()
+        for write in failed:
+            write.settle(trouble)

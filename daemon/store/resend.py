@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
-from traverse.daemon.commands.dispatcher import CommandError, Result
+from traverse.daemon.errors import RequestRefusedError, Result
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
 from traverse.daemon.store.database import MessageDatabase
 from traverse.daemon.store.feed import Told, Work, outgoing
@@ -49,7 +49,7 @@ class RangeResender:
         """Begin to send a range again; tells what there is.
 
         Raises:
-            CommandError: too many ranges wait, or the database cannot be read.
+            RequestRefusedError: too many ranges wait, or the database cannot be read.
         """
         session = args.session
         if session is None:
@@ -88,10 +88,10 @@ class RangeResender:
         """See that another range may wait.
 
         Raises:
-            CommandError: too many do.
+            RequestRefusedError: too many do.
         """
         if len(self._ranges) >= MAX_RANGES:
-            raise CommandError(
+            raise RequestRefusedError(
                 "resend.busy",
                 f"{MAX_RANGES} ranges are being sent again already",
                 "wait until they have come, then ask again as a new request",
@@ -135,7 +135,7 @@ class RangeResender:
         """What comes of something done with the database.
 
         Raises:
-            CommandError: it cannot be done.
+            RequestRefusedError: it cannot be done.
         """
         waiting: asyncio.Future[T] = asyncio.get_running_loop().create_future()
 
@@ -151,7 +151,7 @@ class RangeResender:
         try:
             return await waiting
         except Exception as error:
-            raise CommandError(
+            raise RequestRefusedError(
                 "outbox.failed",
                 f"the outbox cannot be read: {error}",
                 "see `outbox` in health, and the event outbox.failed",

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from traverse.daemon.commands.dispatcher import Result
+from traverse.daemon.errors import Result
 from traverse.daemon.store.queries import read_sessions
 from traverse.daemon.store.records import HeldSession
 from traverse.daemon.store.resend import LAST, MAX_SESSIONS, RangeResender
@@ -25,7 +25,7 @@ class ScanResend:
         """Scans of which there are blocks, oldest first.
 
         Raises:
-            CommandError: the database cannot be read.
+            RequestRefusedError: the database cannot be read.
         """
         if not self._is_open():
             return []
@@ -37,7 +37,7 @@ class ScanResend:
         """Begin to send the blocks again that a range of points touches.
 
         Raises:
-            CommandError: too many ranges wait, or the database cannot be read.
+            RequestRefusedError: too many ranges wait, or the database cannot be read.
         """
         extent = StoredScanRange()
         if self._is_open():

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from traverse.daemon.clock import HostClock
-from traverse.daemon.points.session import Session
 from traverse.daemon.pose.arm_model import ArmModel, read_model
 from traverse.daemon.pose.poses import PoseBlock
 from traverse.daemon.store.pending_write import PendingWrite
@@ -82,7 +81,7 @@ class SetClock(HostClock):
 def kept_at_once(take: Callable[[Point], bool]):
     """Keeps points for a capture; those that ``take`` says True to, and at once."""
 
-    def keep(session: Session, point: Point) -> PendingWrite | None:
+    def keep(point: Point, begun_ns: int, note: str) -> PendingWrite | None:
         if not take(point):
             return None
         keeping = PendingWrite(point)

@@ -12,7 +12,6 @@ from tests.drivers.taken import until
 from traverse.daemon.acquisition.device import open_device
 from traverse.daemon.acquisition.joint_devices import JointDevices
 from traverse.daemon.clock import HostClock
-from traverse.daemon.commands.dispatcher import CommandError
 from traverse.daemon.commands.points import PointCommands
 from traverse.daemon.commands.scans import Requests
 from traverse.daemon.config.devices import section_of
@@ -23,6 +22,7 @@ from traverse.daemon.config.schema import (
     UncertaintySection,
 )
 from traverse.daemon.delivery_dispatcher import Measuring
+from traverse.daemon.errors import RequestRefusedError
 from traverse.daemon.health import HealthReport
 from traverse.daemon.inputs import REFUSED, UNREACHABLE, check_devices
 from traverse.daemon.monitoring.events import EventLog
@@ -141,7 +141,7 @@ async def test_an_edge_is_acknowledged_only_after_its_point_is_taken(bench):
 
 async def test_a_refused_point_is_told_to_whoever_asked(bench):
     bench.room = False
-    with pytest.raises(CommandError, match="so many points wait for the disk"):
+    with pytest.raises(RequestRefusedError, match="so many points wait for the disk"):
         await bench.point_requests.take_point(PointArgs())
 
 
@@ -169,7 +169,7 @@ async def test_a_start_replaces_a_running_scan(bench):
 async def test_too_fast_a_scan_is_refused_and_the_running_one_goes_on(bench):
     begun = await bench.requests.change_scan(ScanArgs(action="start", rate_hz=200.0))
     bench.requests._settings = CaptureSection(scan_max_rate_hz=500.0)
-    with pytest.raises(CommandError, match="1000 Hz is more than the 500 Hz"):
+    with pytest.raises(RequestRefusedError, match="1000 Hz is more than the 500 Hz"):
         await bench.requests.change_scan(ScanArgs(action="start", rate_hz=1000.0))
     assert bench.scanner.plan.id == begun["scan"]
 
@@ -183,7 +183,7 @@ async def test_a_scan_that_the_board_refuses_ends_in_tracking(bench):
         return fast if rate > 150_000 else good(body)
 
     bench.board.answers[START] = only_slow
-    with pytest.raises(CommandError, match="did not begin to stream"):
+    with pytest.raises(RequestRefusedError, match="did not begin to stream"):
         await bench.requests.change_scan(ScanArgs(action="start", rate_hz=200.0))
     await until(lambda: bench.rates_hz()[-1] == 100.0, "the tracking stream")
     assert bench.scanner.plan is None
@@ -200,7 +200,7 @@ async def test_scans_by_distance_read_densely(bench):
 
 async def test_a_held_scan_needs_a_button(bench):
     bench.requests.use(CaptureSection(), ScanSection())
-    with pytest.raises(CommandError, match="no input") as caught:
+    with pytest.raises(RequestRefusedError, match="no input") as caught:
         await bench.requests.change_scan(ScanArgs(action="start", held=True))
     assert caught.value.code == "scan.no_button"
 
@@ -211,7 +211,7 @@ async def test_a_lost_device_refuses_commands_and_a_scan_outlives_it(bench):
     await until(lambda: bench.scans, "points")
     bench.board.unplug()
     await until(lambda: bench.device.state == "lost", "the loss")
-    with pytest.raises(CommandError, match="base cannot measure"):
+    with pytest.raises(RequestRefusedError, match="base cannot measure"):
         await bench.point_requests.take_point(PointArgs())
     bench.board.plug()
     await until(lambda: len(bench.rates_hz()) == 3, "the scan's stream")

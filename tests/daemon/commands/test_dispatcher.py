@@ -6,12 +6,9 @@ import pytest
 
 from tests.drivers.taken import until
 from traverse.daemon.clock import HostClock
-from traverse.daemon.commands.dispatcher import (
-    MAX_RUNNING,
-    CommandDispatcher,
-    CommandError,
-)
+from traverse.daemon.commands.dispatcher import MAX_RUNNING, CommandDispatcher
 from traverse.daemon.commands.reply_cache import MAX_REMEMBERED, MAX_REMEMBERED_BYTES
+from traverse.daemon.errors import RequestRefusedError
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.mqtt.subscriber import IncomingCommand
 from traverse.protocol.encoding import decode
@@ -140,7 +137,7 @@ async def test_a_repetition_while_the_first_still_runs_waits_for_it(bench):
 
 
 async def test_a_refusal_is_answered_and_remembered_too(bench):
-    bench.failure = CommandError("device.lost", "base is gone", "plug it in")
+    bench.failure = RequestRefusedError("device.lost", "base is gone", "plug it in")
     bench.send(command("r1"))
     await bench.replies(1)
     bench.failure = None

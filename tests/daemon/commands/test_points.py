@@ -7,8 +7,7 @@ import pytest
 
 from tests.daemon.arm_harness import ArmBench, edge
 from tests.daemon.two_devices import BEGIN_NS
-from traverse.daemon.commands.dispatcher import CommandError
-from traverse.daemon.points.capture import CaptureRefusedError
+from traverse.daemon.errors import CaptureRefusedError, RequestRefusedError
 from traverse.drivers.base.values import DeviceLost
 from traverse.protocol.messages import LabelArgs, PointArgs, SessionArgs, UndoArgs
 
@@ -55,7 +54,9 @@ async def test_a_mean_over_a_time_has_all_samples_of_it(bench):
 
 async def test_a_mean_is_refused_at_once_while_the_arm_moves(bench):
     bench.stream(40, 60, speed=1.0)
-    with pytest.raises(CommandError, match="mm/s when samples were to be") as refusal:
+    with pytest.raises(
+        RequestRefusedError, match="mm/s when samples were to be"
+    ) as refusal:
         await bench.point_requests.take_point(PointArgs(samples=10))
     assert refusal.value.code == "capture.refused"
     assert bench.codes().count("capture.refused") == 1
@@ -66,7 +67,7 @@ async def test_an_arm_that_begins_to_move_is_refused_its_mean(bench):
     asking = await asked(bench.point_requests.take_point(PointArgs(samples=20)))
     bench.stream(40, 45)
     bench.stream(45, 70, speed=1.0)
-    with pytest.raises(CommandError, match=r"moved at|spread by"):
+    with pytest.raises(RequestRefusedError, match=r"moved at|spread by"):
         await asking
     assert bench.points == []
 
@@ -90,7 +91,7 @@ async def test_more_edges_than_a_board_keeps_end_a_mean(bench):
     bench.stream(40, 45)
     for token in range(12):
         press(bench, 41.5, token)
-    with pytest.raises(CommandError, match="too many edges"):
+    with pytest.raises(RequestRefusedError, match="too many edges"):
         await asking
     assert len(bench.points) == 12
     assert bench.acknowledged("handle") == list(range(12))
@@ -101,12 +102,12 @@ async def test_a_stream_that_stops_ends_a_mean_with_the_reason(bench):
     bench.stream(40, 45)
     bench.take(DeviceLost("base", "gone", "plug it in"))
     bench.later(1.0)
-    with pytest.raises(CommandError, match="of 20 samples came"):
+    with pytest.raises(RequestRefusedError, match="of 20 samples came"):
         await asking
 
 
 async def test_too_many_samples_for_a_minute_are_refused(bench):
-    with pytest.raises(CommandError, match="longer than 60 s") as refusal:
+    with pytest.raises(RequestRefusedError, match="longer than 60 s") as refusal:
         await bench.point_requests.take_point(PointArgs(samples=6001))
     assert refusal.value.code == "command.bad_args"
 
@@ -127,7 +128,7 @@ async def test_undo_takes_back_point_after_point_and_deletes_none(bench):
     assert bench.points[-1].retracts == bench.points[-2].id
     await bench.point_requests.undo(UndoArgs())
     assert bench.points[-1].retracts == first.id
-    with pytest.raises(CommandError, match="no point that could be taken back"):
+    with pytest.raises(RequestRefusedError, match="no point that could be taken back"):
         await bench.point_requests.undo(UndoArgs())
     assert [p.seq for p in bench.points] == list(range(8))
     assert bench.capture.retracted == 4
@@ -136,7 +137,9 @@ async def test_undo_takes_back_point_after_point_and_deletes_none(bench):
 async def test_undo_of_a_point_that_is_not_the_last_is_refused(bench):
     press(bench, 30.5)
     press(bench, 31.5)
-    with pytest.raises(CommandError, match=rf"stands is {bench.points[1].id}, not"):
+    with pytest.raises(
+        RequestRefusedError, match=rf"stands is {bench.points[1].id}, not"
+    ):
         await bench.point_requests.undo(UndoArgs(id=bench.points[0].id))
     assert len(bench.points) == 2
 
@@ -174,7 +177,7 @@ async def test_a_new_session_numbers_from_0_and_cannot_undo_the_old(bench):
         SessionArgs(action="new", note="part 12")
     )
     assert bench.sessions == [result["session"]]
-    with pytest.raises(CommandError, match="this session has no point"):
+    with pytest.raises(RequestRefusedError, match="this session has no point"):
         await bench.point_requests.undo(UndoArgs())
     press(bench, 31.5)
     old, new = bench.points
@@ -189,7 +192,7 @@ async def test_a_new_session_numbers_from_0_and_cannot_undo_the_old(bench):
 async def test_no_room_for_a_retraction_uses_no_number(bench):
     press(bench, 30.5)
     bench.room = False
-    with pytest.raises(CommandError, match="so many points wait for the disk"):
+    with pytest.raises(RequestRefusedError, match="so many points wait for the disk"):
         await bench.point_requests.undo(UndoArgs())
     bench.room = True
     assert (await bench.point_requests.undo(UndoArgs()))["seq"] == 1

@@ -10,8 +10,8 @@ from tests.daemon.arm_harness import ArmBench, edge
 from tests.daemon.effect_entries import effect
 from tests.daemon.two_devices import BEGIN_NS, ON_TWO
 from tests.daemon.values import ARM, arm_file, arm_model
-from traverse.daemon.commands.dispatcher import CommandError
 from traverse.daemon.commands.probe import ProbeCommands
+from traverse.daemon.errors import RequestRefusedError
 from traverse.daemon.pose.arm_model import model_with_probe, read_model
 from traverse.daemon.pose.probe_library import read_probes
 from traverse.kinematics.arm_file.arm import FileError, arm_digest, parse_arm
@@ -165,14 +165,16 @@ async def test_probes_that_are_not_there_are_refused_with_those_that_are(
     bench, tmp_path
 ):
     probes, changes = requests(bench, library(tmp_path))
-    with pytest.raises(CommandError, match="no probe 'short'; it has: ball-6, long"):
+    with pytest.raises(
+        RequestRefusedError, match="no probe 'short'; it has: ball-6, long"
+    ):
         await probes.change(ProbeArgs(name="short"))
     none, _ = requests(bench, None)
-    with pytest.raises(CommandError, match="names no probe library") as refusal:
+    with pytest.raises(RequestRefusedError, match="names no probe library") as refusal:
         await none.change(ProbeArgs(name="short"))
     assert refusal.value.code == "command.not_available"
     library(tmp_path, "nonsense = 1")
-    with pytest.raises(CommandError, match="schema") as refusal:
+    with pytest.raises(RequestRefusedError, match="schema") as refusal:
         await probes.change(ProbeArgs(name="long"))
     assert refusal.value.code == "capture.probe_refused"
     assert changes == []
@@ -187,7 +189,7 @@ async def test_a_probe_that_the_effects_cannot_have_is_refused(tmp_path):
     bench = ArmBench(tmp_path, model)
     probes, _ = requests(bench, library(tmp_path))
     try:
-        with pytest.raises(CommandError, match="mass") as refusal:
+        with pytest.raises(RequestRefusedError, match="mass") as refusal:
             await probes.change(ProbeArgs(name="long"))
     finally:
         bench.close()

@@ -7,8 +7,8 @@ import pytest
 
 from tests.daemon.board_harness import BOARD, Bench
 from tests.daemon.values import ARM, arm_file, latch
-from traverse.daemon.commands.dispatcher import CommandError
 from traverse.daemon.commands.reload import Inputs, Reload
+from traverse.daemon.errors import RequestRefusedError
 from traverse.daemon.inputs import read_inputs
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.points.capture import triggers_of
@@ -65,7 +65,7 @@ class Reloading:
 
     async def refused(self):
         before = self.bench.measuring.model
-        with pytest.raises(CommandError) as caught:
+        with pytest.raises(RequestRefusedError) as caught:
             await self.carried_out()
         assert self.used == []
         assert self.bench.measuring.model is before

@@ -6,9 +6,9 @@ import pytest
 
 from tests.daemon.arm_harness import ArmBench
 from tests.daemon.two_devices import BEGIN_NS, base, wrist
-from traverse.daemon.commands.dispatcher import CommandError
 from traverse.daemon.commands.scans import Requests
 from traverse.daemon.config.schema import CaptureSection
+from traverse.daemon.errors import RequestRefusedError
 from traverse.drivers.base.values import DeviceLost, StreamStarted
 from traverse.protocol.messages import PointArgs, ScanArgs
 
@@ -60,7 +60,9 @@ async def test_a_point_that_cannot_be_told_is_refused_with_the_reason(
     asking = asyncio.create_task(point_requests.take_point(PointArgs()))
     await asyncio.sleep(0)
     bench.later(0.6)
-    with pytest.raises(CommandError, match="no readings of base came after it") as told:
+    with pytest.raises(
+        RequestRefusedError, match="no readings of base came after it"
+    ) as told:
         await asking
     assert told.value.code == "capture.refused"
     assert told.value.remedy
@@ -74,7 +76,9 @@ async def test_no_command_is_taken_while_one_of_the_devices_is_away(
         point_requests.take_point(PointArgs()),
         requests.change_scan(ScanArgs(action="start", rate_hz=50.0)),
     ):
-        with pytest.raises(CommandError, match="wrist cannot measure: unplugged"):
+        with pytest.raises(
+            RequestRefusedError, match="wrist cannot measure: unplugged"
+        ):
             await command
 
 
@@ -100,5 +104,7 @@ async def test_a_scan_waits_for_the_clock_device_and_asks_each_what_it_can(
 
 
 async def test_the_clock_device_limits_the_rate_of_a_scan(bench, requests):
-    with pytest.raises(CommandError, match="2000 Hz is more than the 1000 Hz possible"):
+    with pytest.raises(
+        RequestRefusedError, match="2000 Hz is more than the 1000 Hz possible"
+    ):
         await requests.change_scan(ScanArgs(action="start", rate_hz=2000.0))

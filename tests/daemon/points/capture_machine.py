@@ -29,7 +29,6 @@ from traverse.daemon.delivery_dispatcher import Measuring
 from traverse.daemon.health import HealthReport
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.points.capture import Capture, triggers_of
-from traverse.daemon.points.session import Session
 from traverse.daemon.pose.live import LivePoseSampler
 from traverse.daemon.pose.pipeline import Pipeline
 from traverse.daemon.pose.uncertainty import Uncertainty
@@ -61,12 +60,12 @@ CAPTURE = CaptureSection(
 )
 
 
-def entry_of(session: Session, point: Point) -> Entry:
+def entry_of(point: Point, begun_ns: int, note: str) -> Entry:
     """A point as the outbox keeps it."""
     return Entry(
-        session.id,
-        session.begun_ns,
-        session.note,
+        point.session,
+        begun_ns,
+        note,
         point.seq,
         point.id,
         point.time_ns,
@@ -116,7 +115,7 @@ class CaptureBench(RuleBasedStateMachine):
         self.scan_counts: dict[str, list[int]] = {}
         self.held_scans: set[str] = set()
         self.in_flight = PendingWrites()
-        self.waiting: list[tuple[Session, Point]] = []
+        self.waiting: list[tuple[Point, Entry]] = []
         self.keepings: dict[int, PendingWrite] = {}
         self.failures = 0
         self.loop.run_until_complete(self._begin())
@@ -155,14 +154,14 @@ class CaptureBench(RuleBasedStateMachine):
         identity = Identity("board", "1", MODULI, 4, 10_000.0)
         self.take(DeviceUp("base", identity, False), StreamStarted("base", 1, 100.0))
 
-    def _keep(self, session, point) -> PendingWrite | None:
+    def _keep(self, point, begun_ns, note) -> PendingWrite | None:
         is_undo = point.retracts is not None
         if not has_room(point.counts[0], is_undo=is_undo):
             return None
-        keeping = self.in_flight.add(session, point)
+        keeping = self.in_flight.add(point)
         if not is_undo:
             self.keepings[point.counts[0]] = keeping
-        self.waiting.append((session, point))
+        self.waiting.append((point, entry_of(point, begun_ns, note)))
         return keeping
 
     def take(self, *deliveries) -> None:

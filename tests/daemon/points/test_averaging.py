@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.daemon.values import PoseMaker, arm_file
+from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.points.averaging import MAX_AVERAGING_NS, Average, AverageLimits
-from traverse.daemon.points.capture import CaptureRefusedError
 from traverse.daemon.pose.arm_model import read_model
 from traverse.protocol.messages import QualityFlag
 

@@ -8,8 +8,8 @@ from tests.daemon.arm_harness import ArmBench, edge
 from tests.daemon.two_devices import BEGIN_NS, base, wrist
 from tests.daemon.values import SetClock
 from traverse.daemon.commands.button_actions import ButtonScans
-from traverse.daemon.commands.dispatcher import CommandError
 from traverse.daemon.config.schema import InputSection
+from traverse.daemon.errors import RequestRefusedError
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.points.buttons import EDGE_DELAY_NS
 from traverse.protocol.messages import PointArgs
@@ -202,7 +202,7 @@ async def test_scans_of_buttons_come_one_after_the_other_and_tell_refusals():
         await gate.wait()
         done.append(args.action)
         if args.action == "start":
-            raise CommandError("scan.rate", "too fast", "go slower")
+            raise RequestRefusedError("scan.rate", "too fast", "go slower")
         return {}
 
     events = EventLog(SetClock(), told.append)

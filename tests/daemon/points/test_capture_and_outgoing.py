@@ -4,18 +4,14 @@ import numpy as np
 import pytest
 
 from tests.daemon.values import UTC_OFFSET_NS, SetClock, arm_model, kept_at_once
+from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.mqtt.outgoing_queue import (
     MAX_EVENTS,
     MAX_REPLIES,
     OutgoingMessage,
     OutgoingQueue,
 )
-from traverse.daemon.points.capture import (
-    Capture,
-    CaptureRefusedError,
-    Measured,
-    TriggerMap,
-)
+from traverse.daemon.points.capture import Capture, Measured, TriggerMap
 from traverse.daemon.pose.poses import LatchedPose
 from traverse.kinematics.effects.base.block import Block
 

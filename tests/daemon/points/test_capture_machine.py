@@ -15,7 +15,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import invariant, precondition, rule
 
-from tests.daemon.points.capture_machine import MS, CaptureBench, entry_of
+from tests.daemon.points.capture_machine import MS, CaptureBench
 from tests.daemon.points.expected_points import Asked
 from traverse.daemon.scans.plan import ScanPlan
 from traverse.daemon.store.database import MessageDatabase
@@ -105,8 +105,8 @@ class CaptureMachine(CaptureBench):
     def disk_keeps(self, n):
         """Some of what waits, in one transaction; then all hear of it."""
         group, self.waiting = self.waiting[:n], self.waiting[n:]
-        self.store.add([entry_of(session, point) for session, point in group])
-        for _, point in group:
+        self.store.add([entry for _, entry in group])
+        for point, _ in group:
             self.published.append(point)
             assert self.in_flight.keep() is point
 

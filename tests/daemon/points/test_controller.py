@@ -9,7 +9,7 @@ import pytest
 from tests.daemon.arm_harness import IDENTITIES, ArmBench, edge
 from tests.daemon.two_devices import BEGIN_NS, base, true_counts, wrist
 from tests.daemon.values import ARM, arm_model
-from traverse.daemon.points.capture import CaptureRefusedError
+from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.points.request_queue import MAX_PENDING
 from traverse.drivers.base.values import DeviceLost, DeviceUp, StreamStarted
 from traverse.kinematics.model.forward import probe_centre

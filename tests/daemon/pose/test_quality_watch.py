@@ -7,8 +7,8 @@ import pytest
 
 from tests.daemon.values import PoseMaker, SetClock, arm_model
 from traverse.daemon.config.schema import EndStopSection, QualitySection
+from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.points.capture import CaptureRefusedError
 from traverse.daemon.pose.quality_watch import QualityMonitor
 from traverse.protocol.messages import QualityFlag
 

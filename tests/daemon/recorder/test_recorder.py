@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from tests.daemon.recorder.recorded_runs import RecordedRun, replayed
-from traverse.daemon.commands.dispatcher import CommandError
 from traverse.daemon.commands.recording import RecordingCommands
+from traverse.daemon.errors import RequestRefusedError
 from traverse.drivers.base.values import CountSamples
 from traverse.protocol.messages import Event, RecordArgs
 from traverse.recording.run_reader import RunReader
@@ -154,7 +154,9 @@ async def test_a_recording_without_room_is_refused_and_measuring_goes_on(tmp_pat
         await until(lambda: told(run, "recording.failed"))
         run.click()
         requests = RecordingCommands(run.recorder)
-        with pytest.raises(CommandError, match=r"only [0-9]+ MB are free") as refusal:
+        with pytest.raises(
+            RequestRefusedError, match=r"only [0-9]+ MB are free"
+        ) as refusal:
             await requests.carry_out(RecordArgs(action="start", name="asked"))
         assert run.recorder.health().state == "failed"
         run.later(0.5)
@@ -177,7 +179,7 @@ async def test_a_disk_that_fails_stops_the_recording_alone(tmp_path):
             resource.setrlimit(resource.RLIMIT_FSIZE, limits)
             run.click()
             run.later(0.1)
-            with pytest.raises(CommandError, match="nothing is being recorded"):
+            with pytest.raises(RequestRefusedError, match="nothing is being recorded"):
                 await RecordingCommands(run.recorder).carry_out(
                     RecordArgs(action="stop")
                 )
@@ -198,12 +200,12 @@ async def test_names_are_used_once_and_one_recording_runs_at_a_time(tmp_path):
         requests = RecordingCommands(run.recorder)
         start = RecordArgs(action="start", name="one", note="n")
         assert (await requests.carry_out(start))["name"] == "one"
-        with pytest.raises(CommandError, match="'one' is being recorded"):
+        with pytest.raises(RequestRefusedError, match="'one' is being recorded"):
             await requests.carry_out(RecordArgs(action="start", name="two"))
         run.later(0.2)
         result = await requests.carry_out(RecordArgs(action="stop"))
         assert result["gaps"] == 0
-        with pytest.raises(CommandError, match="is there already"):
+        with pytest.raises(RequestRefusedError, match="is there already"):
             await requests.carry_out(start)
     assert [e.code for e in run.events] == ["recording.started", "recording.stopped"]
 

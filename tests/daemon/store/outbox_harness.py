@@ -48,9 +48,10 @@ class OutboxOnLoop:
                 "id": session.next_id,
             }
         )
-        keeping = self.outbox.keep(session, point)
+        keeping = self.outbox.put(point, session.begun_ns, session.note)
         if keeping is not None:
             session.add(point)
+            keeping.roll_back = lambda: session.roll_back(point)
         return keeping
 
     async def take_all(self, n):

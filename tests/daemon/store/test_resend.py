@@ -5,7 +5,7 @@ import pytest
 from tests.daemon.store.outbox_entries import entries, rows
 from tests.daemon.store.outbox_harness import OutboxOnLoop, numbers
 from tests.end_to_end.programs import until
-from traverse.daemon.commands.dispatcher import CommandError
+from traverse.daemon.errors import RequestRefusedError
 from traverse.daemon.store.resend import MAX_RANGES
 from traverse.protocol.messages import ResendArgs
 
@@ -84,7 +84,7 @@ async def test_too_many_ranges_at_once_are_refused_with_what_to_do(bench):
     again = ResendArgs(session=bench.session.id)
     for _ in range(MAX_RANGES):
         await bench.outbox.resend(again)
-    with pytest.raises(CommandError, match="ranges are being sent") as caught:
+    with pytest.raises(RequestRefusedError, match="ranges are being sent") as caught:
         await bench.outbox.resend(again)
     assert caught.value.code == "resend.busy"
     await bench.send_until(1000)

@@ -4,8 +4,8 @@ import pytest
 
 from tests.daemon.store.scan_store_harness import POINTS, Bench
 from tests.protocol.message_examples import SCAN
-from traverse.daemon.commands.dispatcher import CommandError
 from traverse.daemon.commands.resend import ResendCommands
+from traverse.daemon.errors import RequestRefusedError
 from traverse.protocol.messages import ResendArgs
 
 
@@ -68,5 +68,5 @@ async def test_scans_are_listed_and_unknown_ones_are_nothing(tmp_path):
         assert (unknown["blocks"], unknown["session"]) == (0, None)
         for _ in range(32):
             bench.spool._passage.again.send("a", 0, 9)
-        with pytest.raises(CommandError, match="32 ranges"):
+        with pytest.raises(RequestRefusedError, match="32 ranges"):
             await requests.carry_out(ResendArgs(scan="a"))
