@@ -1,7 +1,7 @@
 """The standards by their names in commands, and what each asks for.
 
 What belongs to which test is said by the ids of the artefacts in `campaign.toml`, and
-by features; docs/reference/acceptance.md lists them.
+by features; docs/acceptance.md lists them.
 """
 
 from collections.abc import Callable, Iterator, Mapping

@@ -15,9 +15,9 @@ from tests.client.virtual_daemon import VirtualDaemon
 CHECKOUT = Path(__file__).parent.parent.parent
 EXAMPLES = CHECKOUT / "examples"
 PAGES = {
-    "notebook": "points-in-a-notebook.md",
-    "follow": "read-points-from-your-software.md",
-    "store": "read-points-from-your-software.md",
+    "notebook": "read-points-in-your-program.md",
+    "follow": "read-points-in-your-program.md",
+    "store": "read-points-in-your-program.md",
 }
 
 

@@ -15,7 +15,6 @@ RUN: Final = {
     "docs/how-to/connect-a-board.md": "tests/docs/test_bench_guides.py",
     "docs/how-to/read-points-in-your-program.md": "tests/docs/test_bench_guides.py",
     "docs/how-to/record-and-replay.md": "tests/docs/test_bench_guides.py",
-    "docs/how-to/points-after-an-outage.md": "tests/docs/test_bench_guides.py",
     "docs/how-to/export-points.md": "tests/docs/test_bench_guides.py",
     "docs/mqtt.md": "tests/docs/test_bench_guides.py",
     "docs/how-to/arm-file-from-dh-or-urdf.md": "tests/docs/test_office_guides.py",

@@ -17,7 +17,6 @@ BY_HAND = "docs/mqtt.md"
 OTHERS = (
     "docs/how-to/read-points-in-your-program.md",
     "docs/how-to/record-and-replay.md",
-    "docs/how-to/points-after-an-outage.md",
     "docs/how-to/export-points.md",
 )
 ENDLESS = {"traverse run": "arm bench-7", "traverse watch": '"arm":"bench-7"'}
