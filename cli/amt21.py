@@ -180,7 +180,7 @@ def _answering(line: "Amt21Line", addresses: Sequence[int]) -> list[dict[str, An
     Raises:
         DeviceError: none.
     """
-    from traverse.drivers.amt21.line import Answer  # noqa: PLC0415
+    from traverse.drivers.amt21.line import TimedValue  # noqa: PLC0415
     from traverse.drivers.base.values import DeviceError  # noqa: PLC0415
     from traverse.protocol.amt21 import (  # noqa: PLC0415
         position_request,
@@ -199,7 +199,9 @@ def _answering(line: "Amt21Line", addresses: Sequence[int]) -> list[dict[str, An
             {
                 "address": address,
                 "position": position,
-                "turns": turns_of(turns.value) if isinstance(turns, Answer) else None,
+                "turns": turns_of(turns.value)
+                if isinstance(turns, TimedValue)
+                else None,
             }
         )
     if not found:
@@ -211,7 +213,7 @@ def _answering(line: "Amt21Line", addresses: Sequence[int]) -> list[dict[str, An
 
 
 def _value(line: "Amt21Line", request: bytes) -> int | None:
-    from traverse.drivers.amt21.line import Answer  # noqa: PLC0415
+    from traverse.drivers.amt21.line import TimedValue  # noqa: PLC0415
 
     answers = (line.ask(request) for _ in range(TRIES))
-    return next((a.value for a in answers if isinstance(a, Answer)), None)
+    return next((a.value for a in answers if isinstance(a, TimedValue)), None)

@@ -15,7 +15,7 @@ from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
 from traverse.daemon.state_dir import OUTBOX, SCANS, state_path
 from traverse.daemon.store.outbox import Outbox
 from traverse.daemon.store.scan_store import ScanStore
-from traverse.drivers.base.heartbeat import Pulse
+from traverse.drivers.base.heartbeat import Heartbeat
 from traverse.protocol.encoding import Encoding
 
 
@@ -101,9 +101,9 @@ class Output:
             yield
 
     @property
-    def pulses(self) -> tuple[Pulse, ...]:
+    def heartbeats(self) -> tuple[Heartbeat, ...]:
         """Signs of life of the threads that write."""
-        return (self.outbox.pulse, self.recorder.pulse, *self.spool.pulses)
+        return (self.outbox.heartbeat, self.recorder.heartbeat, *self.spool.heartbeats)
 
     def use(self, configuration: Configuration) -> None:
         """Go by a new configuration."""

@@ -131,7 +131,7 @@ class Service:
             publisher=self._publisher,
             figures=lambda: self._reports.health(anew=False),
             waiting=lambda: self._output.outbox.health().unsent,
-            pulses=lambda: self._output.pulses,
+            heartbeats=lambda: self._output.heartbeats,
         )
         self._output.told = self._life.look_at
 

@@ -47,7 +47,7 @@ class ReplayOptions(DriverOptions):
         return self.file
 
 
-class Replay(Driver):
+class ReplayDriver(Driver):
     """Plays one device of a recording.
 
     Args:
@@ -150,7 +150,7 @@ class Replay(Driver):
         while not self._stopping:
             if self._is_asked and self._stream is not None:
                 self._is_asked = False
-                self._tell(self._stream)
+                self._deliver_state(self._stream)
             self._report_counters()
             left_s = (self._moved(at_ns) - self._now_ns()) * 1e-9
             if left_s <= 0.0:
@@ -183,11 +183,11 @@ class Replay(Driver):
                 identity = replace(
                     delivery.identity, latches=False, max_rate_hz=rate_hz
                 )
-                self._tell(DeviceUp(self.device, identity, delivery.restarted))
+                self._deliver_state(DeviceUp(self.device, identity, delivery.restarted))
             case StreamStarted():
                 rate_hz = delivery.rate_hz * self._speed
                 self._stream = StreamStarted(self.device, delivery.stream, rate_hz)
-                self._tell(self._stream)
+                self._deliver_state(self._stream)
             case _:
                 self._delivery_queue.put(replace(delivery, device=self.device))
 

@@ -12,8 +12,8 @@ from types import FrameType
 from traverse.kinematics.arm_file.arm import FileError, Problem, read_strict
 from traverse.simulator.clock import MonotonicClock
 from traverse.simulator.config import SimulatorConfig, config_problems
-from traverse.simulator.devices.device import Mounting, make_device
-from traverse.simulator.motions import Replay
+from traverse.simulator.devices.device import DeviceContext, make_device
+from traverse.simulator.motions import ReplayMotion
 from traverse.simulator.pacing import live_fast, live_real
 from traverse.simulator.scenario.faults import of_device
 from traverse.simulator.scenario.wiring import ScriptClock
@@ -46,7 +46,7 @@ def _run(path: Path) -> int:
     folder = path.parent
     arm = build_arm(config, folder, str(path))
     script = build_script(config, arm, folder, str(path))
-    replayed = isinstance(config.motion[0], Replay)
+    replayed = isinstance(config.motion[0], ReplayMotion)
     course = None if replayed else build_course(config, arm, script)
     sources = build_sources(config, arm, course, folder)
     clock = ScriptClock(0.0 if config.start == "power_up" else None)
@@ -66,7 +66,7 @@ def _run(path: Path) -> int:
         )
         devices = []
         for number, table in enumerate(config.device):
-            mounting = Mounting(
+            mounting = DeviceContext(
                 folder,
                 arm.encoders[number],
                 sources[number],

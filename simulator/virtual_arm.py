@@ -21,8 +21,8 @@ from traverse.simulator.effects import (
     on_true_axes,
 )
 from traverse.simulator.effects.faulty_arm import faulty_arm
-from traverse.simulator.motions import Replay
-from traverse.simulator.motions.stage import Operator, Stage, UnreachableError
+from traverse.simulator.motions import ReplayMotion
+from traverse.simulator.motions.stage import CourseBuilder, Operator, UnreachableError
 from traverse.simulator.scenario.course import Course
 from traverse.simulator.scenario.recorded_counts import read_recording, recorded_counts
 from traverse.simulator.scenario.script import Script
@@ -121,7 +121,7 @@ def build_script(
     Raises:
         FileError: Naming the motions with targets that the arm cannot reach.
     """
-    stage = Stage(
+    stage = CourseBuilder(
         Reach(
             arm.truth.mechanism,
             arm.limits_rad,
@@ -165,7 +165,7 @@ def build_sources(
     if course is not None:
         return [ScriptedCounts(course, encoders) for encoders in arm.encoders]
     first = config.motion[0]
-    if not isinstance(first, Replay):
+    if not isinstance(first, ReplayMotion):
         raise ValueError(f"a {first.kind} is no replay and needs a course")
     recording = read_recording(folder / first.file)
     names = [

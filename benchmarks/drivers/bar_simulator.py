@@ -13,7 +13,11 @@ from benchmarks.drivers.bar_devices import Make
 from traverse.simulator.arm.physics import probe_pose
 from traverse.simulator.clock import MonotonicClock
 from traverse.simulator.config import SimulatorConfig
-from traverse.simulator.devices.device import Mounting, SimulatedDevice, make_device
+from traverse.simulator.devices.device import (
+    DeviceContext,
+    SimulatedDevice,
+    make_device,
+)
 from traverse.simulator.pacing import live_real
 from traverse.simulator.scenario.climate import ClimateTable
 from traverse.simulator.scenario.course import Course
@@ -111,7 +115,7 @@ class Stage:
     def device(self) -> SimulatedDevice:
         """The device on its ports."""
         encoders = self.arm.encoders[0]
-        mounting = Mounting(
+        mounting = DeviceContext(
             self.folder,
             encoders,
             ScriptedCounts(self.course, encoders),

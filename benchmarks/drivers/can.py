@@ -30,7 +30,7 @@ from traverse.drivers.base.values import (
     StreamStarted,
 )
 from traverse.drivers.canopen.driver import CanOpenDriver
-from traverse.drivers.canopen.sync_cycles import Cycles
+from traverse.drivers.canopen.sync_cycles import SyncCycleAssembler
 
 NODES = (1, 2, 3, 4, 5, 6, 7)
 RATE_HZ = 1000.0
@@ -209,7 +209,9 @@ def dispatch(n_syncs: int = 20_000) -> str:
     ]
     moduli = [1 << 24] * len(NODES)
     counts = [0] * len(NODES)
-    cycles = Cycles("arm", NODES, moduli, counts, lambda _: None, late_ns=10**8)
+    cycles = SyncCycleAssembler(
+        "arm", NODES, moduli, counts, lambda _: None, late_ns=10**8
+    )
     cycles.restart(1)
     begun_ns = time.thread_time_ns()
     for k in range(n_syncs):

@@ -27,8 +27,8 @@ from traverse.drivers.base.values import Delivery
 from traverse.simulator.arm.trajectory import Trajectory, spline_pieces
 from traverse.simulator.clock import MonotonicClock
 from traverse.simulator.config import SimulatorConfig
-from traverse.simulator.devices.amt21 import Amt21Line, Amt21Table
-from traverse.simulator.devices.device import Mounting
+from traverse.simulator.devices.amt21 import Amt21Table, SimulatedAmt21Line
+from traverse.simulator.devices.device import DeviceContext
 from traverse.simulator.pacing import live_real
 from traverse.simulator.scenario.climate import ClimateTable
 from traverse.simulator.scenario.course import Course
@@ -78,7 +78,7 @@ class Moving:
 
     course: Course
     model: ArmModel
-    mounting: Mounting
+    mounting: DeviceContext
     table: Amt21Table
 
 
@@ -115,7 +115,7 @@ def moving(
     course = Course(script, arm.faulty, ClimateTable(), 0.0)
     late = {"kind": "late", "probability": 0.5, "delay_s": case.jitter_s}
     clock = ScriptClock(0.0)
-    mounting = Mounting(
+    mounting = DeviceContext(
         folder,
         arm.encoders[0],
         ScriptedCounts(course, arm.encoders[0]),
@@ -138,7 +138,7 @@ def read_virtually(
     now = VirtualTime(seconds)
     cable = Cable(now)
     with lines_through([cable]):
-        now.devices.append(Amt21Line(arm.table, arm.mounting))
+        now.devices.append(SimulatedAmt21Line(arm.table, arm.mounting))
     straight = Straight(now.over)
     driver = Amt21Driver(
         "base",
@@ -157,7 +157,7 @@ def read_virtually(
 def read_really(arm: Moving, case: Case, seconds: float) -> tuple[list[Delivery], int]:
     """The same through a pty, the encoders in a process of their own."""
     clock = MonotonicClock()
-    line = Amt21Line(arm.table, arm.mounting)
+    line = SimulatedAmt21Line(arm.table, arm.mounting)
     fork = multiprocessing.get_context("fork")
     life = fork.Process(
         target=live_real,

@@ -17,7 +17,7 @@ from unittest.mock import patch
 
 from traverse.drivers.base.driver import Driver
 from traverse.drivers.base.values import Delivery, DeviceError
-from traverse.simulator.scenario.signals import Frame
+from traverse.simulator.scenario.signals import OutgoingFrame
 
 FIRST_NS = 10**12
 AFTERWARDS_S = 0.001  # real time that a wait takes once all is over
@@ -184,7 +184,7 @@ class DeviceEnd:
         data, self._cable.to_device = self._cable.to_device, b""
         return data
 
-    def write(self, frames: Sequence[Frame]) -> int:
+    def write(self, frames: Sequence[OutgoingFrame]) -> int:
         """Send."""
         self._cable.to_host += b"".join(frame.data for frame in frames)
         return 0

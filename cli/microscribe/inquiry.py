@@ -13,7 +13,7 @@ from traverse.drivers.microscribe.identification import (
     read_identification,
 )
 from traverse.drivers.microscribe.line import MicroscribeLine
-from traverse.drivers.microscribe.session import BAUD_RATES, signed_on
+from traverse.drivers.microscribe.session import BAUD_RATES, sign_on_at_any_rate
 from traverse.kinematics.arm_file.arm import FileError, Problem
 from traverse.protocol.microscribe.session import DH_FORMAT, kinematics_of
 
@@ -63,7 +63,7 @@ def _session(
     """A session with the arm; ends with the block."""
     wake_read, wake_write = os.pipe2(os.O_NONBLOCK)
     try:
-        line, box, rate = signed_on(
+        line, box, rate = sign_on_at_any_rate(
             lambda rate: SerialPort(port, rate, wake_read),
             rates,
             time.monotonic_ns,

@@ -25,7 +25,7 @@ from traverse.daemon.recorder.thread import RecorderThread
 from traverse.daemon.step_listener import StepListener
 from traverse.daemon.store.pending_write import PendingWrite
 from traverse.drivers.base.delivery_maps import delivery_kind
-from traverse.drivers.base.heartbeat import Pulse
+from traverse.drivers.base.heartbeat import Heartbeat
 from traverse.drivers.base.values import Delivery
 from traverse.protocol.messages import Event, Message, Point
 from traverse.protocol.messages.recording_health import RecordingHealth
@@ -82,9 +82,9 @@ class Recorder(StepListener):
         )
 
     @property
-    def pulse(self) -> Pulse:
+    def heartbeat(self) -> Heartbeat:
         """Signs of life of its thread."""
-        return self._thread.pulse
+        return self._thread.heartbeat
 
     async def __aenter__(self) -> Self:
         self._thread.start()

@@ -22,7 +22,7 @@ from traverse.daemon.recorder.manual_recording import (
 from traverse.daemon.recorder.notification import Told, reason_of
 from traverse.daemon.recorder.pre_trigger_buffer import PreTriggerBuffer
 from traverse.daemon.recorder.retrying_flight import RetryingFlightRecorder
-from traverse.drivers.base.heartbeat import Pulse
+from traverse.drivers.base.heartbeat import Heartbeat
 from traverse.protocol.messages import Scan
 from traverse.recording.run_writer import Entry
 
@@ -46,7 +46,7 @@ class RecorderThread:
         tell: hands a value to the loop.
 
     Attributes:
-        pulse: the thread's signs of life.
+        heartbeat: the thread's signs of life.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class RecorderThread:
         self._named: ManualRecording | None = None
         self._flushed_s = 0.0
         self._ended = False
-        self.pulse = Pulse("thread of recordings")
+        self.heartbeat = Heartbeat("thread of recordings")
         self._thread = threading.Thread(target=self._run, name="recorder")
 
     @property
@@ -144,7 +144,7 @@ class RecorderThread:
         try:
             self._guarded.recover_crashed()
             while not self._ended:
-                self.pulse.beat(TURN_S)
+                self.heartbeat.beat(TURN_S)
                 items = self._queue.take()
                 begun_s = time.monotonic()
                 for item in items:
@@ -165,7 +165,7 @@ class RecorderThread:
                 self._stop_named(error)
             self._refuse_rest()
         finally:
-            self.pulse.rest()
+            self.heartbeat.idle()
 
     def _take(self, item: Item) -> None:
         if item.kind == "job":

@@ -13,7 +13,7 @@ from traverse.daemon.store.records import Entry, StorageError
 from traverse.daemon.store.resend import TOGETHER as RESEND_BATCH
 from traverse.daemon.store.resend import RangeResender
 from traverse.daemon.store.writer import StoreWriter
-from traverse.drivers.base.heartbeat import Pulse
+from traverse.drivers.base.heartbeat import Heartbeat
 
 
 class MessageForwarder:
@@ -83,9 +83,9 @@ class MessageForwarder:
         self.again = RangeResender(queue, self.ask, resent_together)
 
     @property
-    def pulse(self) -> Pulse:
+    def heartbeat(self) -> Heartbeat:
         """Signs of life of the thread."""
-        return self._thread.pulse
+        return self._thread.heartbeat
 
     async def open(self) -> None:
         """Start the thread; where the disk refuses, it tries again and again.

@@ -22,7 +22,7 @@ from traverse.daemon.store.forwarder import MessageForwarder
 from traverse.daemon.store.jobs import Condition, Rules
 from traverse.daemon.store.pending_write import PendingWrite, PendingWrites
 from traverse.daemon.store.records import Entry, StorageError, stored_message_of
-from traverse.drivers.base.heartbeat import Pulse
+from traverse.drivers.base.heartbeat import Heartbeat
 from traverse.protocol.encoding import Encoding, encode
 from traverse.protocol.messages import OutboxHealth, Point, ResendArgs
 from traverse.protocol.topics import point_topic
@@ -90,9 +90,9 @@ class Outbox:
         )
 
     @property
-    def pulse(self) -> Pulse:
+    def heartbeat(self) -> Heartbeat:
         """Signs of life of its thread."""
-        return self._passage.pulse
+        return self._passage.heartbeat
 
     @contextlib.asynccontextmanager
     async def running(self) -> AsyncIterator[None]:

@@ -36,7 +36,7 @@ from traverse.daemon.store.records import (
 from traverse.daemon.store.scan_queries import block_id
 from traverse.daemon.store.scan_resend import ScanResend
 from traverse.daemon.store.scan_store_events import ScanStoreEvents
-from traverse.drivers.base.heartbeat import Pulse
+from traverse.drivers.base.heartbeat import Heartbeat
 from traverse.protocol.encoding import Encoding, encode
 from traverse.protocol.messages import Scan, SpoolHealth
 from traverse.protocol.topics import scan_topic
@@ -113,9 +113,9 @@ class ScanStore:
         self.again = ScanResend(self._passage.again, lambda: self._is_open)
 
     @property
-    def pulses(self) -> tuple[Pulse, ...]:
+    def heartbeats(self) -> tuple[Heartbeat, ...]:
         """Signs of life of its thread, while there is one."""
-        return (self._passage.pulse,) if self._is_open else ()
+        return (self._passage.heartbeat,) if self._is_open else ()
 
     @property
     def _is_open(self) -> bool:

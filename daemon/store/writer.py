@@ -22,7 +22,7 @@ from traverse.daemon.store.database import DAY_NS, MessageDatabase
 from traverse.daemon.store.jobs import Ask, Condition, Job, Keep, Rules
 from traverse.daemon.store.records import Entry, StorageError, StoreRefusedError
 from traverse.daemon.store.resilient_database import ResilientDatabase
-from traverse.drivers.base.heartbeat import Pulse
+from traverse.drivers.base.heartbeat import Heartbeat
 
 log = logging.getLogger("traverse.daemon.outbox")
 
@@ -51,7 +51,7 @@ class StoreWriter:
         name: of the thread.
 
     Attributes:
-        pulse: the thread's signs of life.
+        heartbeat: the thread's signs of life.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class StoreWriter:
         self._failed_generation = -1
         self._kept_s = -COMMIT_INTERVAL_S
         self._opened: asyncio.Future[None] = self._loop.create_future()
-        self.pulse = Pulse(f"thread of the {name}")
+        self.heartbeat = Heartbeat(f"thread of the {name}")
         self._thread = threading.Thread(target=self._run, name=name)
 
     async def start(self) -> None:
@@ -125,13 +125,13 @@ class StoreWriter:
         waiting: deque[Job | None] = deque()
         looked_s = time.monotonic()
         while True:
-            self.pulse.beat(TURN_S)
+            self.heartbeat.beat(TURN_S)
             self._take_all(waiting)
             while waiting:
-                self.pulse.beat(TURN_S)
+                self.heartbeat.beat(TURN_S)
                 if waiting[0] is None:
                     self._keeper.close()
-                    self.pulse.rest()
+                    self.heartbeat.idle()
                     return
                 self._do_next(waiting)
             if time.monotonic() - looked_s >= LOOK_S:

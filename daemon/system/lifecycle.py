@@ -31,7 +31,7 @@ from traverse.daemon.system.memory import trim_memory_periodically
 from traverse.daemon.system.realtime import prepare
 from traverse.daemon.system.systemd import Notifier, StatusLine, Watchdog
 from traverse.drivers.base.driver import CLOSE_S
-from traverse.drivers.base.heartbeat import Pulse
+from traverse.drivers.base.heartbeat import Heartbeat
 from traverse.drivers.base.values import Delivery
 from traverse.protocol.messages import Health
 
@@ -52,7 +52,7 @@ class ServiceLifecycle:
         publisher: whose connection is told of.
         figures: the health of now, without beginning anew.
         waiting: points that the broker does not have yet.
-        pulses: signs of life of all threads but the readers.
+        heartbeats: signs of life of all threads but the readers.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class ServiceLifecycle:
         publisher: BrokerConnection,
         figures: Callable[[], Health],
         waiting: Callable[[], int],
-        pulses: Callable[[], Iterable[Pulse]],
+        heartbeats: Callable[[], Iterable[Heartbeat]],
     ) -> None:
         self._configuration = configuration
         self._devices = devices
@@ -78,7 +78,7 @@ class ServiceLifecycle:
         self._figures = figures
         self._waiting = waiting
         self._notifier = notifier
-        self._watchdog = Watchdog(notifier, devices, pulses, events)
+        self._watchdog = Watchdog(notifier, devices, heartbeats, events)
         self._collections = GarbageCollectionTimer(health.latencies["collection"])
         handling = health.latencies["handling"]
         self._cycles = CycleLog(clock, self._collections, handling)

@@ -4,7 +4,7 @@ Lines such as `READY=1` go as one datagram to the socket that `$NOTIFY_SOCKET` n
 Without it, as when the daemon is started by hand, nothing is sent.
 
 The watchdog is fed as long as measuring really goes on: every thread that measures,
-stores or records has a `Pulse`, which is checked before each feeding. The event loop
+stores or records has a `Heartbeat`, which is checked before each feeding. The event loop
 proves itself by feeding at all, and by taking what readers deliver. A stuck thread
 stops the feeding, and systemd restarts the daemon. A device that is gone is not stuck:
 its reader keeps trying.
@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterable, Mapping
 
 from traverse.daemon.acquisition.device import Device
 from traverse.daemon.monitoring.events import EventLog
-from traverse.drivers.base.heartbeat import Pulse
+from traverse.drivers.base.heartbeat import Heartbeat
 
 ABSTRACT = "@"  # how the name of a socket outside the file system begins
 
@@ -151,7 +151,7 @@ class Watchdog:
     Args:
         notifier: to the service manager.
         devices: all of the configuration.
-        pulses: gives the signs of life of all other threads.
+        heartbeats: gives the signs of life of all other threads.
         events: where it is told who is stuck.
     """
 
@@ -159,12 +159,12 @@ class Watchdog:
         self,
         notifier: Notifier,
         devices: Iterable[Device],
-        pulses: Callable[[], Iterable[Pulse]],
+        heartbeats: Callable[[], Iterable[Heartbeat]],
         events: EventLog,
     ) -> None:
         self._notifier = notifier
         self._devices = list(devices)
-        self._pulses = pulses
+        self._heartbeats = heartbeats
         self._events = events
         self._last_taken: dict[str, int | None] = {}
         self._stuck: set[str] = set()
@@ -191,10 +191,16 @@ class Watchdog:
         return not found
 
     def _found(self) -> Iterable[tuple[str, str]]:
-        for pulse in (*(d.driver.pulse for d in self._devices), *self._pulses()):
-            silent_s = pulse.overdue_s(self._limit_s)
+        for heartbeat in (
+            *(d.driver.heartbeat for d in self._devices),
+            *self._heartbeats(),
+        ):
+            silent_s = heartbeat.overdue_s(self._limit_s)
             if silent_s is not None:
-                yield pulse.name, f"the {pulse.name} has not moved for {silent_s:.1f} s"
+                yield (
+                    heartbeat.name,
+                    f"the {heartbeat.name} has not moved for {silent_s:.1f} s",
+                )
         for device in self._devices:
             name, delivery_queue = device.section.id, device.delivery_queue
             before, self._last_taken[name] = self._last_taken.get(name), None

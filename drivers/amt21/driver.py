@@ -12,12 +12,12 @@ from typing import Literal
 
 from pydantic import Field, field_validator
 
-from traverse.drivers.amt21.line import Amt21Line, Answer
+from traverse.drivers.amt21.line import Amt21Line, TimedValue
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.options import DriverOptions
 from traverse.drivers.io.byte_port import BytePort, OpenPort
 from traverse.drivers.io.serial_port import SerialPort
-from traverse.drivers.polling.channel import PolledChannel, ReadError, Reading
+from traverse.drivers.polling.channel import EncoderReading, PolledChannel, ReadError
 from traverse.drivers.polling.polled_driver import (
     PolledDriver,
     WaitForWake,
@@ -125,7 +125,7 @@ class Amt21Driver(PolledDriver):
         self._port: BytePort | None = None
         self._line: Amt21Line | None = None
         self._turns_checked_ns = [0] * len(addresses)
-        self._strays_before = 0
+        self._unrequested_before = 0
 
     def _open(self) -> tuple[str, Sequence[PolledChannel]]:
         self._port = self._open_port(self._path, self._baud_rate, self._wake_read)
@@ -150,7 +150,7 @@ class Amt21Driver(PolledDriver):
 
     def _disconnect(self) -> None:
         if self._line is not None:
-            self._strays_before += self._line.strays
+            self._unrequested_before += self._line.unrequested_bytes
             self._line = None
         if self._port is not None:
             self._port.close()
@@ -159,13 +159,15 @@ class Amt21Driver(PolledDriver):
     def _cycle_is_valid(self) -> bool:
         line = self._open_line()
         sound = line.take_validity()
-        self._counters["stray_bytes"] = self._strays_before + line.strays
+        self._counters["stray_bytes"] = (
+            self._unrequested_before + line.unrequested_bytes
+        )
         self._counters["exchange_us"] = round(line.exchange_ns * 1e-3)
         self._counters["longest_exchange_us"] = round(line.longest_ns * 1e-3)
         self._counters["echoed"] = int(line.echoed)
         return sound
 
-    def _read_channel(self, channel: int) -> Reading | ReadError:
+    def _read_channel(self, channel: int) -> EncoderReading | ReadError:
         if not self._turns:
             return self._position(channel)
         known = self._channels[channel]
@@ -174,18 +176,18 @@ class Amt21Driver(PolledDriver):
         reading = self._position(channel)
         if isinstance(reading, ReadError):
             return reading
-        return Reading(self._nearest(known, reading.count), reading.time_ns)
+        return EncoderReading(self._nearest(known, reading.count), reading.time_ns)
 
-    def _position(self, channel: int) -> Reading | ReadError:
+    def _position(self, channel: int) -> EncoderReading | ReadError:
         answer = self._ask(channel, amt21.position_request(self._addresses[channel]))
         if isinstance(answer, ReadError):
             return answer
         unused = amt21.VALUE_BITS - self._bits
         if answer.value & ((1 << unused) - 1):
             return WRONG_BITS
-        return Reading(answer.value >> unused, answer.time_ns)
+        return EncoderReading(answer.value >> unused, answer.time_ns)
 
-    def _position_and_turns(self, channel: int) -> Reading | ReadError:
+    def _position_and_turns(self, channel: int) -> EncoderReading | ReadError:
         """A position between two readings of the turns, which tell whether 0 passed."""
         request = amt21.turns_request(self._addresses[channel])
         before = self._ask(channel, request)
@@ -211,8 +213,8 @@ class Amt21Driver(PolledDriver):
                 f"{known.name} says {turns} whole turns, which is not what was counted",
                 "check a known point before measuring on",
             )
-            known.forget()
-        return Reading(count, position.time_ns)
+            known.reset()
+        return EncoderReading(count, position.time_ns)
 
     def _turns_are_due(self, channel: int, last_ns: int) -> bool:
         """Long ago, or the shaft may have made half a turn unseen."""
@@ -227,7 +229,7 @@ class Amt21Driver(PolledDriver):
         step = (position - known.count + turn // 2) % turn - turn // 2
         return (known.count + step) % known.modulus
 
-    def _ask(self, channel: int, request: bytes) -> Answer | ReadError:
+    def _ask(self, channel: int, request: bytes) -> TimedValue | ReadError:
         patient = not self._channels[channel].missing
         return self._open_line().ask(request, patient=patient)
 

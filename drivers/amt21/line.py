@@ -39,7 +39,7 @@ GARBLED = ReadError(
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class TimedValue:
     """The 14 bits of a reply, and the middle of the exchange that brought it."""
 
     value: int
@@ -76,7 +76,7 @@ class Amt21Line:
         self.echoed = echoed
         self.exchange_ns = 0.0
         self.longest_ns = 0
-        self.strays = 0
+        self.unrequested_bytes = 0
         self._disturbed = False
         self._missed = False
 
@@ -109,7 +109,7 @@ class Amt21Line:
             "check power, wires A and B, addresses and baud rate",
         )
 
-    def ask(self, request: bytes, *, patient: bool = True) -> Answer | ReadError:
+    def ask(self, request: bytes, *, patient: bool = True) -> TimedValue | ReadError:
         """Send a request and wait for its reply.
 
         Args:
@@ -130,13 +130,13 @@ class Amt21Line:
                 whole = reply.feed(self._port.read())
             received_ns = self._now_ns()
         if reply.surplus:
-            self._note_strays(reply.surplus, timeout_ns)
+            self._count_unrequested(reply.surplus, timeout_ns)
         if reply.value is None:
             return self._failed(reply, whole, timeout_ns)
         self._learn(received_ns - sent_ns)
         if received_ns - sent_ns > timeout_ns:  # it was there, but nobody looked
             return SLOW
-        return Answer(reply.value, (sent_ns + received_ns) // 2)
+        return TimedValue(reply.value, (sent_ns + received_ns) // 2)
 
     def command(self, request: bytes) -> None:
         """Send what is not answered, and swallow whatever comes back."""
@@ -148,7 +148,7 @@ class Amt21Line:
         if self._missed:
             # The reply that was given up may come yet, or have displaced others.
             if late := self._until_quiet(self._usual_ns()):
-                self.strays += len(late)
+                self.unrequested_bytes += len(late)
                 self._disturbed = True
         else:
             self._clear(self._timeout_ns)
@@ -160,7 +160,7 @@ class Amt21Line:
         self._missed = True
         quiet_ns = min(timeout_ns, self._usual_ns()) if whole else timeout_ns
         # What comes now is this encoder's, and harms nobody.
-        self.strays += len(self._until_quiet(quiet_ns))
+        self.unrequested_bytes += len(self._until_quiet(quiet_ns))
         if whole:
             return GARBLED
         return SHORT if reply.begun else SILENT
@@ -168,11 +168,11 @@ class Amt21Line:
     def _clear(self, quiet_ns: int) -> None:
         """Read away what nobody has asked for, if there is any."""
         if self._port.wait(0.0):
-            self._note_strays(len(self._port.read()), quiet_ns)
+            self._count_unrequested(len(self._port.read()), quiet_ns)
 
-    def _note_strays(self, n_bytes: int, quiet_ns: int) -> None:
+    def _count_unrequested(self, n_bytes: int, quiet_ns: int) -> None:
         self._disturbed = True
-        self.strays += n_bytes + len(self._until_quiet(quiet_ns))
+        self.unrequested_bytes += n_bytes + len(self._until_quiet(quiet_ns))
 
     def _until_quiet(self, quiet_ns: int) -> bytes:
         """What comes until nothing has come for a time; the first 64 bytes."""

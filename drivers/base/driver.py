@@ -18,7 +18,7 @@ from types import TracebackType
 from typing import ClassVar, Self
 
 from traverse.drivers.base.delivery_queue import DeliveryQueue
-from traverse.drivers.base.heartbeat import Pulse
+from traverse.drivers.base.heartbeat import Heartbeat
 from traverse.drivers.base.options import DriverOptions
 from traverse.drivers.base.values import (
     DeviceCounters,
@@ -51,7 +51,7 @@ class Driver(ABC):
 
     Attributes:
         options: what its table in the configuration may say.
-        pulse: the reader thread's signs of life.
+        heartbeat: the reader thread's signs of life.
         thread: the reader thread.
     """
 
@@ -72,7 +72,7 @@ class Driver(ABC):
         self._wake_lock = threading.Lock()
         self._closed = False
         self._wake_read, self._wake_write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
-        self.pulse = Pulse(f"reader of {device}", monotonic_ns)
+        self.heartbeat = Heartbeat(f"reader of {device}", monotonic_ns)
         # One that is stuck must not keep the program from ending.
         self.thread = threading.Thread(
             target=self._run, name=f"driver-{device}", daemon=True
@@ -156,7 +156,7 @@ class Driver(ABC):
 
     def _report_counters(self) -> None:
         """Tell the counters now and then; called at every turn of `_serve`."""
-        self.pulse.beat()
+        self.heartbeat.beat()
         now_ns = self._now_ns()
         if now_ns < self._counters_due_ns:
             return
@@ -169,7 +169,7 @@ class Driver(ABC):
         self._counters[code] += count
         self._delivery_queue.put(DeviceFault(self.device, code, text, remedy, count))
 
-    def _tell(self, state: DeviceUp | StreamStarted) -> None:
+    def _deliver_state(self, state: DeviceUp | StreamStarted) -> None:
         """Deliver what the consumer must not miss.
 
         Raises:
@@ -186,9 +186,9 @@ class Driver(ABC):
         while not self._stopping:
             lost = None
             try:
-                self.pulse.beat(CONNECT_S)
+                self.heartbeat.beat(CONNECT_S)
                 self._connect()
-                self.pulse.beat()
+                self.heartbeat.beat()
                 retry_s, told = FIRST_RETRY_S, None
                 self._serve()
             except (DeviceError, OSError) as error:
@@ -210,10 +210,10 @@ class Driver(ABC):
                 told = lost
             self._pause(retry_s)
             retry_s = min(2 * retry_s, LAST_RETRY_S)
-        self.pulse.rest()
+        self.heartbeat.idle()
 
     def _pause(self, seconds: float) -> None:
         until_ns = self._now_ns() + int(seconds * 1e9)
         while not self._stopping and (left_ns := until_ns - self._now_ns()) > 0:
-            self.pulse.beat()
+            self.heartbeat.beat()
             time.sleep(min(left_ns * 1e-9, 0.05))

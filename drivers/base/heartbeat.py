@@ -1,14 +1,14 @@
 """A thread's signs of life, which somebody else looks at.
 
 A thread that works says `beat` at every turn of its loop; one that has nothing to do
-by design says `rest` first. What has not beaten for longer than it may is stuck.
+by design says `idle` first. What has not beaten for longer than it may is stuck.
 """
 
 import time
 from collections.abc import Callable
 
 
-class Pulse:
+class Heartbeat:
     """Beaten by one thread, read by another; no lock, since it is one value.
 
     Args:
@@ -21,15 +21,15 @@ class Pulse:
     ) -> None:
         self.name = name
         self._now_ns = monotonic_ns
-        self._beaten: tuple[int, int] | None = None
+        self._last_beat: tuple[int, int] | None = None
 
     def beat(self, allowed_s: float = 0.0) -> None:
         """The thread goes on; what follows may take ``allowed_s``."""
-        self._beaten = self._now_ns(), int(allowed_s * 1e9)
+        self._last_beat = self._now_ns(), int(allowed_s * 1e9)
 
-    def rest(self) -> None:
+    def idle(self) -> None:
         """The thread waits for work, or has ended in order."""
-        self._beaten = None
+        self._last_beat = None
 
     def overdue_s(self, limit_s: float) -> float | None:
         """For how long it has been silent, if that is longer than it may be.
@@ -37,7 +37,7 @@ class Pulse:
         Args:
             limit_s: how long any turn may take, where no longer one was told.
         """
-        beaten = self._beaten
+        beaten = self._last_beat
         if beaten is None:
             return None
         since_ns, allowed_ns = beaten

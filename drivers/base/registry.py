@@ -9,14 +9,14 @@ from traverse.drivers.base.driver import Driver
 
 DRIVERS = {
     "canopen": "traverse.drivers.canopen.driver:CanOpenDriver",
-    "latch-board": "traverse.drivers.latch_board.driver:LatchBoard",
+    "latch-board": "traverse.drivers.latch_board.driver:LatchBoardDriver",
     "amt21": "traverse.drivers.amt21.driver:Amt21Driver",
-    "modbus": "traverse.drivers.modbus.driver:Modbus",
-    "rls": "traverse.drivers.rls.driver:Rls",
-    "microscribe": "traverse.drivers.microscribe.driver:Microscribe",
+    "modbus": "traverse.drivers.modbus.driver:ModbusDriver",
+    "rls": "traverse.drivers.rls.driver:RlsDriver",
+    "microscribe": "traverse.drivers.microscribe.driver:MicroscribeDriver",
     "gpio": "traverse.drivers.triggers.gpio:GpioDriver",
     "evdev": "traverse.drivers.triggers.evdev:EvdevDriver",
-    "replay": "traverse.drivers.replay:Replay",
+    "replay": "traverse.drivers.replay:ReplayDriver",
 }
 """Name in the configuration: module and class."""
 

@@ -18,7 +18,7 @@ STORE_S = 2.0  # writing to its memory takes an encoder longer than an answer ma
 
 
 @dataclass(slots=True)
-class Heard:
+class NodeActivity:
     """What has come of a node without being asked for.
 
     Attributes:
@@ -43,7 +43,7 @@ class FoundNode:
     """
 
     node: int
-    heard: Heard
+    heard: NodeActivity
     device_type: int | None
     facts: NodeFacts | None
     problem: str
@@ -68,7 +68,7 @@ class Commissioning:
         self._bus = CanBus(interface, channel, bit_rate)
         self._answer_s = answer_s
         self._sdos: dict[int, NodeSdo] = {}
-        self._heard: dict[int, Heard] = {}
+        self._heard: dict[int, NodeActivity] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -158,7 +158,7 @@ class Commissioning:
             message = wire.decode(can_id, data)
             if message is None or isinstance(message, wire.Sync):
                 continue
-            heard = self._heard.setdefault(message.node, Heard())
+            heard = self._heard.setdefault(message.node, NodeActivity())
             if isinstance(message, wire.Heartbeat):
                 heard.state = message.state
             elif isinstance(message, wire.Emergency):

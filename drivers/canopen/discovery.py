@@ -10,7 +10,7 @@ from traverse.drivers.base.values import (
     DeviceRefusedError,
     Identity,
 )
-from traverse.drivers.canopen.node import NodeFacts, read_facts, set_up
+from traverse.drivers.canopen.node import NodeFacts, read_facts, set_up_node
 from traverse.drivers.canopen.options import CanOpenOptions
 from traverse.drivers.canopen.sdo import NodeSdo
 from traverse.drivers.io.can_bus import CanBus
@@ -25,7 +25,7 @@ JITTER_NS = {"socketcan": 50_000}
 ADAPTER_JITTER_NS = 1_000_000
 
 
-class Roll:
+class NodeDiscovery:
     """Who answers when all are asked at once.
 
     Attributes:
@@ -35,14 +35,14 @@ class Roll:
 
     def __init__(self, nodes: Sequence[int]) -> None:
         self._nodes = nodes
-        self.answers: Counter[int] = Counter()
-        self.asked: Counter[int] = Counter()
+        self.n_answers: Counter[int] = Counter()
+        self.n_requests: Counter[int] = Counter()
 
-    def call(
+    def query_all(
         self,
         bus: CanBus,
-        turn: Callable[[float], None],
-        wanted: CanOpenOptions,
+        poll_bus: Callable[[float], None],
+        options: CanOpenOptions,
         now_ns: Callable[[], int],
         stopping: Callable[[], bool],
     ) -> None:
@@ -50,63 +50,65 @@ class Roll:
 
         Args:
             bus: open.
-            turn: reads it once and counts answers in `answers`.
-            wanted: the options.
+            poll_bus: reads it once and counts answers in `n_answers`.
+            options: of the driver.
             now_ns: the host's clock.
             stopping: asked between waits; True ends the call.
         """
-        for _ in range(wanted.answer_tries):
+        for _ in range(options.answer_tries):
             for node in self.silent:
-                self.asked[node] += 1
+                self.n_requests[node] += 1
                 bus.send(wire.SDO_REQUEST + node, ASK_DEVICE_TYPE)
-            until_ns = now_ns() + int(wanted.answer_s * 1e9)
+            until_ns = now_ns() + int(options.answer_s * 1e9)
             while self.silent and (left_ns := until_ns - now_ns()) > 0:
                 if stopping():
                     return
-                turn(min(left_ns * 1e-9, 0.01))
+                poll_bus(min(left_ns * 1e-9, 0.01))
 
-    def confirm(
+    def recheck_duplicates(
         self,
         bus: CanBus,
-        turn: Callable[[float], None],
-        wanted: CanOpenOptions,
+        poll_bus: Callable[[float], None],
+        options: CanOpenOptions,
         now_ns: Callable[[], int],
         stopping: Callable[[], bool],
     ) -> None:
         """Ask those once more that answered too often, when nothing late comes.
 
         A slow node may still answer what it was asked on an earlier connection, or
-        while it was starting; that does not make it two. Arguments are as for `call`.
+        while it was starting; that does not make it two. Arguments: see `query_all`.
         """
-        if not (doubtful := self.doubled):
+        if not (doubtful := self.duplicates):
             return
 
         def heard_for(seconds: float) -> bool:
-            before = self.answers.total()
+            before = self.n_answers.total()
             until_ns = now_ns() + int(seconds * 1e9)
             while (left_ns := until_ns - now_ns()) > 0 and not stopping():
-                turn(min(left_ns * 1e-9, 0.01))
-            return self.answers.total() != before
+                poll_bus(min(left_ns * 1e-9, 0.01))
+            return self.n_answers.total() != before
 
-        for _ in range(wanted.answer_tries):
-            if not heard_for(wanted.answer_s):
+        for _ in range(options.answer_tries):
+            if not heard_for(options.answer_s):
                 break
         for node in doubtful:
-            self.answers[node], self.asked[node] = 0, 1
+            self.n_answers[node], self.n_requests[node] = 0, 1
             bus.send(wire.SDO_REQUEST + node, ASK_DEVICE_TYPE)
-        heard_for(wanted.answer_s)
+        heard_for(options.answer_s)
 
     @property
     def silent(self) -> list[int]:
         """Nodes that have not answered."""
-        return [node for node in self._nodes if not self.answers[node]]
+        return [node for node in self._nodes if not self.n_answers[node]]
 
     @property
-    def doubled(self) -> list[int]:
+    def duplicates(self) -> list[int]:
         """Nodes that have answered more often than they were asked."""
-        return [node for node in self._nodes if self.answers[node] > self.asked[node]]
+        return [
+            node for node in self._nodes if self.n_answers[node] > self.n_requests[node]
+        ]
 
-    def check(self, where: str) -> None:
+    def raise_if_missing(self, where: str) -> None:
         """Raise DeviceNotFoundError where nodes were silent."""
         silent = self.silent
         if not silent:
@@ -124,7 +126,7 @@ class Roll:
 
 
 @dataclass(frozen=True, slots=True)
-class Started:
+class NodeSetup:
     """All nodes as they were found.
 
     Attributes:
@@ -136,7 +138,7 @@ class Started:
     forgotten: bool
 
 
-def set_up_nodes(sdos: Mapping[int, NodeSdo], wanted: CanOpenOptions) -> Started:
+def set_up_nodes(sdos: Mapping[int, NodeSdo], options: CanOpenOptions) -> NodeSetup:
     """Read and set up all nodes; they are not started yet.
 
     Raises:
@@ -146,7 +148,7 @@ def set_up_nodes(sdos: Mapping[int, NodeSdo], wanted: CanOpenOptions) -> Started
     for node, sdo in sdos.items():
         try:
             found = read_facts(sdo, node)
-            forgotten |= set_up(sdo, found, wanted)
+            forgotten |= set_up_node(sdo, found, options)
             facts.append(found)
         except DeviceError as error:
             failures.append(error)
@@ -154,15 +156,15 @@ def set_up_nodes(sdos: Mapping[int, NodeSdo], wanted: CanOpenOptions) -> Started
         raise DeviceRefusedError(
             "; ".join(str(error) for error in failures), failures[0].remedy
         )
-    return Started(tuple(facts), forgotten)
+    return NodeSetup(tuple(facts), forgotten)
 
 
-def identity_of(
-    facts: Sequence[NodeFacts], where: str, wanted: CanOpenOptions
+def bus_identity(
+    facts: Sequence[NodeFacts], where: str, options: CanOpenOptions
 ) -> Identity:
     """Who all the nodes together are, in the words of all drivers."""
-    rate_hz = BUS_SHARE * wire.largest_sync_rate_hz(len(facts), wanted.bitrate)
-    if wanted.interface == "slcan":
+    rate_hz = BUS_SHARE * wire.largest_sync_rate_hz(len(facts), options.bitrate)
+    if options.interface == "slcan":
         rate_hz = min(rate_hz, SLCAN_FRAMES_HZ / (len(facts) + 1))
     versions = sorted({f"{fact.profile or 0:08X}" for fact in facts})
     return Identity(
@@ -173,7 +175,7 @@ def identity_of(
         float(int(rate_hz)),
         latches=False,
         counts_per_turn=tuple(fact.counts_per_turn for fact in facts),
-        jitter_ns=JITTER_NS.get(wanted.interface, ADAPTER_JITTER_NS),
+        jitter_ns=JITTER_NS.get(options.interface, ADAPTER_JITTER_NS),
     )
 
 

@@ -18,17 +18,17 @@ from traverse.drivers.base.driver import ASK_S, Driver
 from traverse.drivers.base.values import DeviceUp, StreamStarted
 from traverse.drivers.canopen.discovery import (
     ASK_DEVICE_TYPE,
-    Roll,
-    identity_of,
+    NodeDiscovery,
+    bus_identity,
     set_up_nodes,
 )
-from traverse.drivers.canopen.frame_dispatcher import Reading
+from traverse.drivers.canopen.frame_dispatcher import FrameDispatcher
 from traverse.drivers.canopen.loss_reports import Losses
 from traverse.drivers.canopen.node_watch import Conditions, NodeMonitor
 from traverse.drivers.canopen.options import CanOpenOptions
 from traverse.drivers.canopen.sdo import NodeSdo
 from traverse.drivers.canopen.supervisor import NodeSupervisor
-from traverse.drivers.canopen.sync_cycles import Cycles
+from traverse.drivers.canopen.sync_cycles import SyncCycleAssembler
 from traverse.drivers.canopen.sync_source import SyncScheduler
 from traverse.drivers.io.can_bus import CanBus
 from traverse.protocol.canopen import frames as wire
@@ -58,7 +58,7 @@ class CanOpenDriver(Driver):
         **options: object,
     ) -> None:
         super().__init__(device, delivery_queue, monotonic_ns)
-        self._set = CanOpenOptions.model_validate(options)
+        self._options = CanOpenOptions.model_validate(options)
         # Written by the service, read by the thread.
         self._rate_hz = 0.0
         self._streams_wanted = 0
@@ -69,7 +69,7 @@ class CanOpenDriver(Driver):
         self._begin_anew()
 
     def _begin_anew(self) -> None:
-        self._reading: Reading | None = None
+        self._dispatcher: FrameDispatcher | None = None
         self._streams_begun = 0
 
     def request_stream(self, rate_hz: float) -> None:
@@ -81,128 +81,146 @@ class CanOpenDriver(Driver):
     # -- in the driver's thread ------------------------------------------------
 
     def _connect(self) -> None:
-        wanted = self._set
+        options = self._options
         bus = CanBus(
-            wanted.interface,
-            wanted.channel,
-            wanted.bitrate,
+            options.interface,
+            options.channel,
+            options.bitrate,
             wake_fd=self._wake_read,
             monotonic_ns=self._now_ns,
-            identifiers=wire.identifiers(wanted.nodes),
+            identifiers=wire.identifiers(options.nodes),
         )
-        reading = self._reading = Reading(bus, wanted.nodes, self._counters)
-        for node in wanted.nodes:
+        dispatcher = self._dispatcher = FrameDispatcher(
+            bus, options.nodes, self._counters
+        )
+        for node in options.nodes:
             bus.send(wire.NMT, wire.nmt_command(wire.PRE_OPERATIONAL, node))
-        roll = reading.roll = Roll(wanted.nodes)
-        roll.call(bus, self._turn, wanted, self._now_ns, self._is_stopping)
-        roll.check(bus.name)
-        roll.confirm(bus, self._turn, wanted, self._now_ns, self._is_stopping)
-        reading.roll = None
-        sdos = reading.sdos = {
+        discovery = dispatcher.discovery = NodeDiscovery(options.nodes)
+        discovery.query_all(
+            bus, self._poll_bus, options, self._now_ns, self._is_stopping
+        )
+        discovery.raise_if_missing(bus.name)
+        discovery.recheck_duplicates(
+            bus, self._poll_bus, options, self._now_ns, self._is_stopping
+        )
+        dispatcher.discovery = None
+        sdos = dispatcher.sdos = {
             node: NodeSdo(
                 node,
                 bus,
-                self._turn,
+                self._poll_bus,
                 stopping=self._is_stopping,
-                answer_s=wanted.answer_s,
-                tries=wanted.answer_tries,
+                answer_s=options.answer_s,
+                tries=options.answer_tries,
                 monotonic_ns=self._now_ns,
             )
-            for node in wanted.nodes
+            for node in options.nodes
         }
         for node, sdo in sdos.items():
-            sdo.expect(ASK_DEVICE_TYPE, roll.asked[node] - roll.answers[node])
-        started = set_up_nodes(sdos, wanted)
-        cycles = reading.cycles = Cycles(
+            sdo.expect(
+                ASK_DEVICE_TYPE, discovery.n_requests[node] - discovery.n_answers[node]
+            )
+        started = set_up_nodes(sdos, options)
+        cycles = dispatcher.cycles = SyncCycleAssembler(
             self.device,
-            wanted.nodes,
+            options.nodes,
             [fact.modulus for fact in started.facts],
             [fact.position for fact in started.facts],
             self._delivery_queue.put,
-            late_ns=int(wanted.late_s * 1e9),
+            late_ns=int(options.late_s * 1e9),
         )
-        reading.train = SyncScheduler(bus, wanted.sync, self._fault, self._now_ns)
-        for node in wanted.nodes:
+        dispatcher.scheduler = SyncScheduler(
+            bus, options.sync, self._fault, self._now_ns
+        )
+        for node in options.nodes:
             bus.send(wire.NMT, wire.nmt_command(wire.START, node))
         now_ns = self._now_ns()
-        watch = NodeMonitor(wanted.nodes, wanted.heartbeat_ms, self._conditions, now_ns)
-        reading.upkeep = NodeSupervisor(
+        watch = NodeMonitor(
+            options.nodes, options.heartbeat_ms, self._conditions, now_ns
+        )
+        dispatcher.supervisor = NodeSupervisor(
             bus,
             list(sdos.values()),
             started.facts,
             cycles,
             watch,
             self._conditions,
-            wanted,
+            options,
             self._now_ns,
             self._fault,
-            Losses(bus, wanted.nodes, cycles, self._fault, self._counters),
+            Losses(bus, options.nodes, cycles, self._fault, self._counters),
         )
         restarted = started.forgotten and not self._first
-        identity = identity_of(started.facts, bus.name, wanted)
-        self._tell(DeviceUp(self.device, identity, restarted))
+        identity = bus_identity(started.facts, bus.name, options)
+        self._deliver_state(DeviceUp(self.device, identity, restarted))
         self._first = False
         for channel, fact in enumerate(started.facts):
             watch.complaints(channel, fact.alarms, fact.warnings)
-            if fact.node in roll.doubled:
+            if fact.node in discovery.duplicates:
                 watch.duplicate(channel, now_ns, "two answers to one question")
 
     def _serve(self) -> None:
-        upkeep = None if self._reading is None else self._reading.upkeep
-        while upkeep is not None and not self._stopping:
+        supervisor = None if self._dispatcher is None else self._dispatcher.supervisor
+        while supervisor is not None and not self._stopping:
             self._begin_wanted_stream()
-            self._turn(IDLE_S)
-            upkeep.act()
+            self._poll_bus(IDLE_S)
+            supervisor.act()
             self._report_counters()
 
     def _disconnect(self) -> None:
-        if self._reading is not None:
-            self._reading.close()
+        if self._dispatcher is not None:
+            self._dispatcher.close()
         self._begin_anew()
 
     def _is_stopping(self) -> bool:
         return self._stopping
 
-    def _turn(self, limit_s: float) -> None:
+    def _poll_bus(self, limit_s: float) -> None:
         """Send a SYNC if it is time, read the bus once, hand over what is finished.
 
         Also called while a transfer waits for its answer.
         """
-        self.pulse.beat(ASK_S)
-        reading = self._reading
-        if reading is None:
+        self.heartbeat.beat(ASK_S)
+        dispatcher = self._dispatcher
+        if dispatcher is None:
             return
-        cycles, train = reading.cycles, reading.train
-        if cycles is None or train is None:
-            reading.read(limit_s)
+        cycles, scheduler = dispatcher.cycles, dispatcher.scheduler
+        if cycles is None or scheduler is None:
+            dispatcher.read(limit_s)
             return
-        limit_s = min(limit_s, train.turn(cycles, reading.read_out))
-        if train.is_fast:  # waking for each frame costs more than the frame
+        limit_s = min(limit_s, scheduler.advance(cycles, dispatcher.read_out))
+        if scheduler.is_fast:  # waking for each frame costs more than the frame
             pause_s = min(limit_s, COALESCE_S)
             time.sleep(pause_s)
             limit_s -= pause_s
-        reading.read(limit_s)
+        dispatcher.read(limit_s)
         cycles.flush(self._now_ns())
-        if reading.upkeep is not None:
-            reading.upkeep.observe()
+        if dispatcher.supervisor is not None:
+            dispatcher.supervisor.observe()
 
     # -- streams ---------------------------------------------------------------
 
     def _begin_wanted_stream(self) -> None:
-        if self._streams_begun == (wanted := self._streams_wanted):
+        if self._streams_begun == (options := self._streams_wanted):
             return
-        self._streams_begun = wanted
-        reading, rate_hz = self._reading, self._rate_hz
-        if reading is None or reading.train is None or reading.cycles is None:
+        self._streams_begun = options
+        dispatcher, rate_hz = self._dispatcher, self._rate_hz
+        if (
+            dispatcher is None
+            or dispatcher.scheduler is None
+            or dispatcher.cycles is None
+        ):
             return
-        train, cycles = reading.train, reading.cycles
-        train.stop()
+        scheduler, cycles = dispatcher.scheduler, dispatcher.cycles
+        scheduler.stop()
         cycles.end(self._now_ns())
         if not rate_hz:
             return
         self._stream += 1
         cycles.restart(self._stream)
-        if self._set.sync == "external":  # these SYNCs cannot be held back to be sure
-            cycles.trust((1 << len(self._set.nodes)) - 1)
-        self._tell(StreamStarted(self.device, self._stream, rate_hz))
-        train.start(rate_hz)
+        if (
+            self._options.sync == "external"
+        ):  # these SYNCs cannot be held back to be sure
+            cycles.reset_attribution((1 << len(self._options.nodes)) - 1)
+        self._deliver_state(StreamStarted(self.device, self._stream, rate_hz))
+        scheduler.start(rate_hz)

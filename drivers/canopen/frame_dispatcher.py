@@ -3,10 +3,10 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from traverse.drivers.canopen.discovery import Roll
+from traverse.drivers.canopen.discovery import NodeDiscovery
 from traverse.drivers.canopen.sdo import NodeSdo
 from traverse.drivers.canopen.supervisor import NodeSupervisor
-from traverse.drivers.canopen.sync_cycles import Cycles
+from traverse.drivers.canopen.sync_cycles import SyncCycleAssembler
 from traverse.drivers.canopen.sync_source import SyncScheduler
 from traverse.drivers.io.can_bus import MOST_AT_ONCE, CanBus
 from traverse.drivers.io.can_socket import FRAMES_LOST
@@ -16,7 +16,7 @@ from traverse.protocol.canopen.errors import ERROR_FLAG
 MOST_READS = 50  # before a SYNC; a bus brings no more in the time that they take
 
 
-class Reading:
+class FrameDispatcher:
     """What is read on one connection; its parts come as the nodes are brought up.
 
     Args:
@@ -25,11 +25,11 @@ class Reading:
         counters: of the driver.
 
     Attributes:
-        roll: counts answers while all nodes are called.
+        discovery: counts answers while all nodes are called.
         sdos: by node; take answers from then on.
         cycles: take positions once there are SYNCs.
-        train: knows the SYNCs that are sent or seen.
-        upkeep: looks after the nodes that were started.
+        scheduler: knows the SYNCs that are sent or seen.
+        supervisor: looks after the nodes that were started.
     """
 
     def __init__(
@@ -38,11 +38,11 @@ class Reading:
         self._bus, self._counters = bus, counters
         self._channels = {node: channel for channel, node in enumerate(nodes)}
         self._echoes = False
-        self.roll: Roll | None = None
+        self.discovery: NodeDiscovery | None = None
         self.sdos: Mapping[int, NodeSdo] = {}
-        self.cycles: Cycles | None = None
-        self.train: SyncScheduler | None = None
-        self.upkeep: NodeSupervisor | None = None
+        self.cycles: SyncCycleAssembler | None = None
+        self.scheduler: SyncScheduler | None = None
+        self.supervisor: NodeSupervisor | None = None
 
     def read(self, limit_s: float) -> int:
         """Take what has come, or comes in so many seconds; how many frames it was.
@@ -68,20 +68,20 @@ class Reading:
 
     def close(self) -> None:
         """Send no more SYNCs and close the bus; never raises."""
-        if self.train is not None:
-            self.train.stop()
+        if self.scheduler is not None:
+            self.scheduler.stop()
         self._bus.close()
 
     def _dispatch(self, can_id: int, data: bytes | bytearray, time_ns: int) -> None:
-        upkeep = self.upkeep
+        supervisor = self.supervisor
         if can_id == FRAMES_LOST:
             if self.cycles is not None:
                 self.cycles.note_lost_frames()
             return
         if can_id & ERROR_FLAG:
             self._counters["error_frames"] += 1
-            if upkeep is not None:
-                upkeep.error_frame(can_id, data, time_ns)
+            if supervisor is not None:
+                supervisor.error_frame(can_id, data, time_ns)
             return
         message = wire.decode(can_id, data)
         if isinstance(message, wire.Sync):
@@ -94,22 +94,22 @@ class Reading:
             self._echoes |= can_id - wire.SDO_REQUEST in self._channels
             return
         if isinstance(message, wire.SdoAnswer):
-            if self.roll is not None:
-                self.roll.answers[message.node] += 1
+            if self.discovery is not None:
+                self.discovery.n_answers[message.node] += 1
             elif message.node in self.sdos:
                 self.sdos[message.node].take(message.data)
-        if upkeep is None:
+        if supervisor is None:
             return
-        upkeep.watch.heard(channel, time_ns)
+        supervisor.watch.seen(channel, time_ns)
         if isinstance(message, wire.Heartbeat):
-            upkeep.watch.heartbeat(channel, message.state, time_ns)
+            supervisor.watch.heartbeat(channel, message.state, time_ns)
         elif isinstance(message, wire.Emergency):
-            upkeep.emergency(channel, message)
+            supervisor.emergency(channel, message)
 
     def _take_sync(self, time_ns: int) -> None:
-        if self.cycles is None or self.train is None:
+        if self.cycles is None or self.scheduler is None:
             return
-        if self.train.seen is not None:
-            self.cycles.sync(time_ns, self.train.seen.take(time_ns))
-        elif self.train.sent is not None and not self._echoes:
+        if self.scheduler.seen is not None:
+            self.cycles.sync(time_ns, self.scheduler.seen.take(time_ns))
+        elif self.scheduler.sent is not None and not self._echoes:
             self._counters["foreign_syncs"] += 1

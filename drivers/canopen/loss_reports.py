@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Sequence
 
-from traverse.drivers.canopen.sync_cycles import Cycles
+from traverse.drivers.canopen.sync_cycles import SyncCycleAssembler
 from traverse.drivers.io.can_bus import CanBus
 
 COUNTED = {
@@ -32,7 +32,7 @@ class Losses:
         self,
         bus: CanBus,
         nodes: Sequence[int],
-        cycles: Cycles,
+        cycles: SyncCycleAssembler,
         report_fault: Fault,
         counters: Counter[str],
     ) -> None:

@@ -96,7 +96,7 @@ def read_facts(sdo: NodeSdo, node: int) -> NodeFacts:
     )
 
 
-def set_up(sdo: NodeSdo, facts: NodeFacts, wanted: CanOpenOptions) -> bool:
+def set_up_node(sdo: NodeSdo, facts: NodeFacts, options: CanOpenOptions) -> bool:
     """Let a node send its position at every SYNC; nothing is stored in it.
 
     Returns:
@@ -106,10 +106,10 @@ def set_up(sdo: NodeSdo, facts: NodeFacts, wanted: CanOpenOptions) -> bool:
     Raises:
         NodeError: it does not answer, or refuses.
     """
-    forgotten = sdo.find_number(objects.HEARTBEAT_MS) != wanted.heartbeat_ms
-    if wanted.code_sequence != "keep":
+    forgotten = sdo.find_number(objects.HEARTBEAT_MS) != options.heartbeat_ms
+    if options.code_sequence != "keep":
         parameters = facts.parameters & ~objects.COUNTERCLOCKWISE
-        parameters |= objects.COUNTERCLOCKWISE * (wanted.code_sequence == "ccw")
+        parameters |= objects.COUNTERCLOCKWISE * (options.code_sequence == "ccw")
         if parameters != facts.parameters:
             sdo.write(objects.OPERATING_PARAMETERS, 0, parameters, 2)
     _map_position(sdo, facts.node)
@@ -119,7 +119,7 @@ def set_up(sdo: NodeSdo, facts: NodeFacts, wanted: CanOpenOptions) -> bool:
             # One that cannot be switched off costs room on the bus and no more.
             with contextlib.suppress(NodeRefusedError):
                 sdo.write(objects.TPDO + further, 1, used | objects.PDO_OFF, 4)
-    sdo.write(objects.HEARTBEAT_MS, 0, wanted.heartbeat_ms, 2)
+    sdo.write(objects.HEARTBEAT_MS, 0, options.heartbeat_ms, 2)
     return forgotten
 
 

@@ -50,7 +50,7 @@ class Conditions:
     def begin(self, channel: int | None, code: str, text: str, value: int = 0) -> None:
         """It is so; told unless it was so before in the same words."""
         key = (channel, code)
-        if self._raised.get(key) != (text, value) and self._tell(
+        if self._raised.get(key) != (text, value) and self._deliver_state(
             key, True, text, value
         ):
             self._raised[key] = (text, value)
@@ -60,10 +60,10 @@ class Conditions:
         key = (channel, code)
         if key in self._raised:
             text, value = self._raised[key]
-            if self._tell(key, False, f"over: {text}", value):
+            if self._deliver_state(key, False, f"over: {text}", value):
                 del self._raised[key]
 
-    def _tell(
+    def _deliver_state(
         self, key: tuple[int | None, str], raised: bool, text: str, value: int
     ) -> bool:
         channel, code = key
@@ -88,7 +88,7 @@ class _Node:
     """
 
     number: int
-    heard_ns: int
+    last_seen_ns: int
     started_ns: int
     boot_ns: int = 0
     duplicate_ns: int = 0
@@ -127,14 +127,14 @@ class NodeMonitor:
             for code in ("node_lost", "duplicate_node", "emergency"):
                 conditions.end(channel, code)
 
-    def heard(self, channel: int, now_ns: int) -> None:
+    def seen(self, channel: int, now_ns: int) -> None:
         """Something of a node has come."""
-        self._nodes[channel].heard_ns = now_ns
+        self._nodes[channel].last_seen_ns = now_ns
 
     def heartbeat(self, channel: int, state: int, now_ns: int) -> None:
         """A node says in which state it is, or that it has just started."""
         node = self._nodes[channel]
-        node.heard_ns = now_ns
+        node.last_seen_ns = now_ns
         if state == wire.BOOT_UP:
             if node.boot_ns and now_ns - node.boot_ns < TWO_BOOT_UPS_NS:
                 self.duplicate(channel, now_ns, "two boot-ups at once")
@@ -190,8 +190,8 @@ class NodeMonitor:
     def look(self, now_ns: int) -> list[int]:
         """See who is lost or back; the channels that are to be set up again."""
         for channel, node in enumerate(self._nodes):
-            if now_ns - node.heard_ns > self._patience_ns:
-                silent_s = (now_ns - node.heard_ns) * 1e-9
+            if now_ns - node.last_seen_ns > self._patience_ns:
+                silent_s = (now_ns - node.last_seen_ns) * 1e-9
                 if not self._conditions.is_raised(channel, "node_lost"):
                     self._conditions.begin(
                         channel,
@@ -204,17 +204,17 @@ class NodeMonitor:
                 self._conditions.end(channel, "duplicate_node")
         return [c for c, n in enumerate(self._nodes) if n.wants_set_up or n.idle]
 
-    def set_up(self, channel: int, now_ns: int) -> None:
+    def mark_set_up(self, channel: int, now_ns: int) -> None:
         """A node has been set up and started again."""
         node = self._nodes[channel]
         node.wants_set_up = node.idle = False
         node.emergencies.clear()
-        node.heard_ns = node.started_ns = now_ns
+        node.last_seen_ns = node.started_ns = now_ns
         self._conditions.end(channel, "emergency")
 
     def all_lost(self, now_ns: int) -> bool:
         """Whether no node has been heard for as long as makes one lost."""
-        last_ns = max(node.heard_ns for node in self._nodes)
+        last_ns = max(node.last_seen_ns for node in self._nodes)
         return now_ns - last_ns > self._patience_ns
 
     def status(self, channel: int) -> int:

@@ -74,7 +74,7 @@ class NodeSdo(SdoClient):
         self,
         node: int,
         bus: CanBus,
-        turn: Callable[[float], None],
+        poll_bus: Callable[[float], None],
         *,
         stopping: Callable[[], bool],
         answer_s: float,
@@ -90,7 +90,7 @@ class NodeSdo(SdoClient):
         self.RESPONSE_TIMEOUT = answer_s
         self.MAX_RETRIES = tries
         self.name = f"node {node} on {bus.name}"
-        self._turn, self._stopping, self._now_ns = turn, stopping, monotonic_ns
+        self._poll_bus, self._stopping, self._now_ns = poll_bus, stopping, monotonic_ns
         self._answers: deque[bytes] = deque()
         self._waits = False
         self._object: bytes | None = None
@@ -191,7 +191,7 @@ class NodeSdo(SdoClient):
                 raise DeviceError(f"closed while asking {self.name}", "go on")
             if left_s <= 0:
                 raise SdoCommunicationError("no answer")
-            self._turn(min(left_s, SHORT_WAIT_S))
+            self._poll_bus(min(left_s, SHORT_WAIT_S))
         response = self._answers.popleft()
         if response[0] == ABORTED:
             raise SdoAbortedError(int.from_bytes(response[4:], "little"))

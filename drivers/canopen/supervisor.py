@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 from traverse.drivers.base.values import DeviceError
 from traverse.drivers.canopen.loss_reports import Fault, Losses
-from traverse.drivers.canopen.node import NodeFacts, read_facts, set_up
+from traverse.drivers.canopen.node import NodeFacts, read_facts, set_up_node
 from traverse.drivers.canopen.node_watch import Conditions, NodeMonitor
 from traverse.drivers.canopen.options import CanOpenOptions
 from traverse.drivers.canopen.sdo import NodeError, NodeSdo
-from traverse.drivers.canopen.sync_cycles import Cycles
+from traverse.drivers.canopen.sync_cycles import SyncCycleAssembler
 from traverse.drivers.io.can_bus import CanBus
 from traverse.protocol.canopen import frames as wire
 from traverse.protocol.canopen import objects
@@ -21,7 +21,7 @@ from traverse.protocol.canopen.errors import decode_error
 
 LOOK_NS = 50_000_000
 SET_UP_AGAIN_NS = 500_000_000
-UNCLEAR_NS = 500_000_000
+AMBIGUOUS_NS = 500_000_000
 BACK_ON_BUS_NS = 200_000_000
 
 
@@ -32,7 +32,7 @@ class NodeSupervisor:
     Attributes:
         sdos: by channel.
         facts: by channel, as they were found.
-        wanted: the options.
+        options: of the driver.
         report_fault: tells what was survived: code, text, remedy, how often.
         losses: tells what was lost.
     """
@@ -40,10 +40,10 @@ class NodeSupervisor:
     bus: CanBus
     sdos: Sequence[NodeSdo]
     facts: Sequence[NodeFacts]
-    cycles: Cycles
+    cycles: SyncCycleAssembler
     watch: NodeMonitor
     conditions: Conditions
-    wanted: CanOpenOptions
+    options: CanOpenOptions
     now_ns: Callable[[], int]
     report_fault: Fault
     losses: Losses
@@ -53,7 +53,7 @@ class NodeSupervisor:
     _status_turn: int = 0
     _set_up_due_ns: int = 0
     _bus_off_ns: int = 0
-    _clear_ns: int = 0
+    _certain_ns: int = 0
 
     def observe(self) -> None:
         """Note who lives and what was lost; asks nobody, so that it never waits.
@@ -67,7 +67,7 @@ class NodeSupervisor:
         self._look_due_ns = now_ns + LOOK_NS
         self._note_answers(now_ns)
         self.losses.tell()
-        self._restarted = self.watch.look(now_ns) or self._long_unclear(now_ns)
+        self._restarted = self.watch.look(now_ns) or self._long_ambiguous(now_ns)
         for channel in range(len(self.sdos)):
             self.cycles.status[channel] = self.watch.status(channel)
         if self.watch.all_lost(now_ns):
@@ -86,8 +86,8 @@ class NodeSupervisor:
         if self._restarted and now_ns >= self._set_up_due_ns:
             self._set_up_again(self._restarted[0])
             self._set_up_due_ns = self.now_ns() + SET_UP_AGAIN_NS
-        elif self.wanted.status_period_s and now_ns >= self._status_due_ns:
-            period_s = self.wanted.status_period_s / len(self.sdos)
+        elif self.options.status_period_s and now_ns >= self._status_due_ns:
+            period_s = self.options.status_period_s / len(self.sdos)
             self._status_due_ns = now_ns + int(period_s * 1e9)
             self._ask_complaints(self._status_turn)
             self._status_turn = (self._status_turn + 1) % len(self.sdos)
@@ -115,21 +115,23 @@ class NodeSupervisor:
             self.cycles.note_lost_frames()
             self.losses.report_overflow(1)
 
-    def _long_unclear(self, now_ns: int) -> list[int]:
+    def _long_ambiguous(self, now_ns: int) -> list[int]:
         """Who has to begin anew where SYNCs are another's, which cannot be paused."""
-        unclear = self.cycles.unclear
-        if not unclear or self.wanted.sync != "external":
-            self._clear_ns = now_ns
-        if now_ns - self._clear_ns < UNCLEAR_NS:
+        ambiguous = self.cycles.ambiguous
+        if not ambiguous or self.options.sync != "external":
+            self._certain_ns = now_ns
+        if now_ns - self._certain_ns < AMBIGUOUS_NS:
             return []
-        return [channel for channel in range(len(self.sdos)) if unclear >> channel & 1]
+        return [
+            channel for channel in range(len(self.sdos)) if ambiguous >> channel & 1
+        ]
 
     def _note_answers(self, now_ns: int) -> None:
         cycles = self.cycles
         seen, cycles.seen = cycles.seen, 0
         for channel in range(len(self.sdos)):
             if seen >> channel & 1:
-                self.watch.heard(channel, now_ns)
+                self.watch.seen(channel, now_ns)
         if seen and now_ns - self._bus_off_ns > BACK_ON_BUS_NS:
             self.conditions.end(None, "bus_off")
         for channel, n in cycles.duplicates.items():
@@ -161,13 +163,13 @@ class NodeSupervisor:
                     f", it had {known.counts_per_turn}",
                     "if it was replaced, correct the arm file and identify anew",
                 )
-            forgotten = set_up(sdo, found, self.wanted)
+            forgotten = set_up_node(sdo, found, self.options)
         except NodeError:
             return  # it stays lost; it is tried again
         self.bus.send(wire.NMT, wire.nmt_command(wire.START, known.node))
-        self.watch.set_up(channel, self.now_ns())
-        if self.wanted.sync == "external":
-            self.cycles.trust(1 << channel)
+        self.watch.mark_set_up(channel, self.now_ns())
+        if self.options.sync == "external":
+            self.cycles.reset_attribution(1 << channel)
         self._restarted = ()
         self.watch.complaints(channel, found.alarms, found.warnings)
         if forgotten:

@@ -1,15 +1,16 @@
-"""Which answers nodes owe, and when an answer is of its SYNC for certain.
+"""Which answers of nodes are pending, and when an answer is of its SYNC for certain.
 
 A position says nothing of the SYNC at which it was latched. The nth answer is of the
 nth SYNC as long as each SYNC was answered once, and in time. After a SYNC without an
 answer the next answer is of that one, late, or of its own: nothing in it tells. So a
-node that has owed an answer is believed again only
+node with a pending answer is believed again only
 
-- when it has made up for all it owed, by second answers between two SYNCs, or
+- when it has sent all that were pending, by second answers between two SYNCs, or
 - when no SYNC was sent, after one that it did answer, for so long that nothing late
   can come any more.
 
-The second is brought about on purpose: SYNCs pause (`Cycles.pause_until_ns`).
+The second is brought about on purpose: SYNCs pause
+(`SyncCycleAssembler.pause_until_ns`).
 """
 
 from collections.abc import Iterator
@@ -24,81 +25,83 @@ class SyncAttribution:
         n_nodes: how many.
 
     Attributes:
-        owing: has not answered some SYNC, and may do so yet.
-        spoiled: has answered more often than it was asked, or frames were lost that
+        pending: has not answered some SYNC, and may do so yet.
+        invalidated: has answered more often than it was asked, or frames were lost that
             may have been its own: no counting tells any more what its next answer is.
-        unseen: of those spoiled, by lost frames: a SYNC may have been among them, so a
-            second answer need not be one too many.
-        silent: has not answered the last SYNC.
-        fresh: was set up anew and has not answered since: it owes nothing.
+        maybe_unread: of those invalidated, by lost frames: a SYNC may have been among
+            them, so a second answer need not be one too many.
+        unanswered: has not answered the last SYNC.
+        newly_set_up: was set up anew and has not answered since: nothing is pending.
     """
 
     def __init__(self, n_nodes: int) -> None:
         self._all = (1 << n_nodes) - 1
-        self._owed = [0] * n_nodes
-        self.owing = self.spoiled = self.unseen = self.silent = self.fresh = 0
+        self._n_pending = [0] * n_nodes
+        self.pending = self.invalidated = self.maybe_unread = self.unanswered = (
+            self.newly_set_up
+        ) = 0
 
-    def unclear(self, answered: int) -> int:
+    def ambiguous(self, answered: int) -> int:
         """Who answers, but cannot be believed."""
-        return (self.owing | self.spoiled) & (answered | ~self.silent)
+        return (self.pending | self.invalidated) & (answered | ~self.unanswered)
 
-    def close(self, missed: int) -> None:
+    def record_missed(self, missed: int) -> None:
         """A SYNC is over; these have not answered it."""
-        self.silent = missed
-        self.fresh &= missed
-        owing = missed & ~self.fresh
-        self.owing |= owing
-        for channel in _channels(owing):
-            self._owed[channel] += 1
+        self.unanswered = missed
+        self.newly_set_up &= missed
+        pending = missed & ~self.newly_set_up
+        self.pending |= pending
+        for channel in _channels(pending):
+            self._n_pending[channel] += 1
 
     def resolve(self, channel: int) -> bool:
-        """Take one off what a node owes, if it owes any."""
+        """Take one off the pending answers of a node, if there are any."""
         bit = 1 << channel
-        if not self.owing & bit:
+        if not self.pending & bit:
             return False
-        self._owed[channel] -= 1
-        if not self._owed[channel]:
-            self.owing ^= bit
+        self._n_pending[channel] -= 1
+        if not self._n_pending[channel]:
+            self.pending ^= bit
         return True
 
-    def spoil(self, channels: int) -> None:
+    def invalidate(self, channels: int) -> None:
         """What these send is no longer to be had by counting."""
-        self.spoiled |= channels
+        self.invalidated |= channels
 
     def invalidate_all(self) -> None:
         """Frames were lost, of whom nobody knows."""
-        self.spoiled = self.unseen = self._all
+        self.invalidated = self.maybe_unread = self._all
 
     def expire(self) -> None:
         """Nothing late can come any more of those who have answered the last SYNC.
 
         Of the others no time is long enough: whoever stands still may come back with
-        all that it owes.
+        all that is pending.
         """
-        self._forget_pending(self._all & ~self.silent)
+        self._forget_pending(self._all & ~self.unanswered)
 
-    def trust(self, channels: int) -> None:
+    def reset(self, channels: int) -> None:
         """These have been set up anew: they begin with their next answer."""
         self._forget_pending(channels)
-        self.fresh |= channels
+        self.newly_set_up |= channels
 
-    def judge(self, status: bytearray, missed: int) -> bytearray:
+    def flag(self, status: bytearray, missed: int) -> bytearray:
         """The status of a set, from that of the nodes and from who has missed it."""
-        if not missed | self.owing | self.spoiled:
+        if not missed | self.pending | self.invalidated:
             return status
         told = bytearray(status)
         for channel in _channels(missed):
             told[channel] |= STATUS_MISSING
-        for channel in _channels((self.owing | self.spoiled) & ~missed):
+        for channel in _channels((self.pending | self.invalidated) & ~missed):
             told[channel] |= STATUS_LATE
         return told
 
     def _forget_pending(self, channels: int) -> None:
-        for channel in _channels(channels & (self.owing | self.spoiled)):
-            self._owed[channel] = 0
-        self.owing &= ~channels
-        self.spoiled &= ~channels
-        self.unseen &= ~channels
+        for channel in _channels(channels & (self.pending | self.invalidated)):
+            self._n_pending[channel] = 0
+        self.pending &= ~channels
+        self.invalidated &= ~channels
+        self.maybe_unread &= ~channels
 
 
 def _channels(mask: int) -> Iterator[int]:

@@ -3,9 +3,9 @@
 All nodes latch at a SYNC and answer one after the other, so a set is stamped with the
 instant of its SYNC and never with those of its frames. It is closed when all nodes have
 answered, or by the next SYNC; a node that has not answered is marked `STATUS_MISSING`.
-Sets in which a node owes an answer are held open until the next SYNC, so that the last
-of its answers counts; what may be of another SYNC is marked `STATUS_LATE`, until
-`drivers/canopen/sync_attribution.py` finds that it no longer can be.
+Sets in which an answer of a node is pending are held open until the next SYNC, so that
+the last of its answers counts; what may be of another SYNC is marked `STATUS_LATE`,
+until `drivers/canopen/sync_attribution.py` finds that it no longer can be.
 """
 
 from collections import Counter
@@ -21,7 +21,7 @@ BATCH_WINDOW_NS = 10_000_000  # samples of so long are handed over together
 PAUSE_EVERY = 5  # times ``late_ns`` at least: so much of the time SYNCs go on
 
 
-class Cycles:
+class SyncCycleAssembler:
     """Positions of one stream, gathered by SYNC.
 
     Args:
@@ -69,7 +69,7 @@ class Cycles:
         self._time_ns = 0
         self._answered = self._all
         self._late_ns = late_ns
-        self._debts = SyncAttribution(len(nodes))
+        self._attribution = SyncAttribution(len(nodes))
         self._overflowed = False  # frames were lost since the last SYNC
         self._no_pause_before_ns = self._no_wait_before_ns = 0
         self._seqs: list[int] = []
@@ -98,11 +98,11 @@ class Cycles:
             steps: instants of the schedule since the last one; more than 1 where
                 SYNCs were left out.
         """
-        unclear = self.unclear
+        ambiguous = self.ambiguous
         if self._open:
             self._close()
         if time_ns - self._time_ns >= self._late_ns:
-            self._after_pause(time_ns, unclear)
+            self._after_pause(time_ns, ambiguous)
         self._overflowed = False
         self._seq += steps
         self.lost += steps - 1
@@ -120,43 +120,43 @@ class Cycles:
             return True
         bit = 1 << channel
         self.seen |= bit
-        debts = self._debts
+        attribution = self._attribution
         if self._answered & bit:
             if not self._take_extra_answer(channel):
                 return True
-        elif debts.owing & bit:
+        elif attribution.pending & bit:
             self.doubtful[channel] += 1
         self._counts[channel] = wire.POSITION.unpack_from(data)[0]
         self._answered |= bit
-        if self._answered == self._all and self._open and not debts.owing:
+        if self._answered == self._all and self._open and not attribution.pending:
             self._close()
         return True
 
     def note_lost_frames(self) -> None:
         """Frames were lost before they could be read: nobody knows whose."""
-        self._debts.invalidate_all()
+        self._attribution.invalidate_all()
         self._overflowed = True
 
-    def trust(self, channels: int) -> None:
+    def reset_attribution(self, channels: int) -> None:
         """Nodes have been set up anew: what they owed they will not send any more."""
-        self._debts.trust(channels)
+        self._attribution.reset(channels)
 
     @property
-    def unclear(self) -> int:
+    def ambiguous(self) -> int:
         """Bit by channel: who answers, but cannot be believed without a pause."""
-        return self._debts.unclear(self._answered) if self._seq >= 0 else 0
+        return self._attribution.ambiguous(self._answered) if self._seq >= 0 else 0
 
     @property
     def pause_until_ns(self) -> int:
         """Until when no SYNC is to be sent, so that answers are certain again; or 0."""
-        if not self.unclear or self._time_ns < self._no_pause_before_ns:
+        if not self.ambiguous or self._time_ns < self._no_pause_before_ns:
             return 0
         return self._time_ns + self._late_ns
 
     @property
     def wait_until_ns(self) -> int:
         """Until when a SYNC had better wait for who has answered until now; or 0."""
-        late = self._all & ~(self._answered | self._debts.silent)
+        late = self._all & ~(self._answered | self._attribution.unanswered)
         if not self._open or not late or self._time_ns < self._no_wait_before_ns:
             return self.pause_until_ns
         return self._time_ns + self._late_ns
@@ -164,7 +164,7 @@ class Cycles:
     def end(self, now_ns: int) -> None:
         """No SYNC comes any more; the set of the last one is dropped."""
         if self._open:
-            self._debts.close(self._all & ~self._answered)
+            self._attribution.record_missed(self._all & ~self._answered)
         self._open = False
         self._seq, self._answered = -1, self._all
         self.flush(now_ns, at_once=True)
@@ -201,9 +201,9 @@ class Cycles:
     def _close(self) -> None:
         self._open = False
         missed = self._all & ~self._answered
-        status = self._debts.judge(self.status, missed)
-        if missed | self._debts.silent:
-            self._debts.close(missed)
+        status = self._attribution.flag(self.status, missed)
+        if missed | self._attribution.unanswered:
+            self._attribution.record_missed(missed)
         if not self._answered:
             self.lost += 1
             return
@@ -218,30 +218,32 @@ class Cycles:
             if missed >> channel & 1:
                 self.missing[channel] += 1
 
-    def _after_pause(self, time_ns: int, unclear: int) -> None:
+    def _after_pause(self, time_ns: int, ambiguous: int) -> None:
         """No SYNC has been sent for ``late_ns``, up to this one."""
         next_ns = time_ns + PAUSE_EVERY * self._late_ns
-        if self._debts.silent:
+        if self._attribution.unanswered:
             self._no_wait_before_ns = next_ns
-        if unclear:
+        if ambiguous:
             self.pauses += 1
             self._no_pause_before_ns = next_ns
         if not self._overflowed:  # else it may be that some were not seen
-            self._debts.expire()
+            self._attribution.expire()
 
     def _take_extra_answer(self, channel: int) -> bool:
         """An answer for which there is no SYNC; whether it stands for the last one."""
-        if self._debts.resolve(channel):  # what came before answered an earlier SYNC
+        if self._attribution.resolve(
+            channel
+        ):  # what came before answered an earlier SYNC
             self.late += 1
             return self._seq >= 0
         if self._seq < 0:
             self.strays += 1
             return False
-        if self._debts.unseen >> channel & 1:
+        if self._attribution.maybe_unread >> channel & 1:
             self.strays += 1
         else:
             self.duplicates[channel] += 1
-            self._debts.spoil(1 << channel)
+            self._attribution.invalidate(1 << channel)
         if self._seqs and self._seqs[-1] == self._seq:  # not yet handed over
             self._states[channel - len(self.status)] |= STATUS_LATE
         return False

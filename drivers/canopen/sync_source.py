@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 from traverse.drivers.base.values import DeviceError
 from traverse.drivers.canopen.options import SyncSource
-from traverse.drivers.canopen.sync_cycles import Cycles
+from traverse.drivers.canopen.sync_cycles import SyncCycleAssembler
 from traverse.drivers.io.can_bus import CanBus, PeriodicTask
 from traverse.protocol.canopen import frames as wire
 
@@ -137,7 +137,9 @@ class SyncScheduler:
             self._task.stop()
             self._task = None
 
-    def turn(self, cycles: Cycles, read_out: Callable[[], None]) -> float:
+    def advance(
+        self, cycles: SyncCycleAssembler, read_out: Callable[[], None]
+    ) -> float:
         """Send a SYNC if it is time and clear; seconds until it may be looked again.
 
         Args:

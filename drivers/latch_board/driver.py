@@ -16,11 +16,11 @@ from traverse.drivers.base.values import (
 from traverse.drivers.io.serial_port import SerialPort
 from traverse.drivers.latch_board.edge_sequence import EdgeSequencer
 from traverse.drivers.latch_board.identification import (
+    board_identity,
     check_identification,
     device_alarm,
-    identity_of,
 )
-from traverse.drivers.latch_board.line import Answer, LatchBoardLine, PartialReads
+from traverse.drivers.latch_board.line import LatchBoardLine, PartialReads, Response
 from traverse.drivers.latch_board.options import LatchBoardOptions
 from traverse.drivers.latch_board.report_sink import BoardReports
 from traverse.drivers.latch_board.session import LatchBoardSession
@@ -38,7 +38,7 @@ OVERDUE_NS = 20_000_000
 BATCH_WINDOW_WITH_EDGES_NS = 5_000_000
 
 
-class LatchBoard(Driver):
+class LatchBoardDriver(Driver):
     """A board that latches all encoders of an arm at one instant.
 
     Args:
@@ -131,7 +131,7 @@ class LatchBoard(Driver):
                 number, ALL_INPUTS, heartbeat_ms, TEMPERATURE_MS, self._debounce_us
             ),
         )
-        self._tell(DeviceUp(self.device, identity_of(hello), restarted))
+        self._deliver_state(DeviceUp(self.device, board_identity(hello), restarted))
         # Not earlier: if CONFIGURE fails, the next try has to tell of the restart.
         if restarted:
             self._edges = EdgeSequencer(0)
@@ -152,7 +152,7 @@ class LatchBoard(Driver):
         line, session, broken = self._line, self._session, 0
         while line is not None and session is not None and not self._stopping:
             self._carry_out_requests(line, session)
-            if not line.wait(QUIET_S if self._edges.owes else 0.1):
+            if not line.wait(QUIET_S if self._edges.needs_acknowledgement else 0.1):
                 self._acknowledge(line)
             else:
                 until_ns = max(self._taken_ns + self._batch_window_ns(), self._now_ns())
@@ -173,7 +173,7 @@ class LatchBoard(Driver):
         batch_window_ns = self._delivery_queue.batch_window_ns
         return (
             min(batch_window_ns, BATCH_WINDOW_WITH_EDGES_NS)
-            if self._edges.owes
+            if self._edges.needs_acknowledgement
             else batch_window_ns
         )
 
@@ -198,7 +198,7 @@ class LatchBoard(Driver):
             answer = self._ask_or_fault(line, "LATCH", wire.latch_request)
             token = self._latches.popleft()
             if isinstance(answer, wire.Latched):
-                session.latches.take_answer(answer, token, line.heard_ns)
+                session.latches.take_answer(answer, token, line.last_message_ns)
         if self._streams_begun != (wanted := self._streams_wanted):
             self._streams_begun = wanted
             rate = round(self._rate_hz * 1000)
@@ -218,7 +218,7 @@ class LatchBoard(Driver):
 
     def _ask_or_fault(
         self, line: LatchBoardLine, name: str, frame: Callable[[int], bytes]
-    ) -> Answer | None:
+    ) -> Response | None:
         """The answer; None where the board refused, which connecting cannot mend."""
         try:
             return line.ask(name, frame)
@@ -236,7 +236,7 @@ class LatchBoard(Driver):
                 self._stream += 1
                 session.samples.begin(self._stream, message.request)
                 rate_hz = message.value / 1000
-                self._tell(StreamStarted(self.device, self._stream, rate_hz))
+                self._deliver_state(StreamStarted(self.device, self._stream, rate_hz))
             case wire.Temperatures():
                 self._delivery_queue.put(
                     DeviceTemperatures(self.device, message.values_c)

@@ -35,7 +35,7 @@ class EdgeSequencer:
         return self._delivered is not None and self._delivered != self._acknowledged
 
     @property
-    def owes(self) -> bool:
+    def needs_acknowledgement(self) -> bool:
         """Whether the board waits for an acknowledgement, or soon will."""
         return self.has_open_edges or self._acknowledged != self._told
 
@@ -46,16 +46,16 @@ class EdgeSequencer:
         self._told = self._acknowledged
         return self._told
 
-    def expect(self, seq: int) -> None:
+    def begin_at(self, seq: int) -> None:
         """The board says with which edge to begin; believed only at the beginning."""
         if self._next is None:
             self._next = seq % WRAP
 
-    def judge(self, seq: int, now_ns: int) -> tuple[Verdict, int]:
+    def classify(self, seq: int, now_ns: int) -> tuple[Verdict, int]:
         """What to do with edge ``seq``, and how many before it are lost for good.
 
         Returns:
-            "next": deliver it, then call `delivered`. "early": an earlier one is,
+            "next": deliver it, then call `mark_delivered`. "early": an earlier one is,
             or may be, missing: wait for it. "waiting": delivered, not yet acknowledged.
             "acknowledged": the board did not hear, `take_acknowledgement` will
             say it again.
@@ -81,13 +81,13 @@ class EdgeSequencer:
             return "early", 0
         return "next", ahead
 
-    def delivered(self, seq: int) -> None:
+    def mark_delivered(self, seq: int) -> None:
         """Edge ``seq`` is being handed to the consumer."""
         self._next = (seq + 1) % WRAP
         self._delivered = seq
         self._early_since_ns = None
 
-    def refused(self, seq: int) -> None:
+    def mark_refused(self, seq: int) -> None:
         """The consumer had no room for edge ``seq``: it is to come again."""
         self._next = seq
         self._delivered = (seq - 1) % WRAP

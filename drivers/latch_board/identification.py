@@ -41,7 +41,7 @@ def check_identification(hello: wire.Hello, path: str) -> None:
         )
 
 
-def identity_of(hello: wire.Hello) -> Identity:
+def board_identity(hello: wire.Hello) -> Identity:
     """Who the board is and what it can do."""
     return Identity(
         f"latch board {hello.board_id.hex()}",

@@ -35,7 +35,7 @@ class BoardLatches:
             return  # the board sends it again; until then it has no time
         if not self._reports.fits(edge.counts):
             return
-        verdict, lost = self._edges.judge(edge.seq, received_ns)
+        verdict, lost = self._edges.classify(edge.seq, received_ns)
         if lost:
             self._reports.fault(
                 "edges_lost",
@@ -46,11 +46,11 @@ class BoardLatches:
         if verdict != "next":
             return
         # Noted before it is handed over: its acknowledgement may come at once.
-        self._edges.delivered(edge.seq)
+        self._edges.mark_delivered(edge.seq)
         if self._deliver(edge, edge.input, edge.seq, received_ns):
             self._reports.counters["edges_received"] += 1
         else:
-            self._edges.refused(edge.seq)
+            self._edges.mark_refused(edge.seq)
 
     def _deliver(
         self,

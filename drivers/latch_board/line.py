@@ -19,7 +19,7 @@ _OTHER = re.compile(rb"(?:\A|\0)(?!%b)[^\0]+\0" % re.escape(wire.TIMED))
 PartialReads = Sequence[tuple[int, int]]
 """Of reads that ended in the midst of a block: its last row there, and the time."""
 
-Answer = wire.Hello | wire.Reply | wire.Latched
+Response = wire.Hello | wire.Reply | wire.Latched
 
 
 class LatchBoardLine:
@@ -48,16 +48,16 @@ class LatchBoardLine:
         self._dispatch = dispatch
         self._stopping = stopping
         self._decoder = wire.Decoder()
-        self._heard_ns = monotonic_ns()
+        self._last_message_ns = monotonic_ns()
         self._begun = b""  # of a frame whose end is still to come
         self._request = 0
-        self._answer: Answer | None = None
+        self._answer: Response | None = None
         self.repeated = 0
 
     @property
-    def heard_ns(self) -> int:
+    def last_message_ns(self) -> int:
         """Time right after the last read that brought a message."""
-        return self._heard_ns
+        return self._last_message_ns
 
     @property
     def broken(self) -> int:
@@ -98,10 +98,10 @@ class LatchBoardLine:
         before = self._decoder.accepted
         messages = self._decoder.feed(b"".join(data for data, _ in reads))
         if messages:
-            self._heard_ns = received_ns
+            self._last_message_ns = received_ns
         earlier = _earlier(reads, self._decoder.accepted - before)
         for message in messages:
-            if isinstance(message, Answer) and message.request == self._request:
+            if isinstance(message, Response) and message.request == self._request:
                 self._answer = message
             self._dispatch(message, received_ns, earlier)
             earlier = ()  # they are of the first block
@@ -123,7 +123,7 @@ class LatchBoardLine:
         """Send a frame that is not answered."""
         self._port.write(frame)
 
-    def ask(self, name: str, frame: Callable[[int], bytes]) -> Answer:
+    def ask(self, name: str, frame: Callable[[int], bytes]) -> Response:
         """Send a request until it is answered; all else is dispatched meanwhile.
 
         Each try has a number of its own, so that a late answer is not mistaken.
@@ -156,18 +156,18 @@ class LatchBoardLine:
 
     def check_alive(self) -> None:
         """Raise DeviceError when nothing valid has come for `SILENCE_S`."""
-        silent_s = (self._now_ns() - self._heard_ns) * 1e-9
+        silent_s = (self._now_ns() - self._last_message_ns) * 1e-9
         if silent_s > SILENCE_S:
             raise DeviceError(
                 f"the board on {self._port.path} has been silent for {SILENCE_S:g} s",
                 "check power and cable of the board",
             )
 
-    def _take_answer(self) -> Answer | None:
+    def _take_answer(self) -> Response | None:
         answer, self._answer = self._answer, None
         return answer
 
-    def _accepted(self, answer: Answer) -> Answer:
+    def _accepted(self, answer: Response) -> Response:
         if isinstance(answer, wire.Reply) and answer.result:
             asked = wire.REQUEST_NAMES.get(answer.request_type, "a request")
             why = wire.RESULTS.get(answer.result, f"result {answer.result}")

@@ -63,7 +63,7 @@ class LatchBoardSession:
                 )
             self.samples.reach(heartbeat.next_sample_seq)
         clock.update(clock.unwrap_one(heartbeat.ticks), received_ns)
-        self._edges.expect(heartbeat.next_edge_seq - heartbeat.edges_back)
+        self._edges.begin_at(heartbeat.next_edge_seq - heartbeat.edges_back)
         counters["board_tx_dropped"] = heartbeat.tx_dropped
         counters["board_rx_rejected"] = heartbeat.rx_rejected
         counters["clock_steps"] = clock.steps

@@ -17,13 +17,13 @@ from traverse.drivers.base.driver import Driver
 from traverse.drivers.base.values import DeviceError, DeviceUp, StreamStarted
 from traverse.drivers.io.serial_port import SerialPort
 from traverse.drivers.microscribe.identification import MicroscribeIdentification
-from traverse.drivers.microscribe.line import Heard
+from traverse.drivers.microscribe.line import TimedPacket
 from traverse.drivers.microscribe.loss_reports import MicroscribeLosses
 from traverse.drivers.microscribe.motion_report import MotionReport
 from traverse.drivers.microscribe.options import MicroscribeOptions
 from traverse.drivers.microscribe.packets import SampleBlock
-from traverse.drivers.microscribe.pedals import Pedals, PendingPedalEdges
-from traverse.drivers.microscribe.session import MicroscribeSession, open_arm
+from traverse.drivers.microscribe.pedals import PedalDebouncer, PendingPedalEdges
+from traverse.drivers.microscribe.session import MicroscribeSession, connect
 from traverse.drivers.polling.channel import IMPLAUSIBLE
 from traverse.drivers.polling.read_error_log import ReadErrorLog
 from traverse.drivers.polling.schedule import SampleSchedule
@@ -33,7 +33,7 @@ SILENCE_NS = 500_000_000
 TELL_NS = 200_000_000
 
 
-class Microscribe(Driver):
+class MicroscribeDriver(Driver):
     """A MicroScribe; arguments behind the delivery_queue are those of its options."""
 
     options = MicroscribeOptions
@@ -64,7 +64,7 @@ class Microscribe(Driver):
         self._arm: MicroscribeIdentification | None = None
         self._port: SerialPort | None = None
         self._session: MicroscribeSession | None = None
-        self._pedals = Pedals(debounce_ms * 1_000_000)
+        self._pedals = PedalDebouncer(debounce_ms * 1_000_000)
         self._edges = PendingPedalEdges(device, delivery_queue.put)
         self._read_errors = ReadErrorLog(device, delivery_queue.put, self._counters)
         self._losses = MicroscribeLosses(self._fault, self._counters)
@@ -86,7 +86,7 @@ class Microscribe(Driver):
 
     def _connect(self) -> None:
         before = self._arm
-        opened = open_arm(
+        opened = connect(
             lambda rate: SerialPort(self._path, rate, self._wake_read),
             self._baud_rate,
             before,
@@ -105,7 +105,7 @@ class Microscribe(Driver):
                 "set timer_rate_hz, or 0 not to use it",
             )
         restarted = before is not None and not opened.resumed
-        self._tell(DeviceUp(self.device, session.identity, restarted))
+        self._deliver_state(DeviceUp(self.device, session.identity, restarted))
         # Not earlier: if that fails, the next try has to tell of the restart.
         self._arm = opened.arm
         self._pedals.begin(session.first)
@@ -149,7 +149,7 @@ class Microscribe(Driver):
             rate_hz = session.reached_hz
         self._stream += 1
         self._next_seq = 0
-        self._tell(StreamStarted(self.device, self._stream, rate_hz))
+        self._deliver_state(StreamStarted(self.device, self._stream, rate_hz))
         return rate_hz
 
     def _goes_on(self, session: MicroscribeSession) -> bool:
@@ -160,9 +160,9 @@ class Microscribe(Driver):
             self._deliver_block()
         if now_ns - self._told_ns >= TELL_NS:
             self._told_ns = now_ns
-            self._losses.tell(session, self._path)
-            self._read_errors.check(session.channels)
-            self._read_errors.tell(session.channels, now_ns)
+            self._losses.report(session, self._path)
+            self._read_errors.raise_if_all_missing(session.channels)
+            self._read_errors.report(session.channels, now_ns)
         self._report_counters()
         if now_ns - self._answered_ns > SILENCE_NS:
             raise DeviceError(
@@ -195,7 +195,7 @@ class Microscribe(Driver):
         report.begin()
         broken = session.decoder.faults["broken"]
         while self._goes_on(session):
-            heard = report.hear(0.02)
+            heard = report.read(0.02)
             asked = None
             if report.is_quiet(unsettled=self._pedals.unsettled):
                 report.end()
@@ -216,7 +216,7 @@ class Microscribe(Driver):
     def _take(
         self,
         session: MicroscribeSession,
-        heard: Heard,
+        heard: TimedPacket,
         seq: int | None,
         *,
         reported: bool = False,
@@ -233,11 +233,11 @@ class Microscribe(Driver):
         self._counters["packets_received"] += 1
         sample, implausible = session.sample_of(heard)
         for number in implausible:
-            self._read_errors.note(number, session.channels[number], IMPLAUSIBLE)
+            self._read_errors.add(number, session.channels[number], IMPLAUSIBLE)
         if sample.complete:
             certain = reported and sample.counts == self._last_counts
             self._last_counts = sample.counts
-            for edge in self._pedals.judge(sample, certain=certain):
+            for edge in self._pedals.detect_edges(sample, certain=certain):
                 self._losses.edges += self._edges.add(edge)
         if seq is not None:
             self._losses.samples += max(0, seq - self._next_seq)

@@ -23,11 +23,11 @@ PACKET_S = 0.1
 TRIES = 3
 MOST_BYTES = 1024
 
-Answer = TypeVar("Answer")
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class TimedPacket:
     """A packet, and when it came, host monotonic.
 
     Attributes:
@@ -70,7 +70,7 @@ class MicroscribeLine:
         self._byte_ns = 1e10 / baud_rate
         self._now_ns = monotonic_ns
         self._stopping = stopping
-        self.stray = self.old = 0
+        self.unrequested_bytes = self.old = 0
         self.patience_s = PACKET_S
 
     def sign_on(self, patience_s: float = SIGN_ON_S) -> str | None:
@@ -141,11 +141,13 @@ class MicroscribeLine:
     def drop_stray(self) -> None:
         """Read what nobody has asked for."""
         while self.port.wait(0.0):
-            self.stray += len(self.port.read())
+            self.unrequested_bytes += len(self.port.read())
 
     def packet(
-        self, decoder: PacketDecoder, old: Callable[[Heard], bool] = lambda _: False
-    ) -> Heard | None:
+        self,
+        decoder: PacketDecoder,
+        old: Callable[[TimedPacket], bool] = lambda _: False,
+    ) -> TimedPacket | None:
         """Ask for a packet with timer; None if none comes.
 
         Args:
@@ -166,7 +168,7 @@ class MicroscribeLine:
                 begun_ns = now_ns
                 delay_ns = self._delay_ns(data, begun_ns - sent_ns)
             for packet in decoder.feed(data):
-                heard = Heard(packet, sent_ns, begun_ns, self._now_ns(), delay_ns)
+                heard = TimedPacket(packet, sent_ns, begun_ns, self._now_ns(), delay_ns)
                 if not old(heard):
                     return heard
                 self.old += 1
@@ -188,9 +190,7 @@ class MicroscribeLine:
         wire_ns = round(max(0, len(data) - 1) * self._byte_ns)
         return min((exchange_ns + wire_ns) // 2, exchange_ns)
 
-    def _ask(
-        self, command: int, found: Callable[[bytes], Answer | None]
-    ) -> Answer | None:
+    def _ask(self, command: int, found: Callable[[bytes], T | None]) -> T | None:
         for _ in range(TRIES):
             self.drop_stray()
             self.port.write(bytes([command]))
@@ -206,9 +206,7 @@ class MicroscribeLine:
             )
         return answer
 
-    def _wait_for(
-        self, found: Callable[[bytes], Answer | None], seconds: float
-    ) -> Answer | None:
+    def _wait_for(self, found: Callable[[bytes], T | None], seconds: float) -> T | None:
         until_ns = self._now_ns() + int(seconds * 1e9)
         data = b""
         while (left_ns := until_ns - self._now_ns()) > 0 and len(data) < MOST_BYTES:

@@ -35,10 +35,10 @@ class MicroscribeLosses:
         """Another line begins, which has rejected nothing."""
         self._rejected = 0
 
-    def tell(self, session: MicroscribeSession, path: str) -> None:
+    def report(self, session: MicroscribeSession, path: str) -> None:
         """Tell what there is of a session on a port."""
         line, faults = session.line, session.decoder.faults
-        self._counters["bytes_stray"] = line.stray + faults["stray"]
+        self._counters["bytes_stray"] = line.unrequested_bytes + faults["stray"]
         self._counters["packets_old"] = line.old
         self._counters["clock_steps"] = session.clock_steps
         if rejected := faults["broken"] + faults["foreign"] - self._rejected:

@@ -7,7 +7,7 @@ the report begins again.
 
 from collections.abc import Callable
 
-from traverse.drivers.microscribe.line import Heard
+from traverse.drivers.microscribe.line import TimedPacket
 from traverse.drivers.microscribe.session import MicroscribeSession
 from traverse.protocol.microscribe import session as wire
 
@@ -51,7 +51,7 @@ class MotionReport:
             self._running = False
             self._line.still()
 
-    def hear(self, seconds: float) -> list[Heard]:
+    def read(self, seconds: float) -> list[TimedPacket]:
         """The packets that come next, none after a time without any."""
         if not self._line.port.wait(seconds):
             return []
@@ -61,7 +61,7 @@ class MotionReport:
         if packets:
             self._last_ns = received_ns
         return [
-            Heard(packet, self._begun_ns, begun_ns, received_ns, self._delay_ns)
+            TimedPacket(packet, self._begun_ns, begun_ns, received_ns, self._delay_ns)
             for packet in packets
         ]
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from traverse.drivers.base.values import CountSamples
-from traverse.drivers.microscribe.line import Heard
+from traverse.drivers.microscribe.line import TimedPacket
 from traverse.drivers.timing.device_clock import DeviceClock
 
 BLOCK_NS = 10_000_000
@@ -22,7 +22,7 @@ MAX_TIMER_ERROR = 0.2
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class PacketSample:
     """What a packet says, in the words of all drivers.
 
     Attributes:
@@ -63,7 +63,7 @@ class PacketClock:
         """How often the timer has jumped."""
         return self._clock.steps if self._clock else 0
 
-    def is_old(self, heard: Heard) -> bool:
+    def is_old(self, heard: TimedPacket) -> bool:
         """Whether a packet was latched before it was asked for."""
         if self._clock is None or not self._clock.running:
             return False
@@ -71,7 +71,7 @@ class PacketClock:
         ends_ns = begins_ns + self._tick_ns
         return ends_ns + EARLY_NS < heard.sent_ns
 
-    def time_of(self, heard: Heard) -> tuple[int, int]:
+    def time_of(self, heard: TimedPacket) -> tuple[int, int]:
         """Unwrapped ticks and the host's time of a packet; learns from it."""
         time_ns = heard.begun_ns - heard.delay_ns
         # Packets come in the order in which they were latched.
@@ -88,11 +88,11 @@ class PacketClock:
         self._last_ns = time_ns = min(max(time_ns, earliest_ns), heard.begun_ns)
         return ticks, time_ns
 
-    def _ticks(self, clock: DeviceClock, heard: Heard) -> int:
+    def _ticks(self, clock: DeviceClock, heard: TimedPacket) -> int:
         return clock.unwrap_one(heard.packet.timer or 0)
 
 
-def timer_runs(heard: Sequence[Heard], rate_hz: float, wrap: int) -> bool:
+def timer_runs(heard: Sequence[TimedPacket], rate_hz: float, wrap: int) -> bool:
     """Whether the arm's timer runs at a rate, judged by the first and last packet."""
     first, last = heard[0], heard[-1]
     elapsed_s = (last.begun_ns - first.begun_ns) * 1e-9
@@ -109,9 +109,9 @@ class SampleBlock:
 
     def __init__(self, device: str) -> None:
         self._device = device
-        self._waiting: list[tuple[int, Sample]] = []
+        self._waiting: list[tuple[int, PacketSample]] = []
 
-    def add(self, seq: int, sample: Sample) -> None:
+    def add(self, seq: int, sample: PacketSample) -> None:
         """Take a sample with its number."""
         self._waiting.append((seq, sample))
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from traverse.drivers.base.values import LatchedCounts
-from traverse.drivers.microscribe.packets import Sample
+from traverse.drivers.microscribe.packets import PacketSample
 from traverse.protocol.microscribe.packets import N_BUTTONS
 
 MAX_WAITING = 64
@@ -23,10 +23,10 @@ class PedalEdge:
 
     number: int
     down: bool
-    first: Sample
+    first: PacketSample
 
 
-class Pedals:
+class PedalDebouncer:
     """Levels of all pedals as they are believed.
 
     Args:
@@ -36,7 +36,7 @@ class Pedals:
     def __init__(self, debounce_ns: int) -> None:
         self._debounce_ns = debounce_ns
         self._levels = 0
-        self._first: dict[int, Sample] = {}
+        self._first: dict[int, PacketSample] = {}
         self._until_ns: dict[int, int] = {}
 
     @property
@@ -44,13 +44,15 @@ class Pedals:
         """A change waits for the next packet."""
         return bool(self._first)
 
-    def begin(self, sample: Sample) -> None:
+    def begin(self, sample: PacketSample) -> None:
         """Take the levels of a sample; what changed before it is no edge."""
         self._levels = sample.buttons
         self._first.clear()
         self._until_ns.clear()
 
-    def judge(self, sample: Sample, *, certain: bool = False) -> list[PedalEdge]:
+    def detect_edges(
+        self, sample: PacketSample, *, certain: bool = False
+    ) -> list[PedalEdge]:
         """The edges that a packet confirms, or tells beyond doubt."""
         edges = []
         for number in range(N_BUTTONS):

@@ -10,9 +10,9 @@ from traverse.drivers.microscribe.identification import (
     MicroscribeIdentification,
     read_identification,
 )
-from traverse.drivers.microscribe.line import PACKET_S, Heard, MicroscribeLine
-from traverse.drivers.microscribe.packets import PacketClock, Sample, timer_runs
-from traverse.drivers.polling.channel import IMPLAUSIBLE, PolledChannel, Reading
+from traverse.drivers.microscribe.line import PACKET_S, MicroscribeLine, TimedPacket
+from traverse.drivers.microscribe.packets import PacketClock, PacketSample, timer_runs
+from traverse.drivers.polling.channel import IMPLAUSIBLE, EncoderReading, PolledChannel
 from traverse.protocol.microscribe.packets import N_BUTTONS, PacketDecoder
 
 BAUD_RATES = (115200, 57600, 38400, 19200, 9600, 28800, 14400)
@@ -27,7 +27,7 @@ OpenPort = Callable[[int], SerialPort]
 
 
 @dataclass(frozen=True, slots=True)
-class Opened:
+class ArmConnection:
     """A line with an arm at its end.
 
     Attributes:
@@ -39,13 +39,13 @@ class Opened:
     resumed: bool
 
 
-def open_arm(
+def connect(
     open_port: OpenPort,
     baud_rate: int,
     known: MicroscribeIdentification | None,
     monotonic_ns: Callable[[], int],
     stopping: Callable[[], bool],
-) -> Opened:
+) -> ArmConnection:
     """Sign on, or go on with the session of before if the arm still has it.
 
     Raises:
@@ -58,20 +58,22 @@ def open_arm(
             line.still()
             decoder = known.decoder()
             if any(line.packet(decoder) for _ in range(TRIES)):
-                return Opened(line, known, resumed=True)
+                return ArmConnection(line, known, resumed=True)
             port.close()
         except BaseException:
             port.close()
             raise
-    line, box, rate = signed_on(open_port, [baud_rate], monotonic_ns, stopping)
+    line, box, rate = sign_on_at_any_rate(
+        open_port, [baud_rate], monotonic_ns, stopping
+    )
     try:
-        return Opened(line, read_identification(line, box, rate), resumed=False)
+        return ArmConnection(line, read_identification(line, box, rate), resumed=False)
     except BaseException:
         line.port.close()
         raise
 
 
-def signed_on(
+def sign_on_at_any_rate(
     open_port: OpenPort,
     rates: Sequence[int],
     monotonic_ns: Callable[[], int],
@@ -134,7 +136,7 @@ class MicroscribeSession:
 
     def __init__(
         self,
-        opened: Opened,
+        opened: ArmConnection,
         timer_rate_hz: float,
         max_speed_rad_s: float,
         monotonic_ns: Callable[[], int],
@@ -182,22 +184,22 @@ class MicroscribeSession:
         """How often the arm's timer has jumped."""
         return self._clock.steps
 
-    def ask(self) -> Heard | None:
+    def ask(self) -> TimedPacket | None:
         """Ask for a packet; None if none comes."""
         return self.line.packet(self.decoder, self._clock.is_old)
 
-    def sample_of(self, heard: Heard) -> tuple[Sample, list[int]]:
+    def sample_of(self, heard: TimedPacket) -> tuple[PacketSample, list[int]]:
         """A packet as a sample, and the channels whose counts cannot be."""
         ticks, time_ns = self._clock.time_of(heard)
         status, implausible = [], []
         for number, channel in enumerate(self.channels):
-            reading = Reading(heard.packet.encoders[number], time_ns)
+            reading = EncoderReading(heard.packet.encoders[number], time_ns)
             possible = reading.count < channel.modulus
-            miss = channel.judge(reading if possible else IMPLAUSIBLE, time_ns)
+            miss = channel.accept(reading if possible else IMPLAUSIBLE, time_ns)
             status.append(STATUS_MISSING if miss else 0)
             if miss is IMPLAUSIBLE:
                 implausible.append(number)
-        sample = Sample(
+        sample = PacketSample(
             time_ns,
             heard.received_ns,
             ticks,
@@ -207,9 +209,9 @@ class MicroscribeSession:
         )
         return sample, implausible
 
-    def _look(self) -> tuple[list[Heard], list[int]]:
+    def _look(self) -> tuple[list[TimedPacket], list[int]]:
         """Packets of a short while, and how long each took [ns]."""
-        heard: list[Heard] = []
+        heard: list[TimedPacket] = []
         begun_ns = self._now_ns()
         while (elapsed_s := (self._now_ns() - begun_ns) * 1e-9) < LOOK_S or not heard:
             if elapsed_s > LOOK_S and not heard:

@@ -26,7 +26,7 @@ from traverse.drivers.modbus.options import (
     ModbusEncoder,
     ModbusOptions,
 )
-from traverse.drivers.polling.channel import PolledChannel, ReadError, Reading
+from traverse.drivers.polling.channel import EncoderReading, PolledChannel, ReadError
 from traverse.drivers.polling.condition_alarms import ConditionAlarms
 from traverse.drivers.polling.polled_driver import (
     PolledDriver,
@@ -52,7 +52,7 @@ SHIFTED = ReadError(
 )
 
 
-class Modbus(PolledDriver):
+class ModbusDriver(PolledDriver):
     """Encoders on one line; channel i is encoder i of ``encoders``.
 
     Args:
@@ -119,7 +119,7 @@ class Modbus(PolledDriver):
         self._client: ModbusClient | None = None
         self._doubted_until_ns = [0] * len(encoders)
         self._longest_ns = 0
-        self._strays_before = 0
+        self._unrequested_before = 0
         self._asks_status = [
             n for n, e in enumerate(self._encoders) if e.status_register is not None
         ]
@@ -153,19 +153,19 @@ class Modbus(PolledDriver):
 
     def _disconnect(self) -> None:
         if self._client is not None:
-            self._strays_before += self._client.strays
+            self._unrequested_before += self._client.unrequested_bytes
             self._client = None
         if self._port is not None:
             self._port.close()
             self._port = None
 
-    def _read_channel(self, channel: int) -> Reading | ReadError:
+    def _read_channel(self, channel: int) -> EncoderReading | ReadError:
         encoder, registers = self._encoders[channel], self._registers[channel]
         said = self._ask(channel, encoder.function, registers.first, registers.words)
         if isinstance(said, ReadError):
             return said
         words, time_ns = said
-        return Reading(registers.count(words), time_ns, self._flags[channel])
+        return EncoderReading(registers.count(words), time_ns, self._flags[channel])
 
     def _cycle_is_valid(self) -> bool:
         client = self._open_client()
@@ -174,9 +174,11 @@ class Modbus(PolledDriver):
             self._status_due_ns = now_ns + self._status_ns
             self._status_turn = (self._status_turn + 1) % len(self._asks_status)
             self._ask_status(self._asks_status[self._status_turn])
-        self._counters["stray_bytes"] = self._strays_before + client.strays
+        self._counters["stray_bytes"] = (
+            self._unrequested_before + client.unrequested_bytes
+        )
         self._counters["longest_exchange_us"] = round(self._longest_ns * 1e-3)
-        self._status.tell(self._names, now_ns)
+        self._status.report(self._names, now_ns)
         return True
 
     def _ask_status(self, channel: int) -> None:
@@ -192,7 +194,7 @@ class Modbus(PolledDriver):
         warning = bool(said[0][0] & encoder.warning_mask)
         self._flags[channel] = STATUS_ERROR * error | STATUS_WARNING * warning
         codes = {"encoder_error": error, "encoder_warning": warning}
-        self._status.note(channel, [code for code, is_so in codes.items() if is_so])
+        self._status.add(channel, [code for code, is_so in codes.items() if is_so])
 
     def _ask(
         self, channel: int, function: int, first: int, n_words: int

@@ -55,7 +55,7 @@ class ModbusClient(ModbusBaseSyncClient):
         self.timeout_s = timeout_s
         self._silence_ns = round(silence_s * 1e9)
         self.sent_ns = self.received_ns = monotonic_ns()
-        self.strays = 0
+        self.unrequested_bytes = 0
 
     def connect(self) -> bool:
         """The port is open as long as there is a client."""
@@ -71,7 +71,7 @@ class ModbusClient(ModbusBaseSyncClient):
         if quiet_ns < self._silence_ns:
             self._let_pass((self._silence_ns - quiet_ns) * 1e-9)
         if self._port.wait(0.0):
-            self.strays += len(self._port.read())
+            self.unrequested_bytes += len(self._port.read())
         self._port.write(request)
         self.sent_ns = self.received_ns = self._now_ns()
         return len(request)
@@ -94,5 +94,5 @@ class ModbusClient(ModbusBaseSyncClient):
         while (left_ns := until_ns - self._now_ns()) > 0:
             if self._port.wait(left_ns * 1e-9):
                 heard += len(self._port.read())
-        self.strays += heard
+        self.unrequested_bytes += heard
         return heard

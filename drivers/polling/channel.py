@@ -15,7 +15,7 @@ SLACK_COUNTS = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class EncoderReading:
     """A count and the host's monotonic time at which it was latched.
 
     Attributes:
@@ -69,7 +69,7 @@ class PolledChannel:
         self.time_ns: int | None = None
         self.misses = 0
         self._counts_per_ns = max_speed_rad_s * counts_per_turn / math.tau * 1e-9
-        self._unconfirmed: Reading | None = None
+        self._unconfirmed: EncoderReading | None = None
         self._ask_again_ns = 0
 
     @property
@@ -81,12 +81,14 @@ class PolledChannel:
         """Whether to ask it."""
         return not self.missing or now_ns >= self._ask_again_ns
 
-    def judge(self, answer: Reading | ReadError, now_ns: int) -> ReadError | None:
+    def accept(
+        self, answer: EncoderReading | ReadError, now_ns: int
+    ) -> ReadError | None:
         """Take what asking brought; None where it is a reading to be believed."""
         if isinstance(answer, ReadError):
             return self._failed(answer, now_ns)
         if self.time_ns is not None:
-            before: Reading | None = Reading(self.count, self.time_ns)
+            before: EncoderReading | None = EncoderReading(self.count, self.time_ns)
         else:
             before, self._unconfirmed = self._unconfirmed, answer
         if before is None:
@@ -99,18 +101,18 @@ class PolledChannel:
         self._unconfirmed = None
         return None
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """The next reading is as good as a first one."""
         self.time_ns = self._unconfirmed = None
 
     def _failed(self, miss: ReadError, now_ns: int) -> ReadError:
         self.misses += 1
         if self.missing:
-            self.forget()
+            self.reset()
             self._ask_again_ns = now_ns + ASK_AGAIN_NS
         return miss
 
-    def _reachable(self, before: Reading, after: Reading) -> bool:
+    def _reachable(self, before: EncoderReading, after: EncoderReading) -> bool:
         half = self.modulus // 2
         steps = abs((after.count - before.count + half) % self.modulus - half)
         elapsed_ns = after.time_ns - before.time_ns + SLACK_NS

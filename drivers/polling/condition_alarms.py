@@ -39,12 +39,12 @@ class ConditionAlarms:
         self._heard: set[int] = set()
         self._told_ns = 0
 
-    def note(self, channel: int, codes: Iterable[str]) -> None:
+    def add(self, channel: int, codes: Iterable[str]) -> None:
         """An encoder has said what it complains of, perhaps nothing."""
         self._heard.add(channel)
         self._seen.update((channel, code) for code in codes)
 
-    def tell(self, names: Mapping[int, str], now_ns: int) -> None:
+    def report(self, names: Mapping[int, str], now_ns: int) -> None:
         """Tell what has begun, and what has not been seen since the last time.
 
         Args:

@@ -18,7 +18,7 @@ from statistics import median
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import ASK_S, Driver
 from traverse.drivers.base.values import DeviceUp, Identity, StreamStarted
-from traverse.drivers.polling.channel import PolledChannel, ReadError, Reading
+from traverse.drivers.polling.channel import EncoderReading, PolledChannel, ReadError
 from traverse.drivers.polling.read_error_log import ReadErrorLog
 from traverse.drivers.polling.sample_block import SampleBlockBuilder
 from traverse.drivers.polling.schedule import SampleSchedule
@@ -99,7 +99,7 @@ class PolledDriver(Driver):
         """
 
     @abstractmethod
-    def _read_channel(self, channel: int) -> Reading | ReadError:
+    def _read_channel(self, channel: int) -> EncoderReading | ReadError:
         """Ask one encoder.
 
         Raises:
@@ -120,7 +120,7 @@ class PolledDriver(Driver):
             begun_ns = self._now_ns()
             self._cycle()
             lengths_ns.append(self._now_ns() - begun_ns)
-        self._read_errors.check(self._channels)
+        self._read_errors.raise_if_all_missing(self._channels)
         usual_ns = max(1.0, median(lengths_ns))
         fastest_hz = SHARE_OF_LINE * 1e9 / usual_ns
         self._reached_hz = min(self._max_rate_hz, fastest_hz)
@@ -134,9 +134,9 @@ class PolledDriver(Driver):
             counts_per_turn=tuple(c.counts_per_turn for c in self._channels),
             jitter_ns=self._jitter_ns(),
         )
-        self._tell(DeviceUp(self.device, identity, restarted=False))
+        self._deliver_state(DeviceUp(self.device, identity, restarted=False))
         self._streams_begun = 0  # what was wanted is to be begun again
-        self._read_errors.tell(self._channels, self._now_ns())
+        self._read_errors.report(self._channels, self._now_ns())
 
     def _serve(self) -> None:
         try:
@@ -154,8 +154,8 @@ class PolledDriver(Driver):
                 self._cycle()
             else:
                 self._serve_stream(self._schedule)
-            self._read_errors.check(self._channels)
-            self._read_errors.tell(self._channels, self._now_ns())
+            self._read_errors.raise_if_all_missing(self._channels)
+            self._read_errors.report(self._channels, self._now_ns())
             self._report_counters()
 
     def _begin_stream(self, rate_hz: float) -> None:
@@ -172,7 +172,7 @@ class PolledDriver(Driver):
             )
             rate_hz = self._reached_hz
         self._stream += 1
-        self._tell(StreamStarted(self.device, self._stream, rate_hz))
+        self._deliver_state(StreamStarted(self.device, self._stream, rate_hz))
         self._schedule = SampleSchedule(rate_hz, self._now_ns())
 
     def _serve_stream(self, schedule: SampleSchedule) -> None:
@@ -196,9 +196,9 @@ class PolledDriver(Driver):
         if self._block.is_due(now_ns):
             self._deliver_block()
 
-    def _cycle(self) -> list[Reading | None]:
+    def _cycle(self) -> list[EncoderReading | None]:
         """Ask every encoder that is to be asked; None for what cannot be believed."""
-        answers: list[Reading | ReadError | None] = [
+        answers: list[EncoderReading | ReadError | None] = [
             self._asked(number) if channel.due(self._now_ns()) else None
             for number, channel in enumerate(self._channels)
         ]
@@ -208,11 +208,11 @@ class PolledDriver(Driver):
             for number, answer in enumerate(answers)
         ]
 
-    def _asked(self, number: int) -> Reading | ReadError:
-        self.pulse.beat(ASK_S)
+    def _asked(self, number: int) -> EncoderReading | ReadError:
+        self.heartbeat.beat(ASK_S)
         begun_ns = self._now_ns()
         answer = self._read_channel(number)
-        if isinstance(answer, Reading):
+        if isinstance(answer, EncoderReading):
             self._lengths_ns.append(self._now_ns() - begun_ns)
         return answer
 
@@ -221,15 +221,15 @@ class PolledDriver(Driver):
         return round(median(self._lengths_ns) / 2.0)
 
     def _judged(
-        self, number: int, answer: Reading | ReadError | None
-    ) -> Reading | None:
+        self, number: int, answer: EncoderReading | ReadError | None
+    ) -> EncoderReading | None:
         if answer is None:
             return None
         channel = self._channels[number]
-        miss = channel.judge(answer, self._now_ns())
+        miss = channel.accept(answer, self._now_ns())
         if miss is not None:
-            self._read_errors.note(number, channel, miss)
-        return answer if miss is None and isinstance(answer, Reading) else None
+            self._read_errors.add(number, channel, miss)
+        return answer if miss is None and isinstance(answer, EncoderReading) else None
 
     def _deliver_block(self) -> None:
         if samples := self._block.take(self._stream):

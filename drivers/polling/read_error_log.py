@@ -32,7 +32,7 @@ class ReadErrorLog:
         self._told_ns = 0
         self._alarms: dict[int, ReadError] = {}  # raised and not yet cleared
 
-    def note(self, number: int, channel: PolledChannel, miss: ReadError) -> None:
+    def add(self, number: int, channel: PolledChannel, miss: ReadError) -> None:
         """A reading of channel ``number`` has failed."""
         self._counters[miss.code] += 1
         if miss is UNCONFIRMED:
@@ -42,7 +42,7 @@ class ReadErrorLog:
         if not channel.missing:  # else an alarm says so once
             self._untold[channel.name, miss] += 1
 
-    def check(self, channels: Sequence[PolledChannel]) -> None:
+    def raise_if_all_missing(self, channels: Sequence[PolledChannel]) -> None:
         """Raise DeviceError where no encoder is left that can be read."""
         if all(channel.missing for channel in channels):
             miss = self._last[0]
@@ -52,7 +52,7 @@ class ReadErrorLog:
                 miss.remedy,
             )
 
-    def tell(self, channels: Sequence[PolledChannel], now_ns: int) -> None:
+    def report(self, channels: Sequence[PolledChannel], now_ns: int) -> None:
         """Alarms that begin and end; single misses now and then."""
         for number, channel in enumerate(channels):
             if channel.missing and number not in self._alarms:

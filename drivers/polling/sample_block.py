@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from traverse.drivers.base.values import STATUS_MISSING, CountSamples
-from traverse.drivers.polling.channel import Reading
+from traverse.drivers.polling.channel import EncoderReading
 
 BLOCK_NS = 10_000_000
 MAX_SKEW_NS = 2**31 - 1
@@ -31,7 +31,7 @@ class SampleBlockBuilder:
         self,
         seq: int,
         instant_ns: int,
-        readings: Sequence[Reading | None],
+        readings: Sequence[EncoderReading | None],
         last_counts: Sequence[int],
         received_ns: int,
     ) -> None:
@@ -40,7 +40,7 @@ class SampleBlockBuilder:
         Where there is no reading its last count stands in for it, at the time at
         which it was given up.
         """
-        given_up = Reading(0, received_ns, STATUS_MISSING)
+        given_up = EncoderReading(0, received_ns, STATUS_MISSING)
         read = [reading or given_up for reading in readings]
         self._seq.append(seq)
         self._instants_ns.append(instant_ns)

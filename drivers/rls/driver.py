@@ -23,14 +23,14 @@ from traverse.drivers.base.values import (
 from traverse.drivers.io.byte_port import BytePort, OpenPort
 from traverse.drivers.io.serial_port import SerialPort
 from traverse.drivers.io.wait_for_any import WaitForAny, wait_for_any
-from traverse.drivers.polling.channel import PolledChannel, ReadError, Reading
+from traverse.drivers.polling.channel import EncoderReading, PolledChannel, ReadError
 from traverse.drivers.polling.condition_alarms import ConditionAlarms
 from traverse.drivers.polling.polled_driver import (
     PolledDriver,
     WaitForWake,
     wait_for_wake,
 )
-from traverse.drivers.rls.line import SILENT, Answer
+from traverse.drivers.rls.line import SILENT, TimedPosition
 from traverse.drivers.rls.line_group import RlsLineGroup
 from traverse.drivers.rls.options import CONDITIONS, RlsOptions
 from traverse.protocol import rls
@@ -38,7 +38,7 @@ from traverse.protocol import rls
 LISTEN_S = 0.02  # so long it must be quiet before the first request
 
 
-class Rls(PolledDriver):
+class RlsDriver(PolledDriver):
     """Encoders on ports of their own; channel i is the one on port i.
 
     Args:
@@ -105,9 +105,9 @@ class Rls(PolledDriver):
         if self._continuous:
             self._wait_for = self._listen_until
         self._timeout_s = answer_timeout_s
-        self._bank: RlsLineGroup | None = None
+        self._line_group: RlsLineGroup | None = None
         self._in_hand: set[int] = set()
-        self._strays_before = 0
+        self._unrequested_before = 0
         self._status = ConditionAlarms(device, delivery_queue.put, CONDITIONS)
         self._names = {n: f"encoder on {path}" for n, path in enumerate(ports)}
         self._temperatures_c: list[float | None] = [None] * len(ports)
@@ -117,7 +117,7 @@ class Rls(PolledDriver):
     # -- opening and closing --------------------------------------------------
 
     def _open(self) -> tuple[str, Sequence[PolledChannel]]:
-        bank = self._bank = RlsLineGroup(
+        group = self._line_group = RlsLineGroup(
             self._opened(),
             self._layout,
             self._baud_rate,
@@ -128,17 +128,19 @@ class Rls(PolledDriver):
             wake_fd=self._wake_read,
         )
         self._in_hand.clear()
-        for number in bank.discard_input(LISTEN_S):
-            bank.set_up(number, rls.STOP)  # left in the continuous mode by another
-        bank.exchange(dict.fromkeys(self._names, rls.SERIAL_NUMBER))
-        replies = [line.reply() for line in bank.lines]
+        for number in group.discard_input(LISTEN_S):
+            group.send_setting(
+                number, rls.STOP
+            )  # left in the continuous mode by another
+        group.exchange(dict.fromkeys(self._names, rls.SERIAL_NUMBER))
+        replies = [line.reply() for line in group.lines]
         found = [
             None if isinstance(r, ReadError) else rls.serial_number(r) for r in replies
         ]
         serials = ", ".join(number or "unknown" for number in found)
         if self._continuous:
             for number in self._names:
-                bank.start_continuous(number, self._request, self._period_us)
+                group.start_continuous(number, self._request, self._period_us)
         per_turn = 1 << self._layout.bits
         modulus = per_turn
         if self._layout.turns:
@@ -163,45 +165,47 @@ class Rls(PolledDriver):
         return ports
 
     def _disconnect(self) -> None:
-        bank, self._bank = self._bank, None
-        if bank is None:
+        group, self._line_group = self._line_group, None
+        if group is None:
             return
         if self._continuous and self._stopping:
             with contextlib.suppress(DeviceError):
                 for number in self._names:
-                    bank.set_up(number, rls.STOP)
-        self._strays_before += bank.strays
-        bank.close()
+                    group.send_setting(number, rls.STOP)
+        self._unrequested_before += group.unrequested_bytes
+        group.close()
 
     # -- reading --------------------------------------------------------------
 
-    def _read_channel(self, channel: int) -> Reading | ReadError:
-        bank = self._open_bank()
+    def _read_channel(self, channel: int) -> EncoderReading | ReadError:
+        group = self._open_bank()
         if self._continuous:
-            answer = self._latest_reply(bank, channel)
+            answer = self._latest_reply(group, channel)
         else:
             if channel not in self._in_hand:
-                self._ask_all(bank)
+                self._ask_all(group)
             self._in_hand.discard(channel)
-            answer = bank.lines[channel].answer()
+            answer = group.lines[channel].answer()
         return (
             answer if isinstance(answer, ReadError) else self._reading(channel, answer)
         )
 
     def _cycle_is_valid(self) -> bool:
-        bank = self._open_bank()
+        group = self._open_bank()
         self._in_hand.clear()
-        self._counters["stray_bytes"] = self._strays_before + bank.strays
-        self._counters["longest_exchange_us"] = round(bank.longest_ns * 1e-3)
-        self._status.tell(self._names, self._now_ns())
+        self._counters["stray_bytes"] = (
+            self._unrequested_before + group.unrequested_bytes
+        )
+        self._counters["longest_exchange_us"] = round(group.longest_ns * 1e-3)
+        self._status.report(self._names, self._now_ns())
         return True
 
     def _jitter_ns(self) -> int:
         """By so much the instant of a reading may be off: half of what asking takes."""
-        bank = self._open_bank()
-        return bank.reply_ns // 2 if self._continuous else bank.usual_ns // 2
+        group = self._open_bank()
+        return group.reply_ns // 2 if self._continuous else group.usual_ns // 2
 
-    def _ask_all(self, bank: RlsLineGroup) -> None:
+    def _ask_all(self, group: RlsLineGroup) -> None:
         """Ask every encoder that is due in this cycle, one for its temperature."""
         now_ns = self._now_ns()
         due = [n for n, c in enumerate(self._channels) if c.due(now_ns)]
@@ -212,7 +216,7 @@ class Rls(PolledDriver):
             if self._next_temperature in requests:
                 requests[self._next_temperature] = rls.TEMPERATURE
         missing = frozenset(n for n, c in enumerate(self._channels) if c.missing)
-        bank.exchange(requests, missing)
+        group.exchange(requests, missing)
         self._in_hand = set(due)
 
     def _listen_until(self, wake_fd: int, seconds: float) -> None:
@@ -220,19 +224,21 @@ class Rls(PolledDriver):
         del wake_fd  # the bank knows it
         self._open_bank().listen(seconds)
 
-    def _latest_reply(self, bank: RlsLineGroup, channel: int) -> Answer | ReadError:
+    def _latest_reply(
+        self, group: RlsLineGroup, channel: int
+    ) -> TimedPosition | ReadError:
         """The last reply that came by itself; a new one if that has been taken."""
-        line = bank.lines[channel]
+        line = group.lines[channel]
         if self._channels[channel].missing:
             # It may have lost power, and with it the continuous mode.
-            bank.start_continuous(channel, self._request, self._period_us)
+            group.start_continuous(channel, self._request, self._period_us)
         if line.latest is None:
             patience_ns = 2_000 * self._period_us + round(self._timeout_s * 1e9)
-            bank.listen_for_reply(channel, patience_ns)
+            group.listen_for_reply(channel, patience_ns)
         answer, line.latest = line.latest, None
         return SILENT if answer is None else answer
 
-    def _reading(self, channel: int, answer: Answer) -> Reading:
+    def _reading(self, channel: int, answer: TimedPosition) -> EncoderReading:
         said = answer.position
         known = self._channels[channel]
         count = (said.turns * known.counts_per_turn + said.count) % known.modulus
@@ -243,14 +249,14 @@ class Rls(PolledDriver):
         ]
         if said.conditions is not None:
             codes += [c for bit, c in rls.CONDITIONS.items() if said.conditions & bit]
-        self._status.note(channel, codes)
+        self._status.add(channel, codes)
         if said.temperature_c is not None:
             self._temperatures_c[channel] = said.temperature_c
             temperatures_c = tuple(self._temperatures_c)
             self._delivery_queue.put(DeviceTemperatures(self.device, temperatures_c))
-        return Reading(count, answer.time_ns, status)
+        return EncoderReading(count, answer.time_ns, status)
 
     def _open_bank(self) -> RlsLineGroup:
-        if self._bank is None:
+        if self._line_group is None:
             raise RuntimeError(f"the lines of {self.device} are not open")
-        return self._bank
+        return self._line_group

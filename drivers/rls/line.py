@@ -24,7 +24,7 @@ SHIFTED = ReadError(
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class TimedPosition:
     """What an encoder said, and when it was so on the host's monotonic clock."""
 
     position: rls.Position
@@ -62,8 +62,8 @@ class RlsLine:
     ) -> None:
         self.port = port
         self.request = b""
-        self.strays = 0
-        self.latest: Answer | None = None
+        self.unrequested_bytes = 0
+        self.latest: TimedPosition | None = None
         self.exchange_ns = self.last_ns = 0
         self._layout = layout
         self._now_ns = monotonic_ns
@@ -78,19 +78,19 @@ class RlsLine:
         self._replies: rls.Replies | None = None
 
     @property
-    def doubtful(self) -> bool:
+    def may_receive_late_reply(self) -> bool:
         """A reply that was given up may yet come, in the place of another."""
         return self._now_ns() < self._doubted_until_ns
 
     @property
-    def waits(self) -> bool:
+    def reply_is_incomplete(self) -> bool:
         """The reply is not yet whole."""
         return len(self._heard) < self._wanted
 
     def ask(self, request: bytes) -> None:
         """Send a request; what came before it is thrown away."""
         if self.port.wait(0.0):
-            self.strays += len(self.port.read())
+            self.unrequested_bytes += len(self.port.read())
         self.request = request
         self._wanted = self._layout.reply_bytes(request)
         self._heard, self._surplus = b"", False
@@ -101,28 +101,28 @@ class RlsLine:
         """Time since the request."""
         return self._now_ns() - self._sent_ns
 
-    def hear(self) -> None:
+    def receive(self) -> None:
         """Take what has come after a request."""
         data = self.port.read()
-        if self.waits:
+        if self.reply_is_incomplete:
             self._received_ns = self._now_ns()
         missing = self._wanted - len(self._heard)
         self._heard += data[:missing]
         if len(data) > missing:
-            self.strays += len(data) - missing
+            self.unrequested_bytes += len(data) - missing
             self._surplus = True
 
     def discard_late_bytes(self) -> None:
         """Take what comes when nothing is due any more: a late reply, or a next one."""
-        self.strays += len(self.port.read())
-        self._surplus |= not self.waits
+        self.unrequested_bytes += len(self.port.read())
+        self._surplus |= not self.reply_is_incomplete
 
     def reply(self) -> bytes | ReadError:
         """The whole reply, or why there is none."""
         miss: ReadError | None = None
         if self._surplus:
             miss = SHIFTED
-        elif self.waits:
+        elif self.reply_is_incomplete:
             miss = SHORT if self._heard else SILENT
         self._wanted = 0
         if miss is not None:
@@ -131,7 +131,7 @@ class RlsLine:
         self.exchange_ns = max(self.exchange_ns, self.last_ns)
         return self._heard
 
-    def answer(self) -> Answer | ReadError:
+    def answer(self) -> TimedPosition | ReadError:
         """The reply to a request for a position."""
         reply = self.reply()
         if isinstance(reply, ReadError):
@@ -139,7 +139,7 @@ class RlsLine:
         found = rls.position(reply, self.request, self._layout)
         if found is None:
             return self._failed(GARBLED)
-        return Answer(found, (self._sent_ns + self._received_ns) // 2)
+        return TimedPosition(found, (self._sent_ns + self._received_ns) // 2)
 
     def follow(self, request: bytes) -> None:
         """From now on the encoder answers a request by itself."""
@@ -152,13 +152,13 @@ class RlsLine:
         data = self.port.read()
         now_ns = self._now_ns()
         if self._replies is None:
-            self.strays += len(data)
+            self.unrequested_bytes += len(data)
             return
         skipped = self._replies.skipped
         found = self._replies.feed(data)
-        self.strays += self._replies.skipped - skipped
+        self.unrequested_bytes += self._replies.skipped - skipped
         if found:
-            self.latest = Answer(found[-1], now_ns - self.reply_duration_ns)
+            self.latest = TimedPosition(found[-1], now_ns - self.reply_duration_ns)
 
     def _failed(self, miss: ReadError) -> ReadError:
         self._doubted_until_ns = self._sent_ns + self._doubt_ns

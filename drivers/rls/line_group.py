@@ -57,9 +57,9 @@ class RlsLineGroup:
         self._wake_fd = wake_fd
 
     @property
-    def strays(self) -> int:
+    def unrequested_bytes(self) -> int:
         """Bytes that nobody had asked for."""
-        return sum(line.strays for line in self.lines)
+        return sum(line.unrequested_bytes for line in self.lines)
 
     @property
     def longest_ns(self) -> int:
@@ -90,24 +90,30 @@ class RlsLineGroup:
             requests: by channel.
             impatient: channels whose replies are waited for as long as most take only.
         """
-        doubtful = {n for n in requests if self.lines[n].doubtful}
+        may_receive_late_reply = {
+            n for n in requests if self.lines[n].may_receive_late_reply
+        }
         for number, request in requests.items():
             self.lines[number].ask(request)
 
         def left_ns(number: int) -> int:
             line = self.lines[number]
-            if not line.waits:
+            if not line.reply_is_incomplete:
                 return 0
             patience_ns = self._usual_ns() if number in impatient else self._timeout_ns
             return patience_ns - line.waited_ns()
 
         while waiting := [n for n in requests if left_ns(n) > 0]:
             for number in self._ready(waiting, max(map(left_ns, waiting))):
-                self.lines[number].hear()
-        doubtful |= {n for n in requests if self.lines[n].waits}
-        if doubtful:
+                self.lines[number].receive()
+        may_receive_late_reply |= {
+            n for n in requests if self.lines[n].reply_is_incomplete
+        }
+        if may_receive_late_reply:
             # A late reply must not pass for the next one.
-            for number in self._heard_within(sorted(doubtful), self._usual_ns()):
+            for number in self._heard_within(
+                sorted(may_receive_late_reply), self._usual_ns()
+            ):
                 self.lines[number].discard_late_bytes()
 
     def discard_input(self, seconds: float) -> set[int]:
@@ -118,7 +124,7 @@ class RlsLineGroup:
             talkers.add(number)
         return talkers
 
-    def set_up(self, number: int, setting: bytes) -> None:
+    def send_setting(self, number: int, setting: bytes) -> None:
         """Send a setting byte by byte; its echo is read away with what else comes."""
         port = self.lines[number].port
         for byte in rls.UNLOCK + setting:
@@ -131,10 +137,10 @@ class RlsLineGroup:
 
     def start_continuous(self, number: int, request: bytes, period_us: int) -> None:
         """Let an encoder answer a request again and again."""
-        self.set_up(number, rls.STOP)
-        self.set_up(number, rls.continuous(request, period_us))
+        self.send_setting(number, rls.STOP)
+        self.send_setting(number, rls.continuous(request, period_us))
         self.lines[number].follow(request)
-        self.set_up(number, rls.START)
+        self.send_setting(number, rls.START)
 
     def listen(self, seconds: float) -> None:
         """Take what encoders say by themselves, until woken; at most for a time."""

@@ -18,7 +18,7 @@ from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.options import DriverOptions
 from traverse.drivers.base.values import DeviceError, DeviceNotFoundError
 from traverse.drivers.triggers.evdev_keys import KEY_CODES, MAX_CODE
-from traverse.drivers.triggers.trigger_driver import Change, TriggerDriver
+from traverse.drivers.triggers.trigger_driver import InputChange, TriggerDriver
 from traverse.protocol.input_events import (
     KEY,
     RELEASED,
@@ -153,7 +153,7 @@ class EvdevDriver(TriggerDriver):
         bits = held if isinstance(held, bytes) else bytes(KEY_BYTES)
         return [bool(bits[code // 8] >> code % 8 & 1) for code in self._numbers]
 
-    def _changes(self) -> Iterator[Change]:
+    def _changes(self) -> Iterator[InputChange]:
         try:
             data = os.read(self._fd, READ_BYTES)
         except BlockingIOError:
@@ -171,9 +171,9 @@ class EvdevDriver(TriggerDriver):
             elif self._dropped or event.type != KEY or event.value == REPEATED:
                 continue
             elif number is not None:
-                yield Change(number, event.value != RELEASED, time_ns)
+                yield InputChange(number, event.value != RELEASED, time_ns)
 
-    def _synchronised(self, code: int, time_ns: int) -> Iterator[Change]:
+    def _synchronised(self, code: int, time_ns: int) -> Iterator[InputChange]:
         """After an overrun nothing is believed until the next report is whole."""
         if code == SYN_DROPPED:
             self._dropped = True
@@ -181,7 +181,7 @@ class EvdevDriver(TriggerDriver):
             self._dropped = False
             self._lose_edges(1, "the kernel's buffer ran over")
             for number, active in enumerate(self._levels()):
-                yield Change(number, active, time_ns)
+                yield InputChange(number, active, time_ns)
 
     def _asked(self, request: int, argument: int | bytes) -> int | bytes | None:
         """The kernel's answer; None where this file knows no such request."""

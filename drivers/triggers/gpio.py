@@ -20,7 +20,7 @@ from traverse.drivers.base.values import (
     DeviceNotFoundError,
     DeviceRefusedError,
 )
-from traverse.drivers.triggers.trigger_driver import Change, TriggerDriver
+from traverse.drivers.triggers.trigger_driver import InputChange, TriggerDriver
 
 BUFFER_EVENTS = 256  # that the kernel keeps, for all lines together
 CONSUMER = "traverse"
@@ -54,7 +54,7 @@ class GpioOptions(DriverOptions):
         return lines
 
 
-class Lines(Protocol):
+class LineRequest(Protocol):
     """Lines that were requested, as `gpiod.LineRequest` is one."""
 
     @property
@@ -75,7 +75,9 @@ class Lines(Protocol):
         """Give the lines back."""
 
 
-RequestLines = Callable[[str, dict[int | str, gpiod.LineSettings], str, int], Lines]
+RequestLines = Callable[
+    [str, dict[int | str, gpiod.LineSettings], str, int], LineRequest
+]
 
 
 def request_lines(
@@ -83,7 +85,7 @@ def request_lines(
     settings: dict[int | str, gpiod.LineSettings],
     consumer: str,
     buffer_events: int,
-) -> Lines:
+) -> LineRequest:
     """Ask the kernel for lines of a chip."""
     return gpiod.request_lines(
         path,
@@ -141,7 +143,7 @@ class GpioDriver(TriggerDriver):
             event_clock=Clock.MONOTONIC,
         )
         self._request = request
-        self._lines: Lines | None = None
+        self._lines: LineRequest | None = None
         self._numbers: dict[int, int] = {}
         self._next_seq: dict[int, int] = {}
 
@@ -165,7 +167,7 @@ class GpioDriver(TriggerDriver):
     def _levels(self) -> Sequence[bool]:
         return [value is Value.ACTIVE for value in self._open_lines().get_values()]
 
-    def _changes(self) -> Iterator[Change]:
+    def _changes(self) -> Iterator[InputChange]:
         try:
             events = self._open_lines().read_edge_events()
         except OSError as error:
@@ -178,7 +180,7 @@ class GpioDriver(TriggerDriver):
             # Of the input and not of the voltage: active_low turns it round.
             active = event.event_type is gpiod.EdgeEvent.Type.RISING_EDGE
             number = self._numbers[event.line_offset]
-            yield Change(number, active, event.timestamp_ns)
+            yield InputChange(number, active, event.timestamp_ns)
 
     def _check_gap(self, event: gpiod.EdgeEvent) -> None:
         """The kernel numbers the events of each line from 1, dropped ones too."""
@@ -188,7 +190,7 @@ class GpioDriver(TriggerDriver):
         if lost > 0:
             self._lose_edges(lost, "the kernel's buffer ran over")
 
-    def _open_lines(self) -> Lines:
+    def _open_lines(self) -> LineRequest:
         if self._lines is None:
             raise RuntimeError(f"the lines of {self.device} are not open")
         return self._lines

@@ -25,7 +25,7 @@ MAX_WAITING = 64
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class InputChange:
     """An input was seen to change, at the host's monotonic time ``time_ns``."""
 
     number: int
@@ -79,7 +79,7 @@ class TriggerDriver(Driver):
         """Which inputs are active now."""
 
     @abstractmethod
-    def _changes(self) -> Iterable[Change]:
+    def _changes(self) -> Iterable[InputChange]:
         """Read what has happened, in order.
 
         Raises:
@@ -93,7 +93,7 @@ class TriggerDriver(Driver):
         name, self._fd = self._open()
         self._inputs = [Debounce(self._hold_ns, active=a) for a in self._levels()]
         identity = Identity(name, "", (), self._n_inputs, 0.0, latches=False)
-        self._tell(DeviceUp(self.device, identity, restarted=False))
+        self._deliver_state(DeviceUp(self.device, identity, restarted=False))
 
     def _serve(self) -> None:
         while not self._stopping:

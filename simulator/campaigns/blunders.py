@@ -15,7 +15,7 @@ LEAST_LEVER = 0.3  # of the longest: a joint that jumps must be felt at the cont
 
 
 @dataclass(frozen=True, slots=True)
-class Spoilt:
+class PosesWithOutliers:
     """What blunders change.
 
     Attributes:
@@ -33,7 +33,9 @@ class Spoilt:
     feature: Names
 
 
-def spoilt_poses(poses: PoseSet, noise: NoiseTable, rng: np.random.Generator) -> Spoilt:
+def spoilt_poses(
+    poses: PoseSet, noise: NoiseTable, rng: np.random.Generator
+) -> PosesWithOutliers:
     """Draw blunders; a share of 0 leaves everything right.
 
     The size is in standard deviations of the misclosure along the normal, in a seat
@@ -70,7 +72,7 @@ def spoilt_poses(poses: PoseSet, noise: NoiseTable, rng: np.random.Generator) ->
             jumps_rad[row, joint] = jump_rad
             name = poses.arm.joints[joint].name
             blunders.append(Blunder(row, kind, jump_rad, "rad", name))
-    return Spoilt(tuple(blunders), shifts_mm, jumps_rad, artefact, feature)
+    return PosesWithOutliers(tuple(blunders), shifts_mm, jumps_rad, artefact, feature)
 
 
 def _labels(poses: PoseSet) -> tuple[Names, Names]:

@@ -11,7 +11,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field, field_validator
 
-from traverse.simulator.devices.device import Mounting
+from traverse.simulator.devices.device import DeviceContext
 from traverse.simulator.devices.serial_device import SerialDevice, SerialTable
 
 POSITION, TURNS, EXTENDED = 0, 1, 2
@@ -63,7 +63,7 @@ class Amt21Table(SerialTable):
             yield "encoder_turns", f"expected {text}"
 
 
-class Amt21Line(SerialDevice):
+class SimulatedAmt21Line(SerialDevice):
     """The encoders of a line.
 
     Args:
@@ -71,7 +71,7 @@ class Amt21Line(SerialDevice):
         mounting: What it is wired to.
     """
 
-    def __init__(self, table: Amt21Table, mounting: Mounting) -> None:
+    def __init__(self, table: Amt21Table, mounting: DeviceContext) -> None:
         self._channels = {a: number for number, a in enumerate(table.addresses)}
         self._bits = table.bits
         self._multi_turn = table.encoder_turns == MULTI_TURN

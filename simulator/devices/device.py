@@ -59,7 +59,7 @@ class SimulatedDevice(Protocol):
         """Take away what hosts find; may be called again."""
 
 
-class Notes(Protocol):
+class DeviceObserver(Protocol):
     """Takes what a device did, for the truth log."""
 
     def edge(
@@ -79,7 +79,7 @@ class Notes(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Mounting:
+class DeviceContext:
     """What a device is given besides its table.
 
     Attributes:
@@ -102,7 +102,7 @@ class Mounting:
     clock: ScriptClock
     faults: tuple[Fault, ...]
     seed: tuple[int, int]
-    notes: Notes
+    notes: DeviceObserver
     climate: ClimateTable
 
     @property
@@ -144,7 +144,7 @@ class Mounting:
         return any(f.kind == "gone" and f.lasts(script_s) for f in self.faults)
 
 
-def make_device(table: DeviceTable, mounting: Mounting) -> SimulatedDevice:
+def make_device(table: DeviceTable, mounting: DeviceContext) -> SimulatedDevice:
     """Make a device of the kind that its table says.
 
     Raises:

@@ -32,7 +32,7 @@ DEFAULT = "latch-board"
 KINDS = {
     "latch-board": Kind(
         "traverse.simulator.devices.latch_board.device:LatchBoardTable",
-        "traverse.simulator.devices.latch_board.device:LatchBoard",
+        "traverse.simulator.devices.latch_board.device:SimulatedLatchBoard",
     ),
     "canopen": Kind(
         "traverse.simulator.devices.canopen.table:CanOpenTable",
@@ -40,17 +40,18 @@ KINDS = {
     ),
     "amt21": Kind(
         "traverse.simulator.devices.amt21:Amt21Table",
-        "traverse.simulator.devices.amt21:Amt21Line",
+        "traverse.simulator.devices.amt21:SimulatedAmt21Line",
     ),
     "microscribe": Kind(
         "traverse.simulator.devices.microscribe.device:MicroscribeTable",
-        "traverse.simulator.devices.microscribe.device:Microscribe",
+        "traverse.simulator.devices.microscribe.device:SimulatedMicroscribe",
     ),
     "modbus": Kind(
         "traverse.simulator.devices.modbus:ModbusTable",
-        "traverse.simulator.devices.modbus:ModbusLine",
+        "traverse.simulator.devices.modbus:SimulatedModbusLine",
     ),
     "rls": Kind(
-        "traverse.simulator.devices.rls:RlsTable", "traverse.simulator.devices.rls:Rls"
+        "traverse.simulator.devices.rls:RlsTable",
+        "traverse.simulator.devices.rls:SimulatedRls",
     ),
 }

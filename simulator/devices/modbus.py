@@ -16,7 +16,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field, field_validator
 
-from traverse.simulator.devices.device import Mounting
+from traverse.simulator.devices.device import DeviceContext
 from traverse.simulator.devices.serial_device import SerialDevice, SerialTable
 
 READ_HOLDING, READ_INPUT, WRITE_ONE, WRITE_MANY = 3, 4, 6, 16
@@ -92,7 +92,7 @@ class ModbusTable(SerialTable):
                 yield "words", f"{text} need more than {self.words} registers"
 
 
-class ModbusLine(SerialDevice):
+class SimulatedModbusLine(SerialDevice):
     """The encoders of a line.
 
     Args:
@@ -100,7 +100,7 @@ class ModbusLine(SerialDevice):
         mounting: What it is wired to.
     """
 
-    def __init__(self, table: ModbusTable, mounting: Mounting) -> None:
+    def __init__(self, table: ModbusTable, mounting: DeviceContext) -> None:
         self._table = table
         self._channels = {a: number for number, a in enumerate(table.addresses)}
         bits = BITS[table.parity]

@@ -10,7 +10,7 @@ import tty
 from collections import deque
 from pathlib import Path
 
-from traverse.simulator.scenario.signals import Frame
+from traverse.simulator.scenario.signals import OutgoingFrame
 
 RESERVE_BYTES = 262_144  # for frames that may not be dropped
 
@@ -124,7 +124,7 @@ class PtyPort:
         except OSError:
             return b""  # nothing there, or nobody: `host_changed` tells
 
-    def write(self, frames: list[Frame]) -> int:
+    def write(self, frames: list[OutgoingFrame]) -> int:
         """Send frames as far as the line takes them.
 
         Returns:

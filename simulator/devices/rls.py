@@ -16,7 +16,7 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from traverse.simulator.devices.device import Mounting
+from traverse.simulator.devices.device import DeviceContext
 from traverse.simulator.devices.serial_device import SerialDevice, SerialTable
 from traverse.simulator.scenario.faults import StatusFault
 
@@ -72,7 +72,7 @@ class _Port:
         self.heard_s = float("-inf")
 
 
-class Rls(SerialDevice):
+class SimulatedRls(SerialDevice):
     """The encoders.
 
     Args:
@@ -80,7 +80,7 @@ class Rls(SerialDevice):
         mounting: What it is wired to.
     """
 
-    def __init__(self, table: RlsTable, mounting: Mounting) -> None:
+    def __init__(self, table: RlsTable, mounting: DeviceContext) -> None:
         self._table = table
         self._ports: list[_Port] = []
         super().__init__(table, mounting, table.ports)

@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import Field
 
-from traverse.simulator.devices.device import Mounting
+from traverse.simulator.devices.device import DeviceContext
 from traverse.simulator.devices.disturbed_line import DisturbedLine
 from traverse.simulator.devices.serial_line import LineTiming, SerialLine
 from traverse.simulator.devices.table import DeviceTable
@@ -80,7 +80,7 @@ class SerialDevice(ABC):
     def __init__(
         self,
         table: SerialTable,
-        mounting: Mounting,
+        mounting: DeviceContext,
         ports: Sequence[str],
         inputs: Sequence[str] = (),
         bits_per_byte: int = 10,

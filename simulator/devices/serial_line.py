@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from traverse.simulator.devices.pty_port import PtyPort
-from traverse.simulator.scenario.signals import Frame
+from traverse.simulator.scenario.signals import OutgoingFrame
 
 BUFFER_BYTES = 65_536
 
@@ -109,7 +109,7 @@ class SerialLine:
         """Hand the host what has come to its end of the line by now."""
         frames = []
         while self._going and self._going[0][0] <= now_s:
-            frames.append(Frame(True, self._going.popleft()[1]))
+            frames.append(OutgoingFrame(True, self._going.popleft()[1]))
         if frames:
             self.n_dropped += self._port.write(frames)
         else:

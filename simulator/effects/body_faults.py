@@ -7,7 +7,7 @@ import numpy as np
 from traverse.simulator.arm.physics import Floats
 from traverse.simulator.effects.fault import BodyFault
 from traverse.simulator.effects.posture import Posture
-from traverse.simulator.effects.yielding import Yielding
+from traverse.simulator.effects.yielding import Deflection
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,7 +17,7 @@ class SoftJoint(BodyFault):
     joint: int
     compliance_rad_nm: float
 
-    def move(self, posture: Posture, yielding: Yielding) -> None:
+    def move(self, posture: Posture, yielding: Deflection) -> None:
         """Twist about the axis, down with the weights."""
         torques_nm = np.einsum(
             "ni,ni->n", posture.moments_nm[:, self.joint], posture.axis(self.joint)
@@ -32,7 +32,7 @@ class SoftBearing(BodyFault):
     joint: int
     compliance_rad_nm: float
 
-    def move(self, posture: Posture, yielding: Yielding) -> None:
+    def move(self, posture: Posture, yielding: Deflection) -> None:
         """Tilt by the part of the moment across the axis."""
         across_nm = _across(posture.moments_nm[:, self.joint], posture.axis(self.joint))
         tilts = self.compliance_rad_nm * across_nm
@@ -45,7 +45,7 @@ class SoftMount(BodyFault):
 
     compliance_rad_nm: float
 
-    def move(self, posture: Posture, yielding: Yielding) -> None:
+    def move(self, posture: Posture, yielding: Deflection) -> None:
         """Tilt by the overturning moment; a table does not turn about the vertical."""
         gravity = posture.build.gravity_m_s2
         length = np.linalg.norm(gravity)
@@ -63,7 +63,7 @@ class WarmElements(BodyFault):
     expansion_per_c: float
     reference_c: float
 
-    def move(self, posture: Posture, yielding: Yielding) -> None:
+    def move(self, posture: Posture, yielding: Deflection) -> None:
         """Grow."""
         warmer_c = posture.around.temperature_c - self.reference_c
         yielding.growths[:, self.joints] += self.expansion_per_c * warmer_c[:, None]
@@ -87,7 +87,7 @@ class WanderingAxis(BodyFault):
     cos: Floats
     sin: Floats
 
-    def move(self, posture: Posture, yielding: Yielding) -> None:
+    def move(self, posture: Posture, yielding: Deflection) -> None:
         """Follow the true turn; the bearing's raceway stands on the carrier."""
         phases = self.order * posture.turns_rad[:, self.joint, None]
         wander = self.cos * np.cos(phases) + self.sin * np.sin(phases)
@@ -102,7 +102,7 @@ class CreepingBase(BodyFault):
     rate_mm_s: Floats
     epoch_utc_s: float
 
-    def move(self, posture: Posture, yielding: Yielding) -> None:
+    def move(self, posture: Posture, yielding: Deflection) -> None:
         """Creep."""
         since_s = posture.around.since_s(self.epoch_utc_s)
         yielding.base_shifts_mm[...] += since_s[:, None] * self.rate_mm_s
@@ -116,7 +116,7 @@ class KnockedBase(BodyFault):
     at_s: float
     epoch_utc_s: float
 
-    def move(self, posture: Posture, yielding: Yielding) -> None:
+    def move(self, posture: Posture, yielding: Deflection) -> None:
         """Jump."""
         knocked = posture.around.since_s(self.epoch_utc_s) >= self.at_s
         yielding.base_shifts_mm[...] += knocked[:, None] * self.step_mm

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from traverse.simulator.arm.physics import Floats
-from traverse.simulator.effects.fault import ReadingFault, Seen
+from traverse.simulator.effects.fault import JointState, ReadingFault
 
 OF_JOINT = ("_temperature_c", "_speed_rad_s", "_approach", "_rad")
 OF_ARM = ("time_s", "temperature_c", "force_n")
@@ -31,7 +31,7 @@ class CurvedError(ReadingFault):
     values_rad: Floats
     slopes: Floats
 
-    def errors_rad(self, seen: Seen) -> Floats:
+    def errors_rad(self, seen: JointState) -> Floats:
         """Cubic Hermite pieces."""
         at = np.clip(self._covariate(seen), self.knots[0], self.knots[-1])
         left = np.searchsorted(self.knots, at, side="right") - 1
@@ -46,7 +46,7 @@ class CurvedError(ReadingFault):
         )
         return curve[:, None]
 
-    def _covariate(self, seen: Seen) -> Floats:
+    def _covariate(self, seen: JointState) -> Floats:
         around, k = seen.around, self.of_joint
         columns: dict[str, Floats] = {
             "_rad": seen.readings_rad[:, k],

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from traverse.simulator.arm.physics import Floats
-from traverse.simulator.effects.fault import ReadingFault, Seen
+from traverse.simulator.effects.fault import JointState, ReadingFault
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +21,7 @@ class WavyDisc(ReadingFault):
     cos_rad: float
     sin_rad: float
 
-    def errors_rad(self, seen: Seen) -> Floats:
+    def errors_rad(self, seen: JointState) -> Floats:
         """A wave of the reading, as one sine with its phase."""
         size = np.hypot(self.cos_rad, self.sin_rad)
         phase = np.arctan2(self.cos_rad, self.sin_rad)
@@ -38,7 +38,7 @@ class LongTape(ReadingFault):
     joints: slice
     scale_ppm: float
 
-    def errors_rad(self, seen: Seen) -> Floats:
+    def errors_rad(self, seen: JointState) -> Floats:
         """Grows with what is shown since the base posture."""
         shown_rad = (
             seen.readings_rad[:, self.joints] - seen.build.zeros_rad[self.joints]
@@ -54,7 +54,7 @@ class WarmHead(ReadingFault):
     rate_rad_c: float
     reference_c: float
 
-    def errors_rad(self, seen: Seen) -> Floats:
+    def errors_rad(self, seen: JointState) -> Floats:
         """Nothing at the reference temperature."""
         warmer_c = seen.around.temperature_c - self.reference_c
         return self.rate_rad_c * warmer_c[:, None]
@@ -68,7 +68,7 @@ class CreepingZero(ReadingFault):
     rate_rad_s: float
     epoch_utc_s: float
 
-    def errors_rad(self, seen: Seen) -> Floats:
+    def errors_rad(self, seen: JointState) -> Floats:
         """Nothing at the epoch."""
         return self.rate_rad_s * seen.around.since_s(self.epoch_utc_s)[:, None]
 
@@ -82,7 +82,7 @@ class LostCounts(ReadingFault):
     at_s: float
     epoch_utc_s: float
 
-    def errors_rad(self, seen: Seen) -> Floats:
+    def errors_rad(self, seen: JointState) -> Floats:
         """Nothing before."""
         since_s = seen.around.since_s(self.epoch_utc_s)
         return np.where(since_s >= self.at_s, self.step_rad, 0.0)[:, None]
@@ -95,7 +95,7 @@ class LateReading(ReadingFault):
     joints: slice
     latency_s: float
 
-    def errors_rad(self, seen: Seen) -> Floats:
+    def errors_rad(self, seen: JointState) -> Floats:
         """A joint that moves forwards is shown too far back."""
         return -self.latency_s * seen.around.speed_rad_s[:, self.joints]
 
@@ -107,6 +107,6 @@ class Play(ReadingFault):
     joints: slice
     half_width_rad: float
 
-    def errors_rad(self, seen: Seen) -> Floats:
+    def errors_rad(self, seen: JointState) -> Floats:
         """Two-valued."""
         return self.half_width_rad * seen.around.approach[:, self.joints]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from traverse.simulator.arm.physics import Floats
-from traverse.simulator.effects.fault import ReadingFault, Seen
+from traverse.simulator.effects.fault import JointState, ReadingFault
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +27,7 @@ class Bump(ReadingFault):
     half_width_rad: float
     height_rad: float
 
-    def errors_rad(self, seen: Seen) -> Floats:
+    def errors_rad(self, seen: JointState) -> Floats:
         """A raised cosine."""
         off = (_angles_rad(seen, self.joints) - self.middle_rad) / self.half_width_rad
         hill = 0.5 * (1.0 + np.cos(np.pi * np.clip(off, -1.0, 1.0)))
@@ -42,7 +42,7 @@ class JumpInAngle(ReadingFault):
     at_rad: float
     step_rad: float
 
-    def errors_rad(self, seen: Seen) -> Floats:
+    def errors_rad(self, seen: JointState) -> Floats:
         """Nothing below the angle."""
         beyond = _angles_rad(seen, self.joints) >= self.at_rad
         return np.where(beyond, self.step_rad, 0.0)
@@ -55,7 +55,7 @@ class CubicError(ReadingFault):
     joints: slice
     rate_per_rad2: float
 
-    def errors_rad(self, seen: Seen) -> Floats:
+    def errors_rad(self, seen: JointState) -> Floats:
         """Of the turn from the base posture."""
         cubes: Floats = seen.turns_rad[:, self.joints] ** 3
         return self.rate_per_rad2 * cubes
@@ -69,7 +69,7 @@ class Sawtooth(ReadingFault):
     teeth: int
     height_rad: float
 
-    def errors_rad(self, seen: Seen) -> Floats:
+    def errors_rad(self, seen: JointState) -> Floats:
         """From minus half to plus half of the height."""
         cycles = self.teeth * _angles_rad(seen, self.joints) / (2.0 * np.pi)
         return self.height_rad * (cycles % 1.0 - 0.5)
@@ -93,7 +93,7 @@ class CrossCoupling(ReadingFault):
     order: int = 1
     phase_rad: float = 0.0
 
-    def errors_rad(self, seen: Seen) -> Floats:
+    def errors_rad(self, seen: JointState) -> Floats:
         """A wave of the other joint's angle."""
         angles_rad = _angles_rad(seen, slice(self.other, self.other + 1))
         waves: Floats = np.sin(self.order * angles_rad + self.phase_rad)
@@ -108,14 +108,14 @@ class SquareOfTemperature(ReadingFault):
     rate_rad_c2: float
     reference_c: float = 20.0
 
-    def errors_rad(self, seen: Seen) -> Floats:
+    def errors_rad(self, seen: JointState) -> Floats:
         """Equal for warmer and colder."""
         warmer_c = seen.around.temperature_c - self.reference_c
         squares: Floats = warmer_c[:, None] ** 2
         return self.rate_rad_c2 * squares
 
 
-def _angles_rad(seen: Seen, joints: slice) -> Floats:
+def _angles_rad(seen: JointState, joints: slice) -> Floats:
     """True angles on the disc, (n, n_chosen)."""
     angles: Floats = seen.turns_rad[:, joints] + seen.build.zeros_rad[joints]
     return angles

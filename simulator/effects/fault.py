@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from traverse.simulator.arm.physics import Floats
 from traverse.simulator.effects.posture import Build, Posture
 from traverse.simulator.effects.surroundings import Surroundings
-from traverse.simulator.effects.yielding import Yielding
+from traverse.simulator.effects.yielding import Deflection
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class JointState:
     """What an encoder sees.
 
     Attributes:
@@ -56,7 +56,7 @@ class ReadingFault(ABC):
     joints: slice
 
     @abstractmethod
-    def errors_rad(self, seen: Seen) -> Floats:
+    def errors_rad(self, seen: JointState) -> Floats:
         """What is shown too much, (n, n_chosen joints) or (n, 1)."""
 
 
@@ -64,7 +64,7 @@ class BodyFault(ABC):
     """The arm is not where its hinges say."""
 
     @abstractmethod
-    def move(self, posture: Posture, yielding: Yielding) -> None:
+    def move(self, posture: Posture, yielding: Deflection) -> None:
         """Add to what has yielded."""
 
 

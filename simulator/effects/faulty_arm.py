@@ -10,14 +10,14 @@ from traverse.simulator.arm.physics import Floats, Mechanism, probe_rates
 from traverse.simulator.effects.fault import (
     BodyFault,
     Fault,
+    JointState,
     ReadingFault,
-    Seen,
     Touch,
     TouchFault,
 )
 from traverse.simulator.effects.posture import Build, Posture, build_of
 from traverse.simulator.effects.surroundings import Surroundings
-from traverse.simulator.effects.yielding import no_yielding, yielded_motion
+from traverse.simulator.effects.yielding import deflected_motion, no_yielding
 
 N_LOOKS = 12  # for a reading; each look is 1e-3 of the last one off, or better
 SAME_RAD = 1e-15
@@ -63,7 +63,7 @@ class FaultyArm:
             return perfect_rad
         shown_rad = perfect_rad
         for _ in range(N_LOOKS):
-            seen = Seen(self.build, turns_rad, shown_rad, around)
+            seen = JointState(self.build, turns_rad, shown_rad, around)
             errors_rad = np.zeros_like(perfect_rad)
             for fault in self.readings:
                 errors_rad[:, fault.joints] += fault.errors_rad(seen)
@@ -144,7 +144,7 @@ class FaultyArm:
         posture = Posture(self.build, turns_rad, around)
         for fault in self.bodies:
             fault.move(posture, yielding)
-        return yielded_motion(self.build, turns_rad, yielding)
+        return deflected_motion(self.build, turns_rad, yielding)
 
 
 def faulty_arm(

@@ -8,7 +8,7 @@ from traverse.kinematics.arm_file.arm import Arm, Effect, FileError, Problem
 from traverse.simulator.arm.physics import Floats
 from traverse.simulator.effects.empirical_fault import OF_ARM, OF_JOINT
 from traverse.simulator.effects.fault import Fault
-from traverse.simulator.effects.makers import MAKERS, Entry, covariate_of
+from traverse.simulator.effects.makers import MAKERS, EffectEntry, covariate_of
 
 TIMED = {"encoder_drift", "count_slip", "base_drift", "base_step"}
 WEIGHED = {"joint_compliance", "bearing_compliance", "mount_compliance"}
@@ -43,7 +43,7 @@ def faults_from_effects(
             problems.append(Problem(f"{where}.joint", message))
             continue
         joint = -1 if effect.joint is None else names.index(effect.joint)
-        entry = Entry(
+        entry = EffectEntry(
             values=effect.values,
             joints=slice(None) if joint < 0 else slice(joint, joint + 1),
             joint=joint,

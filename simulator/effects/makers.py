@@ -17,7 +17,7 @@ from traverse.simulator.effects.fault import Fault
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class EffectEntry:
     """An effect of an arm file with what it refers to.
 
     Attributes:
@@ -37,7 +37,7 @@ class Entry:
     names: tuple[str, ...]
 
 
-def covariate_of(entry: Entry) -> tuple[str, int] | None:
+def covariate_of(entry: EffectEntry) -> tuple[str, int] | None:
     """Column and joint (-1 for none) of an empirical effect."""
     name = str(entry.values["covariate"])
     if name in OF_ARM:
@@ -48,43 +48,43 @@ def covariate_of(entry: Entry) -> tuple[str, int] | None:
     return None
 
 
-def _wave(entry: Entry) -> Fault:
+def _wave(entry: EffectEntry) -> Fault:
     v = entry.values
     return encoder_faults.WavyDisc(
         entry.joints, v.get("order", 1), v["cos_rad"], v["sin_rad"]
     )
 
 
-def _scale(entry: Entry) -> Fault:
+def _scale(entry: EffectEntry) -> Fault:
     return encoder_faults.LongTape(entry.joints, entry.values["scale_ppm"])
 
 
-def _warm_head(entry: Entry) -> Fault:
+def _warm_head(entry: EffectEntry) -> Fault:
     rate = entry.values["rate_rad_c"]
     return encoder_faults.WarmHead(entry.joints, rate, entry.reference_c)
 
 
-def _zero(entry: Entry) -> Fault:
+def _zero(entry: EffectEntry) -> Fault:
     rate = entry.values["rate_rad_s"]
     return encoder_faults.CreepingZero(entry.joints, rate, entry.epoch_utc_s)
 
 
-def _slip(entry: Entry) -> Fault:
+def _slip(entry: EffectEntry) -> Fault:
     v = entry.values
     return encoder_faults.LostCounts(
         entry.joints, v["step_rad"], v["at_s"], entry.epoch_utc_s
     )
 
 
-def _late(entry: Entry) -> Fault:
+def _late(entry: EffectEntry) -> Fault:
     return encoder_faults.LateReading(entry.joints, entry.values["latency_s"])
 
 
-def _play(entry: Entry) -> Fault:
+def _play(entry: EffectEntry) -> Fault:
     return encoder_faults.Play(entry.joints, entry.values["half_width_rad"])
 
 
-def _curve(entry: Entry) -> Fault:
+def _curve(entry: EffectEntry) -> Fault:
     found = covariate_of(entry)
     if found is None:
         raise ValueError(f"'{entry.values['covariate']}' is no column of a campaign")
@@ -94,60 +94,60 @@ def _curve(entry: Entry) -> Fault:
     return CurvedError(entry.joints, *found, knots, values_rad, slopes)
 
 
-def _joint(entry: Entry) -> Fault:
+def _joint(entry: EffectEntry) -> Fault:
     return body_faults.SoftJoint(entry.joint, entry.values["compliance_rad_nm"])
 
 
-def _bearing(entry: Entry) -> Fault:
+def _bearing(entry: EffectEntry) -> Fault:
     return body_faults.SoftBearing(entry.joint, entry.values["compliance_rad_nm"])
 
 
-def _mount(entry: Entry) -> Fault:
+def _mount(entry: EffectEntry) -> Fault:
     return body_faults.SoftMount(entry.values["compliance_rad_nm"])
 
 
-def _elements(entry: Entry) -> Fault:
+def _elements(entry: EffectEntry) -> Fault:
     rate = entry.values["expansion_per_c"]
     return body_faults.WarmElements(entry.joints, rate, entry.reference_c)
 
 
-def _wobble(entry: Entry) -> Fault:
+def _wobble(entry: EffectEntry) -> Fault:
     v = entry.values
     cos, sin = np.array(v["cos_rad"]), np.array(v["sin_rad"])
     return body_faults.WanderingAxis(entry.joint, True, v["order"], cos, sin)
 
 
-def _runout(entry: Entry) -> Fault:
+def _runout(entry: EffectEntry) -> Fault:
     v = entry.values
     cos, sin = np.array(v["cos_mm"]), np.array(v["sin_mm"])
     return body_faults.WanderingAxis(entry.joint, False, v["order"], cos, sin)
 
 
-def _base(entry: Entry) -> Fault:
+def _base(entry: EffectEntry) -> Fault:
     rate = np.array(entry.values["rate_mm_s"])
     return body_faults.CreepingBase(rate, entry.epoch_utc_s)
 
 
-def _knock(entry: Entry) -> Fault:
+def _knock(entry: EffectEntry) -> Fault:
     v = entry.values
     return body_faults.KnockedBase(np.array(v["step_mm"]), v["at_s"], entry.epoch_utc_s)
 
 
-def _ball(entry: Entry) -> Fault:
+def _ball(entry: EffectEntry) -> Fault:
     return touch_faults.LargerBall(entry.values["radius_error_mm"])
 
 
-def _seats(entry: Entry) -> Fault:
+def _seats(entry: EffectEntry) -> Fault:
     return touch_faults.ThreeSeats(
         entry.values["amplitude_mm"], entry.values["phase_rad"]
     )
 
 
-def _stylus(entry: Entry) -> Fault:
+def _stylus(entry: EffectEntry) -> Fault:
     return touch_faults.SoftStylus(entry.values["compliance_mm_n"])
 
 
-MAKERS: Mapping[str, Callable[[Entry], Fault]] = {
+MAKERS: Mapping[str, Callable[[EffectEntry], Fault]] = {
     "encoder_eccentricity": _wave,
     "encoder_harmonic": _wave,
     "encoder_scale": _scale,

@@ -15,7 +15,7 @@ from traverse.simulator.effects.posture import Build
 
 
 @dataclass(frozen=True, slots=True)
-class Yielding:
+class Deflection:
     """Small motions, added up by faults in place.
 
     Attributes:
@@ -36,9 +36,9 @@ class Yielding:
     base_shifts_mm: Floats
 
 
-def no_yielding(n_samples: int, n_joints: int) -> Yielding:
+def no_yielding(n_samples: int, n_joints: int) -> Deflection:
     """Nothing has yielded yet."""
-    return Yielding(
+    return Deflection(
         twists_rad=np.zeros((n_samples, n_joints)),
         tilts_rad=np.zeros((n_joints, n_samples, 3)),
         shifts_mm=np.zeros((n_joints, n_samples, 3)),
@@ -48,7 +48,7 @@ def no_yielding(n_samples: int, n_joints: int) -> Yielding:
     )
 
 
-def yielded_motion(build: Build, turns_rad: Floats, yielding: Yielding) -> Floats:
+def deflected_motion(build: Build, turns_rad: Floats, yielding: Deflection) -> Floats:
     """Motion (n, 4, 4) of the last element from the base posture."""
     origins_mm = build.mechanism.origins_mm
     motion = tilt_matrices(origins_mm[0], yielding.base_tilts_rad)

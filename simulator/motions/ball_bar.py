@@ -6,7 +6,7 @@ from pydantic import Field
 from traverse.simulator.motions.motion import Direction, Motion, Vector
 from traverse.simulator.motions.sphere import sphere_contacts
 from traverse.simulator.motions.spread import unit
-from traverse.simulator.motions.stage import Stage
+from traverse.simulator.motions.stage import CourseBuilder
 from traverse.simulator.motions.touching import touch
 
 
@@ -22,7 +22,7 @@ class BallBar(Motion):
     pole: Direction = (0.0, 0.0, 1.0)
     opening_rad: float = Field(default=1.4, gt=0.0, le=3.0)
 
-    def play(self, stage: Stage) -> None:
+    def play(self, stage: CourseBuilder) -> None:
         """Append this motion to the course."""
         half_mm = 0.5 * self.distance_mm * unit(self.direction)
         for feature, side in (("1", -1.0), ("2", 1.0)):

@@ -8,7 +8,7 @@ from traverse.simulator.arm.physics import Floats, probe_pose
 from traverse.simulator.arm.trajectory import spline_pieces
 from traverse.simulator.motions.motion import Direction, Motion, Vector
 from traverse.simulator.motions.spread import unit
-from traverse.simulator.motions.stage import Stage, UnreachableError
+from traverse.simulator.motions.stage import CourseBuilder, UnreachableError
 from traverse.simulator.motions.touching import hard_approach
 from traverse.simulator.scenario.script import ScriptEvent
 
@@ -27,7 +27,7 @@ class Cone(Motion):
     axis: Direction = (0.0, 0.0, 1.0)
     postures: int = Field(ge=1)
 
-    def play(self, stage: Stage) -> None:
+    def play(self, stage: CourseBuilder) -> None:
         """Append this motion to the course."""
         axis = unit(self.axis)
         seats_mm = np.tile(np.array(self.seat_mm), (self.postures, 1))
@@ -61,7 +61,9 @@ class Cone(Motion):
         return ScriptEvent(time_s, input_name, level, self.artefact)
 
 
-def _articulation(stage: Stage, seat_mm: Floats, shank: Floats) -> Floats | None:
+def _articulation(
+    stage: CourseBuilder, seat_mm: Floats, shank: Floats
+) -> Floats | None:
     """Draw ways to other postures, the ball staying in its seat; take the longest.
 
     Returns:
@@ -90,7 +92,7 @@ def _articulation(stage: Stage, seat_mm: Floats, shank: Floats) -> Floats | None
     return None
 
 
-def _stays_seated(stage: Stage, way_rad: Floats, seat_mm: Floats) -> bool:
+def _stays_seated(stage: CourseBuilder, way_rad: Floats, seat_mm: Floats) -> bool:
     """Look between the knots, where the course is only interpolated."""
     pieces = spline_pieces(np.linspace(0.0, 1.0, N_KNOTS), way_rad)
     between = np.einsum("p,npj->nj", 0.5 ** np.arange(6), pieces)
@@ -99,6 +101,6 @@ def _stays_seated(stage: Stage, way_rad: Floats, seat_mm: Floats) -> bool:
     return bool(np.max(off_mm) < MOST_PLAY_MM)
 
 
-def _way_out(stage: Stage, targets_mm: Floats) -> Floats:
+def _way_out(stage: CourseBuilder, targets_mm: Floats) -> Floats:
     """Postures (n_knots, n_joints) from the seat back along the approach."""
     return stage.reach.along(stage.posture_rad[None, :], targets_mm[::-1, None])[:, 0]

@@ -12,7 +12,7 @@ from pydantic import (
 )
 
 from traverse.kinematics.arm_file.arm import StrictModel
-from traverse.simulator.motions.stage import Stage
+from traverse.simulator.motions.stage import CourseBuilder
 
 Vector = tuple[float, float, float]
 
@@ -40,7 +40,7 @@ class Motion(StrictModel):
         kind = table.get("kind") if isinstance(table, Mapping) else None
         return KINDS.get(str(kind), UnknownMotion)
 
-    def play(self, stage: Stage) -> None:
+    def play(self, stage: CourseBuilder) -> None:
         """Append this motion to the course."""
         raise NotImplementedError(self.kind)
 

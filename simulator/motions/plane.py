@@ -7,7 +7,7 @@ from pydantic import Field
 from traverse.simulator.arm.physics import Floats
 from traverse.simulator.motions.motion import Direction, Motion, Vector
 from traverse.simulator.motions.spread import crossed, unit
-from traverse.simulator.motions.stage import Stage
+from traverse.simulator.motions.stage import CourseBuilder
 from traverse.simulator.motions.touching import Contact, touch
 
 
@@ -23,7 +23,7 @@ class Plane(Motion):
     columns: int = Field(default=4, ge=1)
     rows: int = Field(default=4, ge=1)
 
-    def play(self, stage: Stage) -> None:
+    def play(self, stage: CourseBuilder) -> None:
         """Append this motion to the course."""
         normal, centre_mm = unit(self.normal), np.array(self.centre_mm)
         across, along = crossed(normal)

@@ -1,17 +1,17 @@
 """Replay: recorded counts in the place of a moving arm."""
 
 from traverse.simulator.motions.motion import Motion
-from traverse.simulator.motions.stage import Stage
+from traverse.simulator.motions.stage import CourseBuilder
 from traverse.simulator.scenario.recorded_counts import read_recording
 from traverse.simulator.scenario.script import ScriptEvent
 
 
-class Replay(Motion):
+class ReplayMotion(Motion):
     """Play the counts of a CSV file; the inputs change as its columns say."""
 
     file: str
 
-    def play(self, stage: Stage) -> None:
+    def play(self, stage: CourseBuilder) -> None:
         """Append this motion to the course: its duration, and its inputs."""
         recording = read_recording(stage.folder / self.file)
         stage.events += [

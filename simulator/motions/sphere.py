@@ -9,7 +9,7 @@ from pydantic import Field
 from traverse.simulator.arm.physics import Floats
 from traverse.simulator.motions.motion import Direction, Motion, Vector
 from traverse.simulator.motions.spread import cap_directions, unit
-from traverse.simulator.motions.stage import Stage
+from traverse.simulator.motions.stage import CourseBuilder
 from traverse.simulator.motions.touching import Contact, touch
 
 
@@ -23,7 +23,7 @@ class Sphere(Motion):
     pole: Direction = (0.0, 0.0, 1.0)
     opening_rad: float = Field(default=1.4, gt=0.0, le=3.0)
 
-    def play(self, stage: Stage) -> None:
+    def play(self, stage: CourseBuilder) -> None:
         """Append this motion to the course."""
         contacts, is_clear = sphere_contacts(
             (self.artefact, ""),

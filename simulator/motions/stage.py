@@ -51,7 +51,7 @@ class UnreachableError(ValueError):
 
 
 @dataclass(slots=True)
-class Stage:
+class CourseBuilder:
     """The course so far.
 
     Attributes:

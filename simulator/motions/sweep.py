@@ -8,7 +8,7 @@ from pydantic import Field
 from traverse.simulator.arm.physics import Floats
 from traverse.simulator.motions.motion import Direction, Motion, Vector
 from traverse.simulator.motions.spread import crossed, unit
-from traverse.simulator.motions.stage import Stage
+from traverse.simulator.motions.stage import CourseBuilder
 from traverse.simulator.motions.touching import Contact, hard_approach, solve_contacts
 
 KNOT_DISTANCE_MM = 1.0
@@ -31,7 +31,7 @@ class Sweep(Motion):
     windings: float = Field(default=3.0, gt=0.0, le=50.0)
     speed_mm_s: float = Field(default=20.0, gt=0.0)
 
-    def play(self, stage: Stage) -> None:
+    def play(self, stage: CourseBuilder) -> None:
         """Append this motion to the course."""
         fine, _ = self._spiral(np.linspace(0.0, 1.0, 2000))
         length_mm = float(np.sum(np.linalg.norm(np.diff(fine, axis=0), axis=1)))
@@ -68,5 +68,5 @@ class Sweep(Motion):
         return centre_mm + self.radius_mm * normals, normals
 
 
-def _along(stage: Stage, posture_rad: Floats, targets_mm: Floats) -> Floats:
+def _along(stage: CourseBuilder, posture_rad: Floats, targets_mm: Floats) -> Floats:
     return stage.reach.along(posture_rad[None, :], targets_mm[:, None])[:, 0]

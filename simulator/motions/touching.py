@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from traverse.simulator.arm.physics import Floats
-from traverse.simulator.motions.stage import IsClear, Stage, UnreachableError
+from traverse.simulator.motions.stage import CourseBuilder, IsClear, UnreachableError
 from traverse.simulator.scenario.script import ScriptEvent
 
 N_APPROACH_KNOTS = 17
@@ -56,7 +56,7 @@ class Approach:
     contact: int
 
 
-def touch(stage: Stage, contacts: list[Contact], is_clear: IsClear) -> None:
+def touch(stage: CourseBuilder, contacts: list[Contact], is_clear: IsClear) -> None:
     """Go to every contact in turn.
 
     Args:
@@ -80,7 +80,7 @@ def touch(stage: Stage, contacts: list[Contact], is_clear: IsClear) -> None:
             stage.follow(path[::-1], approach.times_s)
 
 
-def solve_contacts(stage: Stage, contacts: list[Contact]) -> Floats:
+def solve_contacts(stage: CourseBuilder, contacts: list[Contact]) -> Floats:
     """Find postures (n, n_joints) with the ball exactly in contact.
 
     Raises:
@@ -101,7 +101,7 @@ def solve_contacts(stage: Stage, contacts: list[Contact]) -> Floats:
 
 
 def _touch_with_switch(
-    stage: Stage, contact: Contact, approach: Approach, path: Floats
+    stage: CourseBuilder, contact: Contact, approach: Approach, path: Floats
 ) -> None:
     times_s = approach.times_s
     back_s = times_s[-1] - times_s[::-1]
@@ -113,7 +113,7 @@ def _touch_with_switch(
     stage.events.append(contact.change(opened_s, "switch", 0))
 
 
-def hard_approach(stage: Stage) -> Approach:
+def hard_approach(stage: CourseBuilder) -> Approach:
     """Come to rest exactly in contact, with least jerk."""
     u = np.linspace(0.0, 1.0, N_APPROACH_KNOTS)
     come = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
@@ -124,7 +124,7 @@ def hard_approach(stage: Stage) -> Approach:
     )
 
 
-def _switch_approach(stage: Stage) -> Approach:
+def _switch_approach(stage: CourseBuilder) -> Approach:
     """Speed up, cross the contact at constant speed, brake beyond.
 
     Half the clearance and half the overtravel are crossed at constant speed.
@@ -152,7 +152,7 @@ def _switch_approach(stage: Stage) -> Approach:
 
 
 def _paths(
-    stage: Stage,
+    stage: CourseBuilder,
     approach: Approach,
     postures: Floats,
     contacts: list[Contact],
@@ -166,7 +166,9 @@ def _paths(
     return np.concatenate([outwards, inwards]).transpose(1, 0, 2)
 
 
-def _ball_places(stage: Stage, contacts: list[Contact]) -> tuple[Floats, Floats]:
+def _ball_places(
+    stage: CourseBuilder, contacts: list[Contact]
+) -> tuple[Floats, Floats]:
     """Ball centres in contact and normals, (n, 3) each."""
     normals = np.array([contact.normal for contact in contacts])
     surfaces_mm = np.array([contact.surface_mm for contact in contacts])

@@ -27,7 +27,7 @@ class AlarmChange:
     value: int
 
 
-class Latched(Protocol):
+class LatchSource(Protocol):
     """What the board is wired to."""
 
     def latch(
@@ -43,7 +43,7 @@ class Latched(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class OutgoingFrame:
     """A frame on its way out; only samples may be dropped."""
 
     is_sample: bool

@@ -4,7 +4,7 @@ import threading
 from collections.abc import Callable
 
 from traverse.simulator.clock import MonotonicClock
-from traverse.simulator.devices.device import Mounting, SimulatedDevice
+from traverse.simulator.devices.device import DeviceContext, SimulatedDevice
 from traverse.simulator.pacing import live_real
 
 
@@ -16,7 +16,9 @@ class SimulatedRig:
         mounting: of the device.
     """
 
-    def __init__(self, make: Callable[[], SimulatedDevice], mounting: Mounting) -> None:
+    def __init__(
+        self, make: Callable[[], SimulatedDevice], mounting: DeviceContext
+    ) -> None:
         self._make, self._mounting = make, mounting
         self._thread: threading.Thread | None = None
         self.plug()

@@ -20,7 +20,7 @@ from traverse.drivers.base.values import (
     LatchedCounts,
     StreamStarted,
 )
-from traverse.drivers.replay import Replay
+from traverse.drivers.replay import ReplayDriver
 from traverse.recording.maps import bytes_to_map, map_to_bytes
 from traverse.recording.run_writer import Entry, RunHead, RunWriter
 
@@ -143,7 +143,9 @@ async def taken(driver, delivery_queue, n_lost):
 async def test_a_device_delivers_what_it_did_then_at_the_times_of_now(tmp_path):
     delivery_queue = DeliveryQueue(asyncio.get_running_loop())
     path = recording(tmp_path / "a.mcap")
-    driver = Replay("arm", delivery_queue, file=str(path), source="base", speed=2.0)
+    driver = ReplayDriver(
+        "arm", delivery_queue, file=str(path), source="base", speed=2.0
+    )
     begun_ns = time.monotonic_ns()
     found = await taken(driver, delivery_queue, 2)
     ended_ns = time.monotonic_ns()
@@ -170,7 +172,9 @@ async def test_a_device_delivers_what_it_did_then_at_the_times_of_now(tmp_path):
 async def test_it_begins_anew_where_it_is_wanted(tmp_path):
     delivery_queue = DeliveryQueue(asyncio.get_running_loop())
     path = recording(tmp_path / "a.mcap")
-    driver = Replay("base", delivery_queue, file=str(path), speed=100.0, repeat=True)
+    driver = ReplayDriver(
+        "base", delivery_queue, file=str(path), speed=100.0, repeat=True
+    )
     found = await taken(driver, delivery_queue, 4)
     assert sum(isinstance(d, DeviceUp) for d in found) >= 2
 
@@ -185,6 +189,6 @@ async def test_a_file_that_cannot_be_played_is_told(tmp_path, content, told):
         path.write_bytes(content)
     delivery_queue = DeliveryQueue(asyncio.get_running_loop())
     (lost,) = await taken(
-        Replay("base", delivery_queue, file=str(path)), delivery_queue, 1
+        ReplayDriver("base", delivery_queue, file=str(path)), delivery_queue, 1
     )
     assert told in lost.reason

@@ -6,7 +6,7 @@ import numpy as np
 
 from traverse.simulator.arm.encoder import EncoderSet
 from traverse.simulator.arm.trajectory import Trajectory, rest_pieces
-from traverse.simulator.devices.device import Mounting
+from traverse.simulator.devices.device import DeviceContext
 from traverse.simulator.scenario.climate import ClimateTable
 from traverse.simulator.scenario.faults import fault_from_table
 from traverse.simulator.scenario.script import Script
@@ -53,7 +53,7 @@ def mounted(folder: Path, table, *faults, n_channels=2, per_turn=65536, events=(
     resting = Trajectory(np.array([0.0, 3600.0]), rest_pieces(np.zeros(n_channels)))
     found = tuple(fault_from_table(fault) for fault in faults)
     assert all(fault.kind in table.FAULTS for fault in found)
-    return Mounting(
+    return DeviceContext(
         folder,
         EncoderSet(np.arange(n_channels), per_turns, np.ones(n_channels), moduli, 0.0),
         SteadyCounts(moduli),

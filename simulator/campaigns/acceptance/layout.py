@@ -44,7 +44,7 @@ SHANKS = {
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Standing:
+class PlacedStandard:
     """One standard in one place.
 
     Attributes:
@@ -69,7 +69,7 @@ class Standing:
 
 def layout_of(
     standard: str, reach_mm: float, ball_mm: float, *, std_mm: float = 0.0005
-) -> Iterator[Standing]:
+) -> Iterator[PlacedStandard]:
     """Say what stands where.
 
     Args:
@@ -113,7 +113,7 @@ PATTERN_9 = cap_pattern(((1, 0.0), (4, 45.0), (4, 90.0)))
 PATTERN_5 = cap_pattern(((1, 0.0), (4, 80.0)))
 
 
-def _iso(reach_mm: float, ball_mm: float, std_mm: float) -> Iterator[Standing]:
+def _iso(reach_mm: float, ball_mm: float, std_mm: float) -> Iterator[PlacedStandard]:
     for name, zone in (("probing-1", (0.3, 0.5)), ("probing-2", (0.6, 0.8))):
         yield _sphere(name, {"": PATTERN_25}, zone, ball_mm, std_mm)
     groups = dict.fromkeys(SHANKS, PATTERN_5)
@@ -129,7 +129,7 @@ def _iso(reach_mm: float, ball_mm: float, std_mm: float) -> Iterator[Standing]:
             )
             features = ("a", "b") * N_REPEATS
             rows = [0, 1] * N_REPEATS
-            yield Standing(
+            yield PlacedStandard(
                 bar,
                 way / np.linalg.norm(way),
                 (0.0, 0.7),
@@ -140,14 +140,14 @@ def _iso(reach_mm: float, ball_mm: float, std_mm: float) -> Iterator[Standing]:
             )
 
 
-def _b89(reach_mm: float, ball_mm: float, std_mm: float) -> Iterator[Standing]:
+def _b89(reach_mm: float, ball_mm: float, std_mm: float) -> Iterator[PlacedStandard]:
     repeats = dict.fromkeys("123", PATTERN_9)
     yield _sphere("diameter", repeats, (0.4, 0.6), ball_mm, std_mm)
     for name, zone in ZONES.items():
         sides = ("left",) * 5 + ("right",) * 5
         cone = SidedCone(id=f"spat-{name}", n_poses=10)
         none = np.full((10, 3), np.nan)
-        yield Standing(cone, UP, zone, sides, np.zeros((10, 3)), none, none)
+        yield PlacedStandard(cone, UP, zone, sides, np.zeros((10, 3)), none, none)
     for number in range(1, 21):
         share = 0.6 if number <= 10 else 1.3
         way = DIRECTIONS[(number - 1) % len(DIRECTIONS)]
@@ -161,7 +161,7 @@ def _sphere(
     zone: tuple[float, float],
     ball_mm: float,
     std_mm: float,
-) -> Standing:
+) -> PlacedStandard:
     outwards = np.concatenate(list(groups.values()))
     features = tuple(
         group for group, pattern in groups.items() for _ in range(len(pattern))
@@ -181,7 +181,9 @@ def _sphere(
         groups=tuple(groups),
     )
     away_mm = RADIUS_MM + ball_mm
-    return Standing(sphere, UP, zone, features, away_mm * outwards, -outwards, shanks)
+    return PlacedStandard(
+        sphere, UP, zone, features, away_mm * outwards, -outwards, shanks
+    )
 
 
 def _about(pole: Floats, pattern: Floats) -> Floats:
@@ -203,7 +205,7 @@ def _ball_bar(name: str, length_mm: float, std_mm: float) -> BallBar:
     )
 
 
-def _bar(bar: BallBar, way: Floats, repeats: int, ball_mm: float) -> Standing:
+def _bar(bar: BallBar, way: Floats, repeats: int, ball_mm: float) -> PlacedStandard:
     # Both balls alike, from the side: about an axis across the bar.
     outwards = _about(np.array([1.0, 0.0, 0.0]), PATTERN_5)
     own, towards, features = [], [], []
@@ -214,7 +216,7 @@ def _bar(bar: BallBar, way: Floats, repeats: int, ball_mm: float) -> Standing:
             towards.append(-outwards)
             features += [feature] * PER_BALL
     none = np.full((len(features), 3), np.nan)
-    return Standing(
+    return PlacedStandard(
         bar,
         way / np.linalg.norm(way),
         (0.0, 0.75),

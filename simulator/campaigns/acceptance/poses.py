@@ -12,7 +12,7 @@ import numpy as np
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.simulator.arm.physics import Floats, Mechanism, probe_pose
 from traverse.simulator.arm.truth import Deviations, TrueArm, true_arm
-from traverse.simulator.campaigns.acceptance.layout import Standing, layout_of
+from traverse.simulator.campaigns.acceptance.layout import PlacedStandard, layout_of
 from traverse.simulator.campaigns.artefacts.placement import Placement
 from traverse.simulator.campaigns.campaign import SimulatedCampaign, StatedArtefact
 from traverse.simulator.campaigns.conditions import drawn_conditions
@@ -154,7 +154,7 @@ def _reach(mechanism: Mechanism) -> tuple[Floats, float]:
 
 
 def _touched(
-    standing: Standing,
+    standing: PlacedStandard,
     mechanism: Mechanism,
     limits_rad: Floats,
     volume: tuple[Floats, float],

@@ -11,7 +11,7 @@ from traverse.simulator.devices.canopen.loop_network import LoopNetwork
 from traverse.simulator.devices.canopen.node import CanOpenEncoder, EncoderData
 from traverse.simulator.devices.canopen.slcan_adapter import SlcanAdapter
 from traverse.simulator.devices.canopen.table import CanOpenTable
-from traverse.simulator.devices.device import Mounting
+from traverse.simulator.devices.device import DeviceContext
 from traverse.simulator.devices.disturbed_line import DisturbedLine
 from traverse.simulator.scenario.faults import EmcyFault
 
@@ -33,7 +33,7 @@ class CanOpenBus:
     streaming = False
     ahead = False
 
-    def __init__(self, table: CanOpenTable, mounting: Mounting) -> None:
+    def __init__(self, table: CanOpenTable, mounting: DeviceContext) -> None:
         self.id = table.id
         self._table, self._mounting = table, mounting
         self._disturbed = DisturbedLine(mounting.line_faults, mounting.seed[0])

@@ -13,7 +13,7 @@ length, the data in hexadecimal. Only what 11-bit classic CAN needs is played.
 from pathlib import Path
 
 from traverse.simulator.devices.pty_port import PtyPort
-from traverse.simulator.scenario.signals import Frame
+from traverse.simulator.scenario.signals import OutgoingFrame
 
 YES, NO, SENT = b"\r", b"\a", b"z\r"
 BUFFER_BYTES = 65_536
@@ -65,7 +65,7 @@ class SlcanAdapter:
         """Let the host hear a frame of the bus."""
         if self._open and not self.bus_off:
             text = f"t{can_id:03X}{len(data)}{data.hex().upper()}\r"
-            self.n_dropped += self._port.write([Frame(True, text.encode())])
+            self.n_dropped += self._port.write([OutgoingFrame(True, text.encode())])
 
     def send_error(self, classes: int) -> None:
         """Such adapters tell of errors only when they are asked."""
@@ -127,4 +127,4 @@ class SlcanAdapter:
 
     def _answer(self, text: bytes) -> None:
         self.n_rejected += text == NO
-        self._port.write([Frame(False, text)])
+        self._port.write([OutgoingFrame(False, text)])

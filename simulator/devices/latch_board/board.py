@@ -23,7 +23,12 @@ from traverse.simulator.devices.latch_board.settings import (
     Settings,
 )
 from traverse.simulator.devices.latch_board.tick_counter import TickCounter
-from traverse.simulator.scenario.signals import AlarmChange, Frame, InputChange, Latched
+from traverse.simulator.scenario.signals import (
+    AlarmChange,
+    InputChange,
+    LatchSource,
+    OutgoingFrame,
+)
 
 
 class Board:
@@ -43,7 +48,7 @@ class Board:
         self,
         identity: wire.Identity,
         ticks: TickCounter,
-        latched: Latched,
+        latched: LatchSource,
         *,
         temperatures_c: Sequence[float | None],
         power_up_s: float,
@@ -83,23 +88,23 @@ class Board:
         """When `advance` has something to do next, samples apart."""
         return min(time_s for time_s, _ in self._agenda())
 
-    def advance(self, to_s: float) -> list[Frame]:
+    def advance(self, to_s: float) -> list[OutgoingFrame]:
         """Let the board live until a time, in order of events."""
-        frames: list[Frame] = []
+        frames: list[OutgoingFrame] = []
         while True:
             due_s, act = min(self._agenda(), key=lambda entry: entry[0])
             if due_s > to_s:
                 break
             frames += self.sampler.until(due_s)
             self._now_s = max(self._now_s, due_s)
-            frames += [Frame(False, data) for data in act(due_s)]
+            frames += [OutgoingFrame(False, data) for data in act(due_s)]
         frames += self.sampler.until(to_s)
         self._now_s = max(self._now_s, to_s)
         return frames
 
-    def receive(self, received: bytes) -> list[Frame]:
+    def receive(self, received: bytes) -> list[OutgoingFrame]:
         """Answer what the host sent, now."""
-        frames: list[Frame] = []
+        frames: list[OutgoingFrame] = []
         for segment in self._segments.feed(received):
             body = wire.body_of(segment)
             if body is None:
@@ -113,10 +118,10 @@ class Board:
         self._segments.forget()
         self.sampler.stop()
 
-    def count_dropped(self, n_dropped: int) -> list[Frame]:
+    def count_dropped(self, n_dropped: int) -> list[OutgoingFrame]:
         """Count samples that the line did not take, and complain once."""
         alarms = self.alarms.drop(n_dropped, self._now_s)
-        return [Frame(False, data) for data in alarms]
+        return [OutgoingFrame(False, data) for data in alarms]
 
     def _agenda(self) -> list[tuple[float, Callable[[float], list[bytes]]]]:
         """What comes next of everything but samples: when, and what to do then."""
@@ -181,7 +186,7 @@ class Board:
     def _shown(self, time_s: float) -> int:
         return self._ticks.shown(self._ticks.at(time_s))
 
-    def _answer(self, body: bytes) -> list[Frame]:
+    def _answer(self, body: bytes) -> list[OutgoingFrame]:
         kind, fields = body[0], body[1:]
         layout = wire.REQUEST_FIELDS.get(kind)
         if layout is None or len(fields) != layout.size:
@@ -190,21 +195,21 @@ class Board:
             asks = kind < wire.BOARD_TYPES and kind != wire.EDGE_ACK and fields
             if not asks or self._refused:
                 return []
-            return [Frame(False, wire.reply(kind, fields[0], result, 0))]
+            return [OutgoingFrame(False, wire.reply(kind, fields[0], result, 0))]
         values = layout.unpack(fields)
         if kind == wire.HELLO:
-            return [Frame(False, self._greet(*values))]
+            return [OutgoingFrame(False, self._greet(*values))]
         return [] if self._refused else self._obey(kind, values)
 
-    def _obey(self, kind: int, values: tuple[int, ...]) -> list[Frame]:
+    def _obey(self, kind: int, values: tuple[int, ...]) -> list[OutgoingFrame]:
         if kind == wire.EDGE_ACK:
             return self._acknowledge(values[0])
         if not self._greeted:
-            return [Frame(False, wire.reply(kind, values[0], NOT_NOW, 0))]
+            return [OutgoingFrame(False, wire.reply(kind, values[0], NOT_NOW, 0))]
         if kind == wire.LATCH:
             return self.sampler.once(values[0], self._now_s)
         result, value = self._set(kind, values)
-        return [Frame(False, wire.reply(kind, values[0], result, value))]
+        return [OutgoingFrame(False, wire.reply(kind, values[0], result, value))]
 
     def _greet(self, request: int, major: int, flags: int) -> bytes:
         self.sampler.stop()
@@ -216,12 +221,12 @@ class Board:
             self.edges.forget()
         return wire.hello(request, self.identity)
 
-    def _acknowledge(self, seq: int) -> list[Frame]:
+    def _acknowledge(self, seq: int) -> list[OutgoingFrame]:
         self.edges.acknowledge(seq)
         if len(self.edges):
             return []
         cleared = self.alarms.end_losing_edges(self.edges.n_lost, self._now_s)
-        return [Frame(False, data) for data in cleared]
+        return [OutgoingFrame(False, data) for data in cleared]
 
     def _set(self, kind: int, values: tuple[int, ...]) -> tuple[int, int]:
         """Set what CONFIGURE, START or STOP ask for; result and value of the REPLY."""

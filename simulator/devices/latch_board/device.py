@@ -7,16 +7,16 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from traverse.simulator.devices.device import Mounting
+from traverse.simulator.devices.device import DeviceContext
 from traverse.simulator.devices.disturbed_line import DisturbedLine
 from traverse.simulator.devices.latch_board import wire
 from traverse.simulator.devices.latch_board.board import Board
-from traverse.simulator.devices.latch_board.drops import Drops
+from traverse.simulator.devices.latch_board.drops import DropCounter
 from traverse.simulator.devices.latch_board.edge_queue import LatchedEdge
 from traverse.simulator.devices.latch_board.tick_counter import TickCounter
 from traverse.simulator.devices.pty_port import PtyPort
 from traverse.simulator.devices.table import DeviceTable
-from traverse.simulator.scenario.signals import Frame
+from traverse.simulator.scenario.signals import OutgoingFrame
 
 FIRMWARE = (1, 0, 0)
 PIECE_S, PIECE_WAIT_S = 0.1, 0.02
@@ -50,7 +50,7 @@ class LatchBoardTable(DeviceTable):
     transmit_buffer_bytes: int = Field(default=65_536, ge=1024, le=16_777_216)
 
 
-class LatchBoard:
+class SimulatedLatchBoard:
     """A board on a pty.
 
     Args:
@@ -58,7 +58,7 @@ class LatchBoard:
         mounting: What it is wired to.
     """
 
-    def __init__(self, table: LatchBoardTable, mounting: Mounting) -> None:
+    def __init__(self, table: LatchBoardTable, mounting: DeviceContext) -> None:
         self.id = table.id
         self.path = mounting.folder / table.port
         self.where = str(self.path)
@@ -72,7 +72,7 @@ class LatchBoard:
             "edges": 0,
         }
         self.n_power_ups = 0
-        self._drops = Drops(table.id, mounting.notes)
+        self._drops = DropCounter(table.id, mounting.notes)
         self._lived_s = 0.0
         self.port: PtyPort | None = None
         self._power_up(0.0)
@@ -153,13 +153,13 @@ class LatchBoard:
             "edges": self.board.edges.next_seq,
         }
 
-    def _send(self, frames: list[Frame], now_s: float) -> None:
+    def _send(self, frames: list[OutgoingFrame], now_s: float) -> None:
         if self.port is None:
             return
         if self.line.faults:
             script_s = self._clock.script_s(now_s)
             frames = [
-                Frame(frame.is_sample, self.line.disturb(frame.data, script_s))
+                OutgoingFrame(frame.is_sample, self.line.disturb(frame.data, script_s))
                 for frame in frames
             ]
         n_dropped = self.port.write(frames)

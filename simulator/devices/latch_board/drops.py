@@ -1,9 +1,9 @@
 """What a board drops because its transmit buffer is full, and whose fault it was."""
 
-from traverse.simulator.devices.device import Notes
+from traverse.simulator.devices.device import DeviceObserver
 
 
-class Drops:
+class DropCounter:
     """Notes each time that samples are dropped, from the first to the last in a row.
 
     Args:
@@ -11,7 +11,7 @@ class Drops:
         notes: Where it is written when it is over.
     """
 
-    def __init__(self, device: str, notes: Notes) -> None:
+    def __init__(self, device: str, notes: DeviceObserver) -> None:
         self._device, self._notes = device, notes
         self._lived_s = self._stood_s = 0.0
         self._begun_s = self._cause_s = 0.0

@@ -8,7 +8,7 @@ from traverse.simulator.devices.latch_board.edge_queue import LatchedEdge
 from traverse.simulator.devices.latch_board.inputs import InputLevels
 from traverse.simulator.devices.latch_board.stream import Stream
 from traverse.simulator.devices.latch_board.tick_counter import TickCounter
-from traverse.simulator.scenario.signals import Frame, InputChange, Latched
+from traverse.simulator.scenario.signals import InputChange, LatchSource, OutgoingFrame
 
 STREAM, ON_REQUEST = 0, 1  # causes of a sample
 
@@ -25,7 +25,7 @@ class Sampler:
         self,
         tick_rate_hz: int,
         ticks: TickCounter,
-        latched: Latched,
+        latched: LatchSource,
         inputs: InputLevels,
     ) -> None:
         self.next_seq = 0
@@ -57,7 +57,7 @@ class Sampler:
             return float("inf")
         return self._ticks.time_s(self._stream.next_tick())
 
-    def until(self, to_s: float) -> list[Frame]:
+    def until(self, to_s: float) -> list[OutgoingFrame]:
         """Latch what the stream asks for up to a time."""
         if self._stream is None:
             return []
@@ -68,7 +68,7 @@ class Sampler:
         times_s = self._ticks.times_s(ticks)
         return self._frames((STREAM, self._stream.request), seqs, ticks, times_s)
 
-    def once(self, request: int, now_s: float) -> list[Frame]:
+    def once(self, request: int, now_s: float) -> list[OutgoingFrame]:
         """Latch now, for a LATCH."""
         ticks = np.array([self._ticks.at(now_s)])
         seqs = np.zeros(1, dtype=np.int64)
@@ -93,7 +93,7 @@ class Sampler:
         seqs: NDArray[np.int64],
         ticks: NDArray[np.int64],
         times_s: NDArray[np.float64],
-    ) -> list[Frame]:
+    ) -> list[OutgoingFrame]:
         counts, status = self._latched.latch(times_s, edge=False)
         shown = (ticks + self._ticks.first_ticks) & 0xFFFFFFFF
         frames = wire.samples(
@@ -105,4 +105,4 @@ class Sampler:
             status=status,
         )
         self.n_samples += len(frames)
-        return [Frame(True, frame) for frame in frames]
+        return [OutgoingFrame(True, frame) for frame in frames]

@@ -24,7 +24,7 @@ GREATEST_TIMER = 16383
 
 
 @dataclass(frozen=True, slots=True)
-class Plate:
+class Nameplate:
     """What is written into the box.
 
     Attributes:
@@ -66,7 +66,7 @@ class State:
     counts: tuple[int, ...]
 
 
-class Box:
+class HciBox:
     """A box that has just been switched on.
 
     Args:
@@ -82,7 +82,7 @@ class Box:
 
     def __init__(
         self,
-        plate: Plate,
+        plate: Nameplate,
         state_at: Callable[[float, int], State],
         go_home: Callable[[float], None],
     ) -> None:
@@ -196,7 +196,7 @@ class Box:
         return bytes((MOTION,))
 
 
-def _greatest(plate: Plate) -> bytes:
+def _greatest(plate: Nameplate) -> bytes:
     """Greatest counts: buttons, timer, analogs, their low bits, encoders."""
     greatest = (*plate.maxes, *[0] * plate.n_encoders)[: plate.n_encoders]
     size = 2 if plate.hci == 2 else 4

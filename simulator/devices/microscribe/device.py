@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from traverse.kinematics.arm_file.arm import StrictModel
-from traverse.simulator.devices.device import Mounting
+from traverse.simulator.devices.device import DeviceContext
 from traverse.simulator.devices.latch_board.edge_queue import LatchedEdge
 from traverse.simulator.devices.microscribe import box as wire
 from traverse.simulator.devices.serial_device import SerialDevice, SerialTable
@@ -92,7 +92,7 @@ class MicroscribeTable(SerialTable):
     first_ticks: int = Field(default=0, ge=0, lt=MOST_COUNTS)
 
     @property
-    def plate(self) -> wire.Plate:
+    def plate(self) -> wire.Nameplate:
         """What is written into the box, without its encoders."""
         beta = self.geometry is not None and self.geometry.beta is not None
         comment = f"{self.comment} Beta".strip() if beta else self.comment
@@ -105,7 +105,7 @@ class MicroscribeTable(SerialTable):
             wire.FORMAT: "none" if self.geometry is None else "Format DH0.5",
             wire.VERSION: f"HCI {self.hci}.0",
         }
-        return wire.Plate(
+        return wire.Nameplate(
             self.hci,
             {command: text.encode("latin-1") for command, text in texts.items()},
             b"" if self.geometry is None else self.geometry.block,
@@ -129,7 +129,7 @@ class MicroscribeTable(SerialTable):
             yield "encoder_turns", "expected 1: the counts of an arm wrap at a turn"
 
 
-class Microscribe(SerialDevice):
+class SimulatedMicroscribe(SerialDevice):
     """The arm.
 
     Args:
@@ -137,11 +137,11 @@ class Microscribe(SerialDevice):
         mounting: What it is wired to.
     """
 
-    def __init__(self, table: MicroscribeTable, mounting: Mounting) -> None:
+    def __init__(self, table: MicroscribeTable, mounting: DeviceContext) -> None:
         moduli = mounting.encoders.moduli
         self._moduli = moduli
         plain = table.plate
-        self._plate = wire.Plate(
+        self._plate = wire.Nameplate(
             plain.hci,
             plain.texts,
             plain.geometry,
@@ -155,7 +155,7 @@ class Microscribe(SerialDevice):
 
     def power_up(self, now_s: float) -> None:
         """Wait for a host; count on from where the joints are."""
-        self._box = wire.Box(self._plate, self._state_at, self._go_home)
+        self._box = wire.HciBox(self._plate, self._state_at, self._go_home)
         self._power_up_s = now_s
         self._offsets = np.zeros_like(self._moduli)
         self._levels = 0

@@ -12,9 +12,9 @@ from traverse.daemon.config.devices import section_of
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.system.systemd import Notifier, Watchdog
 from traverse.drivers.base.delivery_queue import DeliveryQueue
-from traverse.drivers.base.heartbeat import Pulse
+from traverse.drivers.base.heartbeat import Heartbeat
 from traverse.drivers.base.values import DeviceCounters
-from traverse.drivers.latch_board.driver import LatchBoard
+from traverse.drivers.latch_board.driver import LatchBoardDriver
 
 WATCHDOG_S = 10.0
 S = 1_000_000_000
@@ -32,13 +32,13 @@ class Bench:
         self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
         table = {"id": "base", "driver": "latch-board", "port": "/nowhere"}
         section = section_of(table)
-        self.driver = LatchBoard(
+        self.driver = LatchBoardDriver(
             "base",
             self.delivery_queue,
             monotonic_ns=self.clock.monotonic_ns,
             **section.options,
         )
-        self.outbox = Pulse("thread of the outbox", self.clock.monotonic_ns)
+        self.outbox = Heartbeat("thread of the outbox", self.clock.monotonic_ns)
         notifier = Notifier(
             {
                 "NOTIFY_SOCKET": str(tmp_path / "notify"),
@@ -80,22 +80,22 @@ async def test_who_rests_by_design_does_not_stop_the_feeding(bench):
 
 @pytest.mark.parametrize("who", ["reader", "outbox"])
 async def test_a_thread_that_is_stuck_stops_the_feeding_until_it_goes_on(bench, who):
-    pulse = bench.driver.pulse if who == "reader" else bench.outbox
-    pulse.beat()
+    heartbeat = bench.driver.heartbeat if who == "reader" else bench.outbox
+    heartbeat.beat()
     bench.clock.now_ns += 5 * S
     assert bench.is_fed()  # half of the watchdog's time is not exceeded
     bench.clock.now_ns += 1
     assert not bench.is_fed()
     assert not bench.is_fed()
-    source = pulse.name.replace(" ", "-")
+    source = heartbeat.name.replace(" ", "-")
     assert bench.told() == [(source, True)]
-    pulse.beat()
+    heartbeat.beat()
     assert bench.is_fed()
     assert bench.told() == [(source, True), (source, False)]
 
 
 async def test_a_turn_that_was_said_to_be_long_may_be_long(bench):
-    bench.driver.pulse.beat(60.0)
+    bench.driver.heartbeat.beat(60.0)
     bench.clock.now_ns += 60 * S
     assert bench.is_fed()
     bench.clock.now_ns += 1
@@ -125,7 +125,7 @@ async def test_the_reader_of_a_device_that_is_not_there_goes_on(bench):
     await until(
         lambda: bench.delivery_queue.is_due, "it tells that the port is missing"
     )
-    beaten = bench.driver.pulse._beaten
+    beaten = bench.driver.heartbeat._last_beat
     bench.clock.now_ns += 100 * S
-    await until(lambda: bench.driver.pulse._beaten != beaten, "another try")
-    assert bench.driver.pulse.overdue_s(1.0) is None
+    await until(lambda: bench.driver.heartbeat._last_beat != beaten, "another try")
+    assert bench.driver.heartbeat.overdue_s(1.0) is None

@@ -1,4 +1,4 @@
-"""A reader thread that is stuck: seen by its pulse, and no hindrance to the end."""
+"""A reader thread that is stuck: seen by its heartbeat, and no hindrance to the end."""
 
 import asyncio
 import os
@@ -42,18 +42,18 @@ async def test_a_stuck_reader_is_overdue_and_is_left_behind_at_the_end(
         return now_ns
 
     deaf = Deaf(DeliveryQueue(asyncio.get_running_loop()), clock)
-    assert deaf.pulse.overdue_s(1.0) is None  # it has not begun
+    assert deaf.heartbeat.overdue_s(1.0) is None  # it has not begun
     deaf.start()
-    while deaf.pulse._beaten is None:  # noqa: ASYNC110 - another thread's doing
+    while deaf.heartbeat._last_beat is None:  # noqa: ASYNC110 - another thread's doing
         await asyncio.sleep(0.001)
     now_ns += int(CONNECT_S * 1e9)
-    assert deaf.pulse.overdue_s(1.0) is None  # connecting may take long
+    assert deaf.heartbeat.overdue_s(1.0) is None  # connecting may take long
     deaf.let_go.set()
     assert await asyncio.to_thread(deaf.serving.wait, 10)
     now_ns += 10**9
-    assert deaf.pulse.overdue_s(1.0) is None
+    assert deaf.heartbeat.overdue_s(1.0) is None
     now_ns += 1
-    assert deaf.pulse.overdue_s(1.0) == (10**9 + 1) / 1e9
+    assert deaf.heartbeat.overdue_s(1.0) == (10**9 + 1) / 1e9
 
     await asyncio.to_thread(deaf.close)
     assert deaf.thread.is_alive()
@@ -61,6 +61,6 @@ async def test_a_stuck_reader_is_overdue_and_is_left_behind_at_the_end(
     assert "the reader of base is stuck" in caplog.text
     deaf.let_go.set()
     deaf.thread.join(10)
-    assert deaf.pulse.overdue_s(0.0) is None  # it has ended in order
+    assert deaf.heartbeat.overdue_s(0.0) is None  # it has ended in order
     for number in (deaf._wake_read, deaf._wake_write):
         os.close(number)  # they were left to the end of the program

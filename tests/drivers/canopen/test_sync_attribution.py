@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from traverse.drivers.base.values import CountSamples
 from traverse.drivers.canopen.sync_attribution import SyncAttribution
-from traverse.drivers.canopen.sync_cycles import Cycles
+from traverse.drivers.canopen.sync_cycles import SyncCycleAssembler
 
 NODES = (3, 7, 11)
 PERIOD_NS, LATE_NS = 1_000, 10_000
@@ -24,7 +24,7 @@ ANSWERS = st.lists(st.tuples(ANSWER, ANSWER, ANSWER), min_size=1, max_size=80)
 class Bus:
     """SYNCs and answers in the order of time; counts are the number of the SYNC."""
 
-    cycles: Cycles
+    cycles: SyncCycleAssembler
     source: Source
     now_ns: int = 0
 
@@ -73,7 +73,7 @@ def samples(blocks: list[CountSamples]) -> list[tuple[int, list[int], list[int]]
 def played(source: Source, answers: list[tuple[int | None, ...]]) -> tuple[int, int]:
     """How many counts bore no flag, and of how many SYNCs; all of them are true."""
     blocks: list[CountSamples] = []
-    cycles = Cycles(
+    cycles = SyncCycleAssembler(
         "arm", NODES, (1 << 20,) * 3, (0,) * 3, blocks.append, late_ns=LATE_NS
     )
     cycles.restart(1)
@@ -120,24 +120,24 @@ def test_an_answer_that_was_lost_costs_a_pause_and_no_more():
     assert played("host", answers)[0] == 3 * 39 - 2
 
 
-def test_debts_are_paid_one_by_one():
-    debts = SyncAttribution(2)
-    debts.close(0b11)
-    debts.close(0b01)
-    assert debts.resolve(1)
-    assert not debts.resolve(1)
-    assert debts.resolve(0)
-    assert debts.owing == 0b01
-    assert debts.resolve(0)
-    assert debts.owing == 0
+def test_pending_answers_are_resolved_one_by_one():
+    attribution = SyncAttribution(2)
+    attribution.record_missed(0b11)
+    attribution.record_missed(0b01)
+    assert attribution.resolve(1)
+    assert not attribution.resolve(1)
+    assert attribution.resolve(0)
+    assert attribution.pending == 0b01
+    assert attribution.resolve(0)
+    assert attribution.pending == 0
 
 
 def test_a_node_set_up_anew_owes_nothing_until_it_answers():
-    debts = SyncAttribution(1)
-    debts.close(1)
-    debts.trust(1)
-    debts.close(1)
-    assert (debts.owing, debts.silent) == (0, 1)
-    debts.close(0)
-    debts.close(1)
-    assert debts.owing == 1
+    attribution = SyncAttribution(1)
+    attribution.record_missed(1)
+    attribution.reset(1)
+    attribution.record_missed(1)
+    assert (attribution.pending, attribution.unanswered) == (0, 1)
+    attribution.record_missed(0)
+    attribution.record_missed(1)
+    assert attribution.pending == 1

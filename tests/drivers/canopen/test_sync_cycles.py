@@ -11,7 +11,7 @@ from traverse.drivers.base.values import (
     STATUS_MISSING,
     CountSamples,
 )
-from traverse.drivers.canopen.sync_cycles import Cycles
+from traverse.drivers.canopen.sync_cycles import SyncCycleAssembler
 
 NODES = (3, 7, 11)
 TURN = 1 << 20
@@ -25,7 +25,7 @@ class Taken:
 
     def __init__(self, moduli: tuple[int, ...] = (TURN,) * 3) -> None:
         self.blocks: list[CountSamples] = []
-        self.cycles = Cycles(
+        self.cycles = SyncCycleAssembler(
             "arm", NODES, moduli, (1, 2, 3), self.blocks.append, late_ns=LATE_NS
         )
         self.cycles.restart(1)

@@ -9,7 +9,7 @@ from tests.drivers.latch_board import frame_bodies as bodies
 from tests.drivers.latch_board.fake_board import FakeBoard
 from tests.protocol.latch_board_frames import framed
 from traverse.drivers.base.delivery_queue import DeliveryQueue
-from traverse.drivers.latch_board.driver import LatchBoard
+from traverse.drivers.latch_board.driver import LatchBoardDriver
 
 
 class LatchBoardRig:
@@ -17,7 +17,7 @@ class LatchBoardRig:
         self.board = board
         self.port = str(board.link)
         self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
-        self.driver = LatchBoard("base", self.delivery_queue, port=self.port)
+        self.driver = LatchBoardDriver("base", self.delivery_queue, port=self.port)
         self._last: list[bytes] = []
         self._broken = False
 

@@ -20,7 +20,7 @@ from traverse.drivers.base.values import (
     LatchedCounts,
     StreamStarted,
 )
-from traverse.drivers.latch_board.driver import LatchBoard
+from traverse.drivers.latch_board.driver import LatchBoardDriver
 
 
 @pytest.fixture
@@ -54,7 +54,7 @@ async def test_a_file_that_is_no_port_is_told(tmp_path):
     path.write_text("no port")
     delivery_queue = DeliveryQueue(asyncio.get_running_loop())
     taken = Taken(delivery_queue)
-    with LatchBoard("base", delivery_queue, port=str(path)):
+    with LatchBoardDriver("base", delivery_queue, port=str(path)):
         await taken.until(lambda: taken.of(DeviceLost), "the loss")
     assert str(path) in taken.of(DeviceLost)[0].reason
 
@@ -122,7 +122,7 @@ async def test_silence_of_the_board_is_a_loss(rig):
     skipped_ns = [0]
     delivery_queue = DeliveryQueue(asyncio.get_running_loop())
     taken = Taken(delivery_queue)
-    with LatchBoard(
+    with LatchBoardDriver(
         "base",
         delivery_queue,
         port=str(rig.board.link),
@@ -182,7 +182,7 @@ async def test_a_fault_of_the_driver_itself_reaches_the_consumer(rig, caplog):
 
     delivery_queue = DeliveryQueue(asyncio.get_running_loop())
     taken = Taken(delivery_queue)
-    driver = LatchBoard("base", delivery_queue, port=str(rig.board.link))
+    driver = LatchBoardDriver("base", delivery_queue, port=str(rig.board.link))
     driver._now_ns, good = broken_clock, driver._now_ns
     driver._pause = lambda seconds: None
     with driver:

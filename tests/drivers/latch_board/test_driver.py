@@ -25,7 +25,7 @@ from traverse.drivers.base.values import (
     DeviceUp,
     StreamStarted,
 )
-from traverse.drivers.latch_board.driver import LatchBoard
+from traverse.drivers.latch_board.driver import LatchBoardDriver
 
 
 @pytest.fixture
@@ -41,7 +41,7 @@ class TestLatchBoardContract(
 
 
 def test_the_registry_knows_it():
-    assert driver_class("latch-board") is LatchBoard
+    assert driver_class("latch-board") is LatchBoardDriver
     with pytest.raises(KeyError):
         driver_class("latchboard")
 

@@ -70,98 +70,98 @@ def test_a_heartbeat_tells_of_losses_at_the_end():
 
 def test_edges_are_taken_once_and_in_order():
     edges = EdgeSequencer()
-    edges.expect(7)
-    assert edges.judge(8, 0) == ("early", 0)  # 7 was broken on the line
-    assert edges.judge(7, 1) == ("next", 0)
-    edges.delivered(7)
-    assert edges.judge(7, 2) == ("waiting", 0)
+    edges.begin_at(7)
+    assert edges.classify(8, 0) == ("early", 0)  # 7 was broken on the line
+    assert edges.classify(7, 1) == ("next", 0)
+    edges.mark_delivered(7)
+    assert edges.classify(7, 2) == ("waiting", 0)
     edges.acknowledge(7)
-    assert edges.judge(7, 3) == ("acknowledged", 0)
-    assert edges.judge(8, 4) == ("next", 0)
+    assert edges.classify(7, 3) == ("acknowledged", 0)
+    assert edges.classify(8, 4) == ("next", 0)
 
 
 def test_an_edge_that_the_board_lost_is_given_up_after_a_second():
     edges = EdgeSequencer(3)
-    assert edges.judge(5, 0) == ("early", 0)
-    assert edges.judge(5, 900_000_000) == ("early", 0)
-    assert edges.judge(5, 1_000_000_000) == ("next", 2)
+    assert edges.classify(5, 0) == ("early", 0)
+    assert edges.classify(5, 900_000_000) == ("early", 0)
+    assert edges.classify(5, 1_000_000_000) == ("next", 2)
 
 
 def test_after_a_loss_the_oldest_edge_that_the_board_repeats_is_next():
     edges = EdgeSequencer(WRAP - 2)
-    assert edges.judge(1, 0) == ("early", 0)
-    assert edges.judge(0, 1) == ("early", 0)
-    assert edges.judge(5, 1_000_000_001) == ("early", 0)  # 0 comes in a moment
-    assert edges.judge(0, 1_050_000_000) == ("next", 2)
-    edges.delivered(0)
-    assert edges.judge(1, 1_050_000_001) == ("next", 0)
+    assert edges.classify(1, 0) == ("early", 0)
+    assert edges.classify(0, 1) == ("early", 0)
+    assert edges.classify(5, 1_000_000_001) == ("early", 0)  # 0 comes in a moment
+    assert edges.classify(0, 1_050_000_000) == ("next", 2)
+    edges.mark_delivered(0)
+    assert edges.classify(1, 1_050_000_001) == ("next", 0)
 
 
 def test_an_edge_that_does_not_come_again_holds_nothing_up_for_ever():
     edges = EdgeSequencer(3)
-    assert edges.judge(5, 0) == ("early", 0)
-    assert edges.judge(9, 1_900_000_000) == ("early", 0)
-    assert edges.judge(9, 2_000_000_000) == ("next", 6)
+    assert edges.classify(5, 0) == ("early", 0)
+    assert edges.classify(9, 1_900_000_000) == ("early", 0)
+    assert edges.classify(9, 2_000_000_000) == ("next", 6)
 
 
 def test_edge_numbers_wrap():
     edges = EdgeSequencer(WRAP - 1)
-    assert edges.judge(WRAP - 1, 0) == ("next", 0)
-    edges.delivered(WRAP - 1)
+    assert edges.classify(WRAP - 1, 0) == ("next", 0)
+    edges.mark_delivered(WRAP - 1)
     edges.acknowledge(WRAP - 1)
-    assert edges.judge(0, 0) == ("next", 0)
-    assert edges.judge(WRAP - 1, 0) == ("acknowledged", 0)
+    assert edges.classify(0, 0) == ("next", 0)
+    assert edges.classify(WRAP - 1, 0) == ("acknowledged", 0)
 
 
 def test_nothing_is_taken_before_the_board_says_with_which_edge_to_begin():
     edges = EdgeSequencer()
-    assert edges.judge(11, 0) == ("early", 0)  # 10 may have been broken on the line
-    edges.expect(12 - 2)  # the heartbeat counts 10 and 11, which are still waiting
-    assert edges.judge(11, 1) == ("early", 0)
-    assert edges.judge(10, 2) == ("next", 0)
-    edges.delivered(10)
-    assert edges.judge(11, 3) == ("next", 0)
+    assert edges.classify(11, 0) == ("early", 0)  # 10 may have been broken on the line
+    edges.begin_at(12 - 2)  # the heartbeat counts 10 and 11, which are still waiting
+    assert edges.classify(11, 1) == ("early", 0)
+    assert edges.classify(10, 2) == ("next", 0)
+    edges.mark_delivered(10)
+    assert edges.classify(11, 3) == ("next", 0)
 
 
 def test_an_acknowledgement_from_before_a_restart_is_ignored():
     edges = EdgeSequencer(0)
     edges.acknowledge(40)  # of the board's former life
     assert edges.take_acknowledgement() is None
-    assert edges.judge(0, 0) == ("next", 0)
+    assert edges.classify(0, 0) == ("next", 0)
 
 
 def test_a_refused_edge_is_taken_when_it_comes_again():
     edges = EdgeSequencer(3)
-    assert edges.judge(3, 0) == ("next", 0)
-    edges.delivered(3)
-    edges.refused(3)
+    assert edges.classify(3, 0) == ("next", 0)
+    edges.mark_delivered(3)
+    edges.mark_refused(3)
     edges.acknowledge(3)  # nobody can have: it is still to come
-    assert edges.judge(4, 1) == ("early", 0)
-    assert edges.judge(3, 2) == ("next", 0)
+    assert edges.classify(4, 1) == ("early", 0)
+    assert edges.classify(3, 2) == ("next", 0)
 
 
 def test_edges_are_open_until_the_consumer_has_dealt_with_the_last():
     edges = EdgeSequencer(WRAP - 1)
     assert not edges.has_open_edges
-    edges.delivered(WRAP - 1)
-    edges.delivered(0)
+    edges.mark_delivered(WRAP - 1)
+    edges.mark_delivered(0)
     assert edges.has_open_edges
     edges.acknowledge(WRAP - 1)
     assert edges.has_open_edges
     edges.acknowledge(0)
     assert not edges.has_open_edges
-    edges.delivered(1)
-    edges.refused(1)
+    edges.mark_delivered(1)
+    edges.mark_refused(1)
     assert not edges.has_open_edges
 
 
 def test_the_board_is_told_once_what_is_dealt_with_and_again_when_it_did_not_hear():
     edges = EdgeSequencer(7)
-    assert (edges.owes, edges.take_acknowledgement()) == (False, None)
-    edges.delivered(7)
-    assert (edges.owes, edges.take_acknowledgement()) == (True, None)
+    assert (edges.needs_acknowledgement, edges.take_acknowledgement()) == (False, None)
+    edges.mark_delivered(7)
+    assert (edges.needs_acknowledgement, edges.take_acknowledgement()) == (True, None)
     edges.acknowledge(7)
-    assert (edges.owes, edges.take_acknowledgement()) == (True, 7)
-    assert (edges.owes, edges.take_acknowledgement()) == (False, None)
-    assert edges.judge(7, 0) == ("acknowledged", 0)
-    assert (edges.owes, edges.take_acknowledgement()) == (True, 7)
+    assert (edges.needs_acknowledgement, edges.take_acknowledgement()) == (True, 7)
+    assert (edges.needs_acknowledgement, edges.take_acknowledgement()) == (False, None)
+    assert edges.classify(7, 0) == ("acknowledged", 0)
+    assert (edges.needs_acknowledgement, edges.take_acknowledgement()) == (True, 7)

@@ -22,7 +22,7 @@ from traverse.drivers.base.values import (
     LatchedCounts,
     StreamStarted,
 )
-from traverse.drivers.microscribe.driver import Microscribe
+from traverse.drivers.microscribe.driver import MicroscribeDriver
 
 
 class MicroscribeRig:
@@ -31,7 +31,7 @@ class MicroscribeRig:
         self.port = str(arm.link)
         self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
         options = {"port": self.port, **options}
-        self.driver = Microscribe("ms", self.delivery_queue, **options)
+        self.driver = MicroscribeDriver("ms", self.delivery_queue, **options)
         self._down = False
 
     def emit(self, n):
@@ -67,7 +67,7 @@ class TestContract(DriverContract, StreamContract, EdgeContract):
 
 
 async def test_it_is_found_by_its_name():
-    assert driver_class("microscribe") is Microscribe
+    assert driver_class("microscribe") is MicroscribeDriver
 
 
 async def test_what_the_arm_says_of_itself_is_told(rig):

@@ -3,28 +3,34 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from traverse.drivers.microscribe.line import Heard
+from traverse.drivers.microscribe.line import TimedPacket
 from traverse.drivers.microscribe.packets import (
     PacketClock,
-    Sample,
+    PacketSample,
     SampleBlock,
     timer_runs,
 )
-from traverse.drivers.microscribe.pedals import MAX_WAITING, Pedals, PendingPedalEdges
+from traverse.drivers.microscribe.pedals import (
+    MAX_WAITING,
+    PedalDebouncer,
+    PendingPedalEdges,
+)
 from traverse.protocol.microscribe.packets import Packet
 
 MS = 1_000_000
 REQUEST_NS, REPLY_NS, WIRE_NS = 100_000, 1_450_000, 1_350_000
 
 
-def heard(latch_ns: int, ticks: int, before_ns: int = 0, after_ns: int = 0) -> Heard:
+def heard(
+    latch_ns: int, ticks: int, before_ns: int = 0, after_ns: int = 0
+) -> TimedPacket:
     """An exchange whose host was busy before and after the latch."""
     begun_ns = latch_ns + REPLY_NS + after_ns
     sent_ns = latch_ns - REQUEST_NS - before_ns
     packet = Packet(0, ticks % 16384, (0,) * 6)
     exchange_ns = begun_ns - sent_ns
     delay_ns = (exchange_ns + WIRE_NS) // 2
-    return Heard(packet, sent_ns, begun_ns, begun_ns, delay_ns)
+    return TimedPacket(packet, sent_ns, begun_ns, begun_ns, delay_ns)
 
 
 def errors_ns(clock: PacketClock, period_ms: float) -> np.ndarray:
@@ -69,7 +75,7 @@ def test_an_answer_to_something_asked_before_is_recognised():
     for k in range(5):
         assert not clock.is_old(heard(10 * MS * k, 10 * k))
         clock.time_of(heard(10 * MS * k, 10 * k))
-    late = Heard(Packet(0, 50, ()), 80 * MS, 81 * MS, 81 * MS, 0)
+    late = TimedPacket(Packet(0, 50, ()), 80 * MS, 81 * MS, 81 * MS, 0)
     assert clock.is_old(late)
     assert not clock.is_old(heard(80 * MS, 80))
 
@@ -82,17 +88,19 @@ def test_a_timer_is_judged_by_how_far_it_went(rate_hz, runs):
     assert timer_runs(seen, 1000.0, 16384) is runs
 
 
-def sample(number: int, buttons: int) -> Sample:
-    return Sample(number * 10 * MS, number * 10 * MS, number, buttons, (number,), (0,))
+def sample(number: int, buttons: int) -> PacketSample:
+    return PacketSample(
+        number * 10 * MS, number * 10 * MS, number, buttons, (number,), (0,)
+    )
 
 
 @given(st.lists(st.integers(0, 3), max_size=40))
 def test_an_edge_is_what_two_packets_show(levels):
-    pedals = Pedals(0)
+    pedals = PedalDebouncer(0)
     pedals.begin(sample(0, 0))
     found = []
     for number, buttons in enumerate(levels, start=1):
-        edges = pedals.judge(sample(number, buttons))
+        edges = pedals.detect_edges(sample(number, buttons))
         found.extend((e.number, e.down, e.first.ticks) for e in edges)
     expected = []
     for bit in (0, 1):
@@ -106,17 +114,19 @@ def test_an_edge_is_what_two_packets_show(levels):
 
 
 def test_bouncing_is_one_edge():
-    pedals = Pedals(100 * MS)
+    pedals = PedalDebouncer(100 * MS)
     pedals.begin(sample(0, 0))
     shown = [1, 1, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1, 0, 0]
-    edges = [e for n, b in enumerate(shown, 1) for e in pedals.judge(sample(n, b))]
+    edges = [
+        e for n, b in enumerate(shown, 1) for e in pedals.detect_edges(sample(n, b))
+    ]
     assert [(e.down, e.first.ticks) for e in edges] == [(True, 1), (False, 13)]
 
 
 def test_a_packet_that_only_a_pedal_can_have_caused_is_enough():
-    pedals = Pedals(0)
+    pedals = PedalDebouncer(0)
     pedals.begin(sample(0, 0))
-    (edge,) = pedals.judge(sample(1, 2), certain=True)
+    (edge,) = pedals.detect_edges(sample(1, 2), certain=True)
     assert (edge.number, edge.down, edge.first.ticks) == (1, True, 1)
     assert not pedals.unsettled
 
@@ -131,9 +141,9 @@ def test_edges_wait_for_room_and_the_oldest_go_first():
         return False
 
     queue = PendingPedalEdges("ms", put)
-    pedals = Pedals(0)
+    pedals = PedalDebouncer(0)
     pedals.begin(sample(0, 0))
-    (edge,) = pedals.judge(sample(1, 1), certain=True)
+    (edge,) = pedals.detect_edges(sample(1, 1), certain=True)
     lost = sum(queue.add(edge) for _ in range(MAX_WAITING + 3))
     assert lost == 3
     assert queue.hand_over() == 0

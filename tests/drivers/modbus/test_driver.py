@@ -20,10 +20,10 @@ from traverse.drivers.base.values import (
     DeviceUp,
     StreamStarted,
 )
-from traverse.drivers.modbus.driver import Modbus
+from traverse.drivers.modbus.driver import ModbusDriver
 from traverse.drivers.modbus.line import ModbusClient
 from traverse.drivers.modbus.options import ModbusOptions
-from traverse.simulator.devices.modbus import ModbusLine, ModbusTable
+from traverse.simulator.devices.modbus import ModbusTable, SimulatedModbusLine
 
 FIELD = {"baud_rate": 115_200, "request_delay_s": 2e-4, "reply_delay_s": 2e-4}
 ENCODER = {"counts_per_turn": 65536, "status_register": 8}
@@ -36,7 +36,7 @@ def told(folder, *faults, table=None, encoders=BOTH, **options):
         kind="modbus", id="m", port="p", addresses=(1, 2), **FIELD, **(table or {})
     )
     return told_by(
-        Modbus,
+        ModbusDriver,
         line,
         folder,
         ["p"],
@@ -205,7 +205,7 @@ def test_frames_are_those_of_manuals_however_they_are_cut(cut):
     assert port.written == ["01 04 00 00 00 02 71 CB"]
 
 
-class CountedUp(ModbusLine):
+class CountedUp(SimulatedModbusLine):
     """Counts go up by one from reading to reading; replies are lost on demand."""
 
     def __init__(self, table, mounting):
@@ -232,7 +232,7 @@ class ModbusRig(SimulatedRig):
         self.table = ModbusTable(kind="modbus", id="m", port="p", addresses=(1, 2))
         self.mounting = mounted(folder, self.table)
         self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
-        self.driver = Modbus(
+        self.driver = ModbusDriver(
             "m",
             self.delivery_queue,
             port=self.port,

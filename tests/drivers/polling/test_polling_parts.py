@@ -11,9 +11,9 @@ from traverse.drivers.polling.channel import (
     ASK_AGAIN_NS,
     IMPLAUSIBLE,
     UNCONFIRMED,
+    EncoderReading,
     PolledChannel,
     ReadError,
-    Reading,
 )
 from traverse.drivers.polling.sample_block import BLOCK_NS, SampleBlockBuilder
 from traverse.drivers.polling.schedule import SampleSchedule
@@ -27,8 +27,8 @@ SILENT = ReadError("silent", "does not answer", "check it")
 def channel(count=0, modulus=TURN) -> PolledChannel:
     """One that has been read at `count` at time 0 and 1 ms."""
     made = PolledChannel("encoder 1", modulus, TURN, SPEED_RAD_S)
-    assert made.judge(Reading(count, 0), 0) is UNCONFIRMED
-    assert made.judge(Reading(count, MS), MS) is None
+    assert made.accept(EncoderReading(count, 0), 0) is UNCONFIRMED
+    assert made.accept(EncoderReading(count, MS), MS) is None
     return made
 
 
@@ -41,7 +41,7 @@ def steps_in(ms: float) -> float:
 def test_what_a_joint_can_reach_is_believed_across_the_wrap(start, ms, backwards):
     step = int(steps_in(ms)) * (-1 if backwards else 1)
     one = channel(start)
-    assert one.judge(Reading((start + step) % TURN, (1 + ms) * MS), 0) is None
+    assert one.accept(EncoderReading((start + step) % TURN, (1 + ms) * MS), 0) is None
     assert one.count == (start + step) % TURN
 
 
@@ -49,30 +49,30 @@ def test_what_a_joint_can_reach_is_believed_across_the_wrap(start, ms, backwards
 def test_what_it_cannot_reach_is_not(start, ms):
     step = int(steps_in(ms + 1)) + 6
     one = channel(start)
-    far = Reading((start + step) % TURN, (1 + ms) * MS)
-    assert one.judge(far, 0) is IMPLAUSIBLE
+    far = EncoderReading((start + step) % TURN, (1 + ms) * MS)
+    assert one.accept(far, 0) is IMPLAUSIBLE
     assert (one.count, one.misses) == (start, 1)
 
 
 def test_counts_over_several_turns_may_not_jump_by_whole_turns():
     one = channel(5, modulus=TURN << 14)
-    assert one.judge(Reading(5 + TURN, 2 * MS), 0) is IMPLAUSIBLE
-    assert one.judge(Reading((TURN << 14) - 5, 3 * MS), 0) is None
+    assert one.accept(EncoderReading(5 + TURN, 2 * MS), 0) is IMPLAUSIBLE
+    assert one.accept(EncoderReading((TURN << 14) - 5, 3 * MS), 0) is None
 
 
 def test_three_misses_in_a_row_make_it_missing_and_two_readings_bring_it_back():
     one = channel(100)
     for now_ms in (10, 20, 30):
         assert not one.missing
-        assert one.judge(SILENT, now_ms * MS) is SILENT
+        assert one.accept(SILENT, now_ms * MS) is SILENT
     assert one.missing
     assert not one.due(30 * MS + ASK_AGAIN_NS - 1)
     again_ns = 30 * MS + ASK_AGAIN_NS
     assert one.due(again_ns)
-    assert one.judge(Reading(9000, again_ns), again_ns) is UNCONFIRMED
+    assert one.accept(EncoderReading(9000, again_ns), again_ns) is UNCONFIRMED
     assert one.missing
     assert one.due(again_ns + MS)  # at once, not after half a second
-    assert one.judge(Reading(9001, again_ns + MS), again_ns + MS) is None
+    assert one.accept(EncoderReading(9001, again_ns + MS), again_ns + MS) is None
     assert not one.missing
     assert one.count == 9001
 
@@ -80,7 +80,7 @@ def test_three_misses_in_a_row_make_it_missing_and_two_readings_bring_it_back():
 def test_readings_that_do_not_agree_do_not_bring_it_back():
     one = PolledChannel("encoder 1", TURN, TURN, SPEED_RAD_S)
     counts = [0, 8000, 3000, 12000]
-    told = [one.judge(Reading(c, k * MS), k * MS) for k, c in enumerate(counts)]
+    told = [one.accept(EncoderReading(c, k * MS), k * MS) for k, c in enumerate(counts)]
     assert told == [UNCONFIRMED, IMPLAUSIBLE, IMPLAUSIBLE, IMPLAUSIBLE]
     assert one.missing
     assert one.time_ns is None
@@ -108,7 +108,7 @@ def test_every_sample_is_taken_or_skipped_and_never_before_its_instant(rate_hz, 
 def test_a_block_has_the_instants_of_its_readings():
     block = SampleBlockBuilder("arm")
     assert block.take(1) is None
-    readings = [Reading(7, 1_000_300, STATUS_WARNING), None]
+    readings = [EncoderReading(7, 1_000_300, STATUS_WARNING), None]
     block.add(4, 1_000_000, readings, [7, 99], received_ns=1_000_900)
     assert not block.is_due(1_000_000 + BLOCK_NS - 1)
     assert block.is_due(1_000_000 + BLOCK_NS)

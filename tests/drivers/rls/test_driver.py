@@ -20,10 +20,9 @@ from traverse.drivers.base.values import (
     DeviceTemperatures,
     DeviceUp,
 )
-from traverse.drivers.rls.driver import Rls
+from traverse.drivers.rls.driver import RlsDriver
 from traverse.drivers.rls.options import RlsOptions
-from traverse.simulator.devices.rls import Rls as SimulatedRls
-from traverse.simulator.devices.rls import RlsTable
+from traverse.simulator.devices.rls import RlsTable, SimulatedRls
 
 PORTS = ("a", "b")
 FIELD = {"baud_rate": 115_200, "request_delay_s": 2e-4, "reply_delay_s": 2e-4}
@@ -39,7 +38,7 @@ def told(folder, *faults, bits=14, many=False, line=None, **options):
         **(FIELD if line is None else line),
     )
     return told_by(
-        Rls,
+        RlsDriver,
         table,
         folder,
         PORTS,
@@ -203,7 +202,7 @@ def test_an_encoder_left_in_continuous_mode_is_stopped_first(tmp_path):
 def test_wrong_bits_are_told(tmp_path):
     table = RlsTable(kind="rls", id="wrist", ports=PORTS, bits=18)
     options = {"per_turn": 1 << 18, "ports": PORTS, "bits": 17, "rate_hz": 70.0}
-    run = told_by(Rls, table, tmp_path, PORTS, **options)
+    run = told_by(RlsDriver, table, tmp_path, PORTS, **options)
     assert run.missing().mean() > 0.3
     faults = [f for f in run.of(DeviceFault) if f.code == "readings_missing"]
     assert all("bits" in fault.remedy for fault in faults)
@@ -252,7 +251,7 @@ class RlsRig(SimulatedRig):
         self.table = RlsTable(kind="rls", id="wrist", ports=PORTS)
         self.mounting = mounted(folder, self.table, per_turn=16384)
         self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
-        self.driver = Rls(
+        self.driver = RlsDriver(
             "wrist",
             self.delivery_queue,
             ports=tuple(str(folder / port) for port in PORTS),

@@ -16,11 +16,13 @@ from traverse.drivers.base.delivery_queue import BATCH_WINDOW_NS
 from traverse.drivers.base.driver import Driver
 from traverse.drivers.base.values import Delivery, DeviceLost, DeviceTemperatures
 from traverse.drivers.io.serial_port import SerialPort
-from traverse.drivers.latch_board.driver import LatchBoard
+from traverse.drivers.latch_board.driver import LatchBoardDriver
 from traverse.kinematics.arm_file.arm import read_strict
 from traverse.simulator.config import SimulatorConfig, config_problems
-from traverse.simulator.devices.device import Mounting
-from traverse.simulator.devices.latch_board.device import LatchBoard as SimulatedBoard
+from traverse.simulator.devices.device import DeviceContext
+from traverse.simulator.devices.latch_board.device import (
+    SimulatedLatchBoard,
+)
 from traverse.simulator.devices.pty_port import PtyPort
 from traverse.simulator.scenario.course import Course
 from traverse.simulator.scenario.script import Script
@@ -100,9 +102,9 @@ class VirtualBoard:
         (table,) = config.device
         (source,) = build_sources(config, arm, self.course, folder)
         self._log = TruthLog(folder / "truth.jsonl", self.course, self.clock.script)
-        self._device = SimulatedBoard(
+        self._device = SimulatedLatchBoard(
             table,
-            Mounting(
+            DeviceContext(
                 folder,
                 encoders=arm.encoders[0],
                 source=source,
@@ -203,7 +205,7 @@ def played(
             driver.request_stream(rate_hz)
 
     straight = Straight(taken)
-    driver: Driver = LatchBoard(
+    driver: Driver = LatchBoardDriver(
         "base",
         straight,
         port=str(board.path),

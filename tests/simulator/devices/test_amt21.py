@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from tests.simulator.devices.host_side import heard, hosts_of
 from tests.simulator.one_hinge import mounted
-from traverse.simulator.devices.amt21 import Amt21Line, Amt21Table
+from traverse.simulator.devices.amt21 import Amt21Table, SimulatedAmt21Line
 
 # 1000 counts a second, channel 1 a second ahead; check bits by hand:
 # 4642 = 0x1222 = 01 00 10 00 10 00 10: odd bits 3 ones, even bits 1: 0x1222
@@ -21,7 +21,7 @@ def encoders(folder, *faults, n=2, **keys):
     keys = {"addresses": (0x54, 0x58, 0x5C)[:n]} | keys
     table = Amt21Table(kind="amt21", id="line", port="line", **keys)
     mounting = mounted(folder, table, *faults, n_channels=n, per_turn=1 << table.bits)
-    device = Amt21Line(table, mounting)
+    device = SimulatedAmt21Line(table, mounting)
     with hosts_of(device, folder / "line") as (host,):
         device.live(0.0)
         yield device, lambda request, at_s: asked(device, host, request, at_s)

@@ -1,12 +1,12 @@
 """When samples are dropped, and why."""
 
 from tests.simulator.one_hinge import Notebook
-from traverse.simulator.devices.latch_board.drops import Drops
+from traverse.simulator.devices.latch_board.drops import DropCounter
 
 
 def test_drops_in_a_row_are_one_note_with_what_came_before_them():
     notes = Notebook()
-    drops = Drops("base", notes)
+    drops = DropCounter("base", notes)
     for now_s, n_dropped in ((1.0, 0), (3.5, 900), (3.6, 20), (3.7, 0), (3.8, 4)):
         drops.live(now_s)
         drops.count(n_dropped)

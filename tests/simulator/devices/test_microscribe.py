@@ -9,7 +9,10 @@ from pydantic import ValidationError
 
 from tests.simulator.devices.host_side import heard, hosts_of
 from tests.simulator.one_hinge import mounted
-from traverse.simulator.devices.microscribe.device import Microscribe, MicroscribeTable
+from traverse.simulator.devices.microscribe.device import (
+    MicroscribeTable,
+    SimulatedMicroscribe,
+)
 from traverse.simulator.scenario.script import ScriptEvent
 
 SIGN_ON = (b"\xc5IMMC", b"BEGIN")
@@ -27,7 +30,7 @@ def arm(folder, *faults, n=6, events=(), **keys):
     mounting = mounted(
         folder, table, *faults, n_channels=n, per_turn=8000, events=events
     )
-    device = Microscribe(table, mounting)
+    device = SimulatedMicroscribe(table, mounting)
     with hosts_of(device, folder / "line") as (host,):
         device.live(0.0)
         yield device, host, lambda data, at_s=0.0: asked(device, host, data, at_s)

@@ -7,7 +7,7 @@ import pytest
 
 from tests.simulator.devices.host_side import heard, hosts_of
 from tests.simulator.one_hinge import mounted
-from traverse.simulator.devices.modbus import ModbusLine, ModbusTable, crc
+from traverse.simulator.devices.modbus import ModbusTable, SimulatedModbusLine, crc
 
 
 def crc_by_definition(data):
@@ -33,7 +33,9 @@ def encoders(folder, *faults, per_turn=2**20, **keys):
     table = ModbusTable(
         kind="modbus", id="m", port="line", **{"addresses": (1, 2)} | keys
     )
-    device = ModbusLine(table, mounted(folder, table, *faults, per_turn=per_turn))
+    device = SimulatedModbusLine(
+        table, mounted(folder, table, *faults, per_turn=per_turn)
+    )
     with hosts_of(device, folder / "line") as (host,):
         device.live(0.0)
 

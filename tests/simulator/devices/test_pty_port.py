@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from traverse.simulator.devices.pty_port import PtyPort
-from traverse.simulator.scenario.signals import Frame
+from traverse.simulator.scenario.signals import OutgoingFrame
 
 NOBODY = 65534
 TIOCGEXCL = 0x80045440
@@ -56,7 +56,7 @@ def assert_works(port: PtyPort, host: int) -> None:
     assert port.host_changed()
     os.write(host, b"anybody there?")
     assert port.read() == b"anybody there?"
-    port.write([Frame(is_sample=False, data=b"here")])
+    port.write([OutgoingFrame(is_sample=False, data=b"here")])
     assert os.read(host, 100) == b"here"
     os.close(host)
     assert port.host_changed()

@@ -7,7 +7,7 @@ import pytest
 
 from tests.simulator.devices.host_side import heard, hosts_of
 from tests.simulator.one_hinge import mounted
-from traverse.simulator.devices.rls import Rls, RlsTable
+from traverse.simulator.devices.rls import RlsTable, SimulatedRls
 
 
 @contextmanager
@@ -15,7 +15,7 @@ def encoders(folder, *faults, n=2, **keys):
     ports = tuple(f"uart{number}" for number in range(n))
     table = RlsTable(kind="rls", id="wrist", ports=ports, **keys)
     mounting = mounted(folder, table, *faults, n_channels=n, per_turn=1 << table.bits)
-    device = Rls(table, mounting)
+    device = SimulatedRls(table, mounting)
     with hosts_of(device, *(folder / port for port in ports)) as hosts:
         device.live(0.0)
         yield device, hosts

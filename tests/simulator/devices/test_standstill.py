@@ -6,14 +6,17 @@ import threading
 
 from tests.simulator.one_hinge import mounted
 from tests.simulator.test_process import HELLO, START_1_KHZ
-from traverse.simulator.devices.latch_board.device import LatchBoard, LatchBoardTable
+from traverse.simulator.devices.latch_board.device import (
+    LatchBoardTable,
+    SimulatedLatchBoard,
+)
 
 STOOD_S = 10.0
 
 
 def test_a_host_that_reads_loses_nothing_to_it(tmp_path):
     table = LatchBoardTable(id="base", kind="latch-board", port="base")
-    board = LatchBoard(table, mounted(tmp_path, table))
+    board = SimulatedLatchBoard(table, mounted(tmp_path, table))
     host = os.open(tmp_path / "base", os.O_RDWR | os.O_NOCTTY)
     board.live(0.001)  # it has seen its host
     os.write(host, HELLO + START_1_KHZ)

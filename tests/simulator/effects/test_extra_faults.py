@@ -18,7 +18,7 @@ from traverse.simulator.effects import (
     SquareOfTemperature,
 )
 from traverse.simulator.effects.posture import Posture
-from traverse.simulator.effects.yielding import Yielding
+from traverse.simulator.effects.yielding import Deflection
 
 RIGID = make_poses(heavy_arm(), spec_of(Cone(id="cone", n_poses=5)), seed=9)
 SECOND = slice(1, 2)
@@ -77,7 +77,7 @@ def test_a_square_of_temperature_is_equal_for_warm_and_cold():
 class BendingElement(BodyFault):
     """Written outside the simulator: an element that bends when it is warm."""
 
-    def move(self, posture: Posture, yielding: Yielding) -> None:
+    def move(self, posture: Posture, yielding: Deflection) -> None:
         warmer_c = posture.around.temperature_c - 20.0
         yielding.tilts_rad[3] += 1e-4 * warmer_c[:, None] * np.array([0.0, 0.0, 1.0])
 
