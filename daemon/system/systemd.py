@@ -4,8 +4,8 @@ Lines such as `READY=1` go as one datagram to the socket that `$NOTIFY_SOCKET` n
 Without it, as when the daemon is started by hand, nothing is sent.
 
 The watchdog is fed as long as measuring really goes on: every thread that measures,
-stores or records has a `Heartbeat`, which is checked before each feeding. The event loop
-proves itself by feeding at all, and by taking what readers deliver. A stuck thread
+stores or records has a `Heartbeat`, which is checked before each feeding. The event
+loop proves itself by feeding at all, and by taking what readers deliver. A stuck thread
 stops the feeding, and systemd restarts the daemon. A device that is gone is not stuck:
 its reader keeps trying.
 """
