@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.daemon.acquisition.device import Device
-from traverse.daemon.acquisition.device_states import DeviceStateTracker
 from traverse.daemon.acquisition.joint_devices import JointDevices
-from traverse.daemon.acquisition.late_readings import LateReadingMonitor
+from traverse.daemon.acquisition.monitors import (
+    DeviceStateTracker,
+    LateReadingMonitor,
+    TemperatureMonitor,
+)
 from traverse.daemon.acquisition.resampler import Resampler
-from traverse.daemon.acquisition.temperature_monitor import TemperatureMonitor
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.schema import (
     AssemblySection,
@@ -31,10 +33,13 @@ from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.live import LivePoseSampler
 from traverse.daemon.pose.pipeline import Pipeline
 from traverse.daemon.pose.poses import PoseBlock
-from traverse.daemon.pose.quality_watch import QualityMonitor
-from traverse.daemon.pose.skew import SkewMonitor
+from traverse.daemon.pose.quality_monitor import QualityMonitor
 from traverse.daemon.pose.trajectory import TrajectoryBuffer
-from traverse.daemon.pose.uncertainty import Reading, Uncertainty
+from traverse.daemon.pose.uncertainty import (
+    CovarianceEvaluator,
+    CovarianceInput,
+    SkewMonitor,
+)
 from traverse.daemon.scans.controller import ScanController
 from traverse.daemon.scans.scanner import Scanner
 from traverse.daemon.step_listener import StepListener
@@ -80,7 +85,7 @@ class Measuring:
         clock: HostClock,
         devices: JointDevices,
         settings: AssemblySection,
-        uncertainty: Uncertainty,
+        uncertainty: CovarianceEvaluator,
         pipeline: Pipeline,
         capture: Capture,
         triggers: TriggerMap,
@@ -111,7 +116,7 @@ class Measuring:
             clock=clock,
             devices=devices,
             pipeline=pipeline,
-            assembly=self.assembly,
+            resampler=self.assembly,
             events=events,
             changed=status_changed,
         )
@@ -154,12 +159,12 @@ class Measuring:
     def clock_device(self) -> Device:
         """The device whose samples' instants are those of the arm's."""
         clock = self.assembly.clock
-        return next(d for d in self._devices.all if d.section.id == clock)
+        return next(d for d in self._devices.devices if d.section.id == clock)
 
     @property
     def may_wait(self) -> bool:
         """Whether samples or points may ever wait for readings."""
-        return self._remembers or not self._devices.alone
+        return self._remembers or not self._devices.is_single
 
     @property
     def is_idle(self) -> bool:
@@ -171,7 +176,7 @@ class Measuring:
         capture = self._settings = configuration.capture
         self._triggers = triggers_of(capture)
         self._remembers |= not self._triggers.devices <= set(model.devices)
-        self._uncertainty = Uncertainty(configuration.uncertainty)
+        self._uncertainty = CovarianceEvaluator(configuration.uncertainty)
         self.use_probe(model)
         self.quality.use(configuration.quality, model)
         self._stage = replace(self._stage, uncertainty=self._uncertainty)
@@ -225,7 +230,7 @@ class Measuring:
         self._tape.passed(now_ns)
         self._take_assembled(now_ns)
         self.points.settle(now_ns)
-        self._tardiness.look()
+        self._tardiness.check()
 
     def take(self, device: Device, delivery: Delivery) -> None:
         """Deal with one delivery of a device."""
@@ -241,13 +246,13 @@ class Measuring:
             case DeviceTemperatures():
                 device.temperatures_c = delivery.values_c
                 if device in self._devices and self._devices.first_mismatched is None:
-                    self._temperature.look(self._pipeline.model, self._devices)
+                    self._temperature.check(self._pipeline.model, self._devices)
             case DeviceCounters():
                 device.counters.clear()
                 device.counters.update(delivery.values)
             case DeviceUp():
                 self._states.on_up(device, delivery)
-                self.quality.standing.came(device.section.id)
+                self.quality.persistent.on_device_up(device.section.id)
                 if delivery.restarted:
                     self.path.forget()
                 # What cannot latch gives its points out of the stream.
@@ -258,7 +263,7 @@ class Measuring:
                 self._states.on_lost(device, delivery)
             case DeviceAlarm():
                 self._states.on_alarm(device, delivery)
-                self.quality.standing.alarm(
+                self.quality.persistent.alarm(
                     delivery.device, delivery.channel, delivery.code, delivery.raised
                 )
             case DeviceFault():
@@ -273,17 +278,17 @@ class Measuring:
             return
         waited_ns = self._clock.running.monotonic_ns() - samples.received_ns
         self._health.latencies["queue_wait"].add(waited_ns)
-        if self._devices.alone and samples.skew_ns is None:
+        if self._devices.is_single and samples.skew_ns is None:
             self._measure(samples, None)
             if self._remembers:
-                self.assembly.note(samples)
+                self.assembly.record(samples)
         else:
             self.assembly.add(samples, self._clock.monotonic_ns())
             self._take_assembled()
         self.points.settle()
 
     def _take_assembled(self, now_ns: int | None = None) -> None:
-        for assembled in self.assembly.assembled(now_ns):
+        for assembled in self.assembly.resampled(now_ns):
             self._measure(assembled.samples, assembled.error_bounds_counts)
 
     def _measure(
@@ -304,7 +309,7 @@ class Measuring:
         live = self._live.message(model, poses, session, samples.device)
         if live is not None:
             self._offer_live(self._with_covariance(live, poses, error_bounds_counts))
-        self._temperature.look(model, self._devices)
+        self._temperature.check(model, self._devices)
 
     def _with_covariance(
         self,
@@ -317,7 +322,7 @@ class Measuring:
         block = self._pipeline.block_at(
             time_ns, angles_rad, self._devices.temperature_c
         )
-        reading = Reading(
+        reading = CovarianceInput(
             block,
             self.path.speeds_rad_s(time_ns, angles_rad),
             None if error_bounds_counts is None else error_bounds_counts[-1],
@@ -337,7 +342,7 @@ class Measuring:
     def _take_stream(self, started: StreamStarted) -> None:
         model = self._pipeline.model
         if started.device in model.devices:
-            self.assembly.stream(started.device, started.rate_hz)
+            self.assembly.set_rate(started.device, started.rate_hz)
         if started.device == self.assembly.clock:
             self.rate_hz = started.rate_hz
             self.scans.on_stream_started(started)

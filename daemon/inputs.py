@@ -103,13 +103,13 @@ async def check_devices(devices: Iterable[Device]) -> list[tuple[int, str]]:
         name = f"device {device.section.id}"
         try:
             async with asyncio.timeout(DEVICES_ANSWER_S):
-                await device.heard.wait()
+                await device.answered.wait()
         except TimeoutError:
             silent = f"{name}: no answer within {DEVICES_ANSWER_S:g} s"
             failures.append((UNREACHABLE, silent))
             continue
-        if device.state == "starting" and device.lost is not None:
-            lost = device.lost
+        if device.state == "starting" and device.last_loss is not None:
+            lost = device.last_loss
             failures.append((UNREACHABLE, f"{name}: {lost.reason}; {lost.remedy}"))
         failures += [(REFUSED, f"{name}: {text}") for text in device.problems]
     return failures

@@ -15,7 +15,7 @@ from traverse.daemon.pose.alignment import ActiveAlignment
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.live import LivePoseSampler
 from traverse.daemon.pose.pipeline import Pipeline
-from traverse.daemon.pose.uncertainty import Uncertainty
+from traverse.daemon.pose.uncertainty import CovarianceEvaluator
 from traverse.daemon.recorder.snapshot import MeasurementSnapshot
 from traverse.daemon.scans.scanner import Scanner
 
@@ -69,7 +69,7 @@ class Instrument:
             clock=steps,
             devices=self.arm_devices,
             settings=configuration.assembly,
-            uncertainty=Uncertainty(configuration.uncertainty),
+            uncertainty=CovarianceEvaluator(configuration.uncertainty),
             pipeline=Pipeline(model, steps),
             capture=self.capture,
             triggers=triggers_of(settings),

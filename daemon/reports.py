@@ -93,5 +93,5 @@ class Reports:
             ),
             temperature_c=instrument.arm_devices.temperature_c,
             lacks=instrument.measuring.assembly.lacks(),
-            skew_mm=instrument.measuring.skew.taken_mm(),
+            skew_mm=instrument.measuring.skew.pop_largest_mm(),
         )

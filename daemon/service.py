@@ -19,8 +19,7 @@ from traverse.daemon.instrument import Instrument
 from traverse.daemon.mqtt.connection import BrokerConnection
 from traverse.daemon.mqtt.credentials import address_of
 from traverse.daemon.output import Output
-from traverse.daemon.pose.arm_model import ArmModel
-from traverse.daemon.pose.model_log import log_model
+from traverse.daemon.pose.arm_model import ArmModel, log_model
 from traverse.daemon.reports import Reports
 from traverse.daemon.startup_check import StartupCheck
 from traverse.daemon.state_dir import state_path

@@ -89,7 +89,7 @@ class StartupCheck:
         for device in self._devices:
             if device.state == "starting":
                 device.state = "lost"
-                lost = device.lost
+                lost = device.last_loss
                 self._events.change(
                     True,
                     "error",

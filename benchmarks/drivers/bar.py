@@ -34,8 +34,8 @@ from traverse.daemon.acquisition.resampler import Resampler
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.schema import AssemblySection
 from traverse.daemon.pose.arm_model import ArmModel, read_model
-from traverse.daemon.pose.joint_counts import JointCounts
 from traverse.daemon.pose.pipeline import Pipeline
+from traverse.daemon.pose.poses import JointCounts
 from traverse.drivers.base.delivery_queue import BATCH_WINDOW_NS
 from traverse.drivers.base.driver import Driver
 from traverse.drivers.base.values import (
@@ -209,11 +209,11 @@ def points_of(
     for delivery in deliveries:
         match delivery:
             case DeviceUp():
-                assembly.up(device, delivery.identity.jitter_ns, restarted=False)
+                assembly.on_up(device, delivery.identity.jitter_ns, restarted=False)
             case StreamStarted():
-                assembly.stream(device, delivery.rate_hz)
+                assembly.set_rate(device, delivery.rate_hz)
             case CountSamples():
-                assembly.note(delivery)
+                assembly.record(delivery)
         while len(found) < len(edges) and (made := assembly.at(*edges[len(found)])):
             found.append(made.counts)
     n_whole = sum(not (counts.status & STATUS_MISSING).any() for counts in found)

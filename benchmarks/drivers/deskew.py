@@ -27,7 +27,7 @@ from traverse.daemon.clock import HostClock
 from traverse.daemon.config.schema import AssemblySection
 from traverse.daemon.pose.pipeline import Pipeline
 from traverse.daemon.pose.poses import PoseBlock
-from traverse.daemon.pose.skew import SkewMonitor
+from traverse.daemon.pose.uncertainty import SkewMonitor
 from traverse.drivers.base.values import (
     STATUS_LATE,
     STATUS_MISSING,
@@ -86,14 +86,14 @@ def errors(arm: Moving, deliveries: list[Delivery], first_ns: int) -> Errors:
     for delivery in deliveries:
         match delivery:
             case DeviceUp():
-                assembly.up("base", delivery.identity.jitter_ns, restarted=False)
+                assembly.on_up("base", delivery.identity.jitter_ns, restarted=False)
             case StreamStarted():
                 rate_hz = delivery.rate_hz
-                assembly.stream("base", rate_hz)
+                assembly.set_rate("base", rate_hz)
             case CountSamples():
                 judge("as read", replace(delivery, skew_ns=None))
                 assembly.add(delivery, delivery.received_ns)
-                for made in assembly.assembled(delivery.received_ns):
+                for made in assembly.resampled(delivery.received_ns):
                     poses = judge("interpolated", made.samples)
                     skew.flag_block(arm.model, poses, made.error_bounds_counts)
                     at_s = (made.samples.sample_time_ns - first_ns) * 1e-9
@@ -109,7 +109,7 @@ def errors(arm: Moving, deliveries: list[Delivery], first_ns: int) -> Errors:
         rate_hz,
         {name: float(np.sqrt(np.mean(mm**2))) for name, mm in all_mm.items()},
         {name: float(mm.max()) for name, mm in all_mm.items()},
-        skew.taken_mm() or 0.0,
+        skew.pop_largest_mm() or 0.0,
         len(all_mm["interpolated"]),
     )
 

@@ -26,7 +26,11 @@ from benchmarks.service.stream import ARM, order_scan
 from benchmarks.tools import rig
 from traverse.client.mqtt.address import BrokerAddress
 from traverse.client.mqtt.subscription import connection, received, subscribe
-from traverse.daemon.acquisition.interpolation import Limits, Readings, brought
+from traverse.daemon.acquisition.interpolation import (
+    EncoderReadings,
+    InterpolationLimits,
+    interpolate,
+)
 from traverse.daemon.pose.arm_model import ArmModel, read_model
 from traverse.kinematics.model.forward import probe_centre
 from traverse.kinematics.model.readings import counts_to_angles
@@ -105,10 +109,10 @@ def interpolated_mm(
     """The daemon's interpolation of the stream at some instants, (n, 3)."""
     times_ns, first = np.unique(np.concatenate(found.times_ns), return_index=True)
     counts = np.concatenate(found.counts)[first]
-    limits = Limits(max_gap_ns=50_000_000, late_ns=0, jitter_ns=0)
+    limits = InterpolationLimits(max_gap_ns=50_000_000, late_ns=0, jitter_ns=0)
     columns = [
-        brought(
-            Readings(
+        interpolate(
+            EncoderReadings(
                 times_ns,
                 column,
                 np.zeros(len(column), np.uint8),

@@ -124,9 +124,7 @@ class _Session:
     def _follow(self, live: Live) -> None:
         if len(live.angles_rad) == len(self._collection.joint_names):
             times_ns = np.array([live.time_ns], dtype=np.int64)
-            self._trail.follow(
-                times_ns, np.array([live.angles_rad]), np.ones(1, np.bool_)
-            )
+            self._trail.add(times_ns, np.array([live.angles_rad]), np.ones(1, np.bool_))
 
     def _take(self, point: Point) -> None:
         self._watch_numbers(point)
@@ -151,7 +149,7 @@ class _Session:
             why = f"flagged {', '.join(bad)}" if bad else "nothing is left to touch"
             self._say(f"{number} left out: {why}")
             return
-        motion = self._trail.beside(point.time_ns, np.array(point.angles_rad))
+        motion = self._trail.at_instant(point.time_ns, np.array(point.angles_rad))
         known = bool(motion.are_speeds_known[0])
         touch = touch_of(
             point,

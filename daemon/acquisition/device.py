@@ -1,4 +1,4 @@
-"""One device of the configuration: its driver, its state, what is known of it."""
+"""One device of the configuration: its driver, its state, what is known about it."""
 
 import asyncio
 import contextlib
@@ -22,7 +22,7 @@ class Device:
     """A device as the service sees it.
 
     Attributes:
-        heard: set once the device has answered or been given up for the first time.
+        answered: set once the device has answered or been given up for the first time.
         last_ns: host monotonic time when it was last heard; 0 for never.
         up_ns: since when it is there.
         temperatures_c: of its sensors; empty until it has told them.
@@ -33,9 +33,9 @@ class Device:
     driver: Driver
     state: DeviceStateName = "starting"
     identity: Identity | None = None
-    lost: DeviceLost | None = None
+    last_loss: DeviceLost | None = None
     problems: list[str] = field(default_factory=list)
-    heard: asyncio.Event = field(default_factory=asyncio.Event)
+    answered: asyncio.Event = field(default_factory=asyncio.Event)
     last_ns: int = 0
     up_ns: int = 0
     counters: Counter[str] = field(default_factory=Counter)

@@ -1,4 +1,4 @@
-"""Readings of one encoder brought to other instants, along straight lines between them.
+"""Interpolate readings of one encoder linearly at other instants.
 
 Between readings at t_0 and t_1 = t_0 + h the count at t_0 + s is taken as
 
@@ -8,8 +8,8 @@ What that leaves out is f'' s (h - s) / 2 at some acceleration f'' met between t
 most f'' h^2 / 8 (the error of linear interpolation, as in any book on numerical
 analysis; Atkinson, "An Introduction to Numerical Analysis", section 3.1). f'' is taken
 from second divided differences at both ends, less what rounding to whole counts alone
-can make of one. That is the first doubt of a count. The second is what the instants
-themselves leave open: the speed times how far each may be off.
+can make of one. That is the first error bound of a count. The second is what the
+instants themselves leave open: the speed times how far each may be off.
 """
 
 from dataclasses import dataclass
@@ -17,17 +17,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.drivers.base.values import STATUS_ERROR, STATUS_LATE, STATUS_MISSING
-
-STATUS_INTERPOLATED = 32
-"""A bit of a channel's status beside those that drivers set."""
+from traverse.drivers.base.values import (
+    STATUS_ERROR,
+    STATUS_INTERPOLATED,
+    STATUS_LATE,
+    STATUS_MISSING,
+)
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Readings:
+class EncoderReadings:
     """Successive readings of one encoder.
 
     Attributes:
@@ -64,7 +66,7 @@ class Interpolated:
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class InterpolationLimits:
     """How far readings are trusted.
 
     Attributes:
@@ -83,8 +85,10 @@ def are_valid(status: NDArray[np.uint8]) -> NDArray[np.bool_]:
     return np.asarray((status & (STATUS_ERROR | STATUS_MISSING)) == 0)
 
 
-def brought(readings: Readings, instants_ns: Integers, limits: Limits) -> Interpolated:
-    """Bring readings, at least one, to instants (m,)."""
+def interpolate(
+    readings: EncoderReadings, instants_ns: Integers, limits: InterpolationLimits
+) -> Interpolated:
+    """Interpolate readings, at least one, at instants (m,)."""
     valid = np.flatnonzero(are_valid(readings.status))
     if not len(valid):  # what stands there is the last count that was
         return _last_known(readings, len(instants_ns))
@@ -101,28 +105,28 @@ def brought(readings: Readings, instants_ns: Integers, limits: Limits) -> Interp
     run_ns = instants_ns - t[left]
     rise = (x[right] - x[left]) * (run_ns / np.maximum(span_ns, 1))
     whole = np.rint(rise)
-    told = status[left] | status[right]
-    holes = (numbers[right] - numbers[left] > 1) | (span_ns > limits.max_gap_ns) | early
-    for row in np.flatnonzero(holes & (left < right)).tolist():
+    flags = status[left] | status[right]
+    gaps = (numbers[right] - numbers[left] > 1) | (span_ns > limits.max_gap_ns) | early
+    for row in np.flatnonzero(gaps & (left < right)).tolist():
         between = slice(valid[left[row]], valid[right[row]])
-        told[row] |= np.bitwise_or.reduce(readings.status[between])
+        flags[row] |= np.bitwise_or.reduce(readings.status[between])
     if held.any():
         trailing = readings.status[valid[-1] :]
-        told[held] |= np.bitwise_or.reduce(trailing)
+        flags[held] |= np.bitwise_or.reduce(trailing)
         gone = held & ((run_ns > limits.late_ns) | (len(trailing) > 1))
-        told[held & ~gone] |= STATUS_LATE
-        holes |= gone
-    told[holes] |= STATUS_MISSING
-    told[left < right] |= STATUS_INTERPOLATED
+        flags[held & ~gone] |= STATUS_LATE
+        gaps |= gone
+    flags[gaps] |= STATUS_MISSING
+    flags[left < right] |= STATUS_INTERPOLATED
     return Interpolated(
         x[left] + whole.astype(np.int64),
         rise - whole,
-        told,
+        flags,
         _error_bounds(t, x, (left, right), run_ns, limits),
     )
 
 
-def _last_known(readings: Readings, n: int) -> Interpolated:
+def _last_known(readings: EncoderReadings, n: int) -> Interpolated:
     status = np.bitwise_or.reduce(readings.status) | STATUS_MISSING
     return Interpolated(
         np.full(n, readings.counts[-1]),
@@ -137,7 +141,7 @@ def _error_bounds(
     x: Integers,
     ends: tuple[Integers, Integers],
     run_ns: Integers,
-    limits: Limits,
+    limits: InterpolationLimits,
 ) -> Floats:
     """How far interpolated counts may be off, (m, 2); 0 where nothing was."""
     if len(t) < 2:
@@ -145,16 +149,22 @@ def _error_bounds(
     left, right = ends
     span_ns = np.diff(t)
     speeds = np.diff(x) / span_ns
-    bends = np.zeros(len(t))
+    second_differences = np.zeros(len(t))
     reach_ns = span_ns[1:] + span_ns[:-1]
     rounding = 2.0 * (1.0 / span_ns[1:] + 1.0 / span_ns[:-1]) / reach_ns
-    bends[1:-1] = np.maximum(2.0 * np.abs(np.diff(speeds)) / reach_ns - rounding, 0.0)
+    second_differences[1:-1] = np.maximum(
+        2.0 * np.abs(np.diff(speeds)) / reach_ns - rounding, 0.0
+    )
     speed = np.abs(speeds[np.minimum(left, len(speeds) - 1)])
     between = (
-        np.maximum(bends[left], bends[right]) * run_ns * (t[right] - t[left] - run_ns)
+        np.maximum(second_differences[left], second_differences[right])
+        * run_ns
+        * (t[right] - t[left] - run_ns)
     )
     # Beyond the last reading the joint may have gone on as it did.
-    beyond = speed * run_ns + bends[-2] * run_ns.astype(np.float64) ** 2 / 2.0
+    beyond = (
+        speed * run_ns + second_differences[-2] * run_ns.astype(np.float64) ** 2 / 2.0
+    )
     inside = left < right
     outside = (run_ns > 0) & ~inside
     motion = np.where(inside, between / 2.0, np.where(outside, beyond, 0.0))

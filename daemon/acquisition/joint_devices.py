@@ -20,38 +20,40 @@ class JointDevices:
 
     def __init__(self, model: ArmModel, devices: Sequence[Device]) -> None:
         by_id = {device.section.id: device for device in devices}
-        self.all = [by_id[name] for name in model.devices]
+        self.devices = [by_id[name] for name in model.devices]
         """In the order of the joints."""
 
     def __contains__(self, device: Device) -> bool:
-        return any(device is one for one in self.all)
+        return any(device is one for one in self.devices)
 
     @property
-    def alone(self) -> bool:
+    def is_single(self) -> bool:
         """One device reads all joints."""
-        return len(self.all) == 1
+        return len(self.devices) == 1
 
     @property
     def has_simultaneous_latch(self) -> bool:
         """One device latches all joints at one instant, at edges and on request."""
-        identity = self.all[0].identity
-        return self.alone and identity is not None and identity.latches
+        identity = self.devices[0].identity
+        return self.is_single and identity is not None and identity.latches
 
     @property
     def first_mismatched(self) -> Device | None:
-        """The first that is not as the arm file says."""
-        return next((device for device in self.all if device.problems), None)
+        """The first that does not match the arm file."""
+        return next((device for device in self.devices if device.problems), None)
 
     @property
-    def absent(self) -> Device | None:
-        """The first that cannot measure now."""
-        return next((device for device in self.all if device.state != "ready"), None)
+    def first_unavailable(self) -> Device | None:
+        """The first that is not ready to measure."""
+        return next(
+            (device for device in self.devices if device.state != "ready"), None
+        )
 
     @property
     def temperature_c(self) -> float | None:
         """Of the arm: what the first of them tells that has a sensor."""
-        told_c = (device.temperature_c for device in self.all)
-        return next((c for c in told_c if c is not None), None)
+        temperatures_c = (device.temperature_c for device in self.devices)
+        return next((c for c in temperatures_c if c is not None), None)
 
     def set_batch_window(self, settings: CaptureSection, *, may_wait: bool) -> None:
         """Let samples come together, as long as nobody who looks at them waits.
@@ -63,11 +65,11 @@ class JointDevices:
         # A little longer, or a block that lacks a sample would wait for as much again.
         gather_s = 1.04 * min(settings.scan_block_s, 1.0 / settings.live_rate_hz)
         longest_ns = WAITING_BATCH_NS if may_wait else BATCH_WINDOW_NS
-        for device in self.all:
+        for device in self.devices:
             device.delivery_queue.batch_window_ns = min(longest_ns, int(gather_s * 1e9))
 
     def request_stream(self, rate_hz: float) -> None:
         """Let all of them be read at a rate, or as fast as each can be."""
-        for device in self.all:
+        for device in self.devices:
             fastest_hz = device.identity.max_rate_hz if device.identity else rate_hz
             device.driver.request_stream(min(rate_hz, fastest_hz))

@@ -1,24 +1,175 @@
-"""One device that reads joints, and what its readings say about any instant."""
+"""Buffer the readings of one device's encoders and interpolate them at any instant.
 
+Readings are kept over all turns; the buffer is bounded.
+"""
+
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from traverse.daemon.acquisition.interpolation import (
+    EncoderReadings,
     Integers,
-    Limits,
+    InterpolationLimits,
     are_valid,
-    brought,
+    interpolate,
 )
-from traverse.daemon.acquisition.reading_buffer import History
 from traverse.drivers.base.values import CountSamples, LatchedCounts
+
+KEPT_NS = 5_000_000_000  # an edge that is older finds nothing to interpolate
+MAX_READINGS = 100_000
+CLOCK_RESET_NS = 10_000_000  # beyond, the device's clock has begun afresh
+NEVER_NS, LONG_AGO_NS = 2**62, -(2**62)
+
+
+class _Block:
+    """EncoderReadings (n, n_joints) of one delivery."""
+
+    __slots__ = ("counts", "numbers", "status", "times_ns")
+
+    def __init__(
+        self,
+        times_ns: Integers,
+        counts: Integers,
+        status: NDArray[np.uint8],
+        numbers: Integers,
+    ) -> None:
+        self.times_ns, self.counts = times_ns, counts
+        self.status, self.numbers = status, numbers
+
+
+class ReadingBuffer:
+    """Buffer of the last readings of the encoders that one device reads.
+
+    Args:
+        channels: of the device that are joints, (n_joints,).
+        counts_per_turn: of each, (n_joints,).
+
+    Attributes:
+        n_out_of_order: readings left out because their time was not after the
+            last one's.
+    """
+
+    def __init__(self, channels: NDArray[np.intp], counts_per_turn: Integers) -> None:
+        self._channels = channels
+        self._turns = counts_per_turn
+        self.n_out_of_order = 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Start anew: the device has been without power."""
+        n_joints = len(self._channels)
+        self._blocks: deque[_Block] = deque()
+        self._size = 0
+        self._stream: int | None = None
+        self._next_number = self._first_number = 0
+        self._counts = np.zeros(n_joints, np.int64)
+        self._times_ns = np.full(n_joints, LONG_AGO_NS)
+        self._begin_ns = np.full(n_joints, NEVER_NS)
+        self._reach_ns = np.full(n_joints, LONG_AGO_NS)
+
+    @property
+    def begin_ns(self) -> int:
+        """Since when every encoder has been read; `NEVER_NS` while one has not."""
+        if not self._blocks:
+            return NEVER_NS
+        return max(int(self._begin_ns.max()), int(self._blocks[0].times_ns[0].max()))
+
+    @property
+    def reach_ns(self) -> int:
+        """Until when every encoder has been read."""
+        return int(self._reach_ns.min())
+
+    def add(self, samples: CountSamples) -> None:
+        """Continue by a block of the device's samples."""
+        times_ns = np.repeat(
+            samples.sample_time_ns[:, np.newaxis], len(self._channels), axis=1
+        )
+        if samples.skew_ns is not None:
+            times_ns += samples.skew_ns[:, self._channels]
+        numbers = self._numbered(samples)
+        rows = self._ordered(times_ns)
+        if not rows.all():
+            self.n_out_of_order += len(rows) - int(rows.sum())
+            times_ns, numbers = times_ns[rows], numbers[rows]
+            if not len(numbers):
+                return
+        status = samples.status[rows][:, self._channels]
+        raw = samples.counts[rows][:, self._channels].astype(np.int64)
+        counts = self._unwrapped(raw, times_ns, are_valid(status))
+        self._times_ns = times_ns[-1]
+        self._blocks.append(_Block(times_ns, counts, status, numbers))
+        self._size += len(numbers)
+        oldest_ns = int(times_ns[-1].max()) - KEPT_NS
+        while len(self._blocks) > 1 and (
+            self._size > MAX_READINGS
+            or int(self._blocks[0].times_ns[-1].max()) < oldest_ns
+        ):
+            self._size -= len(self._blocks.popleft().numbers)
+
+    def readings_around(self, instant_ns: int, back_ns: int) -> list[EncoderReadings]:
+        """For each joint its readings from some time before an instant to the last."""
+        chosen: list[_Block] = []
+        for block in reversed(self._blocks):
+            chosen.append(block)
+            if int(block.times_ns[0].max()) < instant_ns - back_ns:
+                break
+        chosen.reverse()
+        times_ns = np.concatenate([block.times_ns for block in chosen])
+        counts = np.concatenate([block.counts for block in chosen])
+        status = np.concatenate([block.status for block in chosen])
+        numbers = np.concatenate([block.numbers for block in chosen])
+        return [
+            EncoderReadings(times_ns[:, k], counts[:, k], status[:, k], numbers)
+            for k in range(len(self._channels))
+        ]
+
+    def _numbered(self, samples: CountSamples) -> Integers:
+        """Numbers that go on from stream to stream."""
+        if samples.stream != self._stream:
+            self._stream, self._first_number = samples.stream, self._next_number
+        numbers = samples.seq + self._first_number
+        self._next_number = int(numbers[-1]) + 1
+        return numbers
+
+    def _ordered(self, times_ns: Integers) -> NDArray[np.bool_]:
+        """Which rows come after all before them."""
+        if int((times_ns[0] - self._times_ns).min()) < -CLOCK_RESET_NS:
+            self._blocks.clear()
+            self._size = 0
+            self._times_ns = np.full(len(self._channels), LONG_AGO_NS)
+            self._reach_ns = self._times_ns.copy()
+        before = np.concatenate([self._times_ns[np.newaxis], times_ns[:-1]])
+        running_ns = np.maximum.accumulate(before, axis=0)
+        return np.asarray((times_ns > running_ns).all(axis=1))
+
+    def _unwrapped(
+        self, raw: Integers, times_ns: Integers, valid: NDArray[np.bool_]
+    ) -> Integers:
+        """Counts over all turns; those that are not valid repeat the last that was."""
+        rows = np.where(valid, np.arange(len(raw))[:, np.newaxis], -1)
+        latest = np.maximum.accumulate(rows, axis=0)
+        known = np.where(
+            latest >= 0, np.take_along_axis(raw, np.maximum(latest, 0), 0), self._counts
+        )
+        steps = np.diff(known, axis=0, prepend=self._counts[np.newaxis])
+        half = self._turns // 2
+        counts = self._counts + np.cumsum((steps + half) % self._turns - half, axis=0)
+        self._counts = counts[-1]
+        for k in np.flatnonzero(latest[-1] >= 0).tolist():
+            self._reach_ns[k] = times_ns[latest[-1, k], k]
+            if self._begin_ns[k] == NEVER_NS:
+                self._begin_ns[k] = times_ns[int(valid[:, k].argmax()), k]
+        return counts
+
 
 MAX_GAP_PERIODS = 3  # readings further apart than so many periods have lost others
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Columns:
+class JointColumns:
     """What k joints showed at n instants.
 
     Attributes:
@@ -35,7 +186,7 @@ class Columns:
 
 
 class JointStream:
-    """Follows the joints on one device.
+    """Interpolate the joints on one device.
 
     Args:
         joints: which of the arm, (k,).
@@ -58,34 +209,36 @@ class JointStream:
         wait_ns: int,
     ) -> None:
         self.joints = joints
-        self.history = History(channels, counts_per_turn)
+        self.history = ReadingBuffer(channels, counts_per_turn)
         self.period_ns = 0
         self.jitter_ns = 0
         self.lost = False
         self._channels = channels
         self._wait_ns = wait_ns
 
-    def latched(self, latch: LatchedCounts) -> Columns:
+    def latched(self, latch: LatchedCounts) -> JointColumns:
         """What the device latched, one instant."""
         counts = np.array([latch.counts], np.int64)[:, self._channels]
         status = np.array([latch.status], np.uint8)[:, self._channels]
         return _exact(counts, status)
 
-    def own(self, block: CountSamples) -> Columns:
-        """What the device's own samples say about their instants."""
+    def at_own_instants(self, block: CountSamples) -> JointColumns:
+        """The device's own samples at their own instants."""
         status = block.status[:, self._channels]
         if block.skew_ns is None and are_valid(status).all():
             # What `at` would find, at once.
             return _exact(block.counts[:, self._channels].astype(np.int64), status)
         return self.at(block.sample_time_ns)
 
-    def at(self, instants_ns: Integers) -> Columns:
-        """What the readings say about any instants (n,)."""
+    def at(self, instants_ns: Integers) -> JointColumns:
+        """The readings interpolated at any instants (n,)."""
         max_gap_ns = max(MAX_GAP_PERIODS * self.period_ns, self._wait_ns)
-        limits = Limits(max_gap_ns, 0 if self.lost else self._wait_ns, self.jitter_ns)
-        around = self.history.around(int(instants_ns[0]), max_gap_ns)
-        found = [brought(readings, instants_ns, limits) for readings in around]
-        return Columns(
+        limits = InterpolationLimits(
+            max_gap_ns, 0 if self.lost else self._wait_ns, self.jitter_ns
+        )
+        around = self.history.readings_around(int(instants_ns[0]), max_gap_ns)
+        found = [interpolate(readings, instants_ns, limits) for readings in around]
+        return JointColumns(
             np.stack([one.counts for one in found], axis=1),
             np.stack([one.fractions for one in found], axis=1),
             np.stack([one.status for one in found], axis=1),
@@ -93,5 +246,7 @@ class JointStream:
         )
 
 
-def _exact(counts: Integers, status: NDArray[np.uint8]) -> Columns:
-    return Columns(counts, np.zeros(counts.shape), status, np.zeros((*counts.shape, 2)))
+def _exact(counts: Integers, status: NDArray[np.uint8]) -> JointColumns:
+    return JointColumns(
+        counts, np.zeros(counts.shape), status, np.zeros((*counts.shape, 2))
+    )

@@ -1,4 +1,4 @@
-"""Joints that are not read at one instant, brought to common ones.
+"""Joints that are not read at one instant, interpolated at common ones.
 
 The instants are those of one device's samples, the clock device. Readings of all
 others, and its own where it reads one encoder after the other, are interpolated
@@ -16,11 +16,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.daemon.acquisition.joint_stream import Columns, JointStream
-from traverse.daemon.acquisition.reading_buffer import NEVER_NS
+from traverse.daemon.acquisition.joint_stream import NEVER_NS, JointColumns, JointStream
 from traverse.daemon.config.schema import AssemblySection
 from traverse.daemon.pose.arm_model import ArmModel
-from traverse.daemon.pose.joint_counts import (
+from traverse.daemon.pose.poses import (
     JointCounts,
     ResampledBlock,
     ResampledCounts,
@@ -36,7 +35,7 @@ Floats = NDArray[np.float64]
 
 
 class Resampler:
-    """Makes samples of the whole arm, and counts of it at single instants.
+    """Make samples of the whole arm, and its counts at single instants.
 
     Args:
         model: the arm.
@@ -58,7 +57,7 @@ class Resampler:
         self.use_model(model)
 
     def use_model(self, model: ArmModel) -> None:
-        """Assemble for another arm from now on."""
+        """Resample for another arm from now on."""
         self.clock = self._settings.clock or model.devices[0]
         self._turns = model.encoders.counts_per_turn
         self._sources = {}
@@ -70,7 +69,7 @@ class Resampler:
             )
 
     def lacks(self) -> dict[str, dict[str, int]]:
-        """Counters by device, of those that read the arm together with others."""
+        """Shortfall counters by device that has any."""
         return {
             device: {
                 "samples_late": self.late[device],
@@ -80,36 +79,32 @@ class Resampler:
             for device in sorted({*self.late, *self.incomplete, *self.dropped})
         }
 
-    # -- what devices say -----------------------------------------------------
-
-    def up(self, device: str, jitter_ns: int, *, restarted: bool) -> None:
-        """A device is there; its clock may be off by so much."""
+    def on_up(self, device: str, jitter_ns: int, *, restarted: bool) -> None:
+        """A device is connected; its clock may be off by ``jitter_ns``."""
         source = self._sources[device]
         source.lost, source.jitter_ns = False, jitter_ns
         if restarted:
-            source.history.forget()
+            source.history.reset()
 
-    def lost(self, device: str) -> None:
-        """Nothing is to be waited for from this device."""
+    def on_lost(self, device: str) -> None:
+        """Do not wait for this device."""
         self._sources[device].lost = True
 
-    def stream(self, device: str, rate_hz: float) -> None:
-        """From now on a device is read at this rate."""
+    def set_rate(self, device: str, rate_hz: float) -> None:
+        """Set the rate at which a device is read."""
         self._sources[device].period_ns = int(1e9 / rate_hz) if rate_hz > 0 else 0
 
-    def note(self, samples: CountSamples) -> None:
-        """Remember readings of a device for `at`."""
+    def record(self, samples: CountSamples) -> None:
+        """Record readings of a device for `at`."""
         self._sources[samples.device].history.add(samples)
 
     def add(self, samples: CountSamples, now_ns: int) -> None:
-        """Take readings of a device; of the clock device they become samples."""
-        self.note(samples)
+        """Add readings of a device; those of the clock device become samples."""
+        self.record(samples)
         if samples.device == self.clock:
             self._waiting.append((samples, now_ns + self._wait_ns))
 
-    # -- what comes of it -----------------------------------------------------
-
-    def assembled(self, now_ns: int | None = None) -> list[ResampledBlock]:
+    def resampled(self, now_ns: int | None = None) -> list[ResampledBlock]:
         """All samples that are complete, or have waited long enough by some time."""
         made: list[ResampledBlock | None] = []
         while self._waiting:
@@ -120,7 +115,7 @@ class Resampler:
                     np.searchsorted(block.sample_time_ns, self._reach_ns(), "right")
                 )
             if n:
-                made.append(self._assembled(block.rows(slice(None, n))))
+                made.append(self._resample(block.rows(slice(None, n))))
             if n < len(block.seq):
                 self._waiting[0] = (block.rows(slice(n, None)), deadline_ns)
                 break
@@ -145,13 +140,13 @@ class Resampler:
                 found[device] = source.at(instants_ns)
             else:
                 return None
-        counts, fractions, status, doubts = self._joined(found)
+        counts, fractions, status, error_bounds = self._concatenate(found)
         return ResampledCounts(
-            JointCounts(instant_ns, counts[0], status[0], fractions[0]), doubts[0]
+            JointCounts(instant_ns, counts[0], status[0], fractions[0]), error_bounds[0]
         )
 
-    def lack(self, instant_ns: int, latch: LatchedCounts | None) -> str:
-        """Why `at` has nothing to say about an instant."""
+    def missing_reason(self, instant_ns: int, latch: LatchedCounts | None) -> str:
+        """Why `at` gives nothing for an instant."""
         for device, source in self._sources.items():
             if latch is not None and latch.device == device and latch.counts:
                 continue
@@ -169,7 +164,7 @@ class Resampler:
         awaited = [s.history.reach_ns for s in sources if not s.lost]
         return min(awaited, default=NEVER_NS)
 
-    def _assembled(self, block: CountSamples) -> ResampledBlock | None:
+    def _resample(self, block: CountSamples) -> ResampledBlock | None:
         """Samples of the whole arm at the instants of a block of the clock device."""
         begin_ns = max(s.history.begin_ns for s in self._sources.values())
         known = block.sample_time_ns >= begin_ns
@@ -181,28 +176,28 @@ class Resampler:
         if not len(block.seq):
             return None
         found = {
-            device: source.own(block)
+            device: source.at_own_instants(block)
             if device == block.device
             else source.at(block.sample_time_ns)
             for device, source in self._sources.items()
         }
         passed = np.ones(len(block.seq), np.bool_)
         for device, columns in found.items():
-            passed &= self._judged(device, columns.status)
-        counts, fractions, status, doubts = self._joined(found)
+            passed &= self._count_shortfalls(device, columns.status)
+        counts, fractions, status, error_bounds = self._concatenate(found)
         samples = replace(
             block, counts=counts, status=status, skew_ns=None, fractions=fractions
         )
         if passed.all():
-            return ResampledBlock(samples, doubts)
+            return ResampledBlock(samples, error_bounds)
         if not passed.any():
             return None
-        return ResampledBlock(samples.rows(passed), doubts[passed])
+        return ResampledBlock(samples.rows(passed), error_bounds[passed])
 
-    def _joined(
-        self, found: Mapping[str, Columns]
+    def _concatenate(
+        self, found: Mapping[str, JointColumns]
     ) -> tuple[NDArray[np.uint32], Floats, NDArray[np.uint8], Floats]:
-        """Counts within their turns, fractions, status and doubts of all joints."""
+        """Counts within their turns, fractions, status and error bounds."""
         order = np.argsort(np.concatenate([s.joints for s in self._sources.values()]))
         columns = list(found.values())
         counts = np.concatenate([c.counts for c in columns], axis=1)[:, order]
@@ -213,14 +208,16 @@ class Resampler:
             np.concatenate([c.error_bounds_counts for c in columns], axis=1)[:, order],
         )
 
-    def _judged(self, device: str, status: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """Count what a device lacks; which samples (n,) are to be passed on."""
-        told = np.bitwise_or.reduce(status, axis=1)
-        missing = (told & STATUS_MISSING) != 0
-        late = ((told & STATUS_LATE) != 0) & ~missing
+    def _count_shortfalls(
+        self, device: str, status: NDArray[np.uint8]
+    ) -> NDArray[np.bool_]:
+        """Count a device's shortfalls; tell which samples (n,) are to be passed on."""
+        joined = np.bitwise_or.reduce(status, axis=1)
+        missing = (joined & STATUS_MISSING) != 0
+        late = ((joined & STATUS_LATE) != 0) & ~missing
         self.incomplete[device] += int(missing.sum())
         self.late[device] += int(late.sum())
         if self._settings.policy == "flag":
-            return np.ones(len(told), np.bool_)
+            return np.ones(len(joined), np.bool_)
         self.dropped[device] += int((missing | late).sum())
         return np.asarray(~(missing | late))

@@ -64,7 +64,7 @@ class PointCommands:
             average = self._average(args)
             point = await self._measuring.points.take_mean(average)
         elif self._devices.has_simultaneous_latch:
-            point = await self._latched_point(self._devices.all[0])
+            point = await self._latched_point(self._devices.devices[0])
         else:
             self._measuring.asked("take_now")
             point = await self._measuring.points.take_now()
@@ -167,9 +167,9 @@ def check_ready(devices: JointDevices) -> None:
     Raises:
         RequestRefusedError: one cannot.
     """
-    device = devices.absent
+    device = devices.first_unavailable
     if device is not None:
-        reason = device.lost.reason if device.lost else "it is not ready"
+        reason = device.last_loss.reason if device.last_loss else "it is not ready"
         raise RequestRefusedError(
             "device.lost",
             f"{device.section.id} cannot measure: {reason}",

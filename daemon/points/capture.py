@@ -98,7 +98,7 @@ class Capture:
             ijk=tuple(pose.ijk.tolist()),
             surface_mm=None if surface_mm is None else tuple(surface_mm.tolist()),
             compensation=measured.compensation,
-            part_xyz_mm=self.part.place_mm(pose.xyz_mm),
+            part_xyz_mm=self.part.part_mm(pose.xyz_mm),
             covariance_mm2=measured.covariance_mm2,
             angles_rad=tuple(pose.angles_rad.tolist()),
             counts=tuple(pose.counts.tolist()),

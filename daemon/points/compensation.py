@@ -98,7 +98,7 @@ class Tip:
         settings = self._settings
         until_ns = time_ns + int(settings.pull_s * 1e9)
         pull = RetractDetector(time_ns, place_mm, settings.pull_mm, until_ns)
-        for block in self._path.after(time_ns, until_ns):
+        for block in self._path.between(time_ns, until_ns):
             pull.add(block)
         return pull
 

@@ -59,7 +59,7 @@ class PointEvaluator:
             self._watch(request, seen.pose.sample_time_ns, seen)
         # An edge may overtake samples from before it.
         time_ns = seen.pose.sample_time_ns
-        if not self.tip.needs_trajectory or self._stage.path.reaches(time_ns):
+        if not self.tip.needs_trajectory or self._stage.path.covers(time_ns):
             before_mm = self.tip.before(time_ns, seen.pose.xyz_mm)
             if before_mm is not seen.before_mm:
                 request.seen = replace(seen, before_mm=before_mm)
@@ -76,12 +76,12 @@ class PointEvaluator:
         if average is None:
             average = Average(begin_ns, None, self._dwell_ns, self._limits)
         average.begin_speed_mm_s = path.speed_mm_s(begin_ns)
-        for block in path.after(begin_ns, self._stage.clock.monotonic_ns()):
+        for block in path.between(begin_ns, self._stage.clock.monotonic_ns()):
             average.add(block)
         request.average = average
         self._averages.append(average)
         # Its place is hardly known yet: good enough for a direction.
-        here_mm = path.place_mm(begin_ns)
+        here_mm = path.position_mm(begin_ns)
         if here_mm is not None:
             average.before_mm = self.tip.before(begin_ns, here_mm)
 

@@ -12,10 +12,13 @@ from traverse.daemon.points.capture import Measured
 from traverse.daemon.points.request_queue import Request
 from traverse.daemon.pose.pipeline import Pipeline
 from traverse.daemon.pose.poses import LatchedPose
-from traverse.daemon.pose.quality_watch import QualityMonitor
-from traverse.daemon.pose.skew import SkewMonitor
+from traverse.daemon.pose.quality_monitor import QualityMonitor
 from traverse.daemon.pose.trajectory import TrajectoryBuffer
-from traverse.daemon.pose.uncertainty import Reading, Uncertainty
+from traverse.daemon.pose.uncertainty import (
+    CovarianceEvaluator,
+    CovarianceInput,
+    SkewMonitor,
+)
 from traverse.drivers.base.values import LatchedCounts
 
 
@@ -33,7 +36,7 @@ class Stage:
     assembly: Resampler
     skew: SkewMonitor
     path: TrajectoryBuffer
-    uncertainty: Uncertainty
+    uncertainty: CovarianceEvaluator
     quality: QualityMonitor
     point_wait_ns: int
 
@@ -63,10 +66,12 @@ class ArmSight:
         ):
             jitter_ns = device.identity.jitter_ns
         speeds_rad_s = stage.path.speeds_rad_s(pose.sample_time_ns, pose.angles_rad)
-        pose = stage.quality.marked(pose, speeds_rad_s, temperature_c)
+        pose = stage.quality.with_flags(pose, speeds_rad_s, temperature_c)
         return self._measured(
             pose,
-            Reading(pose.block, speeds_rad_s, pose.error_bounds_counts, jitter_ns),
+            CovarianceInput(
+                pose.block, speeds_rad_s, pose.error_bounds_counts, jitter_ns
+            ),
             temperature_c,
         )
 
@@ -80,7 +85,7 @@ class ArmSight:
         at_rest = np.zeros(len(pose.angles_rad))
         measured = self._measured(
             mean_pose(average, block),
-            Reading(block, at_rest, samples=average.n),
+            CovarianceInput(block, at_rest, samples=average.n),
             temperature_c,
         )
         spread_mm = None if average.n == 1 else average.spread_mm
@@ -97,12 +102,12 @@ class ArmSight:
         if first_mismatched is not None:
             text = f"{first_mismatched.section.id} does not fit the arm file"
             return text, "see the event device.mismatch"
-        lack = self._stage.assembly.lack(request.instant_ns, request.latch)
+        lack = self._stage.assembly.missing_reason(request.instant_ns, request.latch)
         text = f"the joints cannot be told at the instant of the point: {lack}"
         return text, "see the device's events, then take the point again"
 
     def _measured(
-        self, pose: LatchedPose, reading: Reading, temperature_c: float | None
+        self, pose: LatchedPose, reading: CovarianceInput, temperature_c: float | None
     ) -> Measured:
         stage = self._stage
         model = stage.pipeline.model
@@ -122,14 +127,16 @@ class ArmSight:
         is_waiting = stage.clock.monotonic_ns() < request.deadline_ns
         # Motion at the instant is told by all samples before it, not by those that
         # happen to have come already: a replay finds the same, however it is cut.
-        if found is None or (is_waiting and not stage.path.reaches(instant_ns)):
+        if found is None or (is_waiting and not stage.path.covers(instant_ns)):
             return None
         pose = stage.pipeline.pose_at(found.counts, temperature_c)
         pose = replace(pose, error_bounds_counts=found.error_bounds_counts)
-        return stage.skew.marked(stage.pipeline.model, pose, found.error_bounds_counts)
+        return stage.skew.with_flags(
+            stage.pipeline.model, pose, found.error_bounds_counts
+        )
 
     def _is_whole(self, latch: LatchedCounts) -> bool:
         """The one device that reads all joints has latched them."""
         devices = self._stage.devices
-        alone = devices.alone and devices.all[0].section.id == latch.device
+        alone = devices.is_single and devices.devices[0].section.id == latch.device
         return alone and bool(latch.counts)

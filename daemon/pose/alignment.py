@@ -24,7 +24,7 @@ class Alignment:
     translation_mm: Floats
     scale: float
 
-    def part_mm(self, xyz_mm: Floats) -> Floats:
+    def transform_mm(self, xyz_mm: Floats) -> Floats:
         """Places (n, 3) of the arm's system in that of the part."""
         turned: Floats = xyz_mm @ self.rotation.T
         return self.scale * turned + self.translation_mm
@@ -52,9 +52,9 @@ class ActiveAlignment:
     def __init__(self) -> None:
         self.alignment: Alignment | None = None
 
-    def place_mm(self, xyz_mm: Floats) -> tuple[float, float, float] | None:
+    def part_mm(self, xyz_mm: Floats) -> tuple[float, float, float] | None:
         """One place (3,) in the part's system; None without an alignment."""
         if self.alignment is None:
             return None
-        x, y, z = self.alignment.part_mm(xyz_mm[np.newaxis])[0].tolist()
+        x, y, z = self.alignment.transform_mm(xyz_mm[np.newaxis])[0].tolist()
         return x, y, z

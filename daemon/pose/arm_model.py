@@ -1,5 +1,9 @@
-"""The arm as the pipeline needs it: geometry, effects, encoders and their channels."""
+"""The arm as the pipeline needs it: geometry, effects, encoders, covariance.
 
+An arm file that asks for what a running daemon cannot do is refused.
+"""
+
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -8,15 +12,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.daemon.pose.model_problems import (
-    covariate_problems,
-    encoder_problems,
-    epoch_problems,
-)
-from traverse.daemon.pose.parameter_covariance import (
-    covariance_with_probe,
-    read_parameter_covariance,
-)
 from traverse.daemon.pose.probe_library import LibraryProbe, with_probe
 from traverse.drivers.base.values import Identity
 from traverse.kinematics.arm_file.arm import (
@@ -31,9 +26,142 @@ from traverse.kinematics.effects.arm_effects import ArmEffects, effects_from_arm
 from traverse.kinematics.effects.base.covariate import Covariate
 from traverse.kinematics.model.geometry import Geometry, geometry_from_arm
 from traverse.kinematics.model.readings import Encoders, encoders_from_arm
-from traverse.kinematics.uncertainty.arm_covariance import ArmCovariance
+from traverse.kinematics.uncertainty.arm_covariance import (
+    ArmCovariance,
+    parameter_names,
+    read_arm_covariance,
+)
+from traverse.protocol.messages.point import Compensation
 
+log = logging.getLogger("traverse.daemon.service")
+
+LARGEST_TIME_S = 9.2e9  # since 1970, in nanoseconds 63 bits
 GRAVITY_EFFECTS = ("joint_compliance", "bearing_compliance", "mount_compliance")
+WITHOUT_DIRECTION: tuple[Compensation, ...] = ("none", "shank")
+_NEVER_KNOWN = {
+    Covariate.CAMPAIGN_TIME: "the time since the start of a campaign that is over",
+    Covariate.FORCE: "the force of a contact",
+}
+
+
+def read_parameter_covariance(
+    path: Path, arm: Arm, effects: ArmEffects, inline_effects: ArmEffects
+) -> ArmCovariance | None:
+    """The covariance of the parameters that poses depend on.
+
+    Args:
+        path: of the arm file.
+        arm: what it says.
+        effects: all of it.
+        inline_effects: those of them that correct poses.
+
+    Returns:
+        None where the arm file names no such file.
+
+    Raises:
+        ValueError: the file is missing, damaged, or of another arm.
+    """
+    given = arm.identification
+    if given is None or given.covariance_file is None:
+        return None
+    joints = [joint.name for joint in arm.joints]
+    names = parameter_names(joints, effects.parameter_names)
+    found = read_arm_covariance(
+        path.parent / given.covariance_file, names, given.covariance_digest
+    )
+    places = {name: row for row, name in enumerate(names)}
+    kept = parameter_names(joints, inline_effects.parameter_names)
+    return ArmCovariance(found.factor[[places[name] for name in kept]])
+
+
+def covariance_with_probe(
+    known: ArmCovariance | None,
+    arm: Arm,
+    inline_effects: ArmEffects,
+    covariance_mm2: NDArray[np.float64] | None,
+) -> ArmCovariance | None:
+    """What is known with a probe that was not identified together with the arm.
+
+    Args:
+        known: with the probe before.
+        arm: the arm.
+        inline_effects: its effects.
+        covariance_mm2: of the probe's vector, (3, 3), by itself; None: not known.
+
+    Returns:
+        None where nothing is known.
+    """
+    if known is None and covariance_mm2 is None:
+        return None
+    names = parameter_names(
+        [joint.name for joint in arm.joints], inline_effects.parameter_names
+    )
+    factor = np.zeros((len(names), 0)) if known is None else known.factor.copy()
+    rows = [row for row, name in enumerate(names) if name.startswith("probe.vector.")]
+    factor[rows] = 0.0
+    if covariance_mm2 is not None:
+        values, vectors = np.linalg.eigh(covariance_mm2)
+        own = np.zeros((len(names), 3))
+        own[rows] = vectors * np.sqrt(np.maximum(values, 0.0))
+        factor = np.concatenate([factor, own], axis=1)
+    return ArmCovariance(factor)
+
+
+def encoder_problems(arm: Arm, device_ids: Mapping[str, object]) -> list[Problem]:
+    """Joints without an encoder, or with one that no device reads."""
+    problems = []
+    for index, joint in enumerate(arm.joints):
+        where = f"joints[{index}].encoder"
+        if joint.encoder is None:
+            problems.append(
+                Problem(where, "is missing; without it counts are not angles")
+            )
+            continue
+        if joint.encoder.device_id not in device_ids:
+            known = ", ".join(sorted(device_ids)) or "none"
+            problems.append(
+                Problem(
+                    f"{where}.source",
+                    f"names device {joint.encoder.device_id!r}, which the "
+                    f"configuration does not have; it has: {known}",
+                )
+            )
+    return problems
+
+
+def covariate_problems(effects: ArmEffects) -> list[Problem]:
+    """Effects of something that a running daemon never knows."""
+    return [
+        Problem(
+            f"effects[{index}]",
+            f"{effects.name(effect)} depends on {_NEVER_KNOWN[need.covariate]}, which "
+            "a running daemon does not have; measuring without it would give wrong "
+            "points. Take it out of the arm file, or diagnose again for an effect "
+            "that depends on something else",
+        )
+        for index, effect in enumerate(effects.corrections)
+        for need in effect.needs
+        if need.covariate in _NEVER_KNOWN
+    ]
+
+
+def epoch_problems(arm: Arm) -> list[Problem]:
+    """Effects bound to moments that the nanoseconds of a sample cannot tell."""
+    problems = []
+    for index, effect in enumerate(arm.effects):
+        if effect.epoch_utc is None:
+            continue
+        moment_s = effect.epoch_utc.timestamp() + effect.values.get("at_s", 0.0)
+        if abs(moment_s) > LARGEST_TIME_S:
+            problems.append(
+                Problem(
+                    f"effects[{index}].epoch_utc",
+                    f"{effect.epoch_utc} and at_s, if there is one, are a moment that "
+                    "times of samples do not reach, expected 1678 to 2261; correct the "
+                    "date",
+                )
+            )
+    return problems
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,11 +237,11 @@ class ArmModel:
                     f"{device} has {len(moduli_counts)} channels, from 0"
                 )
                 continue
-            told = (*identity.counts_per_turn, *[None] * len(moduli_counts))[channel]
-            if told not in (None, turn):
+            given = (*identity.counts_per_turn, *[None] * len(moduli_counts))[channel]
+            if given not in (None, turn):
                 found.append(
                     f"joint {joint + 1} has {turn} counts per turn in the arm file, "
-                    f"but channel {channel} of {device} says that it has {told}"
+                    f"but channel {channel} of {device} says that it has {given}"
                 )
             elif moduli_counts[channel] % turn:
                 found.append(
@@ -139,7 +267,7 @@ def read_model(path: Path, device_ids: Mapping[str, object]) -> ArmModel:
             str(path), [*problems, Problem("effects", str(error))]
         ) from None
     problems += [*covariate_problems(effects), *epoch_problems(arm)]
-    in_line = _in_line(effects)
+    in_line = _inline_effects(effects)
     covariance = None
     try:
         covariance = read_parameter_covariance(path, arm, effects, in_line)
@@ -180,7 +308,7 @@ def model_with_probe(model: ArmModel, chosen: LibraryProbe) -> ArmModel:
         model,
         digest=arm_digest(arm),
         geometry=geometry_from_arm(arm),
-        effects=_in_line(effects_from_arm(arm)),
+        effects=_inline_effects(effects_from_arm(arm)),
         probe_radius_mm=chosen.radius_mm,
         arm=arm,
         covariance=covariance_with_probe(
@@ -204,7 +332,20 @@ def _identified_s(arm: Arm) -> float | None:
     return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
 
 
-def _in_line(effects: ArmEffects) -> ArmEffects:
+def _inline_effects(effects: ArmEffects) -> ArmEffects:
     """The effects without those that correct no pose, such as a standard's length."""
     kept = [c for c in effects.corrections if EFFECT_KINDS[c.kind].effect_class != "O"]
     return replace(effects, corrections=tuple(kept))
+
+
+def log_model(model: ArmModel, compensation: Compensation) -> None:
+    """Log name, digest and effects, and which of them cannot be applied."""
+    log.info("arm %s, model %s", model.name, model.digest[:12])
+    if names := model.effect_names:
+        log.info("effects applied: %s", ", ".join(names))
+    if model.effects.contacts and compensation in WITHOUT_DIRECTION:
+        log.warning(
+            "effects of the contact are left out: `compensation` in [capture] is "
+            "not one that finds the direction of the surface (pretouch, pulled, "
+            "inside, outside); every point is flagged surface_unknown"
+        )

@@ -21,12 +21,15 @@ APPROACH_BAND_RAD = 5e-5  # more than hands that rest tremble, less than any app
 APPROACH_BAND_COUNTS = 2  # a count may flicker without a motion
 
 
-class Covariates:
+class CovariateBuilder:
     """Makes blocks of readings with what the effects of one arm need.
 
     Args:
         model: the arm.
         clock: tells UTC.
+
+    Attributes:
+        motion_tracker: how the joints have moved.
     """
 
     def __init__(self, model: ArmModel, clock: HostClock) -> None:
@@ -44,18 +47,13 @@ class Covariates:
         )
         per_count_rad = 2.0 * np.pi / model.encoders.counts_per_turn
         self._wants_motion = self._wants_speed or bool(self._approaching)
-        self._trail = JointMotionTracker(
+        self.motion_tracker = JointMotionTracker(
             np.maximum(APPROACH_BAND_RAD, APPROACH_BAND_COUNTS * per_count_rad)
         )
 
     def forget(self) -> None:
         """The device has been away: of its motion nothing is known."""
-        self._trail.forget()
-
-    @property
-    def trail(self) -> JointMotionTracker:
-        """How the joints have moved."""
-        return self._trail
+        self.motion_tracker.forget()
 
     def block(
         self,
@@ -78,10 +76,10 @@ class Covariates:
         motion = None
         if self._wants_motion:
             are_valid = (quality & QualityFlag.ENCODER_ERROR) == 0
-            motion = self._trail.follow(times_ns, angles_rad, are_valid)
+            motion = self.motion_tracker.add(times_ns, angles_rad, are_valid)
         return self._block(times_ns, angles_rad, temperature_c, quality, motion)
 
-    def latched(
+    def at_instant(
         self,
         time_ns: int,
         angles_rad: Floats,
@@ -101,7 +99,7 @@ class Covariates:
         """
         motion = None
         if self._wants_motion:
-            motion = self._trail.beside(time_ns, angles_rad)
+            motion = self.motion_tracker.at_instant(time_ns, angles_rad)
         times_ns = np.array([time_ns], dtype=np.int64)
         return self._block(
             times_ns, angles_rad[np.newaxis], temperature_c, quality, motion

@@ -96,7 +96,7 @@ class JointMotionTracker:
             self._past.append(last)
             self._times_ns, self._angles_rad = last.times_ns, last.angles_rad
 
-    def follow(
+    def add(
         self, times_ns: Times, angles_rad: Floats, are_valid: NDArray[np.bool_]
     ) -> Motion:
         """Continue by a block.
@@ -126,7 +126,7 @@ class JointMotionTracker:
             np.concatenate([run.approaches for run in runs]),
         )
 
-    def beside(self, time_ns: int, angles_rad: Floats) -> Motion:
+    def at_instant(self, time_ns: int, angles_rad: Floats) -> Motion:
         """The motion at a latch between samples, by the samples before it.
 
         It leaves the stream where it is, and it does not matter how many samples
@@ -140,10 +140,10 @@ class JointMotionTracker:
         before = self._latest(time_ns)
         if before is None or time_ns - before[0].times_ns[before[1]] > GAP_NS:
             return Motion(unknown, np.zeros(1, np.bool_), unknown)
-        stretch, row = before
-        pointers_rad = stretch.pointers_rad[row]
+        segment, row = before
+        pointers_rad = segment.pointers_rad[row]
         pushed = np.sign(self._pushed(pointers_rad, angles_rad) - pointers_rad)
-        approaches = np.where(pushed != 0.0, pushed, stretch.approaches[row])
+        approaches = np.where(pushed != 0.0, pushed, segment.approaches[row])
         since, row = self._latest(time_ns - SPEED_NS) or (self._past[0], 0)
         elapsed_ns = time_ns - int(since.times_ns[row])
         if elapsed_ns <= 0:
@@ -214,8 +214,8 @@ class JointMotionTracker:
 
     def _latest(self, time_ns: int) -> tuple[_MotionSegment, int] | None:
         """The last sample at this time or before it."""
-        for stretch in reversed(self._past):
-            if stretch.times_ns[0] <= time_ns:
-                row = np.searchsorted(stretch.times_ns, time_ns, side="right") - 1
-                return stretch, int(row)
+        for segment in reversed(self._past):
+            if segment.times_ns[0] <= time_ns:
+                row = np.searchsorted(segment.times_ns, time_ns, side="right") - 1
+                return segment, int(row)
         return None

@@ -26,8 +26,8 @@ class LivePoseSampler:
         self._part = part or ActiveAlignment()
         self.use_rate(rate_hz)
         self._due_ns = 0
-        self._before: tuple[int, np.ndarray[tuple[int], np.dtype[np.float64]]] | None
-        self._before = None
+        self._last: tuple[int, np.ndarray[tuple[int], np.dtype[np.float64]]] | None
+        self._last = None
         self.thinned = 0
 
     def use_rate(self, rate_hz: float) -> None:
@@ -45,10 +45,10 @@ class LivePoseSampler:
             return None
         self._due_ns = max(self._due_ns + self._period_ns, now_ns)
         speed_mm_s = None
-        if self._before is not None and now_ns > self._before[0]:
-            moved_mm = float(np.linalg.norm(xyz_mm - self._before[1]))
-            speed_mm_s = moved_mm / (now_ns - self._before[0]) * 1e9
-        self._before = (now_ns, xyz_mm)
+        if self._last is not None and now_ns > self._last[0]:
+            moved_mm = float(np.linalg.norm(xyz_mm - self._last[1]))
+            speed_mm_s = moved_mm / (now_ns - self._last[0]) * 1e9
+        self._last = (now_ns, xyz_mm)
         active = int(poses.inputs[-1])
         skeleton_mm = joint_positions(model.geometry, poses.angles_rad[-1:])[0]
         return Live(
@@ -58,7 +58,7 @@ class LivePoseSampler:
             time_ns=self._clock.to_utc_ns(now_ns),
             xyz_mm=tuple(xyz_mm.tolist()),
             ijk=tuple(poses.ijk[-1].tolist()),
-            part_xyz_mm=self._part.place_mm(xyz_mm),
+            part_xyz_mm=self._part.part_mm(xyz_mm),
             covariance_mm2=None,
             angles_rad=tuple(poses.angles_rad[-1].tolist()),
             skeleton_mm=tuple(tuple(row) for row in skeleton_mm.tolist()),

@@ -12,14 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.daemon.acquisition.interpolation import STATUS_INTERPOLATED
 from traverse.daemon.clock import HostClock
 from traverse.daemon.pose.arm_model import ArmModel
-from traverse.daemon.pose.covariates import Bits, Covariates
-from traverse.daemon.pose.joint_counts import JointCounts
-from traverse.daemon.pose.poses import LatchedPose, PoseBlock
+from traverse.daemon.pose.covariates import Bits, CovariateBuilder
+from traverse.daemon.pose.poses import JointCounts, LatchedPose, PoseBlock
 from traverse.drivers.base.values import (
     STATUS_ERROR,
+    STATUS_INTERPOLATED,
     STATUS_LATE,
     STATUS_MISSING,
     STATUS_STALE,
@@ -68,33 +67,33 @@ class Pipeline:
     def __init__(self, model: ArmModel, clock: HostClock) -> None:
         self._clock = clock
         self._unwrapper = Unwrapper(model.encoders)
-        self._take_over(model)
+        self._set_model(model)
 
     def use_model(self, model: ArmModel) -> None:
         """Measure with ``model``, and all its effects, from the next sample on.
 
         Encoders that stay the same keep their turns.
         """
-        if not _are_same(model.encoders, self.model.encoders):
+        if not _same_encoders(model.encoders, self.model.encoders):
             self._unwrapper = Unwrapper(model.encoders)
-        self._take_over(model)
+        self._set_model(model)
 
-    def _take_over(self, model: ArmModel) -> None:
+    def _set_model(self, model: ArmModel) -> None:
         self.model = model
         self._per_count_rad = model.per_count_rad
-        self._covariates = Covariates(model, self._clock)
+        self._covariates = CovariateBuilder(model, self._clock)
 
     @property
     def state(self) -> dict[str, object]:
         """What `resume` needs to go on from the last sample."""
         last, fresh = self._unwrapper.turns
-        motion = self._covariates.trail.state
+        motion = self._covariates.motion_tracker.state
         return {"turns": last, "fresh": fresh, "motion": motion}
 
     def resume(self, state: Mapping[str, Any]) -> None:
         """Go on from the `state` of another time, of the same arm."""
         self._unwrapper.resume(state["turns"], state["fresh"])
-        self._covariates.trail.resume(state["motion"])
+        self._covariates.motion_tracker.resume(state["motion"])
 
     def restart(self, device: str) -> None:
         """Forget the turns counted: the device has been without power."""
@@ -163,7 +162,7 @@ class Pipeline:
             angles_rad += latched.fractions * self._per_count_rad
         status = int(np.bitwise_or.reduce(latched.status))
         quality = QUALITY_OF_STATUS[status : status + 1]
-        block, quality = self._covariates.latched(
+        block, quality = self._covariates.at_instant(
             latched.sample_time_ns, angles_rad, temperature_c, quality
         )
         xyz_mm, ijk, quality = self._corrected(block, quality)
@@ -182,7 +181,9 @@ class Pipeline:
     ) -> Block:
         """One sample of the stream (n_joints,) again, with what the effects need."""
         quality = np.zeros(1, np.uint32)
-        block, _ = self._covariates.latched(time_ns, angles_rad, temperature_c, quality)
+        block, _ = self._covariates.at_instant(
+            time_ns, angles_rad, temperature_c, quality
+        )
         return block
 
     def _corrected(
@@ -196,7 +197,7 @@ class Pipeline:
         return xyz_mm, ijk, quality
 
 
-def _are_same(one: Encoders, other: Encoders) -> bool:
+def _same_encoders(one: Encoders, other: Encoders) -> bool:
     """Whether counts of the one are counts of the other."""
     return all(
         np.array_equal(getattr(one, name), getattr(other, name))

@@ -46,7 +46,7 @@ class TrajectoryBuffer:
         """The time of the last sample; None where there is none."""
         return int(self._blocks[-1].sample_time_ns[-1]) if self._blocks else None
 
-    def reaches(self, time_ns: int) -> bool:
+    def covers(self, time_ns: int) -> bool:
         """Whether all samples until some time have come."""
         return bool(self._blocks) and self._blocks[-1].sample_time_ns[-1] >= time_ns
 
@@ -89,7 +89,7 @@ class TrajectoryBuffer:
         away_mm = float(np.linalg.norm(end_mm - block.xyz_mm[row]))
         return None if elapsed_ns > GAP_NS else away_mm / (elapsed_ns * 1e-9)
 
-    def place_mm(self, time_ns: int) -> Floats | None:
+    def position_mm(self, time_ns: int) -> Floats | None:
         """Where the ball was at the last sample until some time, (3,)."""
         found = self._sample(time_ns)
         return None if found is None else found[0].xyz_mm[found[1]]
@@ -119,7 +119,7 @@ class TrajectoryBuffer:
                 return place
         return None
 
-    def after(self, time_ns: int, until_ns: int) -> Iterator[PoseBlock]:
+    def between(self, time_ns: int, until_ns: int) -> Iterator[PoseBlock]:
         """Samples from one time to another, both included; no block is empty."""
         for block in self._blocks:
             times_ns = block.sample_time_ns

@@ -1,30 +1,100 @@
-"""The covariance of every point: what the arm, its encoders and the instant leave open.
+"""Error bounds of poses and covariances of points.
 
+Joints are read at different instants. With m_j and t_j how far the count of joint j may
+be off, by its motion and by its instant
+(`traverse.daemon.acquisition.interpolation`), as angles, and l_j = |dx/dalpha_j| for
+the ball,
+
+    error = sum over j of l_j m_j  +  root of the sum over j of (l_j t_j)^2
+
+The first is the most that the motions can do together: a hand accelerates all joints at
+once. Instants are off by chance, each by itself.
+
+The covariance is what the arm, its encoders and the instant leave open:
 `traverse.kinematics.uncertainty.point_covariance` has the law. To the readings' own
 noise this adds what interpolation may have left of each: m by the motion, which a
 steady acceleration makes nearly whole each time, hence m^2; and an instant that may be
 off by some time t either way, spread evenly within, hence t^2/3.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from traverse.daemon.config.schema import UncertaintySection
 from traverse.daemon.pose.arm_model import ArmModel
+from traverse.daemon.pose.poses import LatchedPose, PoseBlock
 from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.kinematics.uncertainty.point_covariance import (
     PointNoise,
     point_covariances,
 )
+from traverse.protocol.messages import QualityFlag
 from traverse.protocol.messages.point import Covariance
 
 Floats = NDArray[np.float64]
 
 
+class SkewMonitor:
+    """Flag poses with too large an error bound, and keep the largest.
+
+    Args:
+        limit_mm: beyond it a pose is flagged ``skew``.
+    """
+
+    def __init__(self, limit_mm: float) -> None:
+        self._limit_mm = limit_mm
+        self._largest_mm: float | None = None
+
+    def pop_largest_mm(self) -> float | None:
+        """The largest error since the last call; None where nothing was assembled."""
+        largest_mm, self._largest_mm = self._largest_mm, None
+        return largest_mm
+
+    def flag_block(
+        self, model: ArmModel, poses: PoseBlock, error_bounds_counts: Floats
+    ) -> None:
+        """Flag poses by the error bounds (n, n_joints, 2) of their counts."""
+        # The levers of the last pose do for a block: it spans milliseconds.
+        errors_mm = _errors_mm(
+            error_bounds_counts, _levers_mm(model, poses.angles_rad[-1])
+        )
+        self._record(float(errors_mm.max()))
+        poses.quality[errors_mm > self._limit_mm] |= np.uint32(QualityFlag.SKEW)
+
+    def with_flags(
+        self, model: ArmModel, pose: LatchedPose, error_bounds_counts: Floats
+    ) -> LatchedPose:
+        """A pose, flagged by the error bounds (n_joints, 2) of its counts."""
+        levers_mm = _levers_mm(model, pose.angles_rad)
+        error_mm = float(_errors_mm(error_bounds_counts[np.newaxis], levers_mm)[0])
+        self._record(error_mm)
+        if error_mm <= self._limit_mm:
+            return pose
+        return replace(pose, quality=pose.quality | QualityFlag.SKEW.value)
+
+    def _record(self, error_mm: float) -> None:
+        self._largest_mm = max(self._largest_mm or 0.0, error_mm)
+
+
+def _errors_mm(error_bounds_counts: Floats, levers_mm: Floats) -> Floats:
+    """Errors (n,) of error bounds (n, n_joints, 2)."""
+    by_motion = error_bounds_counts[:, :, 0] @ levers_mm
+    by_instants = error_bounds_counts[:, :, 1] ** 2 @ levers_mm**2
+    return np.asarray(by_motion + np.sqrt(by_instants))
+
+
+def _levers_mm(model: ArmModel, angles_rad: Floats) -> Floats:
+    """How far a count of each joint moves the ball, (n_joints,)."""
+    derivatives = probe_derivatives(model.geometry, angles_rad[np.newaxis])
+    levers_mm = np.linalg.norm(derivatives.by_angles[0], axis=0)
+    return np.asarray(levers_mm * np.abs(model.per_count_rad))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class Reading:
+class CovarianceInput:
     """How the readings of a point came about.
 
     Attributes:
@@ -43,7 +113,7 @@ class Reading:
     samples: int = 1
 
 
-class Uncertainty:
+class CovarianceEvaluator:
     """States covariances.
 
     Args:
@@ -52,9 +122,11 @@ class Uncertainty:
 
     def __init__(self, settings: UncertaintySection) -> None:
         self._settings = settings
-        self._usual: tuple[ArmModel, PointNoise] | None = None
+        self._cached: tuple[ArmModel, PointNoise] | None = None
 
-    def covariance(self, model: ArmModel, reading: Reading) -> Covariance | None:
+    def covariance(
+        self, model: ArmModel, reading: CovarianceInput
+    ) -> Covariance | None:
         """xx, xy, xz, yy, yz, zz in mm^2; None where the speed is not known."""
         if reading.speeds_rad_s is None:
             return None
@@ -70,21 +142,21 @@ class Uncertainty:
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = found.tolist()
         return xx, xy, xz, yy, yz, zz
 
-    def _noise(self, model: ArmModel, reading: Reading) -> PointNoise:
+    def _noise(self, model: ArmModel, reading: CovarianceInput) -> PointNoise:
         """That of a reading; of all that are latched it is the same."""
         if reading.error_bounds_counts is not None or reading.jitter_ns:
-            return self._made(model, reading)
-        if self._usual is None or self._usual[0] is not model:
-            self._usual = model, self._made(model, reading)
-        return self._usual[1]
+            return self._evaluate(model, reading)
+        if self._cached is None or self._cached[0] is not model:
+            self._cached = model, self._evaluate(model, reading)
+        return self._cached[1]
 
-    def _made(self, model: ArmModel, reading: Reading) -> PointNoise:
+    def _evaluate(self, model: ArmModel, reading: CovarianceInput) -> PointNoise:
         settings = self._settings
         per_count_rad = np.abs(model.per_count_rad)
         variances = np.full(len(per_count_rad), settings.encoder_rad**2)
         if reading.error_bounds_counts is not None:
-            doubts_rad = reading.error_bounds_counts * per_count_rad[:, np.newaxis]
-            variances += doubts_rad[:, 0] ** 2 + doubts_rad[:, 1] ** 2 / 3.0
+            bounds_rad = reading.error_bounds_counts * per_count_rad[:, np.newaxis]
+            variances += bounds_rad[:, 0] ** 2 + bounds_rad[:, 1] ** 2 / 3.0
         return PointNoise(
             np.sqrt(variances),
             per_count_rad,

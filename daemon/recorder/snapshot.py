@@ -86,7 +86,7 @@ class MeasurementSnapshot:
         measuring, capture = self._measuring, self._capture
         air_mm = measuring.points.tip.air_mm
         alignment = capture.part.alignment
-        temperatures = measuring.quality.standing.temperatures
+        temperatures = measuring.quality.persistent.temperatures
         return {
             "idle": self.is_idle,
             "model": measuring.model.digest,

@@ -25,7 +25,7 @@ from traverse.daemon.pose.arm_model import ArmModel, model_with_probe
 from traverse.daemon.pose.live import LivePoseSampler
 from traverse.daemon.pose.pipeline import Pipeline
 from traverse.daemon.pose.probe_library import LibraryProbe
-from traverse.daemon.pose.uncertainty import Uncertainty
+from traverse.daemon.pose.uncertainty import CovarianceEvaluator
 from traverse.daemon.recorder.snapshot import check_model
 from traverse.daemon.scans.plan import ScanPlan
 from traverse.daemon.scans.scanner import Scanner
@@ -119,7 +119,7 @@ class ReplayHarness:
             clock=clock,
             devices=JointDevices(model, list(self.devices.values())),
             settings=configuration.assembly,
-            uncertainty=Uncertainty(configuration.uncertainty),
+            uncertainty=CovarianceEvaluator(configuration.uncertainty),
             pipeline=self._pipeline,
             capture=self.capture,
             triggers=triggers_of(settings),
@@ -160,7 +160,7 @@ class ReplayHarness:
             self.capture.part.alignment = Alignment(**alignment)
         if air_mm is not None:
             self.measuring.points.tip.set_air_point(np.array(air_mm))
-        self.measuring.quality.standing.resume(state["temperatures"])
+        self.measuring.quality.persistent.resume(state["temperatures"])
 
     def take(self, delivery: Delivery) -> None:
         """A device delivers something."""

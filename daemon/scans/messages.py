@@ -67,7 +67,9 @@ class ScanMessages:
             ijk=points.ijk,
             angles_rad=points.angles_rad,
             counts=points.counts,
-            part_xyz_mm=None if alignment is None else alignment.part_mm(points.xyz_mm),
+            part_xyz_mm=None
+            if alignment is None
+            else alignment.transform_mm(points.xyz_mm),
             quality=points.quality,
             dropped=self.dropped,
             lost=self._lost,

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 STATUS_ERROR, STATUS_WARNING, STATUS_LATE, STATUS_STALE = 1, 2, 4, 8
-STATUS_MISSING = 16
+STATUS_MISSING, STATUS_INTERPOLATED = 16, 32
 """Bits of a channel's status; missing: no answer, the count is the last known one.
 
-A driver sets no other bits: those above belong to what comes after it.
+A driver does not set `STATUS_INTERPOLATED`, nor any bit that is not listed here.
 """
 
 

@@ -19,7 +19,7 @@ from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.points.capture import Capture, TriggerMap
 from traverse.daemon.pose.live import LivePoseSampler
 from traverse.daemon.pose.pipeline import Pipeline
-from traverse.daemon.pose.uncertainty import Uncertainty
+from traverse.daemon.pose.uncertainty import CovarianceEvaluator
 from traverse.daemon.scans.scanner import Scanner
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import Driver
@@ -83,7 +83,7 @@ class ArmBench:
             clock=self.clock,
             devices=self.arm_devices,
             settings=AssemblySection(**settings),
-            uncertainty=Uncertainty(uncertainty or UncertaintySection()),
+            uncertainty=CovarianceEvaluator(uncertainty or UncertaintySection()),
             pipeline=self.pipeline,
             capture=self.capture,
             triggers=TriggerMap({("handle", 0): "button", ("base", 0): "switch"}),

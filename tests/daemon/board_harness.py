@@ -14,7 +14,7 @@ from traverse.daemon.points.capture import Capture, TriggerMap
 from traverse.daemon.pose.alignment import ActiveAlignment
 from traverse.daemon.pose.live import LivePoseSampler
 from traverse.daemon.pose.pipeline import Pipeline
-from traverse.daemon.pose.uncertainty import Uncertainty
+from traverse.daemon.pose.uncertainty import CovarianceEvaluator
 from traverse.daemon.scans.scanner import Scanner
 from traverse.drivers.base.values import Identity
 
@@ -43,7 +43,7 @@ class Bench:
             clock=self.clock,
             devices=JointDevices(model, [self.device]),
             settings=AssemblySection(),
-            uncertainty=Uncertainty(UncertaintySection()),
+            uncertainty=CovarianceEvaluator(UncertaintySection()),
             pipeline=Pipeline(model, self.clock),
             capture=Capture(self.clock, kept_at_once(self.offer), self.part),
             triggers=TriggerMap({("base", 0): "button", ("base", 1): "switch"}),

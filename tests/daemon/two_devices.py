@@ -25,8 +25,8 @@ def assembly_on_two(folder, rates_hz=(100.0, 80.0), **settings):
     """An assembly whose devices, base and wrist, are up and stream."""
     assembly = Resampler(model_on_two(folder), AssemblySection(**settings))
     for device, rate_hz in zip(("base", "wrist"), rates_hz, strict=True):
-        assembly.up(device, 0, restarted=False)
-        assembly.stream(device, rate_hz)
+        assembly.on_up(device, 0, restarted=False)
+        assembly.set_rate(device, rate_hz)
     return assembly
 
 

@@ -17,9 +17,8 @@ from tests.daemon.two_devices import (
     true_counts,
     wrist,
 )
-from traverse.daemon.acquisition.interpolation import STATUS_INTERPOLATED
-from traverse.daemon.acquisition.reading_buffer import KEPT_NS
-from traverse.drivers.base.values import LatchedCounts
+from traverse.daemon.acquisition.joint_stream import KEPT_NS
+from traverse.drivers.base.values import STATUS_INTERPOLATED, LatchedCounts
 
 
 def cuts(draw, n):
@@ -54,7 +53,7 @@ def test_every_sample_once_and_as_interpolation_by_other_means_has_it(
     while any(blocks.values()):
         device = data.draw(st.sampled_from([d for d, left in blocks.items() if left]))
         assembly.add(readers[device].samples(blocks[device].pop(0)), AT_ONCE)
-        made += assembly.assembled(AT_ONCE)
+        made += assembly.resampled(AT_ONCE)
     seq, times_ns, counts, status, _ = joined(made)
     # All of those, and only those, for which every joint was read before and after.
     reading_ns = [
@@ -85,7 +84,7 @@ def test_the_doubt_is_about_what_interpolation_leaves(tmp_path, speed):
     assembly = assembly_on_two(tmp_path)
     assembly.add(wrist(speed=speed).samples(range(500)), AT_ONCE)
     assembly.add(base(speed=speed).samples(range(500)), AT_ONCE)
-    _, times_ns, counts, _, doubts = joined(assembly.assembled(AT_ONCE))
+    _, times_ns, counts, _, doubts = joined(assembly.resampled(AT_ONCE))
     off = np.abs(off_counts(counts, true_counts(times_ns, speed)))[:, 2]
     # Rounding of both readings is half a count at most, and no doubt of ours.
     assert (off <= 0.5 + 1.3 * doubts[:, 2] + 1.0).all()
@@ -102,16 +101,16 @@ def test_an_arm_at_rest_is_in_no_doubt(tmp_path):
     flicker = rng.integers(0, 2, still.counts.shape).astype(np.uint32)
     assembly.add(replace(still, counts=still.counts + flicker), AT_ONCE)
     assembly.add(base(speed=0.0).samples(range(400)), AT_ONCE)
-    *_, doubts = joined(assembly.assembled(AT_ONCE))
+    *_, doubts = joined(assembly.resampled(AT_ONCE))
     assert doubts.max() == 0.0
 
 
 def test_stamps_that_may_be_off_count_by_the_speed(tmp_path):
     assembly = assembly_on_two(tmp_path)
-    assembly.up("wrist", 200_000, restarted=False)
+    assembly.on_up("wrist", 200_000, restarted=False)
     assembly.add(wrist().samples(range(100)), AT_ONCE)
     assembly.add(base().samples(range(100)), AT_ONCE)
-    made = assembly.assembled()
+    made = assembly.resampled()
     _, times_ns, _, _, _ = joined(made)
     found = np.concatenate([one.error_bounds_counts[:, :, 1] for one in made])
     before, after = true_counts(times_ns - 100_000), true_counts(times_ns + 100_000)
@@ -147,10 +146,16 @@ def test_a_single_instant_takes_what_was_latched_and_interpolates_the_rest(tmp_p
     instant_ns = BEGIN_NS + 333_333_333
     latch = latched(base(), instant_ns)
     assert assembly.at(instant_ns, latch) is None
-    assert assembly.lack(instant_ns, latch) == "wrist has not read all its joints yet"
+    assert (
+        assembly.missing_reason(instant_ns, latch)
+        == "wrist has not read all its joints yet"
+    )
     assembly.add(wrist().samples(range(20)), AT_ONCE)
     assert assembly.at(instant_ns, latch) is None
-    assert assembly.lack(instant_ns, latch) == "no readings of wrist came after it"
+    assert (
+        assembly.missing_reason(instant_ns, latch)
+        == "no readings of wrist came after it"
+    )
     assembly.add(wrist().samples(range(20, 40)), AT_ONCE)
     found = assembly.at(instant_ns, latch).counts
     assert found.status.tolist() == [0, 0, STATUS_INTERPOLATED]
@@ -171,10 +176,10 @@ def test_an_instant_that_is_long_past_is_not_guessed(tmp_path):
     assembly = assembly_on_two(tmp_path)
     n = int(KEPT_NS * 1e-9 * 80) + 100
     for first in range(0, n, 20):
-        assembly.note(wrist().samples(range(first, first + 20)))
-        assembly.note(base().samples(range(first, first + 20)))
+        assembly.record(wrist().samples(range(first, first + 20)))
+        assembly.record(base().samples(range(first, first + 20)))
     assert assembly.at(BEGIN_NS + 100_000_000, None) is None
-    reason = assembly.lack(BEGIN_NS + 100_000_000, None)
+    reason = assembly.missing_reason(BEGIN_NS + 100_000_000, None)
     assert reason == "it is older than the readings of wrist that are kept"
 
 
@@ -182,7 +187,7 @@ def test_a_clock_that_is_not_the_first_joints_device_gives_the_instants(tmp_path
     assembly = assembly_on_two(tmp_path, clock="wrist")
     assembly.add(base().samples(range(50)), AT_ONCE)
     assembly.add(wrist().samples(range(30)), AT_ONCE)
-    seq, times_ns, _, status, _ = joined(assembly.assembled(AT_ONCE))
+    seq, times_ns, _, status, _ = joined(assembly.resampled(AT_ONCE))
     assert seq.tolist() == list(range(30))
     assert (times_ns == wrist().times_ns(range(30))).all()
     assert (status[:, 2] == 0).all()

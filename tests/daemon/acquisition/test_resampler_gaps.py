@@ -12,8 +12,12 @@ from tests.daemon.acquisition.resampled import (
     off_counts,
 )
 from tests.daemon.two_devices import BEGIN_NS, assembly_on_two, base, true_counts, wrist
-from traverse.daemon.acquisition.interpolation import STATUS_INTERPOLATED
-from traverse.drivers.base.values import STATUS_ERROR, STATUS_LATE, STATUS_MISSING
+from traverse.drivers.base.values import (
+    STATUS_ERROR,
+    STATUS_INTERPOLATED,
+    STATUS_LATE,
+    STATUS_MISSING,
+)
 
 
 def held_back(tmp_path, **settings):
@@ -21,15 +25,15 @@ def held_back(tmp_path, **settings):
     assembly = assembly_on_two(tmp_path, wait_s=0.05, **settings)
     assembly.add(wrist().samples(range(10)), AT_ONCE)
     assembly.add(base().samples(range(20)), AT_ONCE)
-    seq, *_ = joined(assembly.assembled(AT_ONCE))
+    seq, *_ = joined(assembly.resampled(AT_ONCE))
     assert seq.tolist() == list(range(12))
-    assert assembly.assembled(AT_ONCE + 49_000_000) == []
+    assert assembly.resampled(AT_ONCE + 49_000_000) == []
     return assembly
 
 
 def test_what_waits_too_long_is_told_late_and_then_incomplete(tmp_path):
     assembly = held_back(tmp_path)
-    seq, _, counts, status, doubts = joined(assembly.assembled(AT_ONCE + 50_000_000))
+    seq, _, counts, status, doubts = joined(assembly.resampled(AT_ONCE + 50_000_000))
     assert seq.tolist() == list(range(12, 20))
     last = true_counts(wrist().times_ns([9]))[0, 2]
     assert np.abs(off_counts(counts[:, 2], last, 2)).max() < 0.51
@@ -46,7 +50,7 @@ def test_what_waits_too_long_is_told_late_and_then_incomplete(tmp_path):
 
 def test_by_policy_what_is_late_or_incomplete_is_held_back(tmp_path):
     assembly = held_back(tmp_path, policy="drop")
-    assert assembly.assembled(AT_ONCE + 50_000_000) == []
+    assert assembly.resampled(AT_ONCE + 50_000_000) == []
     assert assembly.dropped == {"wrist": 8, "base": 0}
     assert assembly.lacks()["wrist"] == {
         "samples_late": 5,
@@ -57,17 +61,17 @@ def test_by_policy_what_is_late_or_incomplete_is_held_back(tmp_path):
 
 def test_nothing_is_waited_for_from_a_lost_device(tmp_path):
     assembly = held_back(tmp_path)
-    assembly.lost("wrist")
-    seq, _, _, status, _ = joined(assembly.assembled(AT_ONCE))
+    assembly.on_lost("wrist")
+    seq, _, _, status, _ = joined(assembly.resampled(AT_ONCE))
     assert seq.tolist() == list(range(12, 20))
     assert (status[:, 2] == STATUS_MISSING).all()
     # It comes back with another stream; the turns go on where they were.
-    assembly.up("wrist", 0, restarted=False)
-    assembly.stream("wrist", 80.0)
+    assembly.on_up("wrist", 0, restarted=False)
+    assembly.set_rate("wrist", 80.0)
     back = wrist(stream=2, first_ns=BEGIN_NS + 500_000_000)
     assembly.add(back.samples(range(30)), AT_ONCE)
     assembly.add(base().samples(range(20, 80)), AT_ONCE)
-    seq, times_ns, counts, status, _ = joined(assembly.assembled(AT_ONCE))
+    seq, times_ns, counts, status, _ = joined(assembly.resampled(AT_ONCE))
     assert seq.tolist() == list(range(20, 80))
     away = times_ns < BEGIN_NS + 500_000_000
     assert (status[away, 2] & STATUS_MISSING != 0).all()
@@ -82,7 +86,7 @@ def test_a_reading_lost_on_the_line_is_said_wherever_it_lacks(tmp_path):
     numbers = [*range(20), *range(21, 60)]
     assembly.add(wrist().samples(numbers), AT_ONCE)
     assembly.add(base().samples(range(60)), AT_ONCE)
-    _, times_ns, _, status, doubts = joined(assembly.assembled(AT_ONCE))
+    _, times_ns, _, status, doubts = joined(assembly.resampled(AT_ONCE))
     hole = (times_ns > wrist().times_ns(19)) & (times_ns < wrist().times_ns(21))
     assert (status[hole, 2] == STATUS_MISSING | STATUS_INTERPOLATED).all()
     assert (status[~hole, 2] & STATUS_MISSING == 0).all()
@@ -100,7 +104,7 @@ def test_counts_that_are_not_valid_are_left_out_and_told(tmp_path):
     counts[20, 1] ^= 0x400000  # half a turn
     assembly.add(replace(samples, counts=counts, status=status), AT_ONCE)
     assembly.add(base().samples(range(60)), AT_ONCE)
-    _, times_ns, found, told, _ = joined(assembly.assembled(AT_ONCE))
+    _, times_ns, found, told, _ = joined(assembly.resampled(AT_ONCE))
     good = [k for k in range(60) if k not in (20, 30, 31)]
     expected = interpolated(wrist(), good, 2, times_ns)
     off = off_counts(found[:, 2], expected, 2)
@@ -120,7 +124,7 @@ def test_an_encoder_that_is_dead_from_some_time_on_keeps_its_last_count(tmp_path
     status[20:, 1] = STATUS_MISSING
     assembly.add(replace(samples, status=status), AT_ONCE)
     assembly.add(base().samples(range(100)), AT_ONCE)
-    _, times_ns, counts, told, _ = joined(assembly.assembled(MUCH_LATER))
+    _, times_ns, counts, told, _ = joined(assembly.resampled(MUCH_LATER))
     dead = times_ns > wrist().times_ns(19)
     assert (told[dead, 2] == STATUS_MISSING).all()
     last = np.rint(true_counts(wrist().times_ns([19]))[0, 2])
@@ -131,13 +135,13 @@ def test_readings_whose_time_runs_back_are_left_out_or_begin_afresh(tmp_path):
     assembly = assembly_on_two(tmp_path)
     assembly.add(wrist().samples(range(40)), AT_ONCE)
     assembly.add(base().samples(range(20)), AT_ONCE)
-    joined(assembly.assembled(AT_ONCE))
+    joined(assembly.resampled(AT_ONCE))
     # A little: the clock of the device is being corrected.
     early = base(first_ns=BEGIN_NS - 5_000_000)
     assembly.add(early.samples(range(20, 24)), AT_ONCE)
     # Much: it has begun anew, and what was before no longer counts.
     anew = base(first_ns=BEGIN_NS - 100_000_000, stream=2)
     assembly.add(anew.samples(range(20, 30)), AT_ONCE)
-    for one in assembly.assembled(MUCH_LATER):
+    for one in assembly.resampled(MUCH_LATER):
         assert (np.diff(one.samples.sample_time_ns) > 0).all()
         assert np.abs(one.samples.fractions).max() <= 0.5

@@ -29,7 +29,7 @@ from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.points.capture import Capture, TriggerMap
 from traverse.daemon.pose.live import LivePoseSampler
 from traverse.daemon.pose.pipeline import Pipeline
-from traverse.daemon.pose.uncertainty import Uncertainty
+from traverse.daemon.pose.uncertainty import CovarianceEvaluator
 from traverse.daemon.scans.scanner import Scanner
 from traverse.protocol.messages import PointArgs, ScanArgs
 
@@ -55,7 +55,7 @@ class Bench:
             clock=clock,
             devices=devices,
             settings=AssemblySection(),
-            uncertainty=Uncertainty(UncertaintySection()),
+            uncertainty=CovarianceEvaluator(UncertaintySection()),
             pipeline=Pipeline(model, clock),
             capture=capture,
             triggers=TriggerMap({("base", 0): "button"}),

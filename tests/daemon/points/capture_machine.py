@@ -31,7 +31,7 @@ from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.points.capture import Capture, triggers_of
 from traverse.daemon.pose.live import LivePoseSampler
 from traverse.daemon.pose.pipeline import Pipeline
-from traverse.daemon.pose.uncertainty import Uncertainty
+from traverse.daemon.pose.uncertainty import CovarianceEvaluator
 from traverse.daemon.scans.scanner import Scanner
 from traverse.daemon.store.database import MessageDatabase
 from traverse.daemon.store.pending_write import PendingWrite, PendingWrites
@@ -139,7 +139,7 @@ class CaptureBench(RuleBasedStateMachine):
             clock=self.clock,
             devices=JointDevices(self.arm, [self.device]),
             settings=AssemblySection(),
-            uncertainty=Uncertainty(UncertaintySection()),
+            uncertainty=CovarianceEvaluator(UncertaintySection()),
             pipeline=Pipeline(self.models[0], self.clock),
             capture=self.capture,
             triggers=triggers_of(CAPTURE),

@@ -202,7 +202,7 @@ async def test_points_of_a_stream_come_from_where_the_ball_was(make_bench):
     assert point.compensation == "pretouch"
     towards = (np.array(point.surface_mm) - point.xyz_mm) / 3.0
     # It goes on in the direction in which it came.
-    later_mm = bench.measuring.path.place_mm(BEGIN_NS + 375_000_000) - point.xyz_mm
+    later_mm = bench.measuring.path.position_mm(BEGIN_NS + 375_000_000) - point.xyz_mm
     assert towards @ later_mm / np.linalg.norm(later_mm) > 0.9
 
 
@@ -221,7 +221,7 @@ async def test_a_press_in_the_air_waits_for_its_readings_and_takes_no_point(
     assert bench.points == []
     bench.take(edge("base", BEGIN_NS + 555_000_000, 0, counts=(1, 2, 3)))
     (point,) = bench.points
-    there_mm = bench.measuring.path.place_mm(BEGIN_NS + 200_000_000)
+    there_mm = bench.measuring.path.position_mm(BEGIN_NS + 200_000_000)
     away_mm = np.array(point.xyz_mm) - there_mm
     towards = (np.array(point.surface_mm) - point.xyz_mm) / 3.0
     assert towards == pytest.approx(away_mm / np.linalg.norm(away_mm), abs=1e-3)

@@ -199,8 +199,8 @@ async def test_samples_of_both_make_live_poses_and_what_lacks_is_told_once(bench
     assert live.quality.flags == ("interpolated",)
     last_ns = live.time_ns - bench.clock.offset_ns
     assert off_mm(bench, live, last_ns) < 0.2
-    assert bench.measuring.skew.taken_mm() < 0.1
-    assert bench.measuring.skew.taken_mm() is None
+    assert bench.measuring.skew.pop_largest_mm() < 0.1
+    assert bench.measuring.skew.pop_largest_mm() is None
     bench.take(base().samples(range(40, 60)))
     bench.later(0.06)
     assert bench.live[-1].quality.flags == ("incomplete", "skew")
@@ -264,7 +264,9 @@ async def test_one_device_that_latches_all_is_passed_on_bit_for_bit(tmp_path):
     assert alone.points[0].xyz_mm == bench.points[0].xyz_mm
     assert alone.live[-1].xyz_mm == bench.live[-1].xyz_mm
     assert bench.measuring.assembly.lacks() == {}
-    assert bench.measuring.skew.taken_mm() is not None  # of the interpolated point
+    assert (
+        bench.measuring.skew.pop_largest_mm() is not None
+    )  # of the interpolated point
     bench.close()
     alone.close()
 

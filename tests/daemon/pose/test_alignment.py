@@ -25,9 +25,9 @@ def setting(**keys):
 
 def test_a_quarter_turn_about_z_by_hand():
     part = ActiveAlignment()
-    assert part.place_mm(np.array([1.0, 2.0, 3.0])) is None
+    assert part.part_mm(np.array([1.0, 2.0, 3.0])) is None
     part.alignment = requested_alignment(setting(scale=2.0))
-    assert part.place_mm(np.array([1.0, 2.0, 3.0])) == (6.0, 22.0, 36.0)
+    assert part.part_mm(np.array([1.0, 2.0, 3.0])) == (6.0, 22.0, 36.0)
     assert requested_alignment(AlignArgs(action="clear")) is None
 
 

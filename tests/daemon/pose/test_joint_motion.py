@@ -20,7 +20,7 @@ def followed(times_ns, angles_rad, *, band_rad=0.01, are_valid=None, cuts=()):
     trail = JointMotionTracker(np.full(angles_rad.shape[1], band_rad))
     bounds = sorted({0, *cuts, len(times_ns)})
     parts = [
-        trail.follow(times_ns[a:b], angles_rad[a:b], are_valid[a:b])
+        trail.add(times_ns[a:b], angles_rad[a:b], are_valid[a:b])
         for a, b in pairwise(bounds)
     ]
     return trail, {
@@ -116,7 +116,7 @@ def test_a_latch_has_the_motion_of_a_sample_however_late_it_comes(rng, row):
     at_once, _ = followed(times_ns[:row], angles[:row])
     late, _ = followed(times_ns, angles)
     for trail in (at_once, late):
-        latched = trail.beside(int(times_ns[row]), angles[row])
+        latched = trail.at_instant(int(times_ns[row]), angles[row])
         for name in FIELDS:
             expected = motion[name][row : row + 1]
             assert getattr(latched, name).tobytes() == expected.tobytes()
@@ -125,8 +125,8 @@ def test_a_latch_has_the_motion_of_a_sample_however_late_it_comes(rng, row):
 def test_a_latch_leaves_the_stream_where_it_is():
     times_ns, angles = np.arange(20) * MS, np.linspace(0, 1, 20)[:, np.newaxis]
     trail, motion = followed(times_ns[:10], angles[:10])
-    trail.beside(int(times_ns[9]) + MS // 2, np.array([-7.0]))
-    rest = trail.follow(times_ns[10:], angles[10:], np.ones(10, np.bool_))
+    trail.at_instant(int(times_ns[9]) + MS // 2, np.array([-7.0]))
+    rest = trail.add(times_ns[10:], angles[10:], np.ones(10, np.bool_))
     _, whole = followed(times_ns, angles)
     for name in FIELDS:
         joined = np.concatenate([motion[name], getattr(rest, name)])
@@ -136,13 +136,13 @@ def test_a_latch_leaves_the_stream_where_it_is():
 @pytest.mark.parametrize("time_ns", [-1, 19 * MS + GAP_NS + 1])
 def test_of_a_latch_outside_the_stream_nothing_is_known(time_ns):
     trail, _ = followed(np.arange(20) * MS, np.linspace(0, 1, 20))
-    latched = trail.beside(time_ns, np.array([0.5]))
+    latched = trail.at_instant(time_ns, np.array([0.5]))
     assert not latched.are_speeds_known.any()
     assert not latched.approaches.any()
 
 
 def test_before_the_first_sample_nothing_is_known():
-    latched = JointMotionTracker(np.array([0.1])).beside(0, np.array([0.5]))
+    latched = JointMotionTracker(np.array([0.1])).at_instant(0, np.array([0.5]))
     assert not latched.are_speeds_known.any()
     assert not latched.approaches.any()
 
@@ -166,5 +166,5 @@ def test_a_count_that_is_not_valid_leaves_no_trace():
 def test_no_more_is_kept_than_a_late_edge_can_need():
     times_ns = np.arange(0, 3 * KEPT_NS, 10 * MS)
     trail, _ = followed(times_ns, np.sin(times_ns), cuts=range(0, len(times_ns), 2))
-    kept = sum(len(stretch.times_ns) for stretch in trail._past)
+    kept = sum(len(segment.times_ns) for segment in trail._past)
     assert KEPT_NS // (10 * MS) <= kept <= KEPT_NS // (10 * MS) + 3

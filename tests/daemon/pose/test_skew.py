@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from tests.daemon.values import SetClock, arm_model, count_samples
-from traverse.daemon.pose.joint_counts import JointCounts
 from traverse.daemon.pose.pipeline import Pipeline
-from traverse.daemon.pose.skew import SkewMonitor
+from traverse.daemon.pose.poses import JointCounts
+from traverse.daemon.pose.uncertainty import SkewMonitor
 from traverse.kinematics.model.forward import probe_centre
 from traverse.protocol.messages import QualityFlag
 
@@ -45,7 +45,7 @@ def test_motion_adds_up_and_instants_add_as_squares(model):
         watch.flag_block(model, poses, doubts)
         bits = poses.quality & QualityFlag.SKEW != 0
         assert np.flatnonzero(bits).tolist() == flagged
-        assert watch.taken_mm() == pytest.approx(added + squared, rel=1e-5)
+        assert watch.pop_largest_mm() == pytest.approx(added + squared, rel=1e-5)
 
 
 def test_a_single_pose_is_flagged_beyond_the_limit_and_not_otherwise(model):
@@ -53,8 +53,8 @@ def test_a_single_pose_is_flagged_beyond_the_limit_and_not_otherwise(model):
     pose = Pipeline(model, SetClock()).pose_at(counts)
     doubts = np.full((3, 2), 50.0)
     watch = SkewMonitor(1e-9)
-    marked = watch.marked(model, pose, doubts)
+    marked = watch.with_flags(model, pose, doubts)
     assert marked.quality == pose.quality | QualityFlag.SKEW
-    largest_mm = watch.taken_mm()
-    assert SkewMonitor(1.01 * largest_mm).marked(model, pose, doubts) is pose
-    assert watch.taken_mm() is None
+    largest_mm = watch.pop_largest_mm()
+    assert SkewMonitor(1.01 * largest_mm).with_flags(model, pose, doubts) is pose
+    assert watch.pop_largest_mm() is None

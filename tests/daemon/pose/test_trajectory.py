@@ -69,7 +69,7 @@ def test_places_away_are_the_last_before_and_the_first_after(maker):
     instant_ns = START_NS + 25 * PERIOD_NS
     before_mm = path.last_position_beyond_mm(instant_ns, at_mm, 2.0)
     assert before_mm == pytest.approx([23.0] * 3)  # 3.5 mm off; at 24 it is 1.7 mm
-    (whole,) = [PoseBlock.joined(list(path.after(0, START_NS * 2)))]
+    (whole,) = [PoseBlock.joined(list(path.between(0, START_NS * 2)))]
     time_ns, after_mm = first_sample_beyond(whole, instant_ns, at_mm, 2.0)
     assert (time_ns, after_mm.tolist()) == (START_NS + 27 * PERIOD_NS, [27.0] * 3)
     assert path.last_position_beyond_mm(instant_ns, at_mm, 100.0) is None
@@ -86,13 +86,13 @@ def test_what_is_older_than_a_while_is_forgotten(maker):
         START_NS + n * 10_000_000, np.full(3, 1e6), 1.0
     )
     assert far_mm[0] >= n - 10
-    kept = list(path.after(START_NS, START_NS + 10**12))
+    kept = list(path.between(START_NS, START_NS + 10**12))
     assert sum(len(block.seq) for block in kept) <= n + 10
 
 
 def test_samples_between_two_times_come_whole(maker):
     path = filled(maker, 50)
     first_ns, last_ns = START_NS + 10 * PERIOD_NS, START_NS + 30 * PERIOD_NS
-    found = [int(i) for block in path.after(first_ns, last_ns) for i in block.seq]
+    found = [int(i) for block in path.between(first_ns, last_ns) for i in block.seq]
     assert found == list(range(10, 31))
-    assert list(path.after(first_ns + 1, first_ns + 2)) == []
+    assert list(path.between(first_ns + 1, first_ns + 2)) == []

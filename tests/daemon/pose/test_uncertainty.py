@@ -9,7 +9,7 @@ from tests.daemon.values import ARM, arm_file, arm_model
 from traverse.daemon.config.schema import UncertaintySection
 from traverse.daemon.inputs import StartupError, read_inputs
 from traverse.daemon.pose.arm_model import read_model
-from traverse.daemon.pose.uncertainty import Reading, Uncertainty
+from traverse.daemon.pose.uncertainty import CovarianceEvaluator, CovarianceInput
 from traverse.drivers.base.values import DeviceUp
 from traverse.kinematics.arm_file.arm import FileError
 from traverse.kinematics.effects.base.block import Block
@@ -38,10 +38,10 @@ def full(six):
 
 
 def stated(model, settings, **changes):
-    reading = Reading(
+    reading = CovarianceInput(
         Block(ANGLES_RAD[np.newaxis]), **{"speeds_rad_s": np.zeros(3), **changes}
     )
-    return full(Uncertainty(settings).covariance(model, reading))
+    return full(CovarianceEvaluator(settings).covariance(model, reading))
 
 
 def test_parts_are_those_of_the_law(tmp_path):

@@ -23,7 +23,7 @@ from traverse.daemon.points.capture import Capture, TriggerMap
 from traverse.daemon.pose.arm_model import ArmModel, read_model
 from traverse.daemon.pose.live import LivePoseSampler
 from traverse.daemon.pose.pipeline import Pipeline
-from traverse.daemon.pose.uncertainty import Uncertainty
+from traverse.daemon.pose.uncertainty import CovarianceEvaluator
 from traverse.daemon.scans.scanner import Scanner
 from traverse.drivers.base.values import Delivery
 from traverse.kinematics.arm_file.arm import Arm, Effect, Identification, write_arm
@@ -134,7 +134,10 @@ class Daemon:
     """
 
     def __init__(
-        self, arm_file: Path, clock: HostClock, uncertainty: Uncertainty | None = None
+        self,
+        arm_file: Path,
+        clock: HostClock,
+        uncertainty: CovarianceEvaluator | None = None,
     ) -> None:
         self.points: list[Point] = []
         self.model = read_model(arm_file, {"base": None})
@@ -148,7 +151,7 @@ class Daemon:
             clock=clock,
             devices=JointDevices(self.model, [self._device]),
             settings=AssemblySection(),
-            uncertainty=uncertainty or Uncertainty(UncertaintySection()),
+            uncertainty=uncertainty or CovarianceEvaluator(UncertaintySection()),
             pipeline=self._pipeline,
             capture=Capture(clock, kept_at_once(self._keep)),
             triggers=TriggerMap({("base", 1): "switch"}),

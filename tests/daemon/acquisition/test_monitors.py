@@ -56,7 +56,7 @@ async def test_a_lost_device_is_told_once_and_cleared_once(bench):
     lost = DeviceLost("base", "unplugged", "plug it in")
     bench.take(lost)
     assert bench.codes() == []  # at start-up it is told otherwise
-    assert bench.device.heard.is_set()
+    assert bench.device.answered.is_set()
     bench.take(DeviceUp("base", BOARD, False), lost, lost)
     assert bench.device.state == "lost"
     bench.take(DeviceUp("base", BOARD, False))

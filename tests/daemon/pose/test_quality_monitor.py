@@ -9,7 +9,7 @@ from tests.daemon.values import PoseMaker, SetClock, arm_model
 from traverse.daemon.config.schema import EndStopSection, QualitySection
 from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.pose.quality_watch import QualityMonitor
+from traverse.daemon.pose.quality_monitor import QualityMonitor
 from traverse.protocol.messages import QualityFlag
 
 STOP = EndStopSection(joint="J1", low_rad=-1.0, high_rad=1.0, margin_rad=0.0)

@@ -1,0 +1,242 @@
+"""Report on devices and their readings: states, late readings, missing temperature."""
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from traverse.daemon.acquisition.device import Device
+from traverse.daemon.acquisition.joint_devices import JointDevices
+from traverse.daemon.acquisition.resampler import Resampler
+from traverse.daemon.clock import HostClock
+from traverse.daemon.monitoring.events import EventLog
+from traverse.daemon.pose.arm_model import ArmModel
+from traverse.daemon.pose.pipeline import Pipeline
+from traverse.drivers.base.values import DeviceAlarm, DeviceFault, DeviceLost, DeviceUp
+
+
+class DeviceStateTracker:
+    """Track states of devices and report their changes.
+
+    Args:
+        clock: the host's.
+        devices: that read the arm's joints.
+        pipeline: restarted where turns are no longer known.
+        resampler: told which devices are connected.
+        events: where all this is reported.
+        changed: called when a device's state has changed.
+    """
+
+    def __init__(
+        self,
+        *,
+        clock: HostClock,
+        devices: JointDevices,
+        pipeline: Pipeline,
+        resampler: Resampler,
+        events: EventLog,
+        changed: Callable[[], None],
+    ) -> None:
+        self._clock = clock
+        self._devices = devices
+        self._pipeline = pipeline
+        self._resampler = resampler
+        self._events = events
+        self._changed = changed
+
+    def on_up(self, device: Device, up: DeviceUp) -> None:
+        """The device answered; it may not be what the arm file says."""
+        name = device.section.id
+        device.identity = up.identity
+        device.up_ns = self._clock.monotonic_ns()
+        device.temperatures_c = ()  # those of before may have changed meanwhile
+        device.problems = []
+        if device in self._devices:
+            device.problems = self._pipeline.model.mismatches_with(name, up.identity)
+            self._resampler.on_up(name, up.identity.jitter_ns, restarted=up.restarted)
+        for problem in device.problems:
+            self._events.report(
+                "error",
+                "device.mismatch",
+                problem,
+                source=name,
+                remedy="correct the arm file, or set the device up for it",
+            )
+        device.reconnects += device.state == "lost"
+        device.state = "failed" if device.problems else "ready"
+        if up.restarted:
+            # Its absolute encoders go on; where the turns are counted is a guess.
+            self._pipeline.restart(name)
+            self._events.report(
+                "warning",
+                "device.restarted",
+                f"{name} has been without power",
+                source=name,
+                remedy="check a known point before measuring on",
+            )
+        firmware = f", firmware {up.identity.firmware}" if up.identity.firmware else ""
+        self._events.change(
+            False,
+            "error",
+            "device.lost",
+            f"{up.identity.name} is there{firmware}",
+            source=name,
+        )
+        device.answered.set()
+        self._changed()
+
+    def on_lost(self, device: Device, lost: DeviceLost) -> None:
+        """The device is gone."""
+        device.last_loss = lost
+        if device in self._devices:
+            self._resampler.on_lost(device.section.id)
+        if device.state != "starting":
+            device.state = "lost"
+            self._events.change(
+                True,
+                "error",
+                "device.lost",
+                lost.reason,
+                source=device.section.id,
+                remedy=lost.remedy,
+            )
+        device.answered.set()
+        self._changed()
+
+    def on_alarm(self, device: Device, alarm: DeviceAlarm) -> None:
+        """A condition of the device begins or ends."""
+        source = device.section.id
+        if alarm.channel is not None:
+            source = f"{source}/{alarm.channel}"
+        value = f" (value {alarm.value})" if alarm.value else ""
+        self._events.change(
+            alarm.raised,
+            "error",
+            f"alarm.{alarm.code}",
+            f"{alarm.text}{value}",
+            source=source,
+            remedy=alarm.remedy,
+        )
+
+    def on_fault(self, device: Device, fault: DeviceFault) -> None:
+        """Something went wrong that the driver survived."""
+        self._events.report(
+            "warning",
+            f"device.{fault.code}",
+            fault.text,
+            source=device.section.id,
+            remedy=fault.remedy,
+            count=fault.count,
+        )
+
+
+CALM_NS = 1_000_000_000  # without another one it is over
+
+
+@dataclass(frozen=True, slots=True)
+class _LateCondition:
+    """One thing that can be wrong with a device's readings."""
+
+    code: str
+    begun: str
+    over: str
+    remedy: str
+
+
+LATE = _LateCondition(
+    "device.late",
+    "readings of {device} come too late for the samples of {clock}",
+    "readings of {device} come in time again",
+    "lower the rate, use a faster line, or raise resampler.wait_s",
+)
+INCOMPLETE = _LateCondition(
+    "device.incomplete",
+    "samples lack readings of {device}",
+    "samples have all readings of {device} again",
+    "see the other events of this device; check its encoders and their line",
+)
+
+
+class LateReadingMonitor:
+    """Report devices whose readings are late or missing: once when it begins and ends.
+
+    Args:
+        resampler: whose counters.
+        clock: the host's.
+        events: where it is reported.
+    """
+
+    def __init__(
+        self, resampler: Resampler, clock: HostClock, events: EventLog
+    ) -> None:
+        self._resampler = resampler
+        self._clock = clock
+        self._events = events
+        self._seen: Counter[tuple[str, str]] = Counter()
+        self._last_ns: dict[tuple[str, str], int] = {}
+
+    def check(self) -> None:
+        """Check the counters; call it periodically."""
+        now_ns = self._clock.monotonic_ns()
+        for condition, counter in (
+            (LATE, self._resampler.late),
+            (INCOMPLETE, self._resampler.incomplete),
+        ):
+            for device, count in counter.items():
+                key = (condition.code, device)
+                if count > self._seen[key]:
+                    self._seen[key] = count
+                    self._last_ns[key] = now_ns
+                    self._report(condition, device, active=True)
+                elif now_ns - self._last_ns.get(key, now_ns) > CALM_NS:
+                    del self._last_ns[key]
+                    self._report(condition, device, active=False)
+
+    def _report(self, condition: _LateCondition, device: str, *, active: bool) -> None:
+        text = condition.begun if active else condition.over
+        self._events.change(
+            active,
+            "warning",
+            condition.code,
+            text.format(device=device, clock=self._resampler.clock),
+            source=device,
+            remedy=condition.remedy if active else "",
+        )
+
+
+PATIENCE_NS = 5_000_000_000  # boards tell the temperature every 2 s
+
+
+class TemperatureMonitor:
+    """Report that effects of the arm lack the temperature that they need.
+
+    Args:
+        clock: the host's.
+        events: where it is reported.
+    """
+
+    def __init__(self, clock: HostClock, events: EventLog) -> None:
+        self._clock = clock
+        self._events = events
+
+    def check(self, model: ArmModel, devices: JointDevices) -> None:
+        """Check the devices that read the arm; call it with every block."""
+        if not model.uses_temperature:
+            return
+        is_missing = devices.temperature_c is None
+        up_ns = max(device.up_ns for device in devices.devices)
+        if is_missing and self._clock.monotonic_ns() - up_ns < PATIENCE_NS:
+            return  # it has just come, its first message is on the way
+        names = ", ".join(model.devices)
+        missing = (
+            f"{names} has no temperature for the arm's effects; the reference of "
+            f"{model.reference_temperature_c:g} C is taken instead"
+        )
+        self._events.change(
+            is_missing,
+            "error",
+            "device.temperature_unknown",
+            missing if is_missing else f"{names} tells the temperature again",
+            source=model.devices[0],
+            remedy="connect the board's sensor, or take the effects that need the "
+            "temperature out of the arm file",
+        )

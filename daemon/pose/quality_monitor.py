@@ -1,0 +1,251 @@
+"""Flag what is measured beyond the limits of `[quality]`, or refuse it as a point."""
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from traverse.daemon.clock import HostClock
+from traverse.daemon.config.filters import flag_bits
+from traverse.daemon.config.schema import QualitySection
+from traverse.daemon.errors import CaptureRefusedError
+from traverse.daemon.monitoring.events import EventLog
+from traverse.daemon.pose.arm_model import ArmModel
+from traverse.daemon.pose.limits import Floats, PoseLimits, SpeedTracker
+from traverse.daemon.pose.poses import LatchedPose, PoseBlock
+from traverse.protocol.messages import FLAG_MEANINGS, QualityFlag
+from traverse.protocol.messages.quality import flag_names
+
+DAY_S = 86_400.0
+Alarm = tuple[str, int, int | str]
+
+MOMENTARY = {
+    QualityFlag.END_STOP: "limit.end_stop",
+    QualityFlag.SINGULAR: "limit.singular",
+    QualityFlag.OVERSPEED: "limit.overspeed",
+}
+"""Limits that a hand passes in a moment; reported when it does."""
+LASTING = {
+    QualityFlag.TEMPERATURE: "limit.temperature",
+    QualityFlag.STALE_IDENTIFICATION: "limit.stale_identification",
+}
+"""Limits that are passed for long; reported when it begins and when it ends."""
+REMEDIES = {
+    QualityFlag.END_STOP: "turn the joint back, or take the part from another side",
+    QualityFlag.SINGULAR: "bend the arm",
+    QualityFlag.OVERSPEED: "move slower",
+    QualityFlag.TEMPERATURE: "wait until the temperature has settled",
+    QualityFlag.STALE_IDENTIFICATION: "check the arm, and identify it again",
+}
+
+
+class PersistentFlags:
+    """Flags of every measurement: temperature, age of the identification, alarms.
+
+    Args:
+        section: of the configuration.
+        model: the arm.
+        clock: the host's.
+    """
+
+    def __init__(
+        self, section: QualitySection, model: ArmModel, clock: HostClock
+    ) -> None:
+        self._clock = clock
+        self._temperatures: deque[tuple[int, float]] = deque()
+        self._alarms: set[Alarm] = set()
+        self.use(section, model)
+
+    def use(self, section: QualitySection, model: ArmModel) -> None:
+        """Follow other limits, for another arm; what was seen stays."""
+        self._section = section
+        self._identified_s = model.identified_s
+        self._channels = set(
+            zip(model.joint_devices, model.channels.tolist(), strict=True)
+        )
+
+    def alarm(
+        self, device: str, channel: int | None, code: int | str, raised: bool
+    ) -> None:
+        """A device's alarm begins or ends."""
+        if channel is not None and (device, channel) in self._channels:
+            alarm = (device, channel, code)
+            (self._alarms.add if raised else self._alarms.discard)(alarm)
+
+    @property
+    def temperatures(self) -> tuple[tuple[int, float], ...]:
+        """Since when (host monotonic, ns) the arm had which temperature."""
+        return tuple(self._temperatures)
+
+    def resume(self, temperatures: Iterable[tuple[int, float]]) -> None:
+        """Go on from the `temperatures` of another time."""
+        self._temperatures = deque(temperatures)
+
+    def on_device_up(self, device: str) -> None:
+        """A device is up: it reports its alarms again."""
+        self._alarms = {alarm for alarm in self._alarms if alarm[0] != device}
+
+    def bits(self, temperature_c: float | None) -> int:
+        """The flags of now, with the arm at this temperature; None: not known."""
+        quality = int(QualityFlag.ENCODER_WARNING) if self._alarms else 0
+        if self._is_out_of_band(temperature_c) or self._has_changed(temperature_c):
+            quality |= QualityFlag.TEMPERATURE
+        if self._is_old():
+            quality |= QualityFlag.STALE_IDENTIFICATION
+        return int(quality)
+
+    def _is_out_of_band(self, temperature_c: float | None) -> bool:
+        low_c = self._section.temperature_low_c
+        high_c = self._section.temperature_high_c
+        if low_c is None and high_c is None:
+            return False
+        if temperature_c is None:
+            return True
+        too_cold = low_c is not None and temperature_c < low_c
+        return too_cold or (high_c is not None and temperature_c > high_c)
+
+    def _has_changed(self, temperature_c: float | None) -> bool:
+        """Whether it has gone up or down too much within some time."""
+        limit_c = self._section.temperature_change_c
+        if limit_c is None or temperature_c is None:
+            return False
+        now_ns = self._clock.monotonic_ns()
+        seen = self._temperatures
+        if not seen or seen[-1][1] != temperature_c:
+            seen.append((now_ns, temperature_c))
+        # A temperature holds until the next: the last before that time counts, too.
+        oldest_ns = now_ns - int(self._section.temperature_time_s * 1e9)
+        while len(seen) > 1 and seen[1][0] <= oldest_ns:
+            seen.popleft()
+        if len(seen) == 1:
+            return False
+        values_c = [value_c for _, value_c in seen]
+        return max(values_c) - min(values_c) > limit_c
+
+    def _is_old(self) -> bool:
+        days = self._section.identification_days
+        if days is None:
+            return False
+        if self._identified_s is None:
+            return True  # nobody knows how old it is
+        now_s = (self._clock.monotonic_ns() + self._clock.utc_offset_ns()) * 1e-9
+        return now_s - self._identified_s > days * DAY_S
+
+
+class QualityMonitor:
+    """Flags every pose.
+
+    Args:
+        section: of the configuration.
+        model: the arm.
+        clock: the host's.
+        events: where passed limits are reported.
+    """
+
+    def __init__(
+        self,
+        section: QualitySection,
+        model: ArmModel,
+        clock: HostClock,
+        events: EventLog,
+    ) -> None:
+        self._events = events
+        self.persistent = PersistentFlags(section, model, clock)
+        self._speeds = SpeedTracker()
+        self._last_flags = 0
+        self.use(section, model)
+
+    def use(self, section: QualitySection, model: ArmModel) -> None:
+        """Follow other limits, for another arm."""
+        self._section, self._model = section, model
+        self._limits = PoseLimits(section, model)
+        self._has_pose_limits = bool(
+            section.end_stops or section.singular_ratio or section.overspeed_mm_s
+        )
+        self._refused = flag_bits(section.refuse)
+        self.persistent.use(section, model)
+        self._speeds.forget()
+
+    def use_model(self, model: ArmModel) -> None:
+        """Look at another arm."""
+        self.use(self._section, model)
+
+    def flag_block(
+        self, model: ArmModel, poses: PoseBlock, temperature_c: float | None
+    ) -> None:
+        """Flag the poses of a block, in place."""
+        if model is not self._model:
+            self.use_model(model)
+        persistent = self.persistent.bits(temperature_c)
+        flags = persistent
+        if self._has_pose_limits:
+            found = self._limits.flags_of_angles(poses.angles_rad)
+            if self._limits.limits_speed:
+                found |= self._limits.flags_of_speed(
+                    self._speeds.speeds_mm_s(poses.sample_time_ns, poses.xyz_mm)
+                )
+            np.bitwise_or(poses.quality, found, out=poses.quality)
+            flags |= int(np.bitwise_or.reduce(found))
+        if persistent:
+            np.bitwise_or(poses.quality, np.uint32(persistent), out=poses.quality)
+        if flags != self._last_flags:
+            self._report(flags)
+
+    def with_flags(
+        self,
+        pose: LatchedPose,
+        speeds_rad_s: Floats | None,
+        temperature_c: float | None,
+    ) -> LatchedPose:
+        """A pose beside the stream, flagged; speeds are (n_joints,), None: unknown."""
+        found = self.persistent.bits(temperature_c)
+        if self._has_pose_limits:
+            limits, angles_rad = self._limits, pose.angles_rad
+            found |= int(limits.flags_of_angles(angles_rad[np.newaxis])[0])
+            if limits.limits_speed:
+                speed_mm_s = limits.speed_mm_s(angles_rad, speeds_rad_s)
+                found |= int(limits.flags_of_speed(np.array([speed_mm_s]))[0])
+        if not found:
+            return pose
+        return replace(pose, quality=pose.quality | found)
+
+    def check(self, quality: int) -> None:
+        """Refuse a point with flags that must not be.
+
+        Raises:
+            CaptureRefusedError: saying which.
+        """
+        refused = quality & self._refused
+        if refused:
+            names = ", ".join(flag_names(refused))
+            flags = [flag for flag in FLAG_MEANINGS if flag & refused]
+            meanings = "; ".join(FLAG_MEANINGS[flag] for flag in flags)
+            remedies = [REMEDIES[flag] for flag in flags if flag in REMEDIES]
+            raise CaptureRefusedError(
+                f"a point flagged {names} is not wanted: {meanings}",
+                "; ".join(remedies) or "see the device's events",
+            )
+
+    def _report(self, flags: int) -> None:
+        changed, self._last_flags = flags ^ self._last_flags, flags
+        for flag, code in MOMENTARY.items():
+            if changed & flags & flag:
+                self._events.report(
+                    "warning",
+                    code,
+                    FLAG_MEANINGS[flag],
+                    source="quality",
+                    remedy=REMEDIES[flag],
+                )
+        for flag, code in LASTING.items():
+            if changed & flag:
+                passed = bool(flags & flag)
+                self._events.change(
+                    passed,
+                    "warning",
+                    code,
+                    FLAG_MEANINGS[flag] if passed else "within its limits again",
+                    source="quality",
+                    remedy=REMEDIES[flag] if passed else "",
+                )
