@@ -108,7 +108,7 @@ def test_an_old_identification_is_marked(model):
 
 def test_an_alarm_of_a_joints_encoder_marks_until_it_ends(model):
     bench = Bench(model)
-    alarms = bench.watch.standing
+    alarms = bench.watch.persistent
     alarms.alarm("base", 7, "encoder_alarm", True)  # no joint is there
     alarms.alarm("base", None, 5, True)  # of the board
     assert bench.block() == [0] * 4
@@ -117,7 +117,7 @@ def test_an_alarm_of_a_joints_encoder_marks_until_it_ends(model):
     alarms.alarm("base", 1, "encoder_alarm", False)
     assert bench.block() == [0] * 4
     alarms.alarm("base", 1, "encoder_alarm", True)
-    alarms.came("base")
+    alarms.on_device_up("base")
     assert bench.block() == [0] * 4
 
 
