@@ -201,13 +201,12 @@ def _has_a_name(measure: SizeScale, hidden: Hidden) -> bool:
 
 def _truth(measure: SizeScale, hidden: Hidden) -> TrueTerm:
     keys = hidden.keys
-    runout = keys["component"] if hidden.kind == "axis_runout" else None
     return TrueTerm(
         identity=(
             hidden.kind,
             hidden.joint,
             keys.get("order"),
-            runout,
+            keys.get("component"),
             keys.get("artefact"),
         ),
         sizes=hidden.told if isinstance(hidden, HiddenEffect) else {},

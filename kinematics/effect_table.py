@@ -1,11 +1,14 @@
-"""The kinds of effects an arm file may hold: one entry a kind.
+"""The table of effects: one row a kind, with everything that is asked about it by name.
 
-What each kind corrects stands in its own file in `traverse.kinematics.effects`; this
-table says how it is written down and where it can be applied.
+What a kind corrects stands in its own file in `traverse.kinematics.effects`. This table
+says how it is written down, where it can be applied, and what the laboratory has to
+know of it: how large it plausibly is, what it resembles, over what it is drawn, what it
+is called. A new effect needs its file, its row, and the simulator's own law.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from enum import Enum, auto
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -13,27 +16,152 @@ Vector = tuple[float, float, float]
 EffectClass = Literal["L", "D", "A", "O"]
 JointUse = Literal["required", "optional", "absent"]
 RunoutComponent = Literal["radial", "axial"]
+ActsOn = Literal["angle", "tilt", "shift", "ball", "base", "length"]
+BankUse = Literal["library", "steps", "curves"]
 
 
-@dataclass(frozen=True, slots=True)
+class Family(Enum):
+    """Kinds that depend on the same, and are therefore hard to tell apart."""
+
+    OWN_ANGLE = auto()  # errors of a reading that are functions of that reading
+    AXIS_MOTION = auto()  # error motions of a bearing: vectors about the joint's axis
+    GRAVITY = auto()  # follow the moments of the arm's own weight
+    WARM = auto()  # follow temperatures
+    SLOW = auto()  # change with time
+    MOVING = auto()  # follow the last motion
+    CONTACT = auto()  # act where the ball touches
+    LENGTH = auto()  # of a standard: nothing that the arm does
+    CURVE = auto()  # without a physical name
+
+
+# Families that depend on when, how warm or how fast, rather than on where.
+_NOT_OF_POSES = (Family.WARM, Family.SLOW, Family.MOVING, Family.LENGTH)
+# The least order at which an error motion, or a harmonic, is no other kind.
+_FIRST_ORDER = 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class EffectKind:
-    """How one kind of effect is written.
+    """One row: how one kind of effect is written, how large it is, what it is called.
 
     Attributes:
+        family: What it resembles.
         effect_class: L: in-line in the daemon; D: where the direction of the
             surface is known; A: bound to time, has `epoch_utc`; O: off-line only.
         joint: Whether the effect names a joint.
         keys: The kind's own keys and their types, all required.
-        minimum_order: Least harmonic order, where there is an order.
+        acts_on: What it changes; "shift" and "tilt" are of the joint's axis.
+        size: Plausible size of each parameter, in the unit of its key.
+        label: For people; may have {often}, {component}, {artefact}.
+        minimum_order: Least order, where there is an order.
+        components: Varieties and the least order of each.
+        size_by_order: Where the size depends on the order.
+        is_size_of_campaign: Whether `size` is what a whole campaign brings, so that
+            the plausible rate is that over its duration.
+        phase: Key of a phase, with which the effect is not linear; its size is 1 rad.
+        log_prior: Preference before the data are seen, a natural logarithm.
+        log_prior_of_joint: Instead, where one of several alike joints is meant.
+        log_prior_per_order: For each order above 2.
+        least_log_prior: However high the order.
+        covariates: Columns of a campaign that it is a function of, {} for the joint:
+            the joint's own one first, then that of the whole arm.
+        is_function: Whether it is a function of that column alone.
+        bank: Where the diagnosis looks for it.
+        absorbed_by: What it equals where a campaign cannot see it.
+        whole_arm_label: Instead of `label`, where all joints are meant.
     """
 
+    family: Family
     effect_class: EffectClass
     joint: JointUse
     keys: Mapping[str, Any]
+    acts_on: ActsOn
+    size: float
+    label: str
     minimum_order: int = 1
+    components: Mapping[str, int] = field(default_factory=dict)
+    size_by_order: Mapping[int, float] = field(default_factory=dict)
+    is_size_of_campaign: bool = False
+    phase: str | None = None
+    log_prior: float = 0.0
+    log_prior_of_joint: float | None = None
+    log_prior_per_order: float = 0.0
+    least_log_prior: float = -float("inf")
+    covariates: tuple[str, ...] = ()
+    is_function: bool = True
+    bank: BankUse = "library"
+    absorbed_by: str = "a change of the geometry or of the artefacts' places"
+    whole_arm_label: str | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "keys", MappingProxyType(dict(self.keys)))
+        for name in ("keys", "components", "size_by_order"):
+            frozen = MappingProxyType(dict(getattr(self, name)))
+            object.__setattr__(self, name, frozen)
+
+    @property
+    def has_order(self) -> bool:
+        """Whether it is one of several orders."""
+        return "order" in self.keys
+
+    @property
+    def vectors(self) -> tuple[str, ...]:
+        """Keys of vectors."""
+        return tuple(key for key, of in self.keys.items() if of is Vector)
+
+    @property
+    def is_about_axis(self) -> bool:
+        """Whether its vectors lie across or along the axis of the joint."""
+        return self.family is Family.AXIS_MOTION
+
+    @property
+    def is_wave(self) -> bool:
+        """Whether it is a wave of the joint's own reading."""
+        return self.family is Family.OWN_ANGLE and "cos_rad" in self.keys
+
+    @property
+    def turns_with_joint(self) -> bool:
+        """Whether it goes round with the joint: two of them fit nearly any curve."""
+        return self.family in (Family.OWN_ANGLE, Family.AXIS_MOTION)
+
+    @property
+    def depends_on_posture(self) -> bool:
+        """Whether other postures tell it from others."""
+        return self.family not in _NOT_OF_POSES
+
+    def least_order(self, component: object = None) -> int:
+        """Say the least order, of a component where there are some."""
+        return self.components.get(str(component), self.minimum_order)
+
+    def plausible_size(self, order: int | None = None) -> float:
+        """Say how large a parameter plausibly is, in the unit of its key."""
+        if order is None:
+            return self.size
+        return self.size_by_order.get(order, self.size)
+
+    def preference(self, joint: str | None, order: int | None) -> float:
+        """Say how much it is preferred before the data are seen.
+
+        Args:
+            joint: Its name, or None for the whole arm.
+            order: Of a harmonic or of an error motion, or None.
+
+        Returns:
+            Natural logarithm, 0 for the usual ones, negative for unusual ones.
+        """
+        plain = self.log_prior
+        if joint is not None and self.log_prior_of_joint is not None:
+            plain = self.log_prior_of_joint
+        above = max((order or _FIRST_ORDER) - _FIRST_ORDER, 0)
+        return max(plain + self.log_prior_per_order * above, self.least_log_prior)
+
+    def columns(self, joint: str | None) -> tuple[str, ...]:
+        """Name the columns of a campaign that it is a function of."""
+        whole = joint is None
+        return tuple(
+            column.format(joint)
+            for column in self.covariates
+            if not (whole and "{" in column)
+        )
 
 
 _HARMONIC = {"order": int, "cos_rad": float, "sin_rad": float}
@@ -51,33 +179,264 @@ _SPLINE = {
     "knots": tuple[float, ...],
     "values_rad": tuple[float, ...],
 }
+_TEMPERATURES = ("{}_temperature_c", "temperature_c")
 
 EFFECT_KINDS: Mapping[str, EffectKind] = MappingProxyType(
     {
         "encoder_eccentricity": EffectKind(
-            "L", "required", {"cos_rad": float, "sin_rad": float}
+            family=Family.OWN_ANGLE,
+            effect_class="L",
+            joint="required",
+            keys={"cos_rad": float, "sin_rad": float},
+            acts_on="angle",
+            size=3e-5,
+            covariates=("{}_rad",),
+            label="encoder eccentricity",
         ),
-        "encoder_harmonic": EffectKind("L", "required", _HARMONIC, minimum_order=2),
-        "encoder_scale": EffectKind("L", "required", {"scale_ppm": float}),
-        "encoder_temperature": EffectKind("L", "required", {"rate_rad_c": float}),
-        "encoder_drift": EffectKind("A", "required", {"rate_rad_s": float}),
-        "count_slip": EffectKind("A", "required", {"at_s": float, "step_rad": float}),
-        "encoder_latency": EffectKind("L", "optional", {"latency_s": float}),
-        "backlash": EffectKind("L", "required", {"half_width_rad": float}),
-        "joint_compliance": EffectKind("L", "required", _COMPLIANCE),
-        "bearing_compliance": EffectKind("L", "required", _COMPLIANCE),
-        "mount_compliance": EffectKind("L", "absent", _COMPLIANCE),
-        "thermal_expansion": EffectKind("L", "optional", {"expansion_per_c": float}),
-        "axis_wobble": EffectKind("L", "required", _WOBBLE, minimum_order=2),
-        "axis_runout": EffectKind("L", "required", _RUNOUT),
-        "probe_radius": EffectKind("D", "absent", {"radius_error_mm": float}),
-        "probe_lobing": EffectKind("D", "absent", _LOBING),
-        "stylus_bending": EffectKind("D", "absent", {"compliance_mm_n": float}),
-        "base_drift": EffectKind("A", "absent", {"rate_mm_s": Vector}),
-        "base_step": EffectKind("A", "absent", {"at_s": float, "step_mm": Vector}),
+        "encoder_harmonic": EffectKind(
+            family=Family.OWN_ANGLE,
+            effect_class="L",
+            joint="required",
+            keys=_HARMONIC,
+            minimum_order=2,
+            acts_on="angle",
+            size=5e-6,  # of sub-division errors
+            size_by_order={2: 2e-5, 3: 1e-5, 4: 1e-5},
+            log_prior=-1.0,
+            log_prior_per_order=-1.0,
+            least_log_prior=-3.0,
+            covariates=("{}_rad",),
+            label="encoder error {often} a turn",
+        ),
+        "encoder_scale": EffectKind(
+            family=Family.OWN_ANGLE,
+            effect_class="L",
+            joint="required",
+            keys={"scale_ppm": float},
+            acts_on="angle",
+            size=20.0,
+            covariates=("{}_rad",),
+            label="encoder scale",
+        ),
+        "encoder_temperature": EffectKind(
+            family=Family.WARM,
+            effect_class="L",
+            joint="required",
+            keys={"rate_rad_c": float},
+            acts_on="angle",
+            size=1e-5,
+            log_prior=-0.5,
+            covariates=_TEMPERATURES,
+            label="encoder zero with temperature",
+        ),
+        "encoder_drift": EffectKind(
+            family=Family.SLOW,
+            effect_class="A",
+            joint="required",
+            keys={"rate_rad_s": float},
+            acts_on="angle",
+            size=3e-5,
+            is_size_of_campaign=True,
+            covariates=("time_s",),
+            label="drift of the encoder's zero",
+        ),
+        "count_slip": EffectKind(
+            family=Family.SLOW,
+            effect_class="A",
+            joint="required",
+            keys={"at_s": float, "step_rad": float},
+            acts_on="angle",
+            size=5e-5,
+            covariates=("time_s",),
+            bank="steps",
+            label="jump of the encoder's zero",
+        ),
+        "encoder_latency": EffectKind(
+            family=Family.MOVING,
+            effect_class="L",
+            joint="optional",
+            keys={"latency_s": float},
+            acts_on="angle",
+            size=1e-4,
+            log_prior_of_joint=-0.7,
+            covariates=("{}_speed_rad_s",),
+            label="latency of readings",
+            whole_arm_label="latency of all readings",
+        ),
+        "backlash": EffectKind(
+            family=Family.MOVING,
+            effect_class="L",
+            joint="required",
+            keys={"half_width_rad": float},
+            acts_on="angle",
+            size=1e-5,
+            covariates=("{}_approach",),
+            absorbed_by="the zero of {joint}: approach it from both sides",
+            label="backlash",
+        ),
+        "joint_compliance": EffectKind(
+            family=Family.GRAVITY,
+            effect_class="L",
+            joint="required",
+            keys=_COMPLIANCE,
+            acts_on="angle",
+            size=1e-5,
+            label="torsion under gravity",
+        ),
+        "bearing_compliance": EffectKind(
+            family=Family.GRAVITY,
+            effect_class="L",
+            joint="required",
+            keys=_COMPLIANCE,
+            acts_on="tilt",
+            size=1e-5,
+            log_prior=-0.5,
+            label="tilt of the bearing under gravity",
+        ),
+        "mount_compliance": EffectKind(
+            family=Family.GRAVITY,
+            effect_class="L",
+            joint="absent",
+            keys=_COMPLIANCE,
+            acts_on="base",
+            size=1e-5,
+            label="tilt of the mount under gravity",
+        ),
+        "thermal_expansion": EffectKind(
+            family=Family.WARM,
+            effect_class="L",
+            joint="optional",
+            keys={"expansion_per_c": float},
+            acts_on="length",
+            size=1e-5,
+            log_prior_of_joint=-0.7,
+            covariates=_TEMPERATURES,
+            label="thermal expansion of the link",
+            whole_arm_label="thermal expansion of all links",
+        ),
+        "axis_wobble": EffectKind(
+            family=Family.AXIS_MOTION,
+            effect_class="L",
+            joint="required",
+            keys=_WOBBLE,
+            minimum_order=2,
+            acts_on="tilt",
+            size=1e-5,
+            log_prior=-1.0,
+            log_prior_per_order=-0.5,
+            covariates=("{}_rad",),
+            is_function=False,
+            label="wobble of the axis {often} a turn",
+        ),
+        "axis_runout": EffectKind(
+            family=Family.AXIS_MOTION,
+            effect_class="L",
+            joint="required",
+            keys=_RUNOUT,
+            components={"radial": 2, "axial": 1},
+            acts_on="shift",
+            size=0.01,
+            log_prior=-1.0,
+            log_prior_per_order=-0.5,
+            covariates=("{}_rad",),
+            is_function=False,
+            label="{component} runout {often} a turn",
+        ),
+        "probe_radius": EffectKind(
+            family=Family.CONTACT,
+            effect_class="D",
+            joint="absent",
+            keys={"radius_error_mm": float},
+            acts_on="ball",
+            size=0.01,
+            absorbed_by="the unknown sizes of the touched surfaces",
+            label="radius of the probe's ball",
+        ),
+        "probe_lobing": EffectKind(
+            family=Family.CONTACT,
+            effect_class="D",
+            joint="absent",
+            keys=_LOBING,
+            acts_on="ball",
+            size=0.005,
+            phase="phase_rad",
+            label="lobing of the probe",
+        ),
+        "stylus_bending": EffectKind(
+            family=Family.CONTACT,
+            effect_class="D",
+            joint="absent",
+            keys={"compliance_mm_n": float},
+            acts_on="ball",
+            size=0.01,
+            label="bending of the stylus",
+        ),
+        "base_drift": EffectKind(
+            family=Family.SLOW,
+            effect_class="A",
+            joint="absent",
+            keys={"rate_mm_s": Vector},
+            acts_on="base",
+            size=0.03,
+            is_size_of_campaign=True,
+            covariates=("time_s",),
+            label="drift of the base",
+        ),
+        "base_step": EffectKind(
+            family=Family.SLOW,
+            effect_class="A",
+            joint="absent",
+            keys={"at_s": float, "step_mm": Vector},
+            acts_on="base",
+            size=0.03,
+            covariates=("time_s",),
+            bank="steps",
+            label="step of the base",
+        ),
         "artefact_length": EffectKind(
-            "O", "absent", {"artefact": str, "error_ppm": float}
+            family=Family.LENGTH,
+            effect_class="O",
+            joint="absent",
+            keys={"artefact": str, "error_ppm": float},
+            acts_on="length",
+            size=10.0,
+            absorbed_by="the arm's scale",
+            label="length of {artefact}",
         ),
-        "empirical": EffectKind("L", "required", _SPLINE),
+        "empirical": EffectKind(
+            family=Family.CURVE,
+            effect_class="L",
+            joint="required",
+            keys=_SPLINE,
+            acts_on="angle",
+            size=1e-5,
+            bank="curves",
+            label="something over {covariate}",
+        ),
     }
 )
+
+KEY_UNITS: Mapping[str, str] = MappingProxyType(
+    {
+        "scale_ppm": "ppm",
+        "error_ppm": "ppm",
+        "rate_rad_c": "rad/C",
+        "rate_rad_s": "rad/s",
+        "latency_s": "s",
+        "compliance_rad_nm": "rad/(N m)",
+        "expansion_per_c": "1/C",
+        "compliance_mm_n": "mm/N",
+        "rate_mm_s": "mm/s",
+    }
+)
+"""Units of keys whose unit is more than the `_rad` or `_mm` that the key ends with."""
+
+
+def key_unit(key: str) -> str:
+    """Say the unit of a key of `[[effects]]`."""
+    found = KEY_UNITS.get(key)
+    if found is None:
+        stem, _, found = key.rpartition("_")
+        if not stem or found not in ("rad", "mm"):
+            raise ValueError(f"{key} has no unit in the table of effects")
+    return found

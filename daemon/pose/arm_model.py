@@ -36,7 +36,6 @@ from traverse.protocol.messages.point import Compensation
 log = logging.getLogger("traverse.daemon.service")
 
 LARGEST_TIME_S = 9.2e9  # since 1970, in nanoseconds 63 bits
-GRAVITY_EFFECTS = ("joint_compliance", "bearing_compliance", "mount_compliance")
 WITHOUT_DIRECTION: tuple[Compensation, ...] = ("none", "shank")
 _NEVER_KNOWN = {
     Covariate.CAMPAIGN_TIME: "the time since the start of a campaign that is over",
@@ -298,7 +297,7 @@ def model_with_probe(model: ArmModel, chosen: LibraryProbe) -> ArmModel:
     Raises:
         ValueError: the arm cannot have it; says why.
     """
-    weighed = [e.kind for e in model.effects.corrections if e.kind in GRAVITY_EFFECTS]
+    weighed = [e.kind for e in model.effects.corrections if e.uses_gravity]
     if weighed and chosen.mass_kg is None:
         raise ValueError(
             f"{weighed[0]} is an effect of gravity; give the probe its mass_kg"

@@ -44,10 +44,11 @@ def effect_problems(
     if kind.effect_class != "A" and "epoch_utc" in effect:
         yield Problem(f"{where}.epoch_utc", f"does not belong to {name}: remove it")
     yield from _order_problems(where, effect, kind)
-    yield from _knot_problems(where, effect)
+    if "knots" in kind.keys:
+        yield from _knot_problems(where, effect)
     axis = vector_in(axes.get(joint)) if isinstance(joint, str) else None
-    if axis is not None and any(axis):
-        yield from _posture_problems(where, effect, axis)
+    if axis is not None and any(axis) and kind.is_about_axis:
+        yield from _posture_problems(where, effect, kind.vectors, axis)
 
 
 def _order_problems(
@@ -56,7 +57,7 @@ def _order_problems(
     order = effect.get("order")
     if "order" not in kind.keys or isinstance(order, bool):
         return
-    least = 2 if effect.get("component") == "radial" else kind.minimum_order
+    least = kind.least_order(effect.get("component"))
     if isinstance(order, int) and order < least:
         yield Problem(
             f"{where}.order",
@@ -66,8 +67,6 @@ def _order_problems(
 
 
 def _knot_problems(where: str, effect: Mapping[str, Any]) -> Iterator[Problem]:
-    if effect["kind"] != "empirical":
-        return
     knots, values = numbers_in(effect.get("knots")), effect.get("values_rad")
     if knots is None:
         return
@@ -87,15 +86,17 @@ def _knot_problems(where: str, effect: Mapping[str, Any]) -> Iterator[Problem]:
 
 
 def _posture_problems(
-    where: str, effect: Mapping[str, Any], axis: tuple[float, ...]
+    where: str,
+    effect: Mapping[str, Any],
+    keys: tuple[str, ...],
+    axis: tuple[float, ...],
 ) -> Iterator[Problem]:
     """Check vectors that must lie across or along the axis of the joint."""
     along = effect.get("component") == "axial"
-    keys = {"axis_wobble": ("cos_rad", "sin_rad"), "axis_runout": ("cos_mm", "sin_mm")}
     longest = max(map(abs, axis))
     u = [entry / longest for entry in axis]
     u = [entry / math.hypot(*u) for entry in u]
-    for key in keys.get(effect["kind"], ()):
+    for key in keys:
         vector = vector_in(effect.get(key))
         if vector is None or not any(vector):
             continue

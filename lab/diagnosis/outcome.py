@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from traverse.kinematics.effects.readings.empirical import Empirical
 from traverse.lab.diagnosis.advice.experiments import separate_by
 from traverse.lab.diagnosis.advice.minimal_detectable import detectable
 from traverse.lab.diagnosis.candidates.library import absent_candidates
@@ -102,7 +103,7 @@ def _from_cluster(place: Cluster) -> Term:
     """
     candidate = Candidate(
         bank=BankName.GENERIC,
-        kind="empirical",
+        kind=Empirical.kind,
         joint=place.joint,
         order=None,
         component=None,
@@ -151,7 +152,7 @@ def _shown(naming: NamedTerm) -> Candidate:
         return candidate
     return replace(
         candidate,
-        kind="empirical",
+        kind=Empirical.kind,
         order=None,
         component="angle",
         covariate=f"{candidate.joint}_rad",

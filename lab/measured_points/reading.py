@@ -13,7 +13,8 @@ import numpy as np
 import tomlkit
 from numpy.typing import NDArray
 
-from traverse.kinematics.arm_file.arm import Arm, FileError, Problem, parse_arm
+from traverse.kinematics.arm_file.arm import Arm, Effect, FileError, Problem, parse_arm
+from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.arm_effects import effects_of
 from traverse.kinematics.effects.base.context import utc_ns
 from traverse.kinematics.effects.pose import PoseFlags, corrected_pose
@@ -93,8 +94,10 @@ def measured_campaign(
         FileError: The campaign does not tell what effects need.
     """
     geometry = geometry_from_arm(arm)
-    standard = [e for e in arm.effects if e.kind == "artefact_length"]
-    own = tuple(e for e in arm.effects if e.kind != "artefact_length")
+    own, off_line = list[Effect](), list[Effect]()
+    for effect in arm.effects:
+        is_off_line = EFFECT_KINDS[effect.kind].effect_class == "O"
+        (off_line if is_off_line else own).append(effect)
     gravity = campaign.gravity_m_s2
     block = block_of(
         campaign.poses,
@@ -102,7 +105,7 @@ def measured_campaign(
         None if gravity is None else np.array(gravity),
     )
     try:
-        effects = effects_of(arm, own, campaign_span(campaign))
+        effects = effects_of(arm, tuple(own), campaign_span(campaign))
         places_mm, _, flags = corrected_pose(geometry, effects, block)
     except ValueError as error:
         raise FileError(source, [Problem("", str(error))]) from error
@@ -124,11 +127,11 @@ def measured_campaign(
         temperature_c = np.array([temperature_c[row].mean() for row in rows])
         tip_mm = tip_mm[: len(rows)]
     notes = [*campaign.notes, *_flag_notes(flags)]
-    if standard:
-        notes.append(
-            "artefact_length of the arm file is not applied: what a standard is long "
-            "says its certificate"
-        )
+    notes += [
+        f"{kind} of the arm file is not applied: what a standard is long says its "
+        "certificate"
+        for kind in dict.fromkeys(effect.kind for effect in off_line)
+    ]
     return measurement_of_touches(
         arm,
         {artefact.id: artefact for artefact in artefacts},

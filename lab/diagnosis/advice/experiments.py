@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.kinematics.arm_file.arm import Arm
+from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.advice.known_pairs import KnownPair, known_pair
 from traverse.lab.diagnosis.advice.optimal_poses import Experiment, experiment
@@ -29,18 +30,6 @@ _UNLIKE = 0.3
 _BEYOND_RAD = 1.0
 # Correlation above which a pair of the table that is one by structure is one here.
 _NEARLY_ALIAS = 0.99
-# These depend on when, how warm or how fast, rather than on where.
-_NOT_OF_POSES = (
-    "encoder_drift",
-    "encoder_temperature",
-    "thermal_expansion",
-    "base_drift",
-    "base_step",
-    "count_slip",
-    "encoder_latency",
-    "backlash",
-    "artefact_length",
-)
 
 
 def separate_by(naming: NamedTerm, rows: ObservationEquations, arm: Arm) -> str:
@@ -56,8 +45,8 @@ def separate_by(naming: NamedTerm, rows: ObservationEquations, arm: Arm) -> str:
     """
     own = naming.own.candidate
     told, apart = [], []
-    named = [o for o in naming.alternatives if o.candidate.kind != "empirical"]
-    if not named or own.kind == "empirical":
+    named = [o for o in naming.alternatives if not o.candidate.is_curve]
+    if not named or own.is_curve:
         return _curve_in_words(own, naming.alternatives)
     for other in named:
         known = known_pair(own, other.candidate, rows)
@@ -100,9 +89,8 @@ def optimal_experiment(
     """
     own = naming.own
     effects = (own.candidate, *(other.candidate for other in others))
-    if any(other.kind in _NOT_OF_POSES for other in effects[1:]) and (
-        own.candidate.kind in _NOT_OF_POSES
-    ):
+    of_poses = [EFFECT_KINDS[effect.kind].depends_on_posture for effect in effects]
+    if not of_poses[0] and not all(of_poses[1:]):
         return None
     amplitudes, _ = own.found.amplitudes(own.residuals)
     gains = [
@@ -187,7 +175,7 @@ def _curve_in_words(own: Candidate, alternatives: Sequence[Alternative]) -> str:
     """Say what becomes of curves, which fit whatever depends on the same."""
     if not alternatives:
         return ""
-    curve = own if own.kind == "empirical" else alternatives[0].candidate
+    curve = own if own.is_curve else alternatives[0].candidate
     what = curve.covariate or "the readings"
     return (
         f"A curve over {what} imitates every effect that depends on it: poses spread "

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from traverse.kinematics.effect_table import EFFECT_KINDS, EffectKind, Family
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.lab.diagnosis.candidates.scoring import LEAST_SINGULAR_VALUE
 from traverse.lab.diagnosis.model.candidate import Candidate
@@ -27,34 +28,23 @@ def reason(rows: ObservationEquations, candidate: Candidate, moved: float) -> st
             the noise, unknowns not adjusted.
     """
     joint = candidate.joint
-    if candidate.kind == "artefact_length":
-        return "nothing else tells how long a millimetre is: it equals the arm's scale"
+    row = EFFECT_KINDS[candidate.kind]
+    equals = f"equals {row.absorbed_by.format(joint=joint)}"
+    if row.family is Family.LENGTH:
+        return f"nothing else tells how long a millimetre is: it {equals}"
     if joint is not None:
-        if candidate.kind == "joint_compliance" and is_vertical(rows, joint):
+        if _twists(row) and is_vertical(rows, joint):
             return f"{joint} is vertical: gravity does not twist it"
-        if _acts_on_angle(candidate.kind) and probe_is_on_axis(rows, joint):
+        if row.acts_on == "angle" and probe_is_on_axis(rows, joint):
             return f"the probe lies on the axis of {joint}: its angle moves nothing"
     if moved > LEAST_SINGULAR_VALUE:
-        return _absorbed(candidate)
+        return equals
     return "it moves the probe by far less than the noise in these poses"
 
 
-def _absorbed(candidate: Candidate) -> str:
-    match candidate.kind:
-        case "backlash":
-            return f"equals the zero of {candidate.joint}: approach it from both sides"
-        case "probe_radius":
-            return "equals the unknown sizes of the touched surfaces"
-        case _:
-            return "equals a change of the geometry or of the artefacts' places"
-
-
-def _acts_on_angle(kind: str) -> bool:
-    return kind.startswith("encoder_") or kind in (
-        "backlash",
-        "count_slip",
-        "joint_compliance",
-    )
+def _twists(row: EffectKind) -> bool:
+    """Say whether gravity turns the joint about its own axis."""
+    return row.family is Family.GRAVITY and row.acts_on == "angle"
 
 
 def is_vertical(rows: ObservationEquations, joint: str) -> bool:

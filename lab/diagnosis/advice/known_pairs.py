@@ -8,17 +8,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from traverse.kinematics.effect_table import EFFECT_KINDS, Family
+from traverse.kinematics.effects.contacts.probe_radius import ProbeRadius
+from traverse.kinematics.effects.contacts.stylus_bending import StylusBending
+from traverse.kinematics.effects.mechanics.axis_runout import AxisRunout
+from traverse.kinematics.effects.mechanics.axis_wobble import AxisWobble
+from traverse.kinematics.effects.mechanics.bearing_compliance import BearingCompliance
+from traverse.kinematics.effects.mechanics.mount_compliance import MountCompliance
+from traverse.kinematics.effects.mechanics.thermal_expansion import ThermalExpansion
 from traverse.lab.diagnosis.advice.invisibility import is_vertical, probe_is_on_axis
 from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
-
-_OWN_ANGLE = ("encoder_eccentricity", "encoder_harmonic", "encoder_scale")
-_AXIS_MOTION = ("axis_wobble", "axis_runout")
-_GRAVITY = ("joint_compliance", "bearing_compliance", "mount_compliance")
-_WARM = ("encoder_temperature", "thermal_expansion")
-_SLOW = ("encoder_drift", "base_drift", "count_slip", "base_step")
-_MOVING = ("encoder_latency", "backlash")
-_CONTACT = ("probe_radius", "probe_lobing", "stylus_bending")
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ def _mount_and_first_bearing(
     one: Candidate, other: Candidate, rows: ObservationEquations
 ) -> KnownPair | None:
     first_joint = rows.adjustment.network.campaign.joint_names[0]
-    if (one.kind, other.kind) != ("mount_compliance", "bearing_compliance") or (
+    if (one.kind, other.kind) != (MountCompliance.kind, BearingCompliance.kind) or (
         other.joint != first_joint
     ):
         return None
@@ -73,7 +73,7 @@ def _mount_and_first_bearing(
 def _angle_and_motion(
     one: Candidate, other: Candidate, rows: ObservationEquations
 ) -> KnownPair | None:
-    if one.kind not in _OWN_ANGLE or other.kind not in _AXIS_MOTION:
+    if _family(one) is not Family.OWN_ANGLE or _family(other) is not Family.AXIS_MOTION:
         return None
     if one.joint != other.joint:
         return None
@@ -95,8 +95,12 @@ def _of_one_angle(
 ) -> KnownPair | None:
     if one.joint != other.joint or one.joint is None:
         return None
-    both_angles = one.kind in _OWN_ANGLE and other.kind in _OWN_ANGLE
-    if not both_angles and (one.kind != other.kind or one.kind not in _AXIS_MOTION):
+    both_angles = (
+        _family(one) is Family.OWN_ANGLE and _family(other) is Family.OWN_ANGLE
+    )
+    if not both_angles and (
+        one.kind != other.kind or _family(one) is not Family.AXIS_MOTION
+    ):
         return None
     travelled_rad = _travelled_rad(rows, one.joint)
     return KnownPair(
@@ -111,7 +115,10 @@ def _of_one_angle(
 def _wobble_and_runout(
     one: Candidate, other: Candidate, _rows: ObservationEquations
 ) -> KnownPair | None:
-    if (one.kind, other.kind) != _AXIS_MOTION or one.joint != other.joint:
+    if (one.kind, other.kind) != (
+        AxisWobble.kind,
+        AxisRunout.kind,
+    ) or one.joint != other.joint:
         return None
     return KnownPair(
         f"the lever arm from {one.joint} to the ball hardly varies",
@@ -122,14 +129,14 @@ def _wobble_and_runout(
 def _gravity(
     one: Candidate, other: Candidate, _rows: ObservationEquations
 ) -> KnownPair | None:
-    if one.kind not in _GRAVITY:
+    if _family(one) is not Family.GRAVITY:
         return None
-    if other.kind in _GRAVITY:
+    if _family(other) is Family.GRAVITY:
         return KnownPair(
             "both follow the moments of the arm's own weight",
             "hang a known mass at the wrist and then at the elbow, or tilt the base",
         )
-    if other.kind in _OWN_ANGLE or other.kind in _AXIS_MOTION:
+    if _family(other) is Family.OWN_ANGLE or _family(other) is Family.AXIS_MOTION:
         return KnownPair(
             "the moment of gravity is a first harmonic of a joint that is not vertical",
             "measure with a known mass at the wrist and without (only what gravity "
@@ -141,9 +148,9 @@ def _gravity(
 def _contact(
     one: Candidate, other: Candidate, _rows: ObservationEquations
 ) -> KnownPair | None:
-    if one.kind not in _CONTACT or other.kind not in _CONTACT:
+    if _family(one) is not Family.CONTACT or _family(other) is not Family.CONTACT:
         return None
-    if {one.kind, other.kind} == {"probe_radius", "stylus_bending"}:
+    if {one.kind, other.kind} == {ProbeRadius.kind, StylusBending.kind}:
         return KnownPair(
             "along the normal of a surface both are the same for a constant force",
             "touch with two forces, a sphere from outside and one from inside, and a "
@@ -159,7 +166,7 @@ def _contact(
 def _length(
     one: Candidate, other: Candidate, rows: ObservationEquations
 ) -> KnownPair | None:
-    if one.kind != "artefact_length":
+    if _family(one) is not Family.LENGTH:
         return None
     lengths = {of for _, of, _ in rows.certificates}
     return KnownPair(
@@ -167,37 +174,37 @@ def _length(
         "measure a second calibrated length, of another standard"
         if len(lengths) < 2
         else "measure one more calibrated length, of another standard",
-        len(lengths) < 2 and other.kind == "thermal_expansion",
+        len(lengths) < 2 and other.kind == ThermalExpansion.kind,
     )
 
 
 def _slow(
     one: Candidate, other: Candidate, _rows: ObservationEquations
 ) -> KnownPair | None:
-    if one.kind in _WARM and other.kind in _SLOW:
+    if _family(one) is Family.WARM and _family(other) is Family.SLOW:
         return KnownPair(
             "the temperature went up while time went by",
             "let the temperature go up and down again while measuring, and repeat the "
             "first artefact at the end",
         )
-    if one.kind in _WARM and other.kind in _WARM:
+    if _family(one) is Family.WARM and _family(other) is Family.WARM:
         return KnownPair(
             "one warm-up moves everything at once",
             "touch stretched and bent at the same temperature, and warm one link "
             "after the other",
         )
-    if one.kind in _SLOW and other.kind in _SLOW:
+    if _family(one) is Family.SLOW and _family(other) is Family.SLOW:
         return KnownPair(
             "both change slowly with time",
             "go through the artefacts in turn, all around the base, and touch one "
             "cone again every 20 poses",
         )
-    if one.kind in _WARM:
+    if _family(one) is Family.WARM:
         return KnownPair(
             "poses and temperatures went together",
             "repeat the same poses at another temperature",
         )
-    if one.kind in _SLOW:
+    if _family(one) is Family.SLOW:
         return KnownPair(
             "poses were measured in an order that follows a joint",
             "repeat the same poses later, in another order",
@@ -208,9 +215,9 @@ def _slow(
 def _moving(
     one: Candidate, other: Candidate, _rows: ObservationEquations
 ) -> KnownPair | None:
-    if one.kind not in _MOVING:
+    if _family(one) is not Family.MOVING:
         return None
-    if other.kind in _MOVING:
+    if _family(other) is Family.MOVING:
         return KnownPair(
             "both follow the sense of the last motion",
             "approach the same points at two speeds, from both sides, turning one "
@@ -220,6 +227,10 @@ def _moving(
         "poses and motions went together",
         "repeat the same poses at another speed and from the other side",
     )
+
+
+def _family(candidate: Candidate) -> Family:
+    return EFFECT_KINDS[candidate.kind].family
 
 
 def _last_moving(rows: ObservationEquations) -> str:

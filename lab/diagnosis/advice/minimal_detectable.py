@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
+from traverse.kinematics.effect_table import key_unit
 from traverse.kinematics.model.forward import probe_centre
 from traverse.lab.diagnosis.advice.invisibility import reason
 from traverse.lab.diagnosis.candidates.scoring import ProjectedCandidate, project
 from traverse.lab.diagnosis.model.candidate import Bank, Candidate
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 from traverse.lab.diagnosis.model.result import Detectable
-from traverse.lab.identification.equations.plausible_sizes import key_unit
 
 Floats = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.diagnosis.candidates.curves import generic_bank
 from traverse.lab.diagnosis.candidates.harmonics import harmonic_bank
-from traverse.lab.diagnosis.candidates.library import library_bank
+from traverse.lab.diagnosis.candidates.library import HIGHEST_ORDER, library_bank
 from traverse.lab.diagnosis.candidates.scoring import (
     BankScores,
     ProjectedCandidate,
@@ -22,9 +22,6 @@ from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 
 Floats = NDArray[np.float64]
-
-# Harmonics up to this order are in the library.
-_LIBRARY_ORDERS = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,4 +99,4 @@ def without_library_orders(bank: Bank) -> Bank:
 
 def is_beyond_library(candidate: Candidate) -> bool:
     """Say whether a harmonic is only in the bank of harmonics."""
-    return (candidate.order or 0) > _LIBRARY_ORDERS
+    return (candidate.order or 0) > HIGHEST_ORDER

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.kinematics.effects.mechanics.axis_motion import across
+from traverse.kinematics.effects.readings.empirical import Empirical
 from traverse.kinematics.effects.readings.spline import spline_amounts
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.lab.diagnosis.candidates.priors import CURVE_MM, CURVE_RAD
@@ -168,7 +169,7 @@ def _candidate(
         parameters = tuple(f"{key}.{of}.{n}" for of in directions for n in numbers)
     return Candidate(
         bank=BankName.GENERIC,
-        kind="empirical",
+        kind=Empirical.kind,
         joint=joint,
         order=None,
         component=component,

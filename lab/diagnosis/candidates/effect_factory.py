@@ -6,15 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.kinematics.arm_file.arm import Effect, effect_from_table
-from traverse.kinematics.effect_table import EFFECT_KINDS, Vector
+from traverse.kinematics.effect_table import EFFECT_KINDS, EffectKind, Vector
 from traverse.kinematics.effects.mechanics.axis_motion import across
 from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 from traverse.lab.identification.equations.plausible_sizes import campaign_start
 
 Floats = NDArray[np.float64]
-
-_AXIS_MOTIONS = ("axis_wobble", "axis_runout")
 
 
 def parameter_names(kind: str, component: str | None = None) -> tuple[str, ...]:
@@ -25,17 +23,16 @@ def parameter_names(kind: str, component: str | None = None) -> tuple[str, ...]:
     Lobes have two, since their phase is not linear: of cos 3 psi and sin 3 psi.
 
     Args:
-        kind: Of the arm file's effects, but for `empirical`.
+        kind: Of the arm file's effects, but for curves.
         component: Of a runout.
     """
-    if kind == "probe_lobing":
-        return "amplitude_mm.cos", "amplitude_mm.sin"
-    if kind in _AXIS_MOTIONS:
-        directions = "u" if component == "axial" else "vw"
-    else:
-        directions = "xyz"
+    row = EFFECT_KINDS[kind]
+    if row.phase is not None:
+        return tuple(f"{_amplitude(row)}.{part}" for part in ("cos", "sin"))
+    about_axis = "u" if component == "axial" else "vw"
+    directions = about_axis if row.is_about_axis else "xyz"
     names: list[str] = []
-    for key, of in EFFECT_KINDS[kind].keys.items():
+    for key, of in row.keys.items():
         if of is Vector:
             names += [f"{key}.{direction}" for direction in directions]
         elif of is float and key != "at_s":
@@ -57,7 +54,7 @@ def effect_of_candidate(
     Raises:
         ValueError: A curve that tilts or shifts a joint has no entry in an arm file.
     """
-    if candidate.kind == "empirical" and candidate.component != "angle":
+    if candidate.is_curve and candidate.component != "angle":
         raise ValueError(
             f"{candidate.name}: the arm file has no curve that moves a joint by its "
             f"{candidate.component}; expected a candidate with the component 'angle'"
@@ -66,15 +63,16 @@ def effect_of_candidate(
     campaign = rows.adjustment.network.campaign
     if candidate.joint is not None:
         table["joint"] = candidate.joint
-    if EFFECT_KINDS[candidate.kind].effect_class == "A":
+    row = EFFECT_KINDS[candidate.kind]
+    if row.effect_class == "A":
         table["epoch_utc"] = campaign_start(campaign)
-    if candidate.kind == "probe_lobing":
+    if row.phase is not None:
         cosine, sine = values.tolist()
-        table["amplitude_mm"] = float(np.hypot(cosine, sine))
-        table["phase_rad"] = float(np.arctan2(sine, cosine))
+        table[_amplitude(row)] = float(np.hypot(cosine, sine))
+        table[row.phase] = float(np.arctan2(sine, cosine))
         return effect_from_table(table)
     directions: dict[str, Floats] = {}
-    if candidate.kind in _AXIS_MOTIONS:
+    if row.is_about_axis:
         joint = campaign.joint_names.index(str(candidate.joint))
         axis = rows.adjustment.state.arm.geometry.axes[joint]
         directions = dict(zip("vwu", (*across(axis), axis), strict=True))
@@ -90,3 +88,8 @@ def effect_of_candidate(
     for key, vector in vectors.items():
         table[key] = tuple(vector.tolist())
     return effect_from_table(table)
+
+
+def _amplitude(row: EffectKind) -> str:
+    """Name the key that belongs to a phase."""
+    return next(key for key in row.keys if key != row.phase)

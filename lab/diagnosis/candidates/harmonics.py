@@ -7,13 +7,14 @@ too; whoever judges the bank sees that in how alike they are.
 import numpy as np
 from numpy.typing import NDArray
 
+from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.readings.encoder_eccentricity import (
     EncoderEccentricity,
 )
 from traverse.kinematics.effects.readings.encoder_harmonic import EncoderHarmonic
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.candidates.effect_factory import parameter_names
-from traverse.lab.diagnosis.candidates.priors import column_scales, log_prior
+from traverse.lab.diagnosis.candidates.priors import column_scales
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 
@@ -57,7 +58,7 @@ def _scale_rad(order: int, campaign: Campaign) -> float:
 
 
 def _candidate(joint: str, order: int, scale_rad: float) -> Candidate:
-    kind = "encoder_eccentricity" if order == 1 else "encoder_harmonic"
+    kind = EncoderEccentricity.kind if order == 1 else EncoderHarmonic.kind
     told = None if order == 1 else order
     return Candidate(
         bank=BankName.HARMONIC,
@@ -70,6 +71,6 @@ def _candidate(joint: str, order: int, scale_rad: float) -> Candidate:
         at_s=None,
         parameters=parameter_names(kind),
         scales=(scale_rad, scale_rad),
-        log_prior=log_prior(kind, joint, told),
+        log_prior=EFFECT_KINDS[kind].preference(joint, told),
         keys=() if told is None else (("order", told),),
     )

@@ -5,13 +5,14 @@ Left out are steps, whose moments are scanned (`steps`), and curves without a na
 column does not vary, is told with the reason.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from traverse.kinematics.arm_file.arm import Arm
+from traverse.kinematics.effect_table import EFFECT_KINDS, EffectKind
 from traverse.kinematics.effects import EFFECTS
 from traverse.kinematics.effects.arm_effects import ArmEffects, effects_of
 from traverse.kinematics.effects.base.bodies import bodies_from_arm
@@ -23,7 +24,7 @@ from traverse.lab.diagnosis.candidates.effect_factory import (
     effect_of_candidate,
     parameter_names,
 )
-from traverse.lab.diagnosis.candidates.priors import column_scales, log_prior
+from traverse.lab.diagnosis.candidates.priors import column_scales
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
 from traverse.lab.diagnosis.model.covariates import course, used_poses, varies
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
@@ -31,28 +32,8 @@ from traverse.lab.identification.equations.plausible_sizes import campaign_span
 
 Floats = NDArray[np.float64]
 
-_EACH_JOINT = (
-    "encoder_eccentricity",
-    "encoder_scale",
-    "encoder_temperature",
-    "encoder_drift",
-    "encoder_latency",
-    "backlash",
-    "joint_compliance",
-    "bearing_compliance",
-    "thermal_expansion",
-)
-_WHOLE_ARM = (
-    "encoder_latency",
-    "thermal_expansion",
-    "mount_compliance",
-    "probe_radius",
-    "probe_lobing",
-    "stylus_bending",
-    "base_drift",
-)
 # Higher orders of the encoders are found by the bank of harmonics.
-_HIGHEST_ORDER = 4
+HIGHEST_ORDER = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,7 +117,7 @@ def _entries(rows: ObservationEquations, arm: Arm) -> list[_Entry]:
     for plain in _candidates(rows):
         # Lobes of unit size: their columns are the derivatives there.
         template = np.zeros(plain.size)
-        template[0] = plain.kind == "probe_lobing"
+        template[0] = EFFECT_KINDS[plain.kind].phase is not None
         effect = effect_of_candidate(plain, template, rows)
         correction = EFFECTS[plain.kind].from_file(effect, setting)
         scales = column_scales(correction, plain.size, campaign)
@@ -152,21 +133,34 @@ def _entries(rows: ObservationEquations, arm: Arm) -> list[_Entry]:
 
 def _candidates(rows: ObservationEquations) -> Iterator[Candidate]:
     """Go through the whole library, without scales."""
-    joints = rows.adjustment.network.campaign.joint_names
-    orders = range(2, _HIGHEST_ORDER + 1)
-    for joint in joints:
-        for kind in _EACH_JOINT:
-            yield _candidate(kind, joint)
-        for order in orders:
-            yield _candidate("encoder_harmonic", joint, order)
-            yield _candidate("axis_wobble", joint, order)
-            yield _candidate("axis_runout", joint, order, "radial")
-        for order in range(1, _HIGHEST_ORDER + 1):
-            yield _candidate("axis_runout", joint, order, "axial")
-    for kind in _WHOLE_ARM:
-        yield _candidate(kind)
-    for artefact in dict.fromkeys(of for _, of, _ in rows.certificates):
-        yield _candidate("artefact_length", artefact=artefact)
+    listed = {k: row for k, row in EFFECT_KINDS.items() if row.bank == "library"}
+    waves = sorted(_waves(listed))
+    for joint in rows.adjustment.network.campaign.joint_names:
+        for kind, row in listed.items():
+            if row.joint != "absent" and not row.has_order:
+                yield _candidate(kind, joint)
+        for _, order, at, component in waves:
+            yield _candidate(list(listed)[at], joint, order, component)
+    artefacts = dict.fromkeys(of for _, of, _ in rows.certificates)
+    for kind, row in sorted(listed.items(), key=lambda item: item[1].joint == "absent"):
+        if row.joint != "required":
+            named = artefacts if "artefact" in row.keys else (None,)
+            yield from (_candidate(kind, artefact=artefact) for artefact in named)
+
+
+def _waves(
+    listed: Mapping[str, EffectKind],
+) -> Iterator[tuple[int, int, int, str | None]]:
+    """Go through kinds with orders: number of the component, order, which, component.
+
+    Sorted, orders up to the highest alternate between kinds.
+    """
+    for at, row in enumerate(listed.values()):
+        if row.has_order:
+            components = tuple(row.components) or (None,)
+            for number, component in enumerate(components):
+                for order in range(row.least_order(component), HIGHEST_ORDER + 1):
+                    yield number, order, at, component
 
 
 def _candidate(
@@ -189,7 +183,7 @@ def _candidate(
         at_s=None,
         parameters=parameters,
         scales=(1.0,) * len(parameters),
-        log_prior=log_prior(kind, joint, order),
+        log_prior=EFFECT_KINDS[kind].preference(joint, order),
         keys=tuple((key, value) for key, value in fixed.items() if value is not None),
     )
 

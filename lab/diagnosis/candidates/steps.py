@@ -9,8 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from traverse.kinematics.effect_table import EFFECT_KINDS
+from traverse.kinematics.effects.mechanics.base_step import BaseStep
+from traverse.kinematics.effects.readings.count_slip import CountSlip
 from traverse.lab.diagnosis.candidates.effect_factory import parameter_names
-from traverse.lab.diagnosis.candidates.priors import STEP_MM, STEP_RAD, log_prior
+from traverse.lab.diagnosis.candidates.priors import STEP_MM, STEP_RAD
 from traverse.lab.diagnosis.candidates.scoring import (
     LEAST_SINGULAR_VALUE,
     log_evidences,
@@ -155,7 +158,7 @@ def step_candidate(joint: str | None, at_s: float) -> Candidate:
         joint: Whose encoder slipped; None: the base stepped.
         at_s: When, in the campaign's time.
     """
-    kind = "base_step" if joint is None else "count_slip"
+    kind = BaseStep.kind if joint is None else CountSlip.kind
     parameters = parameter_names(kind)
     return Candidate(
         bank=BankName.STEPS,
@@ -168,7 +171,7 @@ def step_candidate(joint: str | None, at_s: float) -> Candidate:
         at_s=at_s,
         parameters=parameters,
         scales=(STEP_MM if joint is None else STEP_RAD,) * len(parameters),
-        log_prior=log_prior(kind, joint, None),
+        log_prior=EFFECT_KINDS[kind].preference(joint, None),
         keys=(("at_s", at_s),),
     )
 

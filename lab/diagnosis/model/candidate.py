@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from traverse.kinematics.effect_table import EFFECT_KINDS, Family
+
 Floats = NDArray[np.float64]
 
 
@@ -65,6 +67,11 @@ class Candidate:
         return len(self.parameters)
 
     @property
+    def is_curve(self) -> bool:
+        """Whether it is a curve without a physical name."""
+        return EFFECT_KINDS[self.kind].family is Family.CURVE
+
+    @property
     def name(self) -> str:
         """In words for people: `encoder_harmonic 5 J3`."""
         parts = (self.kind, self.component, self.order, self.joint, self.artefact)
@@ -76,8 +83,8 @@ class Candidate:
     @property
     def identity(self) -> tuple[str, str | None, int | None, str | None, str | None]:
         """What makes two candidates the same effect, whatever their sizes."""
-        runout = self.component if self.kind == "axis_runout" else None
-        return self.kind, self.joint, self.order, runout, self.artefact
+        component = self.component if EFFECT_KINDS[self.kind].components else None
+        return self.kind, self.joint, self.order, component, self.artefact
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from traverse.kinematics.effect_table import EFFECT_KINDS, key_unit
 from traverse.kinematics.effects.base.correction import Correction
 from traverse.lab.diagnosis.model.candidate import BankName, Candidate
 from traverse.lab.diagnosis.model.observation_equations import (
@@ -13,7 +14,6 @@ from traverse.lab.diagnosis.model.observation_equations import (
     orthonormal_basis,
 )
 from traverse.lab.diagnosis.model.result import Estimate
-from traverse.lab.identification.equations.plausible_sizes import key_unit
 
 Floats = NDArray[np.float64]
 
@@ -50,8 +50,9 @@ def rows_without(rows: ObservationEquations, index: int) -> ObservationEquations
     sizes = directions.T @ amplitudes
     correction = model.effects.corrections[index]
     moved = sizes[coordinates] / model.tolerances[coordinates]
-    if correction.kind == "probe_lobing":
-        moved[1] = 0.0  # the phase: its column is no size
+    phase = EFFECT_KINDS[correction.kind].phase
+    if phase is not None:  # its column is no size
+        moved[correction.parameters.index(phase)] = 0.0
     own = _columns(rows, coordinates)
     values = rows.values + rows.columns[:, own] @ moved
     columns = np.delete(rows.columns, np.arange(own.start, own.stop), axis=1)

@@ -5,22 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from traverse.kinematics.effect_table import EFFECT_KINDS, Family
 from traverse.lab.campaign.campaign import Campaign, Poses
 from traverse.lab.diagnosis.model.result import Term
 
 Floats = NDArray[np.float64]
 
-_OWN_ANGLE = (
-    "encoder_eccentricity",
-    "encoder_harmonic",
-    "encoder_scale",
-    "axis_wobble",
-    "axis_runout",
-)
-_TIME = ("encoder_drift", "count_slip", "base_drift", "base_step")
 # Waves that repeat more often are drawn one upon the other.
 _MOST_PERIODS = 6
-_TEMPERATURE = ("encoder_temperature", "thermal_expansion")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,11 +49,12 @@ def covariate_of(
     kind, joint = term.candidate.kind, term.candidate.joint
     poses = campaign.poses
     plain = np.ones(len(poses))
-    name = _column_name(kind, joint)
-    if kind == "empirical":
+    row = EFFECT_KINDS[kind]
+    name = next(iter(row.columns(joint)), None)
+    if term.candidate.is_curve:
         name = term.candidate.covariate
     compliance = getattr(term.effect, "compliance_rad_nm", 0.0)
-    if kind == "joint_compliance" and compliance != 0.0:
+    if row.acts_on == "angle" and compliance != 0.0:
         # The joint turns further: as if it had read too little.
         label = f"gravity torque about {joint} [N m]"
         return DrawnCovariate(label, -amounts / compliance, True, plain)
@@ -70,39 +63,23 @@ def covariate_of(
         label = "what the effect does to the pose, of the largest"
         return DrawnCovariate(label, amounts / (size or 1.0), True, plain)
     label, values = column(campaign, name)
-    if kind in _TEMPERATURE:
+    if row.family is Family.WARM:
         away = np.nan_to_num(values - reference_c)
         return DrawnCovariate(label, values, joint is not None, away)
     periods = _periods(term)
     if periods > _MOST_PERIODS and name == f"{joint}_rad":
         label = f"reading of {joint} within one of {periods} periods [degrees]"
         values = np.mod(values, 360.0 / periods)
-    is_function = kind not in ("axis_wobble", "axis_runout")
-    one_direction = kind in _TIME and joint is None
-    return DrawnCovariate(label, values, is_function, plain, one_direction)
+    one_direction = row.family is Family.SLOW and joint is None
+    return DrawnCovariate(label, values, row.is_function, plain, one_direction)
 
 
 def _periods(term: Term) -> int:
     """Count the periods of a term in a turn of its joint; 0: it has none."""
     if term.harmonic is not None:
         return term.harmonic
-    return (term.candidate.order or 0) if "harmonic" in term.candidate.kind else 0
-
-
-def _column_name(kind: str, joint: str | None) -> str | None:
-    """Name the column that a kind is drawn over; None: there is no such column."""
-    if kind in _TIME:
-        return "time_s"
-    if joint is None:
-        return "temperature_c" if kind in _TEMPERATURE else None
-    if kind in _OWN_ANGLE:
-        return f"{joint}_rad"
-    return {
-        "encoder_temperature": f"{joint}_temperature_c",
-        "thermal_expansion": f"{joint}_temperature_c",
-        "encoder_latency": f"{joint}_speed_rad_s",
-        "backlash": f"{joint}_approach",
-    }.get(kind)
+    is_wave = EFFECT_KINDS[term.candidate.kind].is_wave
+    return (term.candidate.order or 0) if is_wave else 0
 
 
 def column(campaign: Campaign, name: str) -> tuple[str, Floats]:

@@ -4,36 +4,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.outlier_clusters import Cluster
 from traverse.lab.diagnosis.model.result import Detectable, Diagnosis, Estimate, Term
 
-_KINDS = {
-    "encoder_eccentricity": "encoder eccentricity",
-    "encoder_harmonic": "encoder error {often} a turn",
-    "encoder_scale": "encoder scale",
-    "encoder_temperature": "encoder zero with temperature",
-    "encoder_drift": "drift of the encoder's zero",
-    "count_slip": "jump of the encoder's zero",
-    "encoder_latency": "latency of readings",
-    "backlash": "backlash",
-    "joint_compliance": "torsion under gravity",
-    "bearing_compliance": "tilt of the bearing under gravity",
-    "mount_compliance": "tilt of the mount under gravity",
-    "thermal_expansion": "thermal expansion of the link",
-    "axis_wobble": "wobble of the axis {often} a turn",
-    "axis_runout": "{component} runout {often} a turn",
-    "probe_radius": "radius of the probe's ball",
-    "probe_lobing": "lobing of the probe",
-    "stylus_bending": "bending of the stylus",
-    "base_drift": "drift of the base",
-    "base_step": "step of the base",
-    "artefact_length": "length of {artefact}",
-}
-_WHOLE_ARM = {
-    "encoder_latency": "latency of all readings",
-    "thermal_expansion": "thermal expansion of all links",
-}
 _MOVED = {"angle": "its angle", "tilt": "the tilt of its axis", "shift": "its place"}
 _COLUMNS = {
     "time_s": "time",
@@ -55,12 +30,13 @@ _BARE = {"ppm": "ppm"}
 
 def candidate_label(candidate: Candidate) -> str:
     """Say what a candidate is, for example `encoder eccentricity, joint J3`."""
-    if candidate.kind == "empirical":
+    if candidate.is_curve:
         return _curve(candidate)
-    kind = _KINDS.get(candidate.kind, candidate.kind.replace("_", " "))
-    if candidate.joint is None:
-        kind = _WHOLE_ARM.get(candidate.kind, kind)
-    said = kind.format(
+    row = EFFECT_KINDS[candidate.kind]
+    label = row.label
+    if candidate.joint is None and row.whole_arm_label is not None:
+        label = row.whole_arm_label
+    said = label.format(
         often=often(candidate.order or 0),
         component=candidate.component,
         artefact=candidate.artefact,
@@ -132,7 +108,7 @@ def term_size_text(term: Term) -> str:
     if found is None:
         return ""
     value, std, unit = found
-    if term.candidate.kind == "empirical":
+    if term.candidate.is_curve:
         return f"{quantity(value, None, unit)} from lowest to highest"
     return quantity(value, std, unit)
 

@@ -26,7 +26,7 @@ def value_covariance(diagnosis: Diagnosis, term: Term, effects: ArmEffects) -> F
     stds = np.zeros(len(effects.values))
     correction = effects.corrections[0]
     fitted = _fitted_covariance(diagnosis, effects)
-    if correction.kind == "empirical" and fitted is not None:
+    if term.candidate.is_curve and fitted is not None:
         # Its mean is the joint's zero: the fit holds it, single values do not know.
         return fitted
     for at, name in enumerate(correction.parameters):

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.kinematics.arm_file.arm import Arm, Effect
+from traverse.kinematics.effect_table import EFFECT_KINDS, Family
 from traverse.kinematics.effects.arm_effects import ArmEffects, effects_of
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.context import utc_ns
@@ -29,19 +30,6 @@ from traverse.lab.identification.equations.plausible_sizes import (
 
 Floats = NDArray[np.float64]
 
-# Kinds that are told as an error of their joint's reading.
-READING_KINDS = (
-    "encoder_eccentricity",
-    "encoder_harmonic",
-    "encoder_scale",
-    "encoder_temperature",
-    "encoder_drift",
-    "count_slip",
-    "encoder_latency",
-    "backlash",
-    "joint_compliance",
-    "empirical",
-)
 # A move smaller than this part of the largest has no direction worth naming.
 _LEAST_MOVE = 1e-3
 
@@ -101,13 +89,13 @@ def term_curve(
         after: Against the model with all terms.
     """
     campaign, arm = diagnosis.campaign, diagnosis.adapted
-    if term.effect is None or term.candidate.kind == "artefact_length":
+    if term.effect is None or EFFECT_KINDS[term.candidate.kind].family is Family.LENGTH:
         return None
     effects = _effects(arm, term.effect, campaign)
     scene = _Scene(geometry_from_arm(arm), _block(campaign))
     covariance = value_covariance(diagnosis, term, effects)
     joint, reference_c = term.candidate.joint, arm.reference.temperature_c
-    if term.candidate.kind in READING_KINDS and joint is not None:
+    if EFFECT_KINDS[term.candidate.kind].acts_on == "angle" and joint is not None:
         index = campaign.joint_names.index(joint)
 
         def amounts(of: ArmEffects) -> Floats:
@@ -140,7 +128,7 @@ def term_curve(
         for at, step in enumerate(steps)
     ]
     by_values = np.stack(slopes, axis=1)
-    if term.candidate.kind == "empirical":
+    if term.candidate.is_curve:
         # A curve of readings has no height of its own: that is the joint's zero.
         by_values = by_values - by_values.mean(axis=0)
     variance = np.einsum("np,pq,nq->n", by_values, covariance, by_values)

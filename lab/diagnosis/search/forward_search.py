@@ -204,7 +204,7 @@ def effect_of(choice: ScoredCandidate, rows: ObservationEquations) -> Effect:
 def is_adaptable(choice: ScoredCandidate) -> bool:
     """Say whether the arm file has a form for it."""
     candidate = choice.candidate
-    return candidate.kind != "empirical" or candidate.component == "angle"
+    return not candidate.is_curve or candidate.component == "angle"
 
 
 def joints_with_curve(terms: tuple[AddedTerm, ...] | list[AddedTerm]) -> frozenset[str]:

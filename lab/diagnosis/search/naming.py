@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.lab.diagnosis.candidates.aliases import ALIAS
 from traverse.lab.diagnosis.candidates.candidate_scores import CandidateScores, judged
 from traverse.lab.diagnosis.candidates.scoring import ProjectedCandidate, judge, project
@@ -16,8 +17,6 @@ from traverse.lab.diagnosis.search.forward_search import SearchState, joints_wit
 from traverse.lab.diagnosis.search.selection import (
     DECIDED,
     NAMED_BANKS,
-    OWN_ANGLE_KINDS,
-    TURNING_KINDS,
     ScoredCandidate,
     fit_any_curve_together,
     ranked,
@@ -30,15 +29,6 @@ _SET = float(np.log(100.0))
 # A name does not suffice if a curve of its own kind is left over beside it with a
 # smaller p-value: few are asked, not all of the bank.
 _LEFT_OVER_LOG_P = float(np.log(0.02))
-# What a curve of the same kind moves, and over what: own reading and so on.
-_MOVED = {"axis_wobble": "tilt", "axis_runout": "shift"}
-_OVER = {
-    **dict.fromkeys(TURNING_KINDS, ("{}_rad",)),
-    "encoder_temperature": ("{}_temperature_c", "temperature_c"),
-    "encoder_drift": ("time_s",),
-    "count_slip": ("time_s",),
-    "encoder_latency": ("{}_speed_rad_s",),
-}
 _OVERTONES = (2, 3, 4)
 _OVERTONE_LOG_P = float(np.log(0.02))
 
@@ -82,7 +72,7 @@ def _naming(search: SearchState, added: AddedTerm) -> NamedTerm:
     curves = ranked(stage, (BankName.GENERIC,), joints_with_own_curve)
     # A term may be a function of a reading that got a curve after it.
     own = own_choice(added, ranked(stage, tuple(BankName), ()))
-    if added.candidate.kind == "empirical":
+    if added.candidate.is_curve:
         rivals = _rivals(own, names + curves[:1], own.score)
         return NamedTerm(added, own, "unknown", None, rivals, own)
     best = names[0] if names else own
@@ -105,7 +95,7 @@ def own_choice(added: AddedTerm, choices: Sequence[ScoredCandidate]) -> ScoredCa
         for choice in choices
         if choice.candidate.identity == wanted.identity
         and choice.candidate.covariate == wanted.covariate
-        and (wanted.kind != "empirical" or choice.candidate.component == "angle")
+        and (not wanted.is_curve or choice.candidate.component == "angle")
     ]
     if not same:
         raise ValueError(f"{wanted.name} is in no bank any more")
@@ -136,7 +126,7 @@ def _rivals(
             continue
         rho = correlation(own.found, own.residuals, choice.found)
         # A curve that follows an effect closely is no other name for it.
-        alias = rho >= ALIAS and choice.candidate.kind != "empirical"
+        alias = rho >= ALIAS and not choice.candidate.is_curve
         found.append(Alternative(choice.candidate, choice.evidence, rho, alias))
     return tuple(found)
 
@@ -161,7 +151,7 @@ def _is_doubtful(
     for term in search.terms:
         other = term.candidate
         is_curve = other.covariate == f"{own.candidate.joint}_rad"
-        if is_curve and own.candidate.kind in TURNING_KINDS:
+        if is_curve and EFFECT_KINDS[own.candidate.kind].turns_with_joint:
             return True
         if other.identity != own.candidate.identity and fit_any_curve_together(
             own.candidate, other
@@ -179,12 +169,12 @@ def leaves_a_curve(stage: CandidateScores, name: Candidate) -> bool:
     """Say whether a curve over what a name depends on explains more than it does."""
     if name.joint is None:
         return False
-    moved = _MOVED.get(name.kind, "angle")
-    covariates = [one.format(name.joint) for one in _OVER.get(name.kind, ())]
+    row = EFFECT_KINDS[name.kind]
+    covariates = row.columns(name.joint)
     curves = stage.findings[BankName.GENERIC]
     return any(
         one.joint == name.joint
-        and one.component == moved
+        and one.component == row.acts_on
         and one.covariate in covariates
         and float(log_p) < _LEFT_OVER_LOG_P
         for one, log_p in zip(curves.candidates, curves.log_p, strict=True)
@@ -193,7 +183,7 @@ def leaves_a_curve(stage: CandidateScores, name: Candidate) -> bool:
 
 def _with_overtones(search: SearchState, candidate: Candidate) -> int | None:
     """Say the order of a harmonic that has overtones too: it is no pure one."""
-    if candidate.kind not in OWN_ANGLE_KINDS[:2]:
+    if not EFFECT_KINDS[candidate.kind].is_wave:
         return None
     order = candidate.order or 1
     stage = search.stage
@@ -201,7 +191,7 @@ def _with_overtones(search: SearchState, candidate: Candidate) -> int | None:
     for bank in (stage.banks[name] for name in NAMED_BANKS if name in stage.banks):
         for one, columns in zip(bank.candidates, bank.slices, strict=True):
             is_harmonic = (
-                one.kind == "encoder_harmonic" and one.joint == candidate.joint
+                EFFECT_KINDS[one.kind].is_wave and one.joint == candidate.joint
             )
             if is_harmonic and one.order in [order * n for n in _OVERTONES]:
                 parts.append(bank.columns[:, columns])

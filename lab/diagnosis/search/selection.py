@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from traverse.kinematics.effect_table import EFFECT_KINDS, Family
 from traverse.lab.diagnosis.candidates.candidate_scores import (
     CandidateScores,
     beside,
@@ -19,10 +20,6 @@ Floats = NDArray[np.float64]
 # Evidence that decides between two explanations: 20 to 1.
 DECIDED = float(np.log(20.0))
 NAMED_BANKS = (BankName.LIBRARY, BankName.STEPS, BankName.HARMONIC)
-# Kinds that are functions of the joint's own reading.
-OWN_ANGLE_KINDS = ("encoder_eccentricity", "encoder_harmonic", "encoder_scale")
-# Kinds that go round with the joint: two of them fit nearly any curve.
-TURNING_KINDS = (*OWN_ANGLE_KINDS, "axis_wobble", "axis_runout")
 _N_PAIRED = 3
 
 
@@ -123,8 +120,8 @@ def fit_any_curve_together(first: Candidate, second: Candidate) -> bool:
     """Say whether two effects go round with one joint: together they fit any curve."""
     return (
         first.joint == second.joint
-        and first.kind in TURNING_KINDS
-        and second.kind in TURNING_KINDS
+        and EFFECT_KINDS[first.kind].turns_with_joint
+        and EFFECT_KINDS[second.kind].turns_with_joint
     )
 
 
@@ -133,7 +130,7 @@ def has_own_curve(candidate: Candidate, joints_with_own_curve: Collection[str]) 
     if candidate.joint not in joints_with_own_curve:
         return False
     own_curve = candidate.covariate == f"{candidate.joint}_rad"
-    return own_curve or candidate.kind in OWN_ANGLE_KINDS
+    return own_curve or EFFECT_KINDS[candidate.kind].family is Family.OWN_ANGLE
 
 
 def _choices(stage: CandidateScores, name: BankName) -> list[ScoredCandidate]:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.kinematics.arm_file.arm import Arm, Effect
+from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.arm_effects import ArmEffects, effects_of
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.context import utc_ns
@@ -189,7 +190,7 @@ def block_of(
 
 def _coordinate_names(correction: Correction) -> tuple[str, ...]:
     """Name the directions in which values move."""
-    if correction.kind not in ("axis_wobble", "axis_runout"):
+    if not EFFECT_KINDS[correction.kind].is_about_axis:
         return correction.parameters
     keys = dict.fromkeys(name.partition(".")[0] for name in correction.parameters)
     along = "axial" in correction.variety

@@ -14,7 +14,6 @@ from traverse.kinematics.effects.arm_effects import effects_of
 from traverse.kinematics.effects.pose import corrected_pose
 from traverse.lab.diagnosis.candidates.effect_factory import effect_of_candidate
 from traverse.lab.diagnosis.candidates.library import absent_candidates, library_bank
-from traverse.lab.diagnosis.candidates.priors import log_prior
 from traverse.lab.diagnosis.candidates.scoring import project
 from traverse.lab.diagnosis.model.candidate import Bank
 from traverse.lab.diagnosis.model.observation_equations import equations_of
@@ -219,14 +218,17 @@ def test_effects_are_written_in_the_form_of_the_arm_file():
 
 
 def test_preferences_are_those_of_the_method():
-    assert log_prior("encoder_eccentricity", "J1", None) == 0.0
-    harmonics = [log_prior("encoder_harmonic", "J1", order) for order in (2, 3, 4, 17)]
+    assert EFFECT_KINDS["encoder_eccentricity"].preference("J1", None) == 0.0
+    harmonics = [
+        EFFECT_KINDS["encoder_harmonic"].preference("J1", order)
+        for order in (2, 3, 4, 17)
+    ]
     assert harmonics == [-1.0, -2.0, -3.0, -3.0]
-    assert log_prior("axis_wobble", "J1", 2) == -1.0
-    assert log_prior("axis_runout", "J1", 1) == -1.0
-    assert log_prior("axis_runout", "J1", 4) == -2.0
-    assert log_prior("thermal_expansion", "J1", None) == -0.7
-    assert log_prior("thermal_expansion", None, None) == 0.0
-    assert log_prior("encoder_latency", "J1", None) == -0.7
-    assert log_prior("bearing_compliance", "J1", None) == -0.5
-    assert log_prior("encoder_temperature", "J1", None) == -0.5
+    assert EFFECT_KINDS["axis_wobble"].preference("J1", 2) == -1.0
+    assert EFFECT_KINDS["axis_runout"].preference("J1", 1) == -1.0
+    assert EFFECT_KINDS["axis_runout"].preference("J1", 4) == -2.0
+    assert EFFECT_KINDS["thermal_expansion"].preference("J1", None) == -0.7
+    assert EFFECT_KINDS["thermal_expansion"].preference(None, None) == 0.0
+    assert EFFECT_KINDS["encoder_latency"].preference("J1", None) == -0.7
+    assert EFFECT_KINDS["bearing_compliance"].preference("J1", None) == -0.5
+    assert EFFECT_KINDS["encoder_temperature"].preference("J1", None) == -0.5
