@@ -79,7 +79,7 @@ class CommandTable:
             events=output.events,
             notifier=notifier,
         )
-        resend = ResendCommands(output.outbox.resend, output.spool.again)
+        resend = ResendCommands(output.outbox.again.carry_out, output.spool.again)
         self.carry_out: Mapping[str, CommandHandler] = {
             "point": self._points.take_point,
             "undo": self._points.undo,

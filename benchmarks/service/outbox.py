@@ -21,7 +21,7 @@ from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
 from traverse.daemon.points.session import Session
 from traverse.daemon.store.outbox import Outbox
-from traverse.daemon.store.pending_write import PendingWrite
+from traverse.daemon.store.records import PendingWrite
 from traverse.protocol.encoding import encode
 
 N_ALONE = 200

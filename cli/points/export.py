@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from typing import IO
 
 from traverse.client.exports.text import Csv, JsonLines
-from traverse.daemon.store.records import Held
+from traverse.daemon.store.records import StoredMessage
 from traverse.protocol.encoding import decode
 from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages import Point
@@ -13,7 +13,7 @@ FORMATS = {"csv": Csv, "jsonl": JsonLines}
 
 
 def write_points(
-    messages: Iterable[Held], file: IO[bytes], as_format: str
+    messages: Iterable[StoredMessage], file: IO[bytes], as_format: str
 ) -> tuple[int, list[str]]:
     """Write messages; gives how many were written, and what was wrong with others."""
     unreadable = []

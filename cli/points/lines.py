@@ -3,14 +3,14 @@
 import json
 from datetime import UTC, datetime
 
-from traverse.daemon.store.records import Held, HeldSession
+from traverse.daemon.store.records import StoredMessage, StoredSession
 from traverse.protocol.encoding import decode
 from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages import Point
 
 
 def session_line(
-    session: HeldSession, points: int, unsent: int, *, as_json: bool
+    session: StoredSession, points: int, unsent: int, *, as_json: bool
 ) -> str:
     """One session, with how many points there are and the broker lacks."""
     if as_json:
@@ -34,7 +34,7 @@ def session_line(
     )
 
 
-def point_line(message: Held, *, as_json: bool) -> str:
+def point_line(message: StoredMessage, *, as_json: bool) -> str:
     """One point, or one retraction."""
     if as_json:
         return json.dumps(
@@ -51,7 +51,7 @@ def point_line(message: Held, *, as_json: bool) -> str:
     return f"{message.seq:7d}  {moment:%Y-%m-%d %H:%M:%S} UTC  {sent}  {_said(message)}"
 
 
-def _said(message: Held) -> str:
+def _said(message: StoredMessage) -> str:
     try:
         point = decode(Point, message.payload, message.encoding)
     except MessageError as error:

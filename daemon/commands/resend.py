@@ -3,8 +3,8 @@
 from collections.abc import Awaitable, Callable
 
 from traverse.daemon.errors import Result
-from traverse.daemon.store.records import HeldSession
-from traverse.daemon.store.scan_resend import ScanResend
+from traverse.daemon.store.records import StoredSession
+from traverse.daemon.store.resend import ScanResend
 from traverse.protocol.messages import ResendArgs
 
 
@@ -36,7 +36,7 @@ class ResendCommands:
         return {**result, "scans": [_told(one) for one in await self._scans.held()]}
 
 
-def _told(scan: HeldSession) -> Result:
+def _told(scan: StoredSession) -> Result:
     """A scan in the list; its blocks' note is the session."""
     return {
         "scan": scan.session,

@@ -13,7 +13,7 @@ from traverse.daemon.points.session import Session
 from traverse.daemon.pose.alignment import ActiveAlignment
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.poses import LatchedPose
-from traverse.daemon.store.pending_write import PendingWrite
+from traverse.daemon.store.records import PendingWrite
 from traverse.protocol.messages import Label, Point, Quality
 from traverse.protocol.messages.point import Compensation, Covariance, Trigger
 

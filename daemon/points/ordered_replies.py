@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.points.request_queue import Request
-from traverse.daemon.store.pending_write import PendingWrite
+from traverse.daemon.store.records import PendingWrite
 
 Outcome = object | CaptureRefusedError
 

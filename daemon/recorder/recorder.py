@@ -23,7 +23,7 @@ from traverse.daemon.recorder.recorder_events import RecorderEventReporter
 from traverse.daemon.recorder.snapshot import DeviceSnapshot, MeasurementSnapshot
 from traverse.daemon.recorder.thread import RecorderThread
 from traverse.daemon.step_listener import StepListener
-from traverse.daemon.store.pending_write import PendingWrite
+from traverse.daemon.store.records import PendingWrite
 from traverse.drivers.base.delivery_maps import delivery_kind
 from traverse.drivers.base.heartbeat import Heartbeat
 from traverse.drivers.base.values import Delivery

@@ -30,7 +30,7 @@ from traverse.daemon.recorder.snapshot import check_model
 from traverse.daemon.scans.plan import ScanPlan
 from traverse.daemon.scans.scanner import Scanner
 from traverse.daemon.step_listener import StepListener
-from traverse.daemon.store.pending_write import PendingWrite
+from traverse.daemon.store.records import PendingWrite
 from traverse.drivers.base.delivery_maps import delivery_from_map
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import Driver

@@ -13,18 +13,24 @@ from pathlib import Path
 
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.schema import OutboxSection
-from traverse.daemon.errors import Result
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import Latencies
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
 from traverse.daemon.store.folder_lock import exclusive_state_dir
 from traverse.daemon.store.forwarder import MessageForwarder
-from traverse.daemon.store.jobs import Condition, Rules
-from traverse.daemon.store.pending_write import PendingWrite, PendingWrites
-from traverse.daemon.store.records import Entry, StorageError, stored_message_of
+from traverse.daemon.store.records import (
+    NewMessage,
+    PendingWrite,
+    PendingWrites,
+    RetentionRules,
+    StorageError,
+    StoreStatus,
+    stored_message_of,
+)
+from traverse.daemon.store.resend import PointResend
 from traverse.drivers.base.heartbeat import Heartbeat
 from traverse.protocol.encoding import Encoding, encode
-from traverse.protocol.messages import OutboxHealth, Point, ResendArgs
+from traverse.protocol.messages import OutboxHealth, Point
 from traverse.protocol.topics import point_topic
 
 
@@ -44,6 +50,9 @@ class Outbox:
         latencies: where it is told how long points took to the disk, and from there to
             the broker.
         changed: called when points can be kept again, or cannot any more.
+
+    Attributes:
+        again: executes the command `resend`.
     """
 
     def __init__(
@@ -72,27 +81,28 @@ class Outbox:
         self._events = events
         self._latencies = latencies
         self._status_changed = changed
-        self._condition = Condition()
+        self._condition = StoreStatus()
         self._is_open = False
         self._in_flight = PendingWrites()
         self._emptied = asyncio.Event()
-        self._entries: deque[tuple[int, Entry]] = deque()  # begun [ns], and what
-        self._passage = MessageForwarder(
+        self._entries: deque[tuple[int, NewMessage]] = deque()  # begun [ns], and what
+        self._forwarder = MessageForwarder(
             path,
             clock,
             queue,
-            Rules(section, ""),
+            RetentionRules(section, ""),
             kept=self._kept,
             failed=self._failed,
             changed=self._changed,
             replaced=self._replaced,
             latency=latencies["publish_to_ack"],
         )
+        self.again = PointResend(self._forwarder.again)
 
     @property
     def heartbeat(self) -> Heartbeat:
         """Signs of life of its thread."""
-        return self._passage.heartbeat
+        return self._forwarder.heartbeat
 
     @contextlib.asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
@@ -102,17 +112,16 @@ class Outbox:
             StoreRefusedError: the database must be left alone.
         """
         with exclusive_state_dir(self._path.parent):
-            await self._passage.open()
+            await self._forwarder.open()
             self._is_open = True
-            self._queue.left = self._passage.refill
+            self._queue.left = self._forwarder.refill
             try:
-                self._passage.refill()
+                self._forwarder.refill()
                 yield
             finally:
                 self._queue.left = None
-                self._passage.mark()
                 self._is_open = False
-                await self._passage.close()
+                await self._forwarder.close()
 
     @property
     def is_ready(self) -> bool:
@@ -139,7 +148,7 @@ class Outbox:
         """
         if not self._is_open or len(self._in_flight) >= self._limit:
             return None
-        entry = Entry(
+        entry = NewMessage(
             point.session,
             begun_ns,
             note,
@@ -151,20 +160,12 @@ class Outbox:
             encode(point, self._encoding),
         )
         self._entries.append((self._clock.monotonic_ns(), entry))
-        self._passage.keep(entry)
+        self._forwarder.keep(entry)
         return self._in_flight.add(point)
-
-    async def resend(self, args: ResendArgs) -> Result:
-        """Carry out the command.
-
-        Raises:
-            RequestRefusedError: too many ranges wait, or the database cannot be read.
-        """
-        return await self._passage.again.carry_out(args)
 
     def poll(self) -> None:
         """Go on with what has been put off; call it a few times a second."""
-        self._passage.poll(Rules(self._section, self._session()))
+        self._forwarder.poll(RetentionRules(self._section, self._session()))
 
     def health(self) -> OutboxHealth:
         """How the outbox is."""
@@ -185,7 +186,7 @@ class Outbox:
             for number in numbers:
                 begun_ns, entry = self._entries.popleft()
                 took.add(now_ns - begun_ns)
-                self._passage.feed.kept(stored_message_of(entry, number))
+                self._forwarder.feed.kept(stored_message_of(entry, number))
         for _ in numbers:  # when they have been written: events may wait, points not
             self._in_flight.keep()
         self._emptied.set()
@@ -195,7 +196,7 @@ class Outbox:
         self._in_flight.fail(trouble)
         self._emptied.set()
 
-    def _changed(self, condition: Condition) -> None:
+    def _changed(self, condition: StoreStatus) -> None:
         was_ready, trouble = self.is_ready, condition.trouble
         self._condition = condition
         self._events.change(

@@ -1,31 +1,37 @@
-"""What is read from an outbox by the daemon, and by commands beside it.
+"""Queries that only read: for the daemon, and for commands that run beside it.
 
 A command opens the file for reading only and reads in small pieces, so that it never
 keeps the daemon from writing, nor its log from being emptied.
+
+A block of a scan is a message with the scan in place of the session, and with the
+number of its first point; the note of that "session" is the real session's name.
 """
 
 import sqlite3
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from traverse.daemon.store.database import check_version
 from traverse.daemon.store.records import (
-    Held,
-    HeldSession,
+    StoredMessage,
     StoredRange,
+    StoredSession,
     StoreRefusedError,
 )
-from traverse.daemon.store.schema import check_version
+from traverse.protocol.encoding import decode
+from traverse.protocol.messages import Scan
 
 COLUMNS = "number, session, seq, id, time_ns, topic, encoding, payload, sent"
 PIECE = 500
 
 
-def held(row: tuple[Any, ...]) -> Held:
+def held(row: tuple[Any, ...]) -> StoredMessage:
     """A row of `COLUMNS` as a value."""
     number, session, seq, name, time_ns, topic, encoding, payload, sent = row
-    return Held(
+    return StoredMessage(
         number, session, seq, name, time_ns, topic, encoding, payload, bool(sent)
     )
 
@@ -54,7 +60,7 @@ def open_read_only(path: Path) -> sqlite3.Connection:
     return connection
 
 
-def read_sessions(connection: sqlite3.Connection, at_most: int) -> list[HeldSession]:
+def read_sessions(connection: sqlite3.Connection, at_most: int) -> list[StoredSession]:
     """Sessions of which there are points, oldest first, the latest of them."""
     rows: list[tuple[Any, ...]] = connection.execute(
         "SELECT session, begun_ns, note, first_seq, last_seq FROM ("
@@ -65,7 +71,7 @@ def read_sessions(connection: sqlite3.Connection, at_most: int) -> list[HeldSess
         ") WHERE first_seq IS NOT NULL ORDER BY place",
         (at_most,),
     ).fetchall()
-    return [HeldSession(*row) for row in rows]
+    return [StoredSession(*row) for row in rows]
 
 
 def counts_of(connection: sqlite3.Connection, session: str) -> tuple[int, int]:
@@ -77,7 +83,9 @@ def counts_of(connection: sqlite3.Connection, session: str) -> tuple[int, int]:
     return points, unsent
 
 
-def read_unsent(connection: sqlite3.Connection, after: int, at_most: int) -> list[Held]:
+def read_unsent(
+    connection: sqlite3.Connection, after: int, at_most: int
+) -> list[StoredMessage]:
     """What the broker does not have, in order, behind a number."""
     rows = connection.execute(
         f"SELECT {COLUMNS} FROM messages INDEXED BY unsent "
@@ -107,7 +115,7 @@ def read_messages(
     from_seq: int,
     to_seq: int,
     at_most: int,
-) -> list[Held]:
+) -> list[StoredMessage]:
     """Messages of a range of a session, ends included, in order, the first of them."""
     rows = connection.execute(
         f"SELECT {COLUMNS} FROM messages "
@@ -119,8 +127,80 @@ def read_messages(
 
 def iter_messages(
     connection: sqlite3.Connection, session: str, from_seq: int, to_seq: int
-) -> Iterator[Held]:
+) -> Iterator[StoredMessage]:
     """The same without a limit, read piece by piece."""
     while piece := read_messages(connection, session, from_seq, to_seq, PIECE):
         yield from piece
         from_seq = piece[-1].seq + 1
+
+
+def block_id(block: Scan) -> str:
+    """A name that no other block has."""
+    return f"{block.scan}.{block.seq}"
+
+
+@dataclass(frozen=True, slots=True)
+class StoredScanRange:
+    """What there is of a scan, and of a range of its points.
+
+    Attributes:
+        session: in which it was made; None where there is nothing of it.
+        from_block: number of the block in which the range begins.
+        blocks: how many the range touches.
+        first_seq, last_seq: points held of the whole scan.
+        last_block: number of the last block held.
+        total: points of the scan; None while its last block is not here.
+    """
+
+    session: str | None = None
+    from_block: int = 0
+    blocks: int = 0
+    first_seq: int | None = None
+    last_seq: int | None = None
+    last_block: int = 0
+    total: int | None = None
+
+
+def stored_scan_range(
+    connection: sqlite3.Connection, scan: str, from_seq: int, to_seq: int
+) -> StoredScanRange:
+    """What there is of a scan, and of the range of its points, ends included."""
+    execute = connection.execute
+    first, last = execute(
+        "SELECT min(seq), max(seq) FROM messages WHERE session = ?", (scan,)
+    ).fetchone()
+    if first is None:
+        return StoredScanRange()
+    ((session,),) = execute("SELECT note FROM sessions WHERE session = ?", (scan,))
+    # The block before may reach into the range: how long it is, only it tells.
+    from_block = from_seq
+    ((before,),) = execute(
+        "SELECT max(seq) FROM messages WHERE session = ? AND seq <= ?", (scan, from_seq)
+    )
+    if before is not None and _end_of(connection, scan, before) > from_seq:
+        from_block = before
+    ((blocks,),) = execute(
+        "SELECT count(*) FROM messages WHERE session = ? AND seq BETWEEN ? AND ?",
+        (scan, from_block, to_seq),
+    )
+    block = _block(connection, scan, last)
+    end = last + len(block.dtime_ns)
+    return StoredScanRange(
+        session,
+        from_block,
+        blocks,
+        first,
+        end - 1 if end > first else None,
+        last,
+        block.total,
+    )
+
+
+def _end_of(connection: sqlite3.Connection, scan: str, seq: int) -> int:
+    """The number after the last point of a block; after itself where it has none."""
+    return seq + max(1, len(_block(connection, scan, seq).dtime_ns))
+
+
+def _block(connection: sqlite3.Connection, scan: str, seq: int) -> Scan:
+    (held,) = read_messages(connection, scan, seq, seq, 1)
+    return decode(Scan, held.payload, held.encoding)

@@ -1,12 +1,17 @@
-"""What goes between the event loop, the outbox's thread and its database."""
+"""Values that go between the event loop, the writer's thread and the database."""
 
+from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
+from traverse.daemon.config.schema import OutboxSection
 from traverse.protocol.encoding import Encoding
+from traverse.protocol.messages import Point
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class NewMessage:
     """A point that is to be kept: its message as it will be published.
 
     Attributes:
@@ -28,7 +33,7 @@ class Entry:
 
 
 @dataclass(frozen=True, slots=True)
-class Held:
+class StoredMessage:
     """A message that the database has.
 
     Attributes:
@@ -47,9 +52,9 @@ class Held:
     is_sent: bool
 
 
-def stored_message_of(entry: Entry, number: int) -> Held:
+def stored_message_of(entry: NewMessage, number: int) -> StoredMessage:
     """What has just been kept, under its number."""
-    return Held(
+    return StoredMessage(
         number,
         entry.session,
         entry.seq,
@@ -63,7 +68,7 @@ def stored_message_of(entry: Entry, number: int) -> Held:
 
 
 @dataclass(frozen=True, slots=True)
-class HeldSession:
+class StoredSession:
     """A session of which the database has points.
 
     Attributes:
@@ -93,7 +98,7 @@ class StoredRange:
 
 
 @dataclass(frozen=True, slots=True)
-class Figures:
+class StoreStatistics:
     """How the database is.
 
     Attributes:
@@ -121,3 +126,105 @@ class StorageError:
 
 class StoreRefusedError(Exception):
     """The file is one that must be left alone; the text says why and what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class WriteJob:
+    """Keep a point; told with its number, or None where that failed.
+
+    Attributes:
+        generation: grows whenever points have failed.
+    """
+
+    generation: int
+    entry: NewMessage
+
+
+@dataclass(frozen=True, slots=True)
+class QueryJob:
+    """Do something with the database; told with the result, or the exception."""
+
+    work: Callable[[Any], Any]
+    told: Callable[[Any], None]
+
+
+@dataclass(frozen=True, slots=True)
+class RetentionRules:
+    """What may be forgotten."""
+
+    section: OutboxSection
+    running: str
+
+
+@dataclass(frozen=True, slots=True)
+class StoreStatus:
+    """How the outbox is, as its thread sees it."""
+
+    trouble: StorageError | None = None
+    figures: StoreStatistics = StoreStatistics()
+
+
+Job = WriteJob | QueryJob | RetentionRules
+
+
+class PendingWrite:
+    """A point that has a number, and is not known to be on the disk yet.
+
+    Attributes:
+        point: a capture or a retraction.
+        is_settled: it is on the disk, or it is not and never will be.
+        trouble: why it is not.
+        roll_back: called if the write fails, before anybody is notified of that.
+    """
+
+    def __init__(self, point: Point) -> None:
+        self.point = point
+        self.is_settled = False
+        self.trouble: StorageError | None = None
+        self.roll_back: Callable[[], object] = lambda: None
+        self._acts: list[Callable[[], object]] = []
+
+    def settle(self, trouble: StorageError | None = None) -> None:
+        """It is on the disk now; with a trouble, it never will be."""
+        self.trouble = trouble
+        self.is_settled = True
+        for act in self._acts:
+            act()
+
+    def on_settled(self, act: Callable[[], object]) -> None:
+        """Have something called as soon as it is; at once if it is already."""
+        if self.is_settled:
+            act()
+        else:
+            self._acts.append(act)
+
+
+class PendingWrites:
+    """Writes in the order of their points' numbers."""
+
+    def __init__(self) -> None:
+        self._writes: deque[PendingWrite] = deque()
+
+    def __len__(self) -> int:
+        return len(self._writes)
+
+    def add(self, point: Point) -> PendingWrite:
+        """Add a point that is being written."""
+        write = PendingWrite(point)
+        self._writes.append(write)
+        return write
+
+    def keep(self) -> Point:
+        """Settle the first, which is on the disk; return its point."""
+        write = self._writes.popleft()
+        write.settle()
+        return write.point
+
+    def fail(self, trouble: StorageError) -> None:
+        """Fail all: roll back from the newest to the oldest, only then notify."""
+        failed = list(self._writes)
+        self._writes.clear()
+        for write in reversed(failed):
+            write.roll_back()
+        for write in failed:
+            write.settle(trouble)

@@ -1,49 +1,31 @@
-"""The command `resend`: any range of points again, a few at a time, behind new ones."""
+"""The command `resend`: points, or scans, again; and what there is of them."""
 
-import asyncio
-import logging
-from collections import deque
-from collections.abc import Callable, Sequence
-from typing import TypeVar
+from collections.abc import Callable
 
-from traverse.daemon.errors import RequestRefusedError, Result
-from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
-from traverse.daemon.store.database import MessageDatabase
-from traverse.daemon.store.feed import Told, Work, outgoing
-from traverse.daemon.store.queries import read_messages, read_sessions, stored_range
-from traverse.daemon.store.records import StoredRange
+from traverse.daemon.errors import Result
+from traverse.daemon.store.forwarder import RangeResender
+from traverse.daemon.store.queries import (
+    StoredScanRange,
+    read_sessions,
+    stored_range,
+    stored_scan_range,
+)
+from traverse.daemon.store.records import StoredSession
 from traverse.protocol.messages import ResendArgs
 
-log = logging.getLogger("traverse.daemon.outbox")
-
-TOGETHER = 50
-MAX_RANGES = 32
 MAX_SESSIONS = 1000
 LAST = 2**53 - 1
 
-T = TypeVar("T")
 
-
-class RangeResender:
-    """Sends ranges again, one after the other.
+class PointResend:
+    """Executes the command `resend` for points.
 
     Args:
-        queue: of what is to be published.
-        ask: has something done with the database.
-        together: so many messages are read at once.
+        ranges: sends ranges of the outbox.
     """
 
-    def __init__(
-        self,
-        queue: OutgoingQueue,
-        ask: Callable[[Work, Told], None],
-        together: int = TOGETHER,
-    ) -> None:
-        self._queue = queue
-        self._ask = ask
-        self._together = together
-        self._ranges: deque[tuple[str, int, int]] = deque()
-        self._is_reading = False
+    def __init__(self, ranges: RangeResender) -> None:
+        self._ranges = ranges
 
     async def carry_out(self, args: ResendArgs) -> Result:
         """Begin to send a range again; tells what there is.
@@ -53,7 +35,7 @@ class RangeResender:
         """
         session = args.session
         if session is None:
-            found = await self.asked(
+            found = await self._ranges.query(
                 lambda store: read_sessions(store.connection, MAX_SESSIONS)
             )
             return {
@@ -67,14 +49,14 @@ class RangeResender:
                     for one in found
                 ]
             }
-        self.check_room()
+        self._ranges.check_room()
         to_seq = LAST if args.to_seq is None else args.to_seq
-        extent: StoredRange = await self.asked(
+        extent = await self._ranges.query(
             lambda store: stored_range(store.connection, session, args.from_seq, to_seq)
         )
         if extent.points and extent.last_seq is not None:
             # Not what comes later: that is sent anyway.
-            self.send(session, args.from_seq, min(to_seq, extent.last_seq))
+            self._ranges.send(session, args.from_seq, min(to_seq, extent.last_seq))
         return {
             "session": session,
             "from_seq": args.from_seq,
@@ -84,75 +66,53 @@ class RangeResender:
             "last_seq": extent.last_seq,
         }
 
-    def check_room(self) -> None:
-        """See that another range may wait.
+
+class ScanResend:
+    """Answers the command `resend` for scans.
+
+    Args:
+        ranges: sends ranges of the spool.
+        is_open: whether there is a spool at all.
+    """
+
+    def __init__(self, ranges: RangeResender, is_open: Callable[[], bool]) -> None:
+        self._ranges = ranges
+        self._is_open = is_open
+
+    async def held(self) -> list[StoredSession]:
+        """Scans of which there are blocks, oldest first.
 
         Raises:
-            RequestRefusedError: too many do.
+            RequestRefusedError: the database cannot be read.
         """
-        if len(self._ranges) >= MAX_RANGES:
-            raise RequestRefusedError(
-                "resend.busy",
-                f"{MAX_RANGES} ranges are being sent again already",
-                "wait until they have come, then ask again as a new request",
-            )
-
-    def send(self, session: str, from_seq: int, to_seq: int) -> None:
-        """Begin to send a range again."""
-        self._ranges.append((session, from_seq, to_seq))
-        self.refill()
-
-    def refill(self) -> None:
-        """Read on, where there is something to read and room for it."""
-        if (
-            not self._ranges
-            or self._is_reading
-            or self._queue.waiting("resend") > self._together
-        ):
-            return
-        self._is_reading = True
-        session, from_seq, to_seq = self._ranges[0]
-        self._ask(
-            lambda store: read_messages(
-                store.connection, session, from_seq, to_seq, self._together
-            ),
-            self._read,
+        if not self._is_open():
+            return []
+        return await self._ranges.query(
+            lambda store: read_sessions(store.connection, MAX_SESSIONS)
         )
 
-    def _read(self, found: object) -> None:
-        self._is_reading = False
-        session, _, to_seq = self._ranges.popleft()
-        if not isinstance(found, Sequence):
-            log.warning("session %s is not sent again: %s", session, found)
-            return  # who misses the points sees a gap, and asks again
-        for message in found:
-            self._queue.offer("resend", outgoing(message))
-        if len(found) == self._together and found[-1].seq < to_seq:
-            self._ranges.appendleft((session, found[-1].seq + 1, to_seq))
-        self.refill()
-
-    async def asked(self, work: Callable[[MessageDatabase], T]) -> T:
-        """What comes of something done with the database.
+    async def send(self, scan: str, from_seq: int, to_seq: int | None) -> Result:
+        """Begin to send the blocks again that a range of points touches.
 
         Raises:
-            RequestRefusedError: it cannot be done.
+            RequestRefusedError: too many ranges wait, or the database cannot be read.
         """
-        waiting: asyncio.Future[T] = asyncio.get_running_loop().create_future()
-
-        def told(outcome: object) -> None:
-            if waiting.done():
-                return
-            if isinstance(outcome, Exception):
-                waiting.set_exception(outcome)
-            else:
-                waiting.set_result(outcome)  # type: ignore[arg-type]  # what `work` gave
-
-        self._ask(work, told)
-        try:
-            return await waiting
-        except Exception as error:
-            raise RequestRefusedError(
-                "outbox.failed",
-                f"the outbox cannot be read: {error}",
-                "see `outbox` in health, and the event outbox.failed",
-            ) from error
+        extent = StoredScanRange()
+        if self._is_open():
+            self._ranges.check_room()
+            end = LAST if to_seq is None else to_seq
+            extent = await self._ranges.query(
+                lambda store: stored_scan_range(store.connection, scan, from_seq, end)
+            )
+            if extent.blocks:  # not what comes later: that is sent anyway
+                self._ranges.send(scan, extent.from_block, min(end, extent.last_block))
+        return {
+            "scan": scan,
+            "session": extent.session,
+            "from_seq": from_seq,
+            "to_seq": to_seq,
+            "blocks": extent.blocks,
+            "first_seq": extent.first_seq,
+            "last_seq": extent.last_seq,
+            "total": extent.total,
+        }

@@ -15,13 +15,21 @@ import time
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
+from typing import Any
 
 from traverse.daemon.clock import HostClock
 from traverse.daemon.store.database import DAY_NS, MessageDatabase
-from traverse.daemon.store.jobs import Ask, Condition, Job, Keep, Rules
-from traverse.daemon.store.records import Entry, StorageError, StoreRefusedError
-from traverse.daemon.store.resilient_database import ResilientDatabase
+from traverse.daemon.store.records import (
+    Job,
+    NewMessage,
+    QueryJob,
+    RetentionRules,
+    StorageError,
+    StoreRefusedError,
+    StoreStatus,
+    WriteJob,
+)
+from traverse.daemon.store.recovery import ResilientDatabase
 from traverse.drivers.base.heartbeat import Heartbeat
 
 log = logging.getLogger("traverse.daemon.outbox")
@@ -33,8 +41,6 @@ MAX_BATCH = 500
 COMMIT_INTERVAL_S = 0.002  # from the beginning of one transaction to the next
 DELETE_BATCH = 50
 TURN_S = 30.0  # that a slow disk may take
-
-T = TypeVar("T")
 
 
 class StoreWriter:
@@ -58,11 +64,11 @@ class StoreWriter:
         self,
         path: Path,
         clock: HostClock,
-        rules: Rules,
+        rules: RetentionRules,
         *,
         kept: Callable[[list[int]], None],
         failed: Callable[[int, StorageError], None],
-        changed: Callable[[Condition], None],
+        changed: Callable[[StoreStatus], None],
         replaced: Callable[[str], None],
         name: str = "outbox",
     ) -> None:
@@ -71,10 +77,12 @@ class StoreWriter:
         self._kept = kept
         self._failed = failed
         self._changed = changed
-        self._keeper = ResilientDatabase(path, lambda text: self._tell(replaced, text))
+        self._database = ResilientDatabase(
+            path, lambda text: self._tell(replaced, text)
+        )
         self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
         self._loop = asyncio.get_running_loop()
-        self._told = Condition()
+        self._told = StoreStatus()
         self._told_s = -FIGURES_S
         self._failed_generation = -1
         self._kept_s = -COMMIT_INTERVAL_S
@@ -104,6 +112,14 @@ class StoreWriter:
         """Have something done, after all that was put before."""
         self._jobs.put(job)
 
+    def query(
+        self,
+        work: Callable[[MessageDatabase], Any],
+        on_result: Callable[[Any], None],
+    ) -> None:
+        """Do something with the database; pass on the result, or the exception."""
+        self._jobs.put(QueryJob(work, on_result))
+
     def _begun(self, error: StoreRefusedError | None) -> None:
         if self._opened.done():  # nobody waits any more
             return
@@ -116,7 +132,7 @@ class StoreWriter:
 
     def _run(self) -> None:
         try:
-            self._keeper.open()
+            self._database.open()
         except StoreRefusedError as error:
             self._tell(self._begun, error)
             return
@@ -130,12 +146,12 @@ class StoreWriter:
             while waiting:
                 self.heartbeat.beat(TURN_S)
                 if waiting[0] is None:
-                    self._keeper.close()
+                    self._database.close()
                     self.heartbeat.idle()
                     return
                 self._do_next(waiting)
             if time.monotonic() - looked_s >= LOOK_S:
-                self._keeper.look()
+                self._database.look()
                 self._forget()
                 looked_s = time.monotonic()
             self._look()
@@ -145,7 +161,7 @@ class StoreWriter:
         try:
             waiting.append(self._jobs.get(timeout=LOOK_S))
             early_s = self._kept_s + COMMIT_INTERVAL_S - time.monotonic()
-            if early_s > 0.0 and isinstance(waiting[0], Keep):
+            if early_s > 0.0 and isinstance(waiting[0], WriteJob):
                 time.sleep(early_s)
             while True:
                 waiting.append(self._jobs.get_nowait())
@@ -154,37 +170,37 @@ class StoreWriter:
 
     def _do_next(self, waiting: deque[Job | None]) -> None:
         match waiting[0]:
-            case Keep(generation):
-                entries: list[Entry] = []
+            case WriteJob(generation):
+                entries: list[NewMessage] = []
                 while (
                     waiting
-                    and isinstance(job := waiting[0], Keep)
+                    and isinstance(job := waiting[0], WriteJob)
                     and job.generation == generation
                     and len(entries) < MAX_BATCH
                 ):
                     entries.append(job.entry)
                     waiting.popleft()
                 self._keep(generation, entries)
-            case Ask(work, told):
+            case QueryJob(work, told):
                 waiting.popleft()
                 try:
-                    result = self._keeper.use(work)
+                    result = self._database.use(work)
                 except Exception as error:  # noqa: BLE001 - it reaches the asker
                     result = error
                 self._tell(told, result)
-            case Rules() as rules:
+            case RetentionRules() as rules:
                 waiting.popleft()
                 self._rules = rules
 
-    def _keep(self, generation: int, entries: list[Entry]) -> None:
+    def _keep(self, generation: int, entries: list[NewMessage]) -> None:
         if generation <= self._failed_generation:
             return
         self._kept_s = time.monotonic()
         try:
-            numbers = self._keeper.add(entries)
+            numbers = self._database.add(entries)
         except Exception as error:  # noqa: BLE001 - it is told as a trouble
             self._failed_generation = generation
-            trouble = self._keeper.trouble or StorageError(repr(error), "")
+            trouble = self._database.trouble or StorageError(repr(error), "")
             self._tell(self._failed, generation, trouble)
         else:
             self._tell(self._kept, numbers)
@@ -192,7 +208,7 @@ class StoreWriter:
 
     def _forget(self) -> None:
         """Remove what need not be kept any longer, in small steps between jobs."""
-        if self._keeper.trouble is not None:
+        if self._database.trouble is not None:
             return
         section = self._rules.section
         now_ns = self._clock.to_utc_ns(self._clock.monotonic_ns())
@@ -209,19 +225,19 @@ class StoreWriter:
 
         try:
             end_s = time.monotonic() + FORGET_S
-            while self._keeper.use(step) and self._jobs.empty():
+            while self._database.use(step) and self._jobs.empty():
                 if time.monotonic() > end_s:
                     return
-        except Exception as error:  # noqa: BLE001 - the keeper has told it
+        except Exception as error:  # noqa: BLE001 - it has been reported
             log.debug("nothing forgotten: %s", error)
 
     def _look(self) -> None:
         """Tell the loop how the outbox is: troubles at once, figures now and then."""
-        trouble, now_s = self._keeper.trouble, time.monotonic()
+        trouble, now_s = self._database.trouble, time.monotonic()
         if trouble == self._told.trouble and now_s - self._told_s < FIGURES_S:
             return
-        self._keeper.count()
-        condition, self._told_s = Condition(trouble, self._keeper.figures), now_s
+        self._database.count()
+        condition, self._told_s = StoreStatus(trouble, self._database.figures), now_s
         if condition != self._told:
             self._told = condition
             self._tell(self._changed, condition)

@@ -14,7 +14,7 @@ from tests.client.display.values import point
 from tests.protocol.message_examples import SCAN
 from traverse.cli.__main__ import app
 from traverse.daemon.store.database import MessageDatabase
-from traverse.daemon.store.records import Entry
+from traverse.daemon.store.records import NewMessage
 from traverse.lab.campaign.campaign import read_campaign
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Point
@@ -62,7 +62,7 @@ def outbox(tmp_path: Path) -> Path:
     store = MessageDatabase(tmp_path / "outbox.db")
     store.add(
         [
-            Entry(
+            NewMessage(
                 *(p.session, 10**18, "", p.seq, p.id, p.time_ns),
                 *("traverse/a/point", "msgpack", encode(p, "msgpack")),
             )

@@ -18,7 +18,7 @@ from tests.mosquitto import Mosquitto
 from tests.protocol.message_examples import POINT
 from traverse.cli.__main__ import app
 from traverse.daemon.store.database import MessageDatabase
-from traverse.daemon.store.records import Entry
+from traverse.daemon.store.records import NewMessage
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.protocol.encoding import encode
 from traverse.simulator.campaigns import (
@@ -92,7 +92,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "robot.urdf").write_text(ROBOT)
     store = MessageDatabase(folder / "outbox.db")
     about = (POINT.session, 10**18, "", POINT.seq, POINT.id, POINT.time_ns)
-    store.add([Entry(*about, "traverse/bench-7/point", "json", point)])
+    store.add([NewMessage(*about, "traverse/bench-7/point", "json", point)])
     store.close()
     return folder
 

@@ -10,18 +10,18 @@ from typer.testing import CliRunner
 from tests.protocol.message_examples import POINT, RETRACTION
 from traverse.cli.__main__ import app
 from traverse.daemon.store.database import MessageDatabase
-from traverse.daemon.store.records import Entry
+from traverse.daemon.store.records import NewMessage
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Point
 
 NOTES = {"monday": "first shift", "tuesday": ""}
 
 
-def entry(message: Point, session: str, seq: int, encoding="msgpack") -> Entry:
+def entry(message: Point, session: str, seq: int, encoding="msgpack") -> NewMessage:
     point = message.model_copy(
         update={"session": session, "seq": seq, "id": f"{session}-{seq}"}
     )
-    return Entry(
+    return NewMessage(
         session,
         1_795_251_247_000_000_000,
         NOTES[session],
@@ -131,7 +131,7 @@ def test_messages_in_json_are_those_that_were_published(path, tmp_path):
 def test_what_cannot_be_read_is_named_and_the_rest_is_written(path):
     store = MessageDatabase(path)
     good = entry(POINT, "tuesday", 2)
-    store.add([Entry(*(*_fields(good)[:-1], b"rubbish"))])
+    store.add([NewMessage(*(*_fields(good)[:-1], b"rubbish"))])
     store.close()
     result = points("export", "--db", path, "--session", "tuesday", status=1)
     assert "tuesday-2: cannot be read" in result.stderr
@@ -141,8 +141,8 @@ def test_what_cannot_be_read_is_named_and_the_rest_is_written(path):
     )
 
 
-def _fields(one: Entry) -> tuple:
-    return tuple(getattr(one, name) for name in Entry.__dataclass_fields__)
+def _fields(one: NewMessage) -> tuple:
+    return tuple(getattr(one, name) for name in NewMessage.__dataclass_fields__)
 
 
 @pytest.mark.parametrize(

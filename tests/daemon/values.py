@@ -9,7 +9,7 @@ import numpy as np
 from traverse.daemon.clock import HostClock
 from traverse.daemon.pose.arm_model import ArmModel, read_model
 from traverse.daemon.pose.poses import PoseBlock
-from traverse.daemon.store.pending_write import PendingWrite
+from traverse.daemon.store.records import PendingWrite
 from traverse.drivers.base.values import CountSamples, LatchedCounts
 from traverse.protocol.messages import Point
 

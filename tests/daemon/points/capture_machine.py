@@ -34,8 +34,7 @@ from traverse.daemon.pose.pipeline import Pipeline
 from traverse.daemon.pose.uncertainty import CovarianceEvaluator
 from traverse.daemon.scans.scanner import Scanner
 from traverse.daemon.store.database import MessageDatabase
-from traverse.daemon.store.pending_write import PendingWrite, PendingWrites
-from traverse.daemon.store.records import Entry
+from traverse.daemon.store.records import NewMessage, PendingWrite, PendingWrites
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import (
     DeviceUp,
@@ -60,9 +59,9 @@ CAPTURE = CaptureSection(
 )
 
 
-def entry_of(point: Point, begun_ns: int, note: str) -> Entry:
+def entry_of(point: Point, begun_ns: int, note: str) -> NewMessage:
     """A point as the outbox keeps it."""
-    return Entry(
+    return NewMessage(
         point.session,
         begun_ns,
         note,
@@ -115,7 +114,7 @@ class CaptureBench(RuleBasedStateMachine):
         self.scan_counts: dict[str, list[int]] = {}
         self.held_scans: set[str] = set()
         self.in_flight = PendingWrites()
-        self.waiting: list[tuple[Point, Entry]] = []
+        self.waiting: list[tuple[Point, NewMessage]] = []
         self.keepings: dict[int, PendingWrite] = {}
         self.failures = 0
         self.loop.run_until_complete(self._begin())

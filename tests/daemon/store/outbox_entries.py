@@ -2,7 +2,7 @@
 
 import sqlite3
 
-from traverse.daemon.store.records import Entry
+from traverse.daemon.store.records import NewMessage
 
 DAY_NS = 86_400 * 10**9
 NOW_NS = 1_800_000_000 * 10**9
@@ -10,7 +10,7 @@ NOW_NS = 1_800_000_000 * 10**9
 
 def entry(session="s", seq=0, *, time_ns=NOW_NS, payload=b"point", encoding="msgpack"):
     """A message of a session; the same arguments give the same."""
-    return Entry(
+    return NewMessage(
         session,
         NOW_NS,
         f"note of {session}",

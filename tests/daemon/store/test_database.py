@@ -15,7 +15,7 @@ from traverse.daemon.store.queries import (
     read_unsent,
     stored_range,
 )
-from traverse.daemon.store.records import HeldSession, StoredRange
+from traverse.daemon.store.records import StoredRange, StoredSession
 
 
 def test_what_was_added_is_there_as_it_was_in_order(store, path):
@@ -96,8 +96,8 @@ def test_sessions_are_listed_oldest_first_the_latest_of_them(store):
         store.add(entries(session, 3))
     store.mark_sent([(4, 5)])
     assert read_sessions(store.connection, 2) == [
-        HeldSession("a", NOW_NS, "note of a", 0, 2),
-        HeldSession("b", NOW_NS, "note of b", 0, 2),
+        StoredSession("a", NOW_NS, "note of a", 0, 2),
+        StoredSession("b", NOW_NS, "note of b", 0, 2),
     ]
     assert counts_of(store.connection, "a") == (3, 1)
     assert counts_of(store.connection, "nobody") == (0, 0)

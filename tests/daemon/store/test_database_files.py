@@ -12,7 +12,7 @@ from tests.daemon.store.outbox_entries import entries, execute, rows
 from traverse.daemon.store.database import MessageDatabase
 from traverse.daemon.store.queries import open_read_only, read_unsent
 from traverse.daemon.store.records import StoreRefusedError
-from traverse.daemon.store.storage_error import move_aside, storage_error_of
+from traverse.daemon.store.recovery import move_aside, storage_error_of
 
 
 def test_a_newer_version_is_refused_with_what_to_do(store, path):
@@ -88,8 +88,8 @@ def test_a_full_disk_is_told_and_is_over_when_there_is_room(store, path):
 WRITER = """
 import os, sys
 from pathlib import Path
-from traverse.daemon.store.database import MessageDatabase
 from tests.daemon.store.outbox_entries import entries
+from traverse.daemon.store.database import MessageDatabase
 store = MessageDatabase(Path(sys.argv[1]))
 for first in range(0, 40, 4):
     store.add(entries("a", 4, first=first))

@@ -13,12 +13,17 @@ from tests.daemon.store.outbox_entries import entries, rows
 from tests.daemon.values import SetClock
 from traverse.daemon.monitoring.latencies import Latencies
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
-from traverse.daemon.store.ack_buffer import AckBuffer
 from traverse.daemon.store.database import MessageDatabase
-from traverse.daemon.store.feed import REFUSED_NS, TOGETHER, UnsentFeeder, outgoing
-from traverse.daemon.store.records import Held, stored_message_of
+from traverse.daemon.store.forwarder import (
+    BATCH,
+    REFUSED_NS,
+    AckBuffer,
+    UnsentFeeder,
+    outgoing,
+)
+from traverse.daemon.store.records import StoredMessage, stored_message_of
 
-ROOM = TOGETHER + 50
+ROOM = BATCH + 50
 
 
 class Steps:
@@ -30,22 +35,19 @@ class Steps:
         self.store.connection.execute("PRAGMA synchronous = OFF")
         self.jobs, self.results = deque(), deque()
         self.queue = OutgoingQueue(max_points=ROOM)
-        self.marks = AckBuffer(
-            lambda ranges, told: self.ask(lambda store: self.mark(ranges), told)
-        )
+        self.connection = self.store.connection
+        self.acks = AckBuffer(self)
         self.clock = SetClock()
-        self.feed = UnsentFeeder(
-            self.queue, self.ask, self.marks.add, self.clock, Latencies()
-        )
+        self.feed = UnsentFeeder(self.queue, self, self.acks, self.clock, Latencies())
         self.queue.left = self.feed.refill
         self.sent, self.on_the_way = [], deque()
         self.taken = 0
         self.marks_fail = False
 
-    def ask(self, work, told):
+    def query(self, work, told):
         self.jobs.append((work, told))
 
-    def mark(self, ranges):
+    def mark_sent(self, ranges):
         if self.marks_fail:
             return OSError("the disk is full")
         return self.store.mark_sent(ranges)
@@ -59,12 +61,12 @@ class Steps:
                 self.feed.kept(stored_message_of(e, number))
 
         if n:
-            self.ask(lambda store: store.add(group), kept)
+            self.query(lambda _: self.store.add(group), kept)
 
     def thread(self, n):
         for _ in range(min(n, len(self.jobs))):
             work, told = self.jobs.popleft()
-            self.results.append((told, work(self.store)))
+            self.results.append((told, work(self)))
 
     def loop(self, n):
         for _ in range(min(n, len(self.results))):
@@ -96,7 +98,7 @@ class Steps:
 
     def poll(self, n):
         self.marks_fail = n % 2 == 1
-        self.marks.flush()
+        self.acks.flush()
         self.feed.refill()
 
     def finish(self):
@@ -168,7 +170,9 @@ def test_what_the_broker_refuses_comes_again_after_two_minutes_and_not_before(
 
 
 def test_what_another_run_left_in_another_encoding_says_so():
-    kept = Held(1, "s", 0, "s-0", 0, "traverse/old/point", "json", b"{}", is_sent=False)
+    kept = StoredMessage(
+        1, "s", 0, "s-0", 0, "traverse/old/point", "json", b"{}", is_sent=False
+    )
     message = outgoing(kept)
     assert (message.topic, message.payload, message.encoding) == (
         "traverse/old/point",

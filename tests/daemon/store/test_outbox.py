@@ -7,7 +7,7 @@ from tests.daemon.store.outbox_harness import OutboxOnLoop, numbers
 from tests.end_to_end.programs import until
 from tests.protocol.message_examples import POINT
 from traverse.daemon.mqtt.outgoing_queue import MAX_POINTS
-from traverse.daemon.store.feed import TOGETHER
+from traverse.daemon.store.forwarder import BATCH
 
 
 @pytest.fixture
@@ -98,7 +98,7 @@ async def test_a_broker_that_is_away_costs_disk_and_no_memory(bench):
 
 
 async def test_points_that_come_while_others_are_read_keep_the_order(bench):
-    await bench.take_all(MAX_POINTS + 5 * TOGETHER)
+    await bench.take_all(MAX_POINTS + 5 * BATCH)
     sent = []
     for _ in range(40):
         sent += bench.send(50)

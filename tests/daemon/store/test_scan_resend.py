@@ -67,6 +67,6 @@ async def test_scans_are_listed_and_unknown_ones_are_nothing(tmp_path):
         unknown = await requests.carry_out(ResendArgs(scan="c"))
         assert (unknown["blocks"], unknown["session"]) == (0, None)
         for _ in range(32):
-            bench.spool._passage.again.send("a", 0, 9)
+            bench.spool._forwarder.again.send("a", 0, 9)
         with pytest.raises(RequestRefusedError, match="32 ranges"):
             await requests.carry_out(ResendArgs(scan="a"))

@@ -50,7 +50,9 @@ async def test_points_behind_a_failed_one_fail_until_the_loop_has_heard(bench):
     await bench.take_all(1)
     execute(bench.path, FULL.format("messages"))
     first, has_failed = bench.take(), threading.Event()
-    bench.outbox._passage.ask(lambda store: has_failed.set(), lambda _: None)
+    bench.outbox._forwarder._writer.query(
+        lambda store: has_failed.set(), lambda _: None
+    )
     assert has_failed.wait(20.0)  # and the loop stands: it has not heard of it
     execute(bench.path, "DROP TRIGGER messages_full")
     second = bench.take()
@@ -108,7 +110,7 @@ async def test_unsent_points_of_a_damaged_file_are_taken_over(tmp_path):
         (told,) = second.occurrences
         assert told.code == "outbox.replaced"
         assert "with 40 points that had not been sent" in told.text
-        answer = await second.outbox.resend(ResendArgs())
+        answer = await second.outbox.again.carry_out(ResendArgs())
         assert [s["begun_ns"] for s in answer["sessions"]] == ["1", "1"]
         assert answer["sessions"][0]["first_seq"] == 20
 
@@ -116,7 +118,7 @@ async def test_unsent_points_of_a_damaged_file_are_taken_over(tmp_path):
 async def test_damage_while_it_runs_loses_no_number(bench):
     """Points that had been kept go on to the broker; new ones go to a new file."""
     await bench.take_all(30)
-    bench.outbox._passage.ask(
+    bench.outbox._forwarder._writer.query(
         lambda store: store.connection.execute("PRAGMA wal_checkpoint(TRUNCATE)"),
         lambda _: damage(bench.path),
     )
