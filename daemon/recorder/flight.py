@@ -4,12 +4,15 @@ A segment begins with a state, so that it can be replayed without those before i
 is kept is one file, made of all segments there are.
 """
 
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
 from traverse.daemon.config.schema import RecordingSection
+from traverse.daemon.recorder.file import Recorded
 from traverse.recording.run_reader import RunReader
 from traverse.recording.run_writer import Entry, RunHead, RunWriter
 
@@ -17,6 +20,30 @@ SEGMENT_NS = 10_000_000_000
 FOLDER = "flight"
 SEGMENT = "segment-*.mcap"
 KEPT = "flight-*.mcap"
+RETRY_S = 30.0
+
+
+@dataclass(frozen=True, slots=True)
+class RecorderNotification:
+    """One event in the recorder thread, for the loop.
+
+    Attributes:
+        flight_failed: a failure of the flight recorder begins, with its reason; or
+            ends, "".
+        stopped: a recording has ended by itself: what there is of it, and why.
+        kept: a file kept after a fault.
+    """
+
+    flight_failed: str | None = None
+    stopped: tuple[Recorded | None, str] | None = None
+    kept: Path | None = None
+
+
+def reason_of(error: Exception) -> str:
+    """Why it was, for people."""
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    return str(error) or repr(error)
 
 
 class FlightRecorder:
@@ -73,7 +100,7 @@ class FlightRecorder:
         path = self._segments / f"segment-{utc_ns:020d}.mcap"
         head = RunHead({**self._about, "cause": "flight"}, files)
         self._writer, self._begun_ns = RunWriter(path, head), at_ns
-        self._forget_old(utc_ns)
+        self._delete_old(utc_ns)
 
     def end_segment(self) -> None:
         """Begin a new one with the next state, whenever that comes."""
@@ -134,7 +161,7 @@ class FlightRecorder:
     def _found(self) -> list[Path]:
         return sorted(self._segments.glob(SEGMENT))
 
-    def _forget_old(self, utc_ns: int) -> None:
+    def _delete_old(self, utc_ns: int) -> None:
         """Drop segments that are not needed for the wanted time, or are too much."""
         *older, newest = self._found()
         oldest_ns = utc_ns - int(self._section.flight_s * 1e9)
@@ -143,13 +170,13 @@ class FlightRecorder:
             segment = older[index]
             follower = older[index + 1] if index + 1 < len(older) else newest
             room -= segment.stat().st_size
-            if room < 0 or _begun_ns(follower) < oldest_ns:
+            if room < 0 or _segment_time_ns(follower) < oldest_ns:
                 for gone in older[: index + 1]:
                     gone.unlink(missing_ok=True)
                 return
 
 
-def _begun_ns(segment: Path) -> int:
+def _segment_time_ns(segment: Path) -> int:
     return int(segment.stem.removeprefix("segment-"))
 
 
@@ -189,3 +216,56 @@ def _join(segments: list[Path], path: Path, about: Mapping[str, str]) -> None:
     if writer is None:
         raise OSError("no segment can be read")
     writer.close(sync=True)
+
+
+class RetryingFlightRecorder:
+    """Leave the flight recorder alone for some time after the disk has refused it.
+
+    Used by the recorder thread alone.
+
+    Args:
+        flight: what writes.
+        is_enabled: the configuration wants it to.
+        notify: called when it fails, and when it is tried again.
+    """
+
+    def __init__(
+        self,
+        flight: FlightRecorder,
+        *,
+        is_enabled: bool,
+        notify: Callable[[RecorderNotification], None],
+    ) -> None:
+        self._flight = flight
+        self._is_enabled = is_enabled
+        self._notify = notify
+        self._retry_s: float | None = None
+
+    def run(self, act: Callable[[], object]) -> None:
+        """Do something with it, unless it is left alone."""
+        if not self._is_enabled or self._retry_s is not None:
+            return
+        try:
+            act()
+        except OSError as error:
+            self._flight.abandon()
+            self._retry_s = time.monotonic() + RETRY_S
+            self._notify(RecorderNotification(flight_failed=reason_of(error)))
+
+    def keep(self, why: str) -> None:
+        """Keep the last minutes, after a fault."""
+        self.run(lambda: self._notify_kept(self._flight.keep(why)))
+
+    def recover_crashed(self) -> None:
+        """Keep what a daemon left behind that died."""
+        self.run(lambda: self._notify_kept(self._flight.recover_crashed()))
+
+    def retry(self, now_s: float) -> None:
+        """Use it once more, if it is time; the next state begins a segment."""
+        if self._retry_s is not None and now_s >= self._retry_s:
+            self._retry_s = None
+            self._notify(RecorderNotification(flight_failed=""))
+
+    def _notify_kept(self, kept: Path | None) -> None:
+        if kept is not None:
+            self._notify(RecorderNotification(kept=kept))

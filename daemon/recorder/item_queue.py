@@ -26,7 +26,7 @@ WAIT_S = 0.2
 
 
 @dataclass(frozen=True, slots=True)
-class Item:
+class RecorderItem:
     """One thing to record.
 
     Attributes:
@@ -61,7 +61,7 @@ class RecorderQueue:
     ) -> None:
         self._most_items, self._most_bytes = most_items, most_bytes
         self._lock = threading.Lock()
-        self._items: deque[Item] = deque()
+        self._items: deque[RecorderItem] = deque()
         self._n_bytes = 0
         self._wake = threading.Event()
         self.dropped = 0
@@ -69,7 +69,7 @@ class RecorderQueue:
     def __len__(self) -> int:
         return len(self._items)
 
-    def put(self, item: Item) -> bool:
+    def put(self, item: RecorderItem) -> bool:
         """Hand over; False where there was no room. A job always has room."""
         size = item.n_bytes
         with self._lock:
@@ -88,7 +88,7 @@ class RecorderQueue:
         """Let the thread look at once."""
         self._wake.set()
 
-    def take(self) -> list[Item]:
+    def take(self) -> list[RecorderItem]:
         """All that waits, after a while, or when woken; perhaps nothing."""
         self._wake.wait(WAIT_S)
         self._wake.clear()

@@ -14,14 +14,11 @@ from traverse.daemon.clock import HostClock
 from traverse.daemon.config.schema import RecordingSection
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.points.capture import PointWriter
-from traverse.daemon.recorder.fault_trigger import FaultTrigger
-from traverse.daemon.recorder.item_queue import Item, RecorderQueue
-from traverse.daemon.recorder.jobs import ThreadJobs
-from traverse.daemon.recorder.manual_recording import Recorded
-from traverse.daemon.recorder.notification import Told
-from traverse.daemon.recorder.recorder_events import RecorderEventReporter
+from traverse.daemon.recorder.file import Recorded
+from traverse.daemon.recorder.flight import RecorderNotification
+from traverse.daemon.recorder.item_queue import RecorderItem, RecorderQueue
 from traverse.daemon.recorder.snapshot import DeviceSnapshot, MeasurementSnapshot
-from traverse.daemon.recorder.thread import RecorderThread
+from traverse.daemon.recorder.thread import RecorderThread, ThreadJobs
 from traverse.daemon.step_listener import StepListener
 from traverse.daemon.store.records import PendingWrite
 from traverse.drivers.base.delivery_maps import delivery_kind
@@ -30,8 +27,39 @@ from traverse.drivers.base.values import Delivery
 from traverse.protocol.messages import Event, Message, Point
 from traverse.protocol.messages.recording_health import RecordingHealth
 
+SOURCE = "recording"
 STATE_NS = 6_000_000_000
 PATIENCE_NS = 3_000_000_000  # a state is told of a quiet moment, if one comes
+AFTERMATH_NS = 2_000_000_000  # what follows a fault is kept with it
+CALM_NS = 30_000_000_000  # after a file was kept, none is for so long
+FAULTS = ("alarm.", "device.", "outbox.", "daemon.", "watchdog.", "realtime.")
+"""Beginnings of the codes of errors that are faults."""
+
+
+class FaultTrigger:
+    """Notes faults, and says when to keep what was before them."""
+
+    def __init__(self) -> None:
+        self._keep_at: tuple[int, str] | None = None
+        self._calm_ns = 0
+
+    def add(self, now_ns: int, event: Event) -> None:
+        """An event goes out."""
+        is_fault = (
+            event.severity == "error"
+            and event.active is not False
+            and event.code.startswith(FAULTS)
+        )
+        if is_fault and self._keep_at is None and now_ns >= self._calm_ns:
+            self._keep_at = now_ns + AFTERMATH_NS, event.code
+
+    def due(self, now_ns: int) -> str | None:
+        """The code of a fault for which the time to keep has come; None: for none."""
+        if self._keep_at is None or now_ns < self._keep_at[0]:
+            return None
+        code, self._keep_at = self._keep_at[1], None
+        self._calm_ns = now_ns + CALM_NS
+        return code
 
 
 class Recorder(StepListener):
@@ -60,7 +88,7 @@ class Recorder(StepListener):
         events: EventLog,
     ) -> None:
         self._section = section
-        self._events = RecorderEventReporter(events)
+        self._events = events
         self._clock = clock
         self._queue = RecorderQueue()
         self._jobs = ThreadJobs(self._queue)
@@ -78,7 +106,7 @@ class Recorder(StepListener):
             about=about,
             files=files,
             utc_offset_ns=clock.utc_offset_ns(),
-            tell=self._hear,
+            notify=self._on_notification,
         )
 
     @property
@@ -97,7 +125,7 @@ class Recorder(StepListener):
         trace: TracebackType | None,
     ) -> None:
         self._is_on = False
-        self._jobs.do(self._thread.end)
+        self._jobs.submit(self._thread.end)
         await asyncio.to_thread(self._thread.join)
 
     # -- the tape -------------------------------------------------------------
@@ -106,29 +134,29 @@ class Recorder(StepListener):
         """A device has delivered something."""
         self._look(now_ns)
         self._told.note(delivery)
-        self._put(Item("delivered", now_ns, delivery_kind(delivery), delivery))
+        self._put(RecorderItem("delivered", now_ns, delivery_kind(delivery), delivery))
 
     def passed(self, now_ns: int) -> None:
         """Time has passed."""
         self._look(now_ns)
-        self._put(Item("passed", now_ns))
+        self._put(RecorderItem("passed", now_ns))
 
     def asked(self, now_ns: int, what: str, values: Mapping[str, object]) -> None:
         """Somebody has asked for something."""
         self._look(now_ns)
         if what == "probe" and self.state is not None:
             self.state.probe = str(values["probe"])
-        self._put(Item("asked", now_ns, what, dict(values)))
+        self._put(RecorderItem("asked", now_ns, what, dict(values)))
 
     def related(self, now_ns: int, utc_offset_ns: int) -> None:
         """UTC is so much more than host monotonic time from now on."""
-        self._put(Item("related", now_ns, value=utc_offset_ns))
+        self._put(RecorderItem("related", now_ns, value=utc_offset_ns))
 
     def published(self, now_ns: int, message: Message) -> None:
         """A message has been handed on to be published."""
-        self._put(Item("published", now_ns, value=message))
+        self._put(RecorderItem("published", now_ns, value=message))
         if isinstance(message, Event) and self._section.flight:
-            self._faults.note(now_ns, message)
+            self._faults.add(now_ns, message)
 
     def following(self, keep: PointWriter) -> PointWriter:
         """What sends points to the disk, followed: those that arrive are recorded."""
@@ -147,7 +175,7 @@ class Recorder(StepListener):
             if keeping.trouble is None:
                 self.published(now_ns, keeping.point)
             else:
-                self._put(Item("asked", now_ns, "not_kept", {}))
+                self._put(RecorderItem("asked", now_ns, "not_kept", {}))
 
         keeping.on_settled(settled)
 
@@ -155,7 +183,9 @@ class Recorder(StepListener):
         """Other files are in force from now on."""
         now_ns = self._clock.step()
         probe = None if self.state is None else self.state.probe
-        self._put(Item("files", now_ns, value={"files": dict(files), "probe": probe}))
+        self._put(
+            RecorderItem("files", now_ns, value={"files": dict(files), "probe": probe})
+        )
         self._due_ns = 0
 
     # -- recordings with a name -----------------------------------------------
@@ -172,10 +202,11 @@ class Recorder(StepListener):
         Raises:
             OSError: it cannot be written.
         """
-        path = await self._jobs.done(lambda: self._thread.begin(name, note))
+        path = await self._jobs.run(lambda: self._thread.begin(name, note))
         if not self._is_on:
             self._is_on, self._due_ns = True, 0
-        self._events.started(path)
+        text = f"{path} is being recorded"
+        self._events.report("info", "recording.started", text, source=SOURCE)
         return path
 
     async def finish(self) -> Recorded:
@@ -184,9 +215,9 @@ class Recorder(StepListener):
         Raises:
             OSError: there is none, or its end cannot be written.
         """
-        recorded = await self._jobs.done(self._thread.finish)
+        recorded = await self._jobs.run(self._thread.finish)
         self._is_on = self._section.flight
-        self._events.stopped(recorded, "it was asked for", by_itself=False)
+        self._report_stopped(recorded, "it was asked for", by_itself=False)
         return recorded
 
     def health(self) -> RecordingHealth:
@@ -217,11 +248,11 @@ class Recorder(StepListener):
 
     # -- inside ---------------------------------------------------------------
 
-    def _put(self, item: Item) -> None:
+    def _put(self, item: RecorderItem) -> None:
         if not self._is_on:
             return
         if self._missing:
-            gap = Item("gap", item.at_ns, value={"missing": self._missing})
+            gap = RecorderItem("gap", item.at_ns, value={"missing": self._missing})
             if not self._queue.put(gap):
                 self._missing += 1
                 return
@@ -229,12 +260,19 @@ class Recorder(StepListener):
             self._due_ns = 0
         if not self._queue.put(item):
             self._missing += 1
-            self._events.overflow()
+            self._events.report(
+                "warning",
+                "recording.overflow",
+                "the disk does not keep up with what is to be recorded; a part of it "
+                "is left out",
+                source=SOURCE,
+                remedy="record to a faster disk, or at a lower rate",
+            )
 
     def _keep_if_due(self, now_ns: int) -> None:
         why = self._faults.due(now_ns)
         if why is not None:
-            self._jobs.do(lambda: self._thread.keep(why))
+            self._jobs.submit(lambda: self._thread.keep(why))
 
     def _look(self, now_ns: int) -> None:
         """Before a step: is it time to tell the state, or to keep what was?"""
@@ -247,18 +285,46 @@ class Recorder(StepListener):
         self._due_ns = now_ns + STATE_NS
         told = self._told.maps()
         state = {**self.state.state(), "devices": told, "fresh": not told}
-        self._put(Item("state", now_ns, value=state))
+        self._put(RecorderItem("state", now_ns, value=state))
 
-    def _hear(self, told: Told) -> None:
-        self._jobs.on_loop(lambda: self._heard(told))
+    def _on_notification(self, notification: RecorderNotification) -> None:
+        """Called by the thread."""
+        self._jobs.call_on_loop(lambda: self._handle(notification))
 
-    def _heard(self, told: Told) -> None:
-        if told.flight_failed is not None:
-            self._failed = told.flight_failed
+    def _handle(self, notification: RecorderNotification) -> None:
+        reason = notification.flight_failed
+        if reason is not None:
+            self._failed = reason
             self._due_ns = 0
-            self._events.flight_failed(told.flight_failed)
-        if told.kept is not None:
-            self._events.kept(told.kept)
-        if told.stopped is not None:
+            self._events.change(
+                bool(reason),
+                "error",
+                "recording.failed",
+                f"the flight recorder cannot write: {reason}"
+                if reason
+                else "the flight recorder tries again",
+                source=SOURCE,
+                remedy="make room on the disk; measuring goes on without it",
+            )
+        if notification.kept is not None:
+            text = f"the last minutes are kept in {notification.kept}"
+            self._events.report(
+                "info", "recording.kept", text, source=SOURCE, distinct=True
+            )
+        if notification.stopped is not None:
             self._is_on = self._section.flight
-            self._events.stopped(*told.stopped, by_itself=True)
+            self._report_stopped(*notification.stopped, by_itself=True)
+
+    def _report_stopped(
+        self, recorded: Recorded | None, why: str, *, by_itself: bool
+    ) -> None:
+        what = "the recording" if recorded is None else str(recorded.path)
+        remedy = "what is in it can be read; make room, then record again"
+        self._events.report(
+            "error" if by_itself else "info",
+            "recording.stopped",
+            f"{what} has ended: {why}",
+            source=SOURCE,
+            remedy=remedy if by_itself else "",
+            distinct=True,
+        )

@@ -1,5 +1,7 @@
 """The one thread that writes recordings; what goes wrong here never stops measuring."""
 
+import asyncio
+import contextlib
 import errno
 import logging
 import shutil
@@ -9,19 +11,23 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from operator import methodcaller
 from pathlib import Path
+from typing import TypeVar
 
 from traverse.daemon.config.schema import RecordingSection
-from traverse.daemon.recorder.encoding import RecordingEncoder
-from traverse.daemon.recorder.flight import FlightRecorder
-from traverse.daemon.recorder.item_queue import Item, RecorderQueue
-from traverse.daemon.recorder.manual_recording import (
+from traverse.daemon.recorder.file import (
     ManualRecording,
+    PreTriggerBuffer,
     Recorded,
+    RecordingEncoder,
     recording_head,
 )
-from traverse.daemon.recorder.notification import Told, reason_of
-from traverse.daemon.recorder.pre_trigger_buffer import PreTriggerBuffer
-from traverse.daemon.recorder.retrying_flight import RetryingFlightRecorder
+from traverse.daemon.recorder.flight import (
+    FlightRecorder,
+    RecorderNotification,
+    RetryingFlightRecorder,
+    reason_of,
+)
+from traverse.daemon.recorder.item_queue import RecorderItem, RecorderQueue
 from traverse.drivers.base.heartbeat import Heartbeat
 from traverse.protocol.messages import Scan
 from traverse.recording.run_writer import Entry
@@ -30,7 +36,56 @@ log = logging.getLogger("traverse.daemon.recorder")
 
 TURN_S = 30.0  # that a slow disk may take
 # Whoever reads a press waits until this thread lets go of the interpreter.
-LONGEST_S, PAUSE_S = 0.0005, 0.0001
+MAX_SLICE_S, YIELD_S = 0.0005, 0.0001
+
+T = TypeVar("T")
+
+
+class ThreadJobs:
+    """Give work to the thread, behind everything that is queued already.
+
+    Args:
+        queue: to the thread.
+    """
+
+    def __init__(self, queue: RecorderQueue) -> None:
+        self._queue = queue
+        self._loop = asyncio.get_running_loop()
+
+    def submit(self, job: Callable[[], object]) -> None:
+        """Have the thread call ``job``."""
+        self._queue.put(RecorderItem("job", 0, value=job))
+        self._queue.wake()
+
+    async def run(self, job: Callable[[], T]) -> T:
+        """Have the thread call ``job``; return its result, or raise its exception."""
+        answer: asyncio.Future[T] = self._loop.create_future()
+
+        def execute() -> None:
+            try:
+                result = job()
+            except Exception as error:  # noqa: BLE001 - raised in the caller
+                self.call_on_loop(partial(_set_exception, answer, error))
+            else:
+                self.call_on_loop(lambda: _set_result(answer, result))
+
+        self.submit(execute)
+        return await answer
+
+    def call_on_loop(self, act: Callable[[], object]) -> None:
+        """Call something on the loop; for the thread."""
+        with contextlib.suppress(RuntimeError):  # the loop is closed: nobody listens
+            self._loop.call_soon_threadsafe(act)
+
+
+def _set_result(answer: asyncio.Future[T], result: T) -> None:
+    if not answer.done():
+        answer.set_result(result)
+
+
+def _set_exception(answer: asyncio.Future[T], error: Exception) -> None:
+    if not answer.done():
+        answer.set_exception(error)
 
 
 class RecorderThread:
@@ -43,7 +98,7 @@ class RecorderThread:
         about: what the head of every file says.
         files: arm file, configuration and so on, as they are now.
         utc_offset_ns: what to add to host monotonic time.
-        tell: hands a value to the loop.
+        notify: passes a value to the loop.
 
     Attributes:
         heartbeat: the thread's signs of life.
@@ -58,21 +113,21 @@ class RecorderThread:
         about: Mapping[str, str],
         files: Mapping[str, bytes],
         utc_offset_ns: int,
-        tell: Callable[[Told], None],
+        notify: Callable[[RecorderNotification], None],
     ) -> None:
         self._queue = queue
         self._folder = folder
         self._section = section
         self._about = about
         self._files = dict(files)
-        self._maker = RecordingEncoder(utc_offset_ns)
-        self._tell = tell
+        self._encoder = RecordingEncoder(utc_offset_ns)
+        self._notify = notify
         self._ring = PreTriggerBuffer()
         self._flight = FlightRecorder(folder, section, about)
-        self._guarded = RetryingFlightRecorder(
-            self._flight, is_enabled=section.flight, tell=tell
+        self._retrying = RetryingFlightRecorder(
+            self._flight, is_enabled=section.flight, notify=notify
         )
-        self._named: ManualRecording | None = None
+        self._manual: ManualRecording | None = None
         self._flushed_s = 0.0
         self._ended = False
         self.heartbeat = Heartbeat("thread of recordings")
@@ -81,9 +136,9 @@ class RecorderThread:
     @property
     def recorded(self) -> Recorded | None:
         """What there is of the recording that runs; None without one."""
-        named = self._named
+        manual = self._manual
         try:
-            return None if named is None else named.recorded
+            return None if manual is None else manual.recorded
         except OSError:
             return None
 
@@ -112,7 +167,7 @@ class RecorderThread:
         self._check_room()
         path = self._folder / f"{name}.mcap"
         head = recording_head(self._about, self._files, name=name, note=note)
-        self._named = ManualRecording(path, name, self._section, head, self._ring)
+        self._manual = ManualRecording(path, name, self._section, head, self._ring)
         return path
 
     def finish(self) -> Recorded:
@@ -121,18 +176,18 @@ class RecorderThread:
         Raises:
             OSError: there is none, or its end cannot be written.
         """
-        if self._named is None:
+        if self._manual is None:
             raise FileNotFoundError("nothing is being recorded")
-        named, self._named = self._named, None
+        manual, self._manual = self._manual, None
         try:
-            return named.close()
+            return manual.close()
         except OSError:
-            named.abandon()
+            manual.abandon()
             raise
 
     def keep(self, why: str) -> None:
         """Keep the last minutes, after a fault."""
-        self._guarded.keep(why)
+        self._retrying.keep(why)
 
     def end(self) -> None:
         """Finish everything, then end the thread."""
@@ -142,15 +197,15 @@ class RecorderThread:
 
     def _run(self) -> None:
         try:
-            self._guarded.recover_crashed()
+            self._retrying.recover_crashed()
             while not self._ended:
                 self.heartbeat.beat(TURN_S)
                 items = self._queue.take()
                 begun_s = time.monotonic()
                 for item in items:
                     self._take(item)
-                    if time.monotonic() - begun_s > LONGEST_S:
-                        time.sleep(PAUSE_S)
+                    if time.monotonic() - begun_s > MAX_SLICE_S:
+                        time.sleep(YIELD_S)
                         begun_s = time.monotonic()
                 now_s = time.monotonic()
                 if now_s - self._flushed_s >= self._section.flush_s:
@@ -160,76 +215,80 @@ class RecorderThread:
         except Exception as error:
             log.exception("fault in the recorder")
             self._flight.abandon()
-            self._tell(Told(flight_failed=f"fault in the recorder: {error!r}"))
-            if self._named is not None:
-                self._stop_named(error)
+            self._notify(
+                RecorderNotification(flight_failed=f"fault in the recorder: {error!r}")
+            )
+            if self._manual is not None:
+                self._stop_manual(error)
             self._refuse_rest()
         finally:
             self.heartbeat.idle()
 
-    def _take(self, item: Item) -> None:
+    def _take(self, item: RecorderItem) -> None:
         if item.kind == "job":
             item.value()
             return
         if item.kind == "state":
             self._ring.begin_segment(item.at_ns)
-            utc_ns = item.at_ns + self._maker.utc_offset_ns
-            self._guarded.do(
+            utc_ns = item.at_ns + self._encoder.utc_offset_ns
+            self._retrying.run(
                 lambda: self._flight.begin_segment(item.at_ns, utc_ns, self._files)
             )
-        elif isinstance(item.value, Scan) and self._named is None:
+        elif isinstance(item.value, Scan) and self._manual is None:
             return  # as a cloud it is for recordings with a name only
         elif item.kind == "gap":
             self._ring.clear()
-            if self._named is not None:
-                self._named.record_gap()
+            if self._manual is not None:
+                self._manual.record_gap()
         elif item.kind == "files":
             self._take_files(item.value["files"])
-            item = Item("files", item.at_ns, value={"probe": item.value["probe"]})
-        for entry in self._maker.entries(item):
+            item = RecorderItem(
+                "files", item.at_ns, value={"probe": item.value["probe"]}
+            )
+        for entry in self._encoder.entries(item):
             self._record(entry)
 
     def _take_files(self, files: Mapping[str, bytes]) -> None:
         self._files = dict(files)
         self._ring.clear()  # what is in it was made with other files
         for name, content in files.items():
-            self._guarded.do(partial(self._flight.attach, name, content))
-            self._in_named(methodcaller("attach", name, content))
+            self._retrying.run(partial(self._flight.attach, name, content))
+            self._in_manual(methodcaller("attach", name, content))
         self._flight.end_segment()
 
     def _record(self, entry: Entry) -> None:
         self._ring.add(entry)
-        self._guarded.do(lambda: self._flight.add(entry))
-        self._in_named(lambda named: named.add(entry))
+        self._retrying.run(lambda: self._flight.add(entry))
+        self._in_manual(lambda manual: manual.add(entry))
 
     def _flush(self, now_s: float) -> None:
-        self._guarded.retry(now_s)
+        self._retrying.retry(now_s)
 
         def flush_flight() -> None:
             self._check_room()
             self._flight.flush()
 
-        def flush_named(named: ManualRecording) -> None:
+        def flush_manual(manual: ManualRecording) -> None:
             self._check_room()
-            named.flush()
+            manual.flush()
 
-        self._guarded.do(flush_flight)
-        self._in_named(flush_named)
+        self._retrying.run(flush_flight)
+        self._in_manual(flush_manual)
 
-    def _in_named(self, act: Callable[[ManualRecording], object]) -> None:
-        if self._named is None:
+    def _in_manual(self, act: Callable[[ManualRecording], object]) -> None:
+        if self._manual is None:
             return
         try:
-            act(self._named)
+            act(self._manual)
         except OSError as error:
-            self._stop_named(error)
+            self._stop_manual(error)
 
-    def _stop_named(self, error: Exception) -> None:
-        named, recorded = self._named, self.recorded
-        self._named = None
-        if named is not None:
-            named.abandon()
-        self._tell(Told(stopped=(recorded, reason_of(error))))
+    def _stop_manual(self, error: Exception) -> None:
+        manual, recorded = self._manual, self.recorded
+        self._manual = None
+        if manual is not None:
+            manual.abandon()
+        self._notify(RecorderNotification(stopped=(recorded, reason_of(error))))
 
     def _check_room(self) -> None:
         """See that others, above all the outbox, find room on the disk, too."""
@@ -243,13 +302,15 @@ class RecorderThread:
             )
 
     def _close(self) -> None:
-        self._guarded.do(self._flight.close)
-        if self._named is not None:
+        self._retrying.run(self._flight.close)
+        if self._manual is not None:
             try:
                 recorded: Recorded | None = self.finish()
-                self._tell(Told(stopped=(recorded, "the daemon ends")))
+                self._notify(
+                    RecorderNotification(stopped=(recorded, "the daemon ends"))
+                )
             except OSError as error:
-                self._tell(Told(stopped=(None, reason_of(error))))
+                self._notify(RecorderNotification(stopped=(None, reason_of(error))))
 
     def _refuse_rest(self) -> None:
         """After a fault: nobody who asks must wait for ever."""

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from traverse.daemon.recorder.encoding import STEPS
+from traverse.daemon.recorder.file import STEPS
 from traverse.daemon.recorder.recorded_inputs import read_recorded_inputs
 from traverse.daemon.recorder.snapshot import WARM_UP_NS
 from traverse.daemon.replay.compare import PointComparison, ScanComparison

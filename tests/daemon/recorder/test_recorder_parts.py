@@ -5,8 +5,8 @@ import numpy as np
 from tests.daemon.recorder.recorded_runs import IDENTITIES
 from tests.daemon.values import SetClock
 from traverse.daemon.frozen_clock import JITTER_NS, LOOK_NS, FrozenClock
-from traverse.daemon.recorder.item_queue import Item, RecorderQueue
-from traverse.daemon.recorder.pre_trigger_buffer import PreTriggerBuffer
+from traverse.daemon.recorder.file import PreTriggerBuffer
+from traverse.daemon.recorder.item_queue import RecorderItem, RecorderQueue
 from traverse.daemon.recorder.snapshot import WARM_UP_NS, DeviceSnapshot
 from traverse.drivers.base.values import (
     CountSamples,
@@ -32,15 +32,15 @@ def test_the_queue_is_bounded_by_items_and_bytes_but_takes_jobs():
         np.zeros((50, 7), np.uint32),
         np.zeros((50, 7), np.uint8),
     )
-    assert queue.put(Item("delivered", 0, "samples", samples))
-    assert queue.put(Item("delivered", 0, "samples", samples))
-    assert not queue.put(Item("delivered", 0, "samples", samples))
-    assert queue.put(Item("passed", 0))
-    assert not queue.put(Item("passed", 0))
-    assert queue.put(Item("job", 0, value=lambda: None))
+    assert queue.put(RecorderItem("delivered", 0, "samples", samples))
+    assert queue.put(RecorderItem("delivered", 0, "samples", samples))
+    assert not queue.put(RecorderItem("delivered", 0, "samples", samples))
+    assert queue.put(RecorderItem("passed", 0))
+    assert not queue.put(RecorderItem("passed", 0))
+    assert queue.put(RecorderItem("job", 0, value=lambda: None))
     assert queue.dropped == 2
     assert len(queue.take()) == 4
-    assert queue.put(Item("passed", 0))
+    assert queue.put(RecorderItem("passed", 0))
 
 
 def test_the_ring_begins_with_a_state_that_is_old_enough():

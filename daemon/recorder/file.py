@@ -1,0 +1,236 @@
+"""Parts of a recording: its messages, the seconds before it, the file itself."""
+
+import time
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from traverse.daemon.config.schema import RecordingSection
+from traverse.daemon.recorder.item_queue import RecorderItem
+from traverse.daemon.recorder.snapshot import WARM_UP_NS
+from traverse.drivers.base.delivery_maps import delivery_to_map
+from traverse.protocol.messages import Event, Point, Scan
+from traverse.recording.maps import map_to_bytes
+from traverse.recording.run_writer import Entry, RunHead, RunWriter
+from traverse.recording.views import (
+    cloud_to_bytes,
+    log_to_bytes,
+    point_to_bytes,
+    pose_to_bytes,
+)
+
+STEPS = "steps"
+MOST_BYTES = 32 << 20
+
+
+class RecordingEncoder:
+    """Encode items as messages of a recording, in order.
+
+    Args:
+        utc_offset_ns: what to add to host monotonic time.
+    """
+
+    def __init__(self, utc_offset_ns: int) -> None:
+        self.utc_offset_ns = utc_offset_ns
+
+    def entries(self, item: RecorderItem) -> Iterator[Entry]:
+        """The messages of one item."""
+        if item.kind == "published":
+            yield from self._published(item)
+            return
+        if item.kind == "related":
+            self.utc_offset_ns = item.value
+        if item.kind == "delivered":
+            topic = f"device/{item.value.device}/{item.what}"
+            table = {"at_ns": item.at_ns, **delivery_to_map(item.value)}
+        else:
+            topic = STEPS
+            table = {"at_ns": item.at_ns, "is": item.kind}
+            if item.what:
+                table["what"] = item.what
+            if item.value is not None:
+                table["value"] = item.value
+        yield Entry(topic, item.at_ns + self.utc_offset_ns, map_to_bytes(table))
+
+    def _published(self, item: RecorderItem) -> Iterator[Entry]:
+        message, log_ns = item.value, item.at_ns + self.utc_offset_ns
+        match message:
+            case Point():
+                yield Entry("point", log_ns, point_to_bytes(message))
+                if message.retracts is None:
+                    yield Entry("pose", log_ns, pose_to_bytes(message))
+            case Scan():
+                yield Entry("cloud", log_ns, cloud_to_bytes(message))
+            case Event():
+                yield Entry("log", log_ns, log_to_bytes(message))
+
+
+@dataclass(slots=True)
+class _Segment:
+    """What came since a state: the bytes of all messages, and where each ends."""
+
+    begun_ns: int
+    content: bytearray = field(default_factory=bytearray)
+    ends: list[tuple[str, int, int]] = field(default_factory=list)
+
+    def add(self, entry: Entry) -> None:
+        self.content += entry.content
+        self.ends.append((entry.topic, entry.log_ns, len(self.content)))
+
+    def __iter__(self) -> Iterator[Entry]:
+        begin = 0
+        for topic, log_ns, end in self.ends:
+            yield Entry(topic, log_ns, bytes(self.content[begin:end]))
+            begin = end
+
+
+class PreTriggerBuffer:
+    """Messages since the last state that is old enough to start a recording.
+
+    Their bytes are put one behind the other. Kept one by one, for some seconds each,
+    between all that is allocated and freed meanwhile, they would leave a heap of holes.
+    """
+
+    def __init__(self, most_bytes: int = MOST_BYTES) -> None:
+        self._most_bytes = most_bytes
+        self._segments: deque[_Segment] = deque()
+        self._n_bytes = 0
+
+    def begin_segment(self, at_ns: int) -> None:
+        """The next message is a state."""
+        segments = self._segments
+        segments.append(_Segment(at_ns))
+        while len(segments) > 1 and segments[1].begun_ns <= at_ns - WARM_UP_NS:
+            self._drop_oldest()
+
+    def add(self, entry: Entry) -> None:
+        """Remember a message; those of scans and before the first state are not."""
+        if entry.topic == "cloud" or not self._segments:
+            return
+        self._segments[-1].add(entry)
+        self._n_bytes += len(entry.content)
+        while self._n_bytes > self._most_bytes and self._segments:
+            self._drop_oldest()
+
+    def clear(self) -> None:
+        """Forget all: something is missing, or the files are others."""
+        self._segments.clear()
+        self._n_bytes = 0
+
+    def __iter__(self) -> Iterator[Entry]:
+        for segment in self._segments:
+            yield from segment
+
+    def __bool__(self) -> bool:
+        return bool(self._segments)
+
+    def _drop_oldest(self) -> None:
+        self._n_bytes -= len(self._segments.popleft().content)
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """What there is of a recording.
+
+    Attributes:
+        path: of the file.
+        n_bytes: how long the file is.
+        messages: how many it has.
+        seconds: how long it took.
+        gaps: how often something is missing in it.
+    """
+
+    name: str
+    path: Path
+    n_bytes: int
+    messages: int
+    seconds: float
+    gaps: int
+
+
+class ManualRecording:
+    """Write a recording that was requested by name.
+
+    Args:
+        path: of the file; it must not be there yet.
+        name: what it is called.
+        section: of the configuration.
+        head: what stands at its beginning.
+        before: the seconds before it was requested.
+
+    Raises:
+        OSError: it cannot be written; from all methods.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        name: str,
+        section: RecordingSection,
+        head: RunHead,
+        before: Iterable[Entry],
+    ) -> None:
+        if path.exists():
+            raise FileExistsError(f"{path} is there already")
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        self._name = name
+        self._section = section
+        self._begun_s = time.monotonic()
+        self._messages = 0
+        self._gaps = 0
+        self._writer = RunWriter(path, head)
+        for entry in before:
+            self.add(entry)
+        self._writer.flush()
+
+    @property
+    def recorded(self) -> Recorded:
+        """What there is of it so far."""
+        return Recorded(
+            self._name,
+            self._writer.path,
+            self._writer.path.stat().st_size,
+            self._messages,
+            time.monotonic() - self._begun_s,
+            self._gaps,
+        )
+
+    def add(self, entry: Entry) -> None:
+        """Record a message."""
+        self._writer.add(entry)
+        self._messages += 1
+
+    def record_gap(self) -> None:
+        """Something is missing from here on, which is told in the file."""
+        self._gaps += 1
+
+    def attach(self, name: str, content: bytes) -> None:
+        """Add a file that is in force from now on."""
+        self._writer.attach(name, content)
+
+    def flush(self) -> None:
+        """Hand all to the operating system, or to the disk.
+
+        Raises:
+            OSError: it cannot be written, or has become too long.
+        """
+        self._writer.flush(sync=self._section.sync)
+        if self._writer.n_bytes > self._section.max_mb << 20:
+            raise OSError(f"it is longer than max_mb, {self._section.max_mb} MB")
+
+    def close(self) -> Recorded:
+        """Finish the file; gives what it has become."""
+        self._writer.close(sync=True)
+        return self.recorded
+
+    def abandon(self) -> None:
+        """Leave it as it is, after a failure."""
+        self._writer.abandon()
+
+
+def recording_head(
+    about: Mapping[str, str], files: Mapping[str, bytes], **more: str
+) -> RunHead:
+    """What stands at the beginning of a recording with a name."""
+    return RunHead({**about, **more, "cause": "asked"}, files)
