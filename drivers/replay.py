@@ -34,7 +34,14 @@ LOOK_S = 0.05
 
 
 class ReplayOptions(DriverOptions):
-    """What the table of a recording may say."""
+    """Options of the driver `replay`.
+
+    Attributes:
+        file: a recording of a daemon.
+        source: id of the device in it; None: the same.
+        speed: how much faster than then.
+        repeat: begin anew at its end.
+    """
 
     file: str = Field(min_length=1)
     source: str | None = Field(default=None, pattern=r"^[A-Za-z0-9_-]+$")
@@ -48,36 +55,24 @@ class ReplayOptions(DriverOptions):
 
 
 class ReplayDriver(Driver):
-    """Plays one device of a recording.
+    """Plays one device of a recording."""
 
-    Args:
-        device: id in the configuration.
-        delivery_queue: where deliveries go.
-        file: a recording of a daemon.
-        source: id of the device in it; None: the same.
-        speed: how much faster than then.
-        repeat: begin anew at its end.
-        monotonic_ns: the host's clock.
-    """
-
-    options = ReplayOptions
+    options: ReplayOptions
+    options_class = ReplayOptions
 
     def __init__(
         self,
         device: str,
+        options: ReplayOptions,
         delivery_queue: DeliveryQueue,
         *,
-        file: str,
-        source: str | None = None,
-        speed: float = 1.0,
-        repeat: bool = False,
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        super().__init__(device, delivery_queue, monotonic_ns)
-        self._path = Path(file)
-        self._source = source or device
-        self._speed = speed
-        self._repeat = repeat
+        super().__init__(device, options, delivery_queue, monotonic_ns=monotonic_ns)
+        self._path = Path(options.file)
+        self._source = options.source or device
+        self._speed = options.speed
+        self._repeat = options.repeat
         self._reader: RunReader | None = None
         self._is_played = False
         self._began: tuple[int, int] | None = None

@@ -11,6 +11,7 @@ import argparse
 import multiprocessing
 import tempfile
 import threading
+from contextlib import nullcontext
 from dataclasses import dataclass
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -46,6 +47,7 @@ from traverse.drivers.base.values import (
     LatchedCounts,
     StreamStarted,
 )
+from traverse.drivers.io.ports import PortAccess
 from traverse.kinematics.fits import fit_sphere_of_radius
 from traverse.simulator.clock import MonotonicClock
 
@@ -158,12 +160,11 @@ def measured_virtually(
 
     given: dict[str, Any] = {"monotonic_ns": now.monotonic_ns}
     if make.is_polled:
-        given |= {"wait_for": now.wait_for, "open_port": open_port}
-    if len(cables) > 1:
-        given["wait_any"] = now.wait_for_any
+        given["ports"] = PortAccess(open_port, now.wait_for, now.wait_for_any)
     taker = Taker(min(make.asked_hz, asked_hz), now.over)
     taker.driver = make.driver(taker, folder, **given)
-    with patch(f"{type(taker.driver).__module__}.SerialPort", open_port):
+    patched = f"{type(taker.driver).__module__}.SerialPort"
+    with nullcontext() if make.is_polled else patch(patched, open_port):
         played(taker.driver, now.over)
     return judged(stage, taker.all, FIRST_NS)
 

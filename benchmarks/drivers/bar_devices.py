@@ -68,13 +68,14 @@ class Make:
         self, delivery_queue: DeliveryQueue, folder: Path, **more: object
     ) -> Driver:
         """A driver that reads them; more of what it is made with may be given."""
-        options = {**self.options, **more}
+        options = dict(self.options)
         if "port" in options:
             options["port"] = str(folder / options["port"])
         if "ports" in options:
             options["ports"] = tuple(str(folder / port) for port in options["ports"])
         make: Callable[..., Driver] = driver_class(self.name)
-        return make(self.name, delivery_queue, **options)
+        valid = driver_class(self.name).options_class(**options)
+        return make(self.name, valid, delivery_queue, **more)
 
 
 MAKES = (

@@ -30,6 +30,7 @@ from traverse.drivers.base.values import (
     StreamStarted,
 )
 from traverse.drivers.canopen.driver import CanOpenDriver
+from traverse.drivers.canopen.options import CanOpenOptions
 from traverse.drivers.canopen.sync_cycles import SyncCycleAssembler
 
 NODES = (1, 2, 3, 4, 5, 6, 7)
@@ -138,11 +139,8 @@ async def measure(seconds: float, sync: str) -> list[str]:
     delivery_queue = DeliveryQueue(asyncio.get_running_loop())
     driver = CanOpenDriver(
         "arm",
+        CanOpenOptions(channel=CHANNEL, interface="virtual", nodes=NODES, sync=sync),
         delivery_queue,
-        channel=CHANNEL,
-        interface="virtual",
-        nodes=NODES,
-        sync=sync,
     )
     taken: list[object] = []
     with CheapNodes(CHANNEL, NODES) as nodes, driver:

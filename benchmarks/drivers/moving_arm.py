@@ -23,7 +23,9 @@ from benchmarks.tools.virtual_time import (
 )
 from traverse.daemon.pose.arm_model import ArmModel, read_model
 from traverse.drivers.amt21.driver import Amt21Driver
+from traverse.drivers.amt21.options import Amt21Options
 from traverse.drivers.base.values import Delivery
+from traverse.drivers.io.ports import PortAccess
 from traverse.simulator.arm.trajectory import Trajectory, spline_pieces
 from traverse.simulator.clock import MonotonicClock
 from traverse.simulator.config import SimulatorConfig
@@ -142,12 +144,10 @@ def read_virtually(
     straight = Straight(now.over)
     driver = Amt21Driver(
         "base",
+        Amt21Options(port="line", addresses=ADDRESSES),
         straight,
-        port="line",
-        addresses=ADDRESSES,
         monotonic_ns=now.monotonic_ns,
-        wait_for=now.wait_for,
-        open_port=cable.open_port,
+        ports=PortAccess(wait_for_wake=now.wait_for, open=cable.open_port),
     )
     driver.request_stream(case.rate_hz)
     played(driver, now.over)
@@ -168,7 +168,7 @@ def read_really(arm: Moving, case: Case, seconds: float) -> tuple[list[Delivery]
     over = threading.Event()
     straight = Straight(over)
     port = str(arm.mounting.folder / "line")
-    driver = Amt21Driver("base", straight, port=port, addresses=ADDRESSES)
+    driver = Amt21Driver("base", Amt21Options(port=port, addresses=ADDRESSES), straight)
     driver.request_stream(case.rate_hz)
     with driver:
         over.wait(seconds)

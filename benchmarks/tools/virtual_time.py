@@ -108,7 +108,9 @@ class Cable:
         self.plugged = True
         time.cables.append(self)
 
-    def open_port(self, path: str, baud_rate: int, wake_fd: int) -> "HostEnd":
+    def open_port(
+        self, path: str, baud_rate: int, wake_fd: int, **line: object
+    ) -> "HostEnd":
         """The driver's end; for its ``open_port``."""
         del baud_rate, wake_fd
         if not self.plugged:

@@ -84,8 +84,7 @@ class Device:
 def open_device(section: DeviceSection, loop: asyncio.AbstractEventLoop) -> Device:
     """The device that a configuration asks for; its driver is not yet started."""
     delivery_queue = DeliveryQueue(loop)
-    options: dict[str, Any] = section.options
-    driver = driver_class(section.driver)(section.id, delivery_queue, **options)
+    driver = driver_class(section.driver)(section.id, section.options, delivery_queue)
     return Device(section, delivery_queue, driver)
 
 

@@ -32,9 +32,10 @@ class DeviceSection(DriverOptions, StrictModel):
         return section_class(str(name))
 
     @property
-    def options(self) -> dict[str, Any]:
-        """What the driver is told, by name."""
-        return {name: value for name, value in self if name not in ("id", "driver")}
+    def options(self) -> DriverOptions:
+        """Options of the driver, which were validated with this table."""
+        options = {name: value for name, value in self if name not in ("id", "driver")}
+        return driver_class(self.driver).options_class.model_construct(**options)
 
 
 class UnavailableDriverSection(DeviceSection):
@@ -58,7 +59,7 @@ class UnavailableDriverSection(DeviceSection):
 def section_class(driver: str) -> type[DeviceSection]:
     """The class of the tables of a driver."""
     try:
-        options = driver_class(driver).options
+        options = driver_class(driver).options_class
     except (KeyError, DriverUnavailableError):
         return UnavailableDriverSection
     bases: tuple[type[Any], ...] = (DeviceSection, options)

@@ -103,7 +103,7 @@ class ReplayHarness:
             section.id: Device(
                 section,
                 DeliveryQueue(loop),
-                ReplayDriver(section.id, DeliveryQueue(loop)),
+                ReplayDriver(section.id, section.options, DeliveryQueue(loop)),
             )
             for section in configuration.device
         }

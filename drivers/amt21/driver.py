@@ -8,21 +8,13 @@ of a multi-turn encoder change where its position passes 0.
 
 import time
 from collections.abc import Callable, Sequence
-from typing import Literal
-
-from pydantic import Field, field_validator
 
 from traverse.drivers.amt21.line import Amt21Line, TimedValue
+from traverse.drivers.amt21.options import Amt21Options
 from traverse.drivers.base.delivery_queue import DeliveryQueue
-from traverse.drivers.base.options import DriverOptions
-from traverse.drivers.io.byte_port import BytePort, OpenPort
-from traverse.drivers.io.serial_port import SerialPort
+from traverse.drivers.io.ports import SERIAL_PORTS, BytePort, PortAccess
 from traverse.drivers.polling.channel import EncoderReading, PolledChannel, ReadError
-from traverse.drivers.polling.polled_driver import (
-    PolledDriver,
-    WaitForWake,
-    wait_for_wake,
-)
+from traverse.drivers.polling.polled_driver import PolledDriver
 from traverse.protocol import amt21
 
 TURNS_CHECK_NS = 1_000_000_000  # in between, whole turns are counted by the host
@@ -39,111 +31,53 @@ TURNS_UNSTEADY = ReadError(
 )
 
 
-class Amt21Options(DriverOptions):
-    """What the table of a line with AMT21 encoders may say."""
-
-    port: str = Field(min_length=1)
-    baud_rate: int = Field(default=2_000_000, ge=9600, le=2_000_000)
-    addresses: tuple[int, ...] = Field(min_length=1, max_length=32)
-    bits: Literal[12, 14] = 14
-    turns: bool = False
-    echo: Literal["auto", "yes", "no"] = "auto"
-    answer_timeout_s: float = Field(default=0.005, ge=0.001, le=1.0)
-    max_rate_hz: float = Field(default=2000.0, ge=1.0, le=5000.0)
-    max_speed_rad_s: float = Field(default=20.0, ge=1.0, le=1000.0)
-
-    @field_validator("addresses")
-    @classmethod
-    def _check_addresses(cls, addresses: tuple[int, ...]) -> tuple[int, ...]:
-        for address in addresses:
-            if not amt21.is_address(address):
-                raise ValueError(
-                    f"{address:#04x} is no address of an AMT21; expected multiples "
-                    "of 4, from 0x04 to 0xFC"
-                )
-            if addresses.count(address) > 1:
-                raise ValueError(f"{address:#04x} is given twice")
-        return addresses
-
-
 class Amt21Driver(PolledDriver):
-    """Encoders on one line; channel i is the one with address i of ``addresses``.
+    """Encoders on one line; channel i is the one with address i of ``addresses``."""
 
-    Args:
-        device: id in the configuration.
-        delivery_queue: where deliveries go.
-        port: path of the serial port.
-        addresses: of the encoders.
-        baud_rate: of the line.
-        bits: resolution of the encoders, 12 or 14.
-        turns: they count whole turns, which are to be read too.
-        echo: whether the adapter gives back what is sent.
-        answer_timeout_s: within which a reply comes through the adapter.
-        max_rate_hz: no faster stream is offered.
-        max_speed_rad_s: no joint turns faster.
-        monotonic_ns: the host's clock.
-        wait_for: waits for the next instant.
-        open_port: opens the line.
-    """
-
-    options = Amt21Options
+    options: Amt21Options
+    options_class = Amt21Options
 
     def __init__(
         self,
         device: str,
+        options: Amt21Options,
         delivery_queue: DeliveryQueue,
         *,
-        port: str,
-        addresses: Sequence[int],
-        baud_rate: int = 2_000_000,
-        bits: Literal[12, 14] = 14,
-        turns: bool = False,
-        echo: Literal["auto", "yes", "no"] = "auto",
-        answer_timeout_s: float = 0.005,
-        max_rate_hz: float = 2000.0,
-        max_speed_rad_s: float = 20.0,
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
-        wait_for: WaitForWake = wait_for_wake,
-        open_port: OpenPort = SerialPort,
+        ports: PortAccess = SERIAL_PORTS,
     ) -> None:
         super().__init__(
-            device,
-            delivery_queue,
-            max_rate_hz=max_rate_hz,
-            monotonic_ns=monotonic_ns,
-            wait_for=wait_for,
+            device, options, delivery_queue, monotonic_ns=monotonic_ns, ports=ports
         )
-        self._path = port
-        self._addresses = tuple(addresses)
-        self._baud_rate = baud_rate
-        self._bits = bits
-        self._turns = turns
-        self._echo = echo
-        self._timeout_s = answer_timeout_s
-        self._max_speed_rad_s = max_speed_rad_s
-        self._open_port = open_port
+        self._addresses = options.addresses
+        self._bits = options.bits
+        self._turns = options.turns
         self._port: BytePort | None = None
         self._line: Amt21Line | None = None
-        self._turns_checked_ns = [0] * len(addresses)
+        self._turns_checked_ns = [0] * len(options.addresses)
         self._unrequested_before = 0
 
     def _open(self) -> tuple[str, Sequence[PolledChannel]]:
-        self._port = self._open_port(self._path, self._baud_rate, self._wake_read)
+        options = self.options
+        self._port = self._ports.open(options.port, options.baud_rate, self._wake_read)
         self._line = Amt21Line(
-            self._port, self._now_ns, self._timeout_s, echoed=self._echo == "yes"
+            self._port,
+            self._now_ns,
+            options.answer_timeout_s,
+            echoed=options.echo == "yes",
         )
-        if self._echo == "auto":
+        if options.echo == "auto":
             self._line.find_echo(self._addresses)
         modulus = 1 << self._bits
         if self._turns:
             modulus <<= amt21.VALUE_BITS
-        name = f"{len(self._addresses)} AMT21 encoders on {self._path}"
+        name = f"{len(self._addresses)} AMT21 encoders on {options.port}"
         return name, [
             PolledChannel(
                 f"encoder {address:#04x}",
                 modulus,
                 1 << self._bits,
-                self._max_speed_rad_s,
+                options.max_speed_rad_s,
             )
             for address in self._addresses
         ]
@@ -219,7 +153,7 @@ class Amt21Driver(PolledDriver):
     def _turns_are_due(self, channel: int, last_ns: int) -> bool:
         """Long ago, or the shaft may have made half a turn unseen."""
         now_ns = self._now_ns()
-        half_turn_ns = 3.14 / self._max_speed_rad_s * 1e9
+        half_turn_ns = 3.14 / self.options.max_speed_rad_s * 1e9
         checked_ns = self._turns_checked_ns[channel]
         return now_ns - checked_ns > TURNS_CHECK_NS or now_ns - last_ns > half_turn_ns
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from traverse.drivers.base.values import DeviceError
-from traverse.drivers.io.byte_port import BytePort
+from traverse.drivers.io.ports import BytePort
 from traverse.drivers.polling.channel import ReadError
 from traverse.protocol import amt21
 

@@ -42,28 +42,30 @@ CLOSE_S = 10.0
 class Driver(ABC):
     """A device being read. Use as a context manager, or `start` and `close`.
 
-    A child's constructor takes these arguments and, by name, its options.
-
     Args:
         device: id in the configuration.
+        options: what its table in the configuration says.
         delivery_queue: where deliveries go.
         monotonic_ns: the host's clock.
 
     Attributes:
-        options: what its table in the configuration may say.
+        options_class: what its table in the configuration may say.
         heartbeat: the reader thread's signs of life.
         thread: the reader thread.
     """
 
-    options: ClassVar[type[DriverOptions]]
+    options_class: ClassVar[type[DriverOptions]]
 
     def __init__(
         self,
         device: str,
+        options: DriverOptions,
         delivery_queue: DeliveryQueue,
+        *,
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self.device = device
+        self.options = options
         self._delivery_queue = delivery_queue
         self._now_ns = monotonic_ns
         self._counters: Counter[str] = Counter()

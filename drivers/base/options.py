@@ -6,7 +6,7 @@ from pydantic import BaseModel, ConfigDict
 class DriverOptions(BaseModel):
     """Options of one driver: flat keys, with units in their names and with bounds.
 
-    Each driver has a child of it, and takes the same names in its constructor.
+    Each driver has a child of it, which is validated here once, and is frozen.
     """
 
     model_config = ConfigDict(

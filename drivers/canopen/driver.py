@@ -38,27 +38,20 @@ COALESCE_S = 0.001  # on a fast stream a read takes what so long brings
 
 
 class CanOpenDriver(Driver):
-    """Encoders on one bus; channel i is ``nodes[i]``.
+    """Encoders on one bus; channel i is ``nodes[i]``."""
 
-    Args:
-        device: id in the configuration.
-        delivery_queue: where deliveries go.
-        monotonic_ns: the host's clock.
-        options: as in `CanOpenOptions`, which has the defaults.
-    """
-
-    options = CanOpenOptions
+    options: CanOpenOptions
+    options_class = CanOpenOptions
 
     def __init__(
         self,
         device: str,
+        options: CanOpenOptions,
         delivery_queue: DeliveryQueue,
         *,
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
-        **options: object,
     ) -> None:
-        super().__init__(device, delivery_queue, monotonic_ns)
-        self._options = CanOpenOptions.model_validate(options)
+        super().__init__(device, options, delivery_queue, monotonic_ns=monotonic_ns)
         # Written by the service, read by the thread.
         self._rate_hz = 0.0
         self._streams_wanted = 0
@@ -81,7 +74,7 @@ class CanOpenDriver(Driver):
     # -- in the driver's thread ------------------------------------------------
 
     def _connect(self) -> None:
-        options = self._options
+        options = self.options
         bus = CanBus(
             options.interface,
             options.channel,
@@ -219,8 +212,8 @@ class CanOpenDriver(Driver):
         self._stream += 1
         cycles.restart(self._stream)
         if (
-            self._options.sync == "external"
+            self.options.sync == "external"
         ):  # these SYNCs cannot be held back to be sure
-            cycles.reset_attribution((1 << len(self._options.nodes)) - 1)
+            cycles.reset_attribution((1 << len(self.options.nodes)) - 1)
         self._deliver_state(StreamStarted(self.device, self._stream, rate_hz))
         scheduler.start(rate_hz)

@@ -39,33 +39,21 @@ BATCH_WINDOW_WITH_EDGES_NS = 5_000_000
 
 
 class LatchBoardDriver(Driver):
-    """A board that latches all encoders of an arm at one instant.
+    """A board that latches all encoders of an arm at one instant."""
 
-    Args:
-        device: id in the configuration.
-        delivery_queue: where deliveries go.
-        port: path of the serial port.
-        baud_rate: of the line.
-        debounce_us: how long an input must hold its new level.
-        monotonic_ns: the host's clock.
-    """
-
-    options = LatchBoardOptions
+    options: LatchBoardOptions
+    options_class = LatchBoardOptions
 
     def __init__(
         self,
         device: str,
+        options: LatchBoardOptions,
         delivery_queue: DeliveryQueue,
         *,
-        port: str,
-        baud_rate: int = 1_000_000,
-        debounce_us: int = 5000,
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        super().__init__(device, delivery_queue, monotonic_ns)
-        self._path = port
-        self._baud_rate = baud_rate
-        self._debounce_us = debounce_us
+        super().__init__(device, options, delivery_queue, monotonic_ns=monotonic_ns)
+        self._path = options.port
         # Written by the service, read by the thread: what is wanted of the board.
         self._rate_hz = 0.0
         self._streams_wanted = 0
@@ -111,7 +99,7 @@ class LatchBoardDriver(Driver):
     # -- in the reader thread -------------------------------------------------
 
     def _connect(self) -> None:
-        self._port = SerialPort(self._path, self._baud_rate, self._wake_read)
+        self._port = SerialPort(self._path, self.options.baud_rate, self._wake_read)
         line = self._line = LatchBoardLine(
             self._port, self._now_ns, self._dispatch, lambda: self._stopping
         )
@@ -128,7 +116,11 @@ class LatchBoardDriver(Driver):
         line.ask(
             "CONFIGURE",
             lambda number: wire.configure_request(
-                number, ALL_INPUTS, heartbeat_ms, TEMPERATURE_MS, self._debounce_us
+                number,
+                ALL_INPUTS,
+                heartbeat_ms,
+                TEMPERATURE_MS,
+                self.options.debounce_us,
             ),
         )
         self._deliver_state(DeviceUp(self.device, board_identity(hello), restarted))

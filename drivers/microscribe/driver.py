@@ -34,29 +34,22 @@ TELL_NS = 200_000_000
 
 
 class MicroscribeDriver(Driver):
-    """A MicroScribe; arguments behind the delivery_queue are those of its options."""
+    """A MicroScribe."""
 
-    options = MicroscribeOptions
+    options: MicroscribeOptions
+    options_class = MicroscribeOptions
 
     def __init__(
         self,
         device: str,
+        options: MicroscribeOptions,
         delivery_queue: DeliveryQueue,
         *,
-        port: str,
-        baud_rate: int = 115200,
-        report: str = "request",
-        timer_rate_hz: float = 1000.0,
-        debounce_ms: int = 20,
-        max_speed_rad_s: float = 20.0,
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        super().__init__(device, delivery_queue, monotonic_ns)
-        self._path = port
-        self._baud_rate = baud_rate
-        self._by_motion = report == "motion"
-        self._timer_rate_hz = timer_rate_hz
-        self._max_speed_rad_s = max_speed_rad_s
+        super().__init__(device, options, delivery_queue, monotonic_ns=monotonic_ns)
+        self._path = options.port
+        self._by_motion = options.report == "motion"
         # Written by the service, read by the thread: what is wanted.
         self._rate_hz = 0.0
         self._streams_wanted = 0
@@ -64,7 +57,7 @@ class MicroscribeDriver(Driver):
         self._arm: MicroscribeIdentification | None = None
         self._port: SerialPort | None = None
         self._session: MicroscribeSession | None = None
-        self._pedals = PedalDebouncer(debounce_ms * 1_000_000)
+        self._pedals = PedalDebouncer(options.debounce_ms * 1_000_000)
         self._edges = PendingPedalEdges(device, delivery_queue.put)
         self._read_errors = ReadErrorLog(device, delivery_queue.put, self._counters)
         self._losses = MicroscribeLosses(self._fault, self._counters)
@@ -85,23 +78,23 @@ class MicroscribeDriver(Driver):
     # -- in the reader thread -------------------------------------------------
 
     def _connect(self) -> None:
-        before = self._arm
+        before, options = self._arm, self.options
         opened = connect(
             lambda rate: SerialPort(self._path, rate, self._wake_read),
-            self._baud_rate,
+            options.baud_rate,
             before,
             self._now_ns,
             lambda: self._stopping,
         )
         self._port = opened.line.port
         self._session = session = MicroscribeSession(
-            opened, self._timer_rate_hz, self._max_speed_rad_s, self._now_ns
+            opened, options.timer_rate_hz, options.max_speed_rad_s, self._now_ns
         )
-        if self._timer_rate_hz and not session.timer_used:
+        if options.timer_rate_hz and not session.timer_used:
             self._fault(
                 "timer_unused",
                 f"the timer of {opened.arm.name} does not run at "
-                f"{self._timer_rate_hz:g} Hz; times are those of the exchanges",
+                f"{options.timer_rate_hz:g} Hz; times are those of the exchanges",
                 "set timer_rate_hz, or 0 not to use it",
             )
         restarted = before is not None and not opened.resumed

@@ -6,34 +6,19 @@ renew their position only every few milliseconds. Which registers say what is to
 the configuration: there is no standard.
 """
 
-import functools
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, Literal
 
 from pymodbus.exceptions import ModbusException
 
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import STATUS_ERROR, STATUS_WARNING
-from traverse.drivers.io.byte_port import BytePort, OpenPort
-from traverse.drivers.io.serial_port import SerialPort
+from traverse.drivers.io.ports import SERIAL_PORTS, BytePort, PortAccess
 from traverse.drivers.modbus.line import ModbusClient
-from traverse.drivers.modbus.options import (
-    BITS_OF_BYTE,
-    CONDITIONS,
-    FAST_SILENCE_S,
-    SILENCE_CHARACTERS,
-    ModbusEncoder,
-    ModbusOptions,
-)
+from traverse.drivers.modbus.options import CONDITIONS, ModbusOptions
 from traverse.drivers.polling.channel import EncoderReading, PolledChannel, ReadError
 from traverse.drivers.polling.condition_alarms import ConditionAlarms
-from traverse.drivers.polling.polled_driver import (
-    PolledDriver,
-    WaitForWake,
-    wait_for_wake,
-)
-from traverse.protocol.modbus import PositionRegisters
+from traverse.drivers.polling.polled_driver import PolledDriver
 
 DOUBTED_TIMEOUTS = 8  # a reply that comes later than that was not asked by us
 LATE_S = 0.002  # more than the usual exchange that a late reply is waited for
@@ -53,100 +38,65 @@ SHIFTED = ReadError(
 
 
 class ModbusDriver(PolledDriver):
-    """Encoders on one line; channel i is encoder i of ``encoders``.
+    """Encoders on one line; channel i is encoder i of ``encoders``."""
 
-    Args:
-        device: id in the configuration.
-        delivery_queue: where deliveries go.
-        port: path of the serial port.
-        encoders: tables as `ModbusEncoder` describes them.
-        baud_rate: of the line.
-        parity: of its bytes.
-        stop_bits: of its bytes.
-        echo: the adapter gives back what is sent.
-        status_period_s: so often each one's status register is read; 0 for never.
-        answer_timeout_s: within which a reply comes.
-        max_rate_hz: no faster stream is offered.
-        max_speed_rad_s: no joint turns faster.
-        monotonic_ns: the host's clock.
-        wait_for: waits for the next instant.
-        open_port: opens the line.
-    """
-
-    options = ModbusOptions
+    options: ModbusOptions
+    options_class = ModbusOptions
 
     def __init__(
         self,
         device: str,
+        options: ModbusOptions,
         delivery_queue: DeliveryQueue,
         *,
-        port: str,
-        encoders: Sequence[ModbusEncoder | dict[str, Any]],
-        baud_rate: int = 19_200,
-        parity: Literal["none", "even", "odd"] = "even",
-        stop_bits: Literal[1, 2] = 1,
-        echo: bool = False,
-        status_period_s: float = 1.0,
-        answer_timeout_s: float = 0.1,
-        max_rate_hz: float = 500.0,
-        max_speed_rad_s: float = 20.0,
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
-        wait_for: WaitForWake = wait_for_wake,
-        open_port: OpenPort | None = None,
+        ports: PortAccess = SERIAL_PORTS,
     ) -> None:
         super().__init__(
-            device,
-            delivery_queue,
-            max_rate_hz=max_rate_hz,
-            monotonic_ns=monotonic_ns,
-            wait_for=wait_for,
+            device, options, delivery_queue, monotonic_ns=monotonic_ns, ports=ports
         )
-        self._path = port
-        self._encoders = [ModbusEncoder.model_validate(e) for e in encoders]
-        self._registers = [_registers(encoder) for encoder in self._encoders]
-        self._baud_rate = baud_rate
-        self._echo = echo
-        self._timeout_s = answer_timeout_s
-        self._max_speed_rad_s = max_speed_rad_s
-        silence_s = SILENCE_CHARACTERS * BITS_OF_BYTE[parity] / baud_rate
-        self._silence_s = silence_s if baud_rate <= 19_200 else FAST_SILENCE_S
-        letters = {"none": "N", "even": "E", "odd": "O"}
-        self._open_port = open_port or functools.partial(
-            SerialPort, parity=letters[parity], stop_bits=stop_bits
-        )
-        self._let_pass = wait_for
+        self._encoders = options.encoders
+        self._registers = [encoder.registers for encoder in self._encoders]
+        self._timeout_s = options.answer_timeout_s
         self._port: BytePort | None = None
         self._client: ModbusClient | None = None
-        self._doubted_until_ns = [0] * len(encoders)
+        self._doubted_until_ns = [0] * len(self._encoders)
         self._longest_ns = 0
         self._unrequested_before = 0
         self._asks_status = [
             n for n, e in enumerate(self._encoders) if e.status_register is not None
         ]
         n_asked = max(1, len(self._asks_status))
-        self._status_ns = round(status_period_s * 1e9 / n_asked)
+        self._status_ns = round(options.status_period_s * 1e9 / n_asked)
         self._status_due_ns = 0
         self._status_turn = 0
-        self._flags = [0] * len(encoders)
+        self._flags = [0] * len(self._encoders)
         self._status = ConditionAlarms(device, delivery_queue.put, CONDITIONS)
         self._names = {
             n: f"encoder {encoder.address}" for n, encoder in enumerate(self._encoders)
         }
 
     def _open(self) -> tuple[str, Sequence[PolledChannel]]:
-        self._port = self._open_port(self._path, self._baud_rate, self._wake_read)
+        options = self.options
+        self._port = self._ports.open(
+            options.port,
+            options.baud_rate,
+            self._wake_read,
+            parity=options.parity_letter,
+            stop_bits=options.stop_bits,
+        )
         self._client = ModbusClient(
             self._port,
             self._now_ns,
             self._pass,
             timeout_s=self._timeout_s,
-            silence_s=self._silence_s,
-            echo=self._echo,
+            silence_s=options.silence_s,
+            echo=options.echo,
         )
-        name = f"{len(self._encoders)} Modbus encoders on {self._path}"
+        name = f"{len(self._encoders)} Modbus encoders on {options.port}"
         return name, [
             PolledChannel(
-                self._names[n], e.modulus, e.counts_per_turn, self._max_speed_rad_s
+                self._names[n], e.modulus, e.counts_per_turn, options.max_speed_rad_s
             )
             for n, e in enumerate(self._encoders)
         ]
@@ -240,20 +190,9 @@ class ModbusDriver(PolledDriver):
         """Let a time pass, even where something wakes this thread."""
         until_ns = self._now_ns() + round(seconds * 1e9)
         while (left_ns := until_ns - self._now_ns()) > 0:
-            self._let_pass(self._wake_read, left_ns * 1e-9)
+            self._wait_for(self._wake_read, left_ns * 1e-9)
 
     def _open_client(self) -> ModbusClient:
         if self._client is None:
             raise RuntimeError(f"the line of {self.device} is not open")
         return self._client
-
-
-def _registers(encoder: ModbusEncoder) -> PositionRegisters:
-    return PositionRegisters(
-        encoder.position_register,
-        encoder.words,
-        encoder.word_order,
-        encoder.signed,
-        encoder.scale,
-        encoder.modulus,
-    )

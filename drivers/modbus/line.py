@@ -11,7 +11,7 @@ from pymodbus.client.base import ModbusBaseSyncClient
 from pymodbus.framer import FramerType
 from pymodbus.transport import CommParams, CommType
 
-from traverse.drivers.io.byte_port import BytePort
+from traverse.drivers.io.ports import BytePort
 
 
 class ModbusClient(ModbusBaseSyncClient):

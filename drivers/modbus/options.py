@@ -4,12 +4,15 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from traverse.drivers.base.options import DriverOptions
 from traverse.drivers.polling.condition_alarms import Condition
+from traverse.drivers.polling.polled_driver import PolledOptions
+from traverse.protocol.modbus import PositionRegisters
 
-FAST_SILENCE_S = 0.00175  # between two frames above 19200 bit/s
+FIXED_SILENCE_ABOVE_BAUD = 19_200
+FAST_SILENCE_S = 0.00175  # between two frames above that
 SILENCE_CHARACTERS = 3.5
 BITS_OF_BYTE = {"none": 10, "even": 11, "odd": 11}
+PARITY_LETTERS = {"none": "N", "even": "E", "odd": "O"}
 CONDITIONS = {
     "encoder_error": Condition(
         "its position is not valid", "see the encoder's manual for its status register"
@@ -49,6 +52,18 @@ class ModbusEncoder(BaseModel):
         """Count at which it wraps to 0."""
         return self.counts_per_turn * self.turns
 
+    @property
+    def registers(self) -> PositionRegisters:
+        """Those with its position."""
+        return PositionRegisters(
+            self.position_register,
+            self.words,
+            self.word_order,
+            self.signed,
+            self.scale,
+            self.modulus,
+        )
+
     @model_validator(mode="after")
     def _check_range(self) -> "ModbusEncoder":
         if self.modulus > 2**32:
@@ -61,8 +76,18 @@ class ModbusEncoder(BaseModel):
         return self
 
 
-class ModbusOptions(DriverOptions):
-    """The line and its encoders."""
+class ModbusOptions(PolledOptions):
+    """Options of the driver `modbus`; channel i is the encoder ``encoders[i]``.
+
+    Attributes:
+        port: path of the serial port.
+        encoders: tables as `ModbusEncoder` describes them.
+        baud_rate: of the line.
+        parity: of its bytes.
+        stop_bits: of its bytes.
+        echo: the adapter gives back what is sent.
+        status_period_s: so often each one's status register is read; 0 for never.
+    """
 
     port: str = Field(min_length=1)
     encoders: tuple[ModbusEncoder, ...] = Field(min_length=1, max_length=32)
@@ -73,7 +98,6 @@ class ModbusOptions(DriverOptions):
     status_period_s: float = Field(default=1.0, ge=0.0, le=3600.0)
     answer_timeout_s: float = Field(default=0.1, ge=0.005, le=5.0)
     max_rate_hz: float = Field(default=500.0, ge=1.0, le=2000.0)
-    max_speed_rad_s: float = Field(default=20.0, ge=1.0, le=1000.0)
 
     @field_validator("encoders")
     @classmethod
@@ -85,3 +109,15 @@ class ModbusOptions(DriverOptions):
             if addresses.count(address) > 1:
                 raise ValueError(f"address {address} is given twice")
         return encoders
+
+    @property
+    def silence_s(self) -> float:
+        """Between two frames."""
+        if self.baud_rate > FIXED_SILENCE_ABOVE_BAUD:
+            return FAST_SILENCE_S
+        return SILENCE_CHARACTERS * BITS_OF_BYTE[self.parity] / self.baud_rate
+
+    @property
+    def parity_letter(self) -> str:
+        """As serial ports name it."""
+        return PARITY_LETTERS[self.parity]

@@ -6,18 +6,19 @@ instant all encoders are asked in turn. Each reading has an instant of its own, 
 instant that the line was too slow for is skipped, and is a gap in ``seq``.
 """
 
-import contextlib
-import os
-import select
 import time
 from abc import abstractmethod
 from collections import deque
 from collections.abc import Callable, Sequence
 from statistics import median
 
+from pydantic import Field
+
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import ASK_S, Driver
+from traverse.drivers.base.options import DriverOptions
 from traverse.drivers.base.values import DeviceUp, Identity, StreamStarted
+from traverse.drivers.io.ports import SERIAL_PORTS, PortAccess
 from traverse.drivers.polling.channel import EncoderReading, PolledChannel, ReadError
 from traverse.drivers.polling.read_error_log import ReadErrorLog
 from traverse.drivers.polling.sample_block import SampleBlockBuilder
@@ -34,14 +35,19 @@ DISTURBED = ReadError(
     "check termination, cable and shielding, and that there is no other master",
 )
 
-WaitForWake = Callable[[int, float], None]
 
+class PolledOptions(DriverOptions):
+    """Options of every driver that reads its encoders one after the other.
 
-def wait_for_wake(wake_fd: int, seconds: float) -> None:
-    """Wait until ``wake_fd`` has bytes, which are eaten, at most for a time."""
-    if select.select([wake_fd], [], [], seconds)[0]:
-        with contextlib.suppress(BlockingIOError):
-            os.read(wake_fd, 4096)
+    Attributes:
+        answer_timeout_s: within which a reply arrives.
+        max_rate_hz: no faster stream is offered, however fast the line.
+        max_speed_rad_s: no joint turns faster.
+    """
+
+    answer_timeout_s: float
+    max_rate_hz: float
+    max_speed_rad_s: float = Field(default=20.0, ge=1.0, le=1000.0)
 
 
 class PolledDriver(Driver):
@@ -51,24 +57,26 @@ class PolledDriver(Driver):
 
     Args:
         device: id in the configuration.
+        options: of the line and its encoders.
         delivery_queue: where deliveries go.
-        max_rate_hz: no faster stream is offered, however fast the line.
         monotonic_ns: the host's clock.
-        wait_for: waits for the next instant; another clock needs another one.
+        ports: opens ports and waits; another clock needs another one.
     """
+
+    options: PolledOptions
 
     def __init__(
         self,
         device: str,
+        options: PolledOptions,
         delivery_queue: DeliveryQueue,
         *,
-        max_rate_hz: float,
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
-        wait_for: WaitForWake = wait_for_wake,
+        ports: PortAccess = SERIAL_PORTS,
     ) -> None:
-        super().__init__(device, delivery_queue, monotonic_ns)
-        self._max_rate_hz = max_rate_hz
-        self._wait_for = wait_for
+        super().__init__(device, options, delivery_queue, monotonic_ns=monotonic_ns)
+        self._ports = ports
+        self._wait_for = ports.wait_for_wake
         # Written by the service, read by the thread: what is wanted.
         self._rate_hz = 0.0
         self._streams_wanted = 0
@@ -123,7 +131,7 @@ class PolledDriver(Driver):
         self._read_errors.raise_if_all_missing(self._channels)
         usual_ns = max(1.0, median(lengths_ns))
         fastest_hz = SHARE_OF_LINE * 1e9 / usual_ns
-        self._reached_hz = min(self._max_rate_hz, fastest_hz)
+        self._reached_hz = min(self.options.max_rate_hz, fastest_hz)
         identity = Identity(
             name,
             "",

@@ -11,7 +11,6 @@ joint can have reached.
 import contextlib
 import time
 from collections.abc import Callable, Sequence
-from typing import Literal
 
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import (
@@ -20,16 +19,10 @@ from traverse.drivers.base.values import (
     DeviceError,
     DeviceTemperatures,
 )
-from traverse.drivers.io.byte_port import BytePort, OpenPort
-from traverse.drivers.io.serial_port import SerialPort
-from traverse.drivers.io.wait_for_any import WaitForAny, wait_for_any
+from traverse.drivers.io.ports import SERIAL_PORTS, BytePort, PortAccess
 from traverse.drivers.polling.channel import EncoderReading, PolledChannel, ReadError
 from traverse.drivers.polling.condition_alarms import ConditionAlarms
-from traverse.drivers.polling.polled_driver import (
-    PolledDriver,
-    WaitForWake,
-    wait_for_wake,
-)
+from traverse.drivers.polling.polled_driver import PolledDriver
 from traverse.drivers.rls.line import SILENT, TimedPosition
 from traverse.drivers.rls.line_group import RlsLineGroup
 from traverse.drivers.rls.options import CONDITIONS, RlsOptions
@@ -39,92 +32,50 @@ LISTEN_S = 0.02  # so long it must be quiet before the first request
 
 
 class RlsDriver(PolledDriver):
-    """Encoders on ports of their own; channel i is the one on port i.
+    """Encoders on ports of their own; channel i is the one on port i."""
 
-    Args:
-        device: id in the configuration.
-        delivery_queue: where deliveries go.
-        ports: paths of the serial ports.
-        baud_rate: of all of them.
-        bits: resolution of the encoders.
-        turns: they count whole turns.
-        mode: "asked", or "continuous": the encoders answer by themselves.
-        period_us: of the continuous mode.
-        detailed: read what an encoder complains of, too.
-        temperature_period_s: so often each one's temperature is asked; 0 for never.
-        answer_timeout_s: within which a reply comes.
-        max_rate_hz: no faster stream is offered.
-        max_speed_rad_s: no joint turns faster.
-        monotonic_ns: the host's clock.
-        wait_for: waits for the next instant.
-        open_port: opens a line.
-        wait_any: waits for the first of several lines.
-    """
-
-    options = RlsOptions
+    options: RlsOptions
+    options_class = RlsOptions
 
     def __init__(
         self,
         device: str,
+        options: RlsOptions,
         delivery_queue: DeliveryQueue,
         *,
-        ports: Sequence[str],
-        baud_rate: int = 115_200,
-        bits: int = 14,
-        turns: bool = False,
-        mode: Literal["asked", "continuous"] = "asked",
-        period_us: int = 1000,
-        detailed: bool = True,
-        temperature_period_s: float = 10.0,
-        answer_timeout_s: float = 0.01,
-        max_rate_hz: float = 2000.0,
-        max_speed_rad_s: float = 20.0,
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
-        wait_for: WaitForWake = wait_for_wake,
-        open_port: OpenPort = SerialPort,
-        wait_any: WaitForAny = wait_for_any,
+        ports: PortAccess = SERIAL_PORTS,
     ) -> None:
         super().__init__(
-            device,
-            delivery_queue,
-            max_rate_hz=max_rate_hz,
-            monotonic_ns=monotonic_ns,
-            wait_for=wait_for,
+            device, options, delivery_queue, monotonic_ns=monotonic_ns, ports=ports
         )
-        self._paths = tuple(ports)
-        self._baud_rate = baud_rate
-        self._layout = rls.Layout(bits, turns)
-        self._continuous = mode == "continuous"
-        self._period_us = period_us
-        self._request = rls.DETAILED if detailed else rls.POSITION
-        self._temperature_ns = round(temperature_period_s * 1e9 / len(ports))
-        self._max_speed_rad_s = max_speed_rad_s
-        self._open_port = open_port
-        self._wait_any = wait_any
-        self._let_pass = wait_for
+        self._continuous = options.mode == "continuous"
+        self._request = rls.DETAILED if options.detailed else rls.POSITION
+        n_ports = len(options.ports)
+        self._temperature_ns = round(options.temperature_period_s * 1e9 / n_ports)
         if self._continuous:
             self._wait_for = self._listen_until
-        self._timeout_s = answer_timeout_s
         self._line_group: RlsLineGroup | None = None
         self._in_hand: set[int] = set()
         self._unrequested_before = 0
         self._status = ConditionAlarms(device, delivery_queue.put, CONDITIONS)
-        self._names = {n: f"encoder on {path}" for n, path in enumerate(ports)}
-        self._temperatures_c: list[float | None] = [None] * len(ports)
+        self._names = {n: f"encoder on {path}" for n, path in enumerate(options.ports)}
+        self._temperatures_c: list[float | None] = [None] * n_ports
         self._temperature_due_ns = 0
         self._next_temperature = 0
 
     # -- opening and closing --------------------------------------------------
 
     def _open(self) -> tuple[str, Sequence[PolledChannel]]:
+        options, layout = self.options, self.options.layout
         group = self._line_group = RlsLineGroup(
             self._opened(),
-            self._layout,
-            self._baud_rate,
-            timeout_s=self._timeout_s,
+            layout,
+            options.baud_rate,
+            timeout_s=options.answer_timeout_s,
             monotonic_ns=self._now_ns,
-            wait_any=self._wait_any,
-            wait_for=self._let_pass,
+            wait_any=self._ports.wait_for_any,
+            wait_for=self._ports.wait_for_wake,
             wake_fd=self._wake_read,
         )
         self._in_hand.clear()
@@ -140,13 +91,13 @@ class RlsDriver(PolledDriver):
         serials = ", ".join(number or "unknown" for number in found)
         if self._continuous:
             for number in self._names:
-                group.start_continuous(number, self._request, self._period_us)
-        per_turn = 1 << self._layout.bits
+                group.start_continuous(number, self._request, options.period_us)
+        per_turn = 1 << layout.bits
         modulus = per_turn
-        if self._layout.turns:
+        if layout.turns:
             modulus = min(1 << 32, modulus << rls.TURNS_BITS)
         return f"{len(found)} RLS encoders, serial numbers {serials}", [
-            PolledChannel(name, modulus, per_turn, self._max_speed_rad_s)
+            PolledChannel(name, modulus, per_turn, options.max_speed_rad_s)
             for name in self._names.values()
         ]
 
@@ -156,10 +107,10 @@ class RlsDriver(PolledDriver):
             ports = [
                 opened.enter_context(
                     contextlib.closing(
-                        self._open_port(path, self._baud_rate, self._wake_read)
+                        self._ports.open(path, self.options.baud_rate, self._wake_read)
                     )
                 )
-                for path in self._paths
+                for path in self.options.ports
             ]
             opened.pop_all()
         return ports
@@ -231,9 +182,11 @@ class RlsDriver(PolledDriver):
         line = group.lines[channel]
         if self._channels[channel].missing:
             # It may have lost power, and with it the continuous mode.
-            group.start_continuous(channel, self._request, self._period_us)
+            group.start_continuous(channel, self._request, self.options.period_us)
         if line.latest is None:
-            patience_ns = 2_000 * self._period_us + round(self._timeout_s * 1e9)
+            options = self.options
+            timeout_ns = round(options.answer_timeout_s * 1e9)
+            patience_ns = 2_000 * options.period_us + timeout_ns
             group.listen_for_reply(channel, patience_ns)
         answer, line.latest = line.latest, None
         return SILENT if answer is None else answer

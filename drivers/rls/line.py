@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from traverse.drivers.io.byte_port import BytePort
+from traverse.drivers.io.ports import BytePort
 from traverse.drivers.polling.channel import ReadError
 from traverse.protocol import rls
 

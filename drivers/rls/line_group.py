@@ -3,9 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from statistics import median
 
-from traverse.drivers.io.byte_port import BytePort
-from traverse.drivers.io.wait_for_any import WaitForAny
-from traverse.drivers.polling.polled_driver import WaitForWake
+from traverse.drivers.io.ports import BytePort, WaitForAny, WaitForWake
 from traverse.drivers.rls.line import RlsLine
 from traverse.protocol import rls
 

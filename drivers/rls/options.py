@@ -4,8 +4,8 @@ from typing import Literal
 
 from pydantic import Field, field_validator
 
-from traverse.drivers.base.options import DriverOptions
 from traverse.drivers.polling.condition_alarms import Condition
+from traverse.drivers.polling.polled_driver import PolledOptions
 from traverse.protocol import rls
 
 CONDITIONS = {
@@ -27,8 +27,19 @@ CONDITIONS = {
 }
 
 
-class RlsOptions(DriverOptions):
-    """What the table of RLS encoders may say."""
+class RlsOptions(PolledOptions):
+    """Options of the driver `rls`; channel i is the encoder on ``ports[i]``.
+
+    Attributes:
+        ports: paths of the serial ports.
+        baud_rate: of all of them.
+        bits: resolution of the encoders.
+        turns: they count whole turns.
+        mode: "asked", or "continuous": the encoders answer by themselves.
+        period_us: of the continuous mode.
+        detailed: read what an encoder complains of, too.
+        temperature_period_s: so often each one's temperature is asked; 0 for never.
+    """
 
     ports: tuple[str, ...] = Field(min_length=1, max_length=16)
     baud_rate: int = Field(default=115_200, ge=9600, le=6_000_000)
@@ -40,7 +51,6 @@ class RlsOptions(DriverOptions):
     temperature_period_s: float = Field(default=10.0, ge=0.0, le=3600.0)
     answer_timeout_s: float = Field(default=0.01, ge=0.001, le=1.0)
     max_rate_hz: float = Field(default=2000.0, ge=1.0, le=4000.0)
-    max_speed_rad_s: float = Field(default=20.0, ge=1.0, le=1000.0)
 
     @field_validator("ports")
     @classmethod
@@ -49,6 +59,11 @@ class RlsOptions(DriverOptions):
             if ports.count(port) > 1:
                 raise ValueError(f"{port} is given twice; each encoder has its own")
         return ports
+
+    @property
+    def layout(self) -> rls.Layout:
+        """Of the encoders' replies."""
+        return rls.Layout(self.bits, self.turns)
 
     @property
     def where(self) -> str:

@@ -15,10 +15,13 @@ from collections.abc import Callable, Iterator, Sequence
 from pydantic import Field, field_validator
 
 from traverse.drivers.base.delivery_queue import DeliveryQueue
-from traverse.drivers.base.options import DriverOptions
 from traverse.drivers.base.values import DeviceError, DeviceNotFoundError
 from traverse.drivers.triggers.evdev_keys import KEY_CODES, MAX_CODE
-from traverse.drivers.triggers.trigger_driver import InputChange, TriggerDriver
+from traverse.drivers.triggers.trigger_driver import (
+    InputChange,
+    TriggerDriver,
+    TriggerOptions,
+)
 from traverse.protocol.input_events import (
     KEY,
     RELEASED,
@@ -45,10 +48,15 @@ def ask_kernel(fd: int, request: int, argument: int | bytes) -> int | bytes:
     return fcntl.ioctl(fd, request, argument)
 
 
-class EvdevOptions(DriverOptions):
-    """What the table of an input device may say."""
+class EvdevOptions(TriggerOptions):
+    """Options of the driver `evdev`; ``port`` is best one below /dev/input/by-id.
 
-    port: str = Field(min_length=1)
+    Attributes:
+        keys: names or numbers of keys; input i is key i.
+        exclusive: keep its events from all other programs, if the kernel lets us.
+        debounce_us: how long a key must hold its new state.
+    """
+
     keys: tuple[str | int, ...] = Field(min_length=1, max_length=8)
     exclusive: bool = True
     debounce_us: int = Field(default=0, ge=0, le=1_000_000)
@@ -79,43 +87,29 @@ def key_code(key: str | int) -> int:
 
 
 class EvdevDriver(TriggerDriver):
-    """An input device; input i is key i of ``keys``.
+    """An input device; input i is key i of ``keys``."""
 
-    Args:
-        device: id in the configuration.
-        delivery_queue: where deliveries go.
-        port: path of the device, best one below /dev/input/by-id.
-        keys: names or numbers of keys.
-        exclusive: keep its events from all other programs, if the kernel lets us.
-        debounce_us: how long a key must hold its new state.
-        monotonic_ns: the host's clock.
-        ask_kernel: asks the kernel about the open device.
-    """
-
-    options = EvdevOptions
+    options: EvdevOptions
+    options_class = EvdevOptions
 
     def __init__(
         self,
         device: str,
+        options: EvdevOptions,
         delivery_queue: DeliveryQueue,
         *,
-        port: str,
-        keys: Sequence[str | int],
-        exclusive: bool = True,
-        debounce_us: int = 0,
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
         ask_kernel: AskKernel = ask_kernel,
     ) -> None:
         super().__init__(
             device,
+            options,
             delivery_queue,
-            n_inputs=len(keys),
-            debounce_us=debounce_us,
+            n_inputs=len(options.keys),
             monotonic_ns=monotonic_ns,
         )
-        self._path = port
-        self._numbers = {key_code(key): number for number, key in enumerate(keys)}
-        self._exclusive = exclusive
+        self._path = options.port
+        self._numbers = {key_code(key): n for n, key in enumerate(options.keys)}
         self._ask_kernel = ask_kernel
         self._decoder = InputEventDecoder()
         self._stamps_ours = False
@@ -139,7 +133,7 @@ class EvdevDriver(TriggerDriver):
                 "time at which they are read stands in",
                 "use an input device below /dev/input",
             )
-        if self._exclusive and self._asked(EVIOCGRAB, 1) is None:
+        if self.options.exclusive and self._asked(EVIOCGRAB, 1) is None:
             self._counters["not_exclusive"] += 1
         return f"keys of {self._path}", fd
 

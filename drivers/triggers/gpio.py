@@ -14,13 +14,16 @@ from gpiod.line import Bias, Clock, Direction, Edge, Value
 from pydantic import Field, field_validator
 
 from traverse.drivers.base.delivery_queue import DeliveryQueue
-from traverse.drivers.base.options import DriverOptions
 from traverse.drivers.base.values import (
     DeviceError,
     DeviceNotFoundError,
     DeviceRefusedError,
 )
-from traverse.drivers.triggers.trigger_driver import InputChange, TriggerDriver
+from traverse.drivers.triggers.trigger_driver import (
+    InputChange,
+    TriggerDriver,
+    TriggerOptions,
+)
 
 BUFFER_EVENTS = 256  # that the kernel keeps, for all lines together
 CONSUMER = "traverse"
@@ -34,14 +37,19 @@ BIASES = {
 }
 
 
-class GpioOptions(DriverOptions):
-    """What the table of GPIO lines may say."""
+class GpioOptions(TriggerOptions):
+    """Options of the driver `gpio`; ``port`` is the path of the chip.
 
-    port: str = Field(min_length=1)
+    Attributes:
+        lines: offsets on the chip, or names; input i is line i.
+        active_low: the input is active where the voltage is low, as with a button that
+            connects the line to ground.
+        bias: resistor inside the chip.
+    """
+
     lines: tuple[int | str, ...] = Field(min_length=1, max_length=8)
     active_low: bool = True
     bias: BiasName = "pull-up"
-    debounce_us: int = Field(default=5000, ge=0, le=1_000_000)
 
     @field_validator("lines")
     @classmethod
@@ -96,50 +104,34 @@ def request_lines(
 
 
 class GpioDriver(TriggerDriver):
-    """Lines of one GPIO chip; input i is line i of ``lines``.
+    """Lines of one GPIO chip; input i is line i of ``lines``."""
 
-    Args:
-        device: id in the configuration.
-        delivery_queue: where deliveries go.
-        port: path of the chip.
-        lines: offsets on the chip, or names.
-        active_low: the input is active where the voltage is low, as with a button that
-            connects the line to ground.
-        bias: resistor inside the chip.
-        debounce_us: how long an input must hold its new level.
-        monotonic_ns: the host's clock.
-        request: asks the kernel for the lines.
-    """
-
-    options = GpioOptions
+    options: GpioOptions
+    options_class = GpioOptions
 
     def __init__(
         self,
         device: str,
+        options: GpioOptions,
         delivery_queue: DeliveryQueue,
         *,
-        port: str,
-        lines: Sequence[int | str],
-        active_low: bool = True,
-        bias: BiasName = "pull-up",
-        debounce_us: int = 5000,
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
         request: RequestLines = request_lines,
     ) -> None:
         super().__init__(
             device,
+            options,
             delivery_queue,
-            n_inputs=len(lines),
-            debounce_us=debounce_us,
+            n_inputs=len(options.lines),
             monotonic_ns=monotonic_ns,
         )
-        self._path = port
-        self._names = tuple(lines)
+        self._path = options.port
+        self._names = options.lines
         self._settings = gpiod.LineSettings(
             direction=Direction.INPUT,
             edge_detection=Edge.BOTH,
-            bias=BIASES[bias],
-            active_low=active_low,
+            bias=BIASES[options.bias],
+            active_low=options.active_low,
             event_clock=Clock.MONOTONIC,
         )
         self._request = request

@@ -14,8 +14,11 @@ from contextlib import suppress
 from dataclasses import dataclass
 from os import read
 
+from pydantic import Field
+
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import Driver
+from traverse.drivers.base.options import DriverOptions
 from traverse.drivers.base.values import DeviceUp, Identity, LatchedCounts
 from traverse.drivers.triggers.debounce import Debounce, DebouncedEdge
 
@@ -33,6 +36,23 @@ class InputChange:
     time_ns: int
 
 
+class TriggerOptions(DriverOptions):
+    """Options of every driver of inputs alone.
+
+    Attributes:
+        port: path of the device.
+        debounce_us: how long an input must hold its new level.
+    """
+
+    port: str = Field(min_length=1)
+    debounce_us: int = Field(default=5000, ge=0, le=1_000_000)
+
+    @property
+    def hold_ns(self) -> int:
+        """How long an input must hold its new level."""
+        return self.debounce_us * 1000
+
+
 class TriggerDriver(Driver):
     """A device with inputs alone.
 
@@ -40,24 +60,25 @@ class TriggerDriver(Driver):
 
     Args:
         device: id in the configuration.
+        options: with how long a level must hold.
         delivery_queue: where deliveries go.
         n_inputs: how many inputs are watched.
-        debounce_us: how long a level must hold.
         monotonic_ns: the host's clock.
     """
+
+    options: TriggerOptions
 
     def __init__(
         self,
         device: str,
+        options: TriggerOptions,
         delivery_queue: DeliveryQueue,
         *,
         n_inputs: int,
-        debounce_us: int,
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        super().__init__(device, delivery_queue, monotonic_ns)
+        super().__init__(device, options, delivery_queue, monotonic_ns=monotonic_ns)
         self._n_inputs = n_inputs
-        self._hold_ns = debounce_us * 1000
         self._inputs: list[Debounce] = []
         self._waiting: deque[LatchedCounts] = deque()
         self._token = 0
@@ -91,7 +112,9 @@ class TriggerDriver(Driver):
 
     def _connect(self) -> None:
         name, self._fd = self._open()
-        self._inputs = [Debounce(self._hold_ns, active=a) for a in self._levels()]
+        self._inputs = [
+            Debounce(self.options.hold_ns, active=a) for a in self._levels()
+        ]
         identity = Identity(name, "", (), self._n_inputs, 0.0, latches=False)
         self._deliver_state(DeviceUp(self.device, identity, restarted=False))
 

@@ -37,8 +37,8 @@ def test_both_files_are_written_and_good(arm, tmp_path):
     config = read_configuration(tmp_path / "traverse.toml")
     (device,) = config.device
     assert (device.id, device.driver) == ("microscribe", "microscribe")
-    assert device.options["port"] == str(tmp_path / "port")
-    assert device.options["baud_rate"] == 115200
+    assert device.options.port == str(tmp_path / "port")
+    assert device.options.baud_rate == 115200
     assert [entry.source for entry in config.capture.inputs] == [
         "microscribe/0",
         "microscribe/1",

@@ -23,6 +23,7 @@ from traverse.daemon.pose.uncertainty import CovarianceEvaluator
 from traverse.daemon.scans.scanner import Scanner
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import Driver
+from traverse.drivers.base.options import DriverOptions
 from traverse.drivers.base.values import (
     DeviceUp,
     Identity,
@@ -42,7 +43,7 @@ class DeafDriver(Driver):
     """A driver whose device a test plays; remembers what it was told."""
 
     def __init__(self, device, delivery_queue):
-        super().__init__(device, delivery_queue)
+        super().__init__(device, DriverOptions(), delivery_queue)
         self.rates_hz: list[float] = []
         self.acknowledged: list[int] = []
 

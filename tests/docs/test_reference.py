@@ -33,7 +33,10 @@ SECTIONS: dict[str, list[tuple[str, type[BaseModel]]]] = {
         ("`[arm]`", schema.ArmSection),
         ("`[broker]`", BrokerSection),
         ("`[[device]]`", DeviceSection),
-        *((f'`driver = "{name}"`', driver_class(name).options) for name in DRIVERS),
+        *(
+            (f'`driver = "{name}"`', driver_class(name).options_class)
+            for name in DRIVERS
+        ),
         ("`[capture]`", schema.CaptureSection),
         ("`[[capture.inputs]]`", schema.InputSection),
         ("`[uncertainty]`", schema.UncertaintySection),

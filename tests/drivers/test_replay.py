@@ -20,7 +20,7 @@ from traverse.drivers.base.values import (
     LatchedCounts,
     StreamStarted,
 )
-from traverse.drivers.replay import ReplayDriver
+from traverse.drivers.replay import ReplayDriver, ReplayOptions
 from traverse.recording.maps import bytes_to_map, map_to_bytes
 from traverse.recording.run_writer import Entry, RunHead, RunWriter
 
@@ -144,7 +144,7 @@ async def test_a_device_delivers_what_it_did_then_at_the_times_of_now(tmp_path):
     delivery_queue = DeliveryQueue(asyncio.get_running_loop())
     path = recording(tmp_path / "a.mcap")
     driver = ReplayDriver(
-        "arm", delivery_queue, file=str(path), source="base", speed=2.0
+        "arm", ReplayOptions(file=str(path), source="base", speed=2.0), delivery_queue
     )
     begun_ns = time.monotonic_ns()
     found = await taken(driver, delivery_queue, 2)
@@ -173,7 +173,7 @@ async def test_it_begins_anew_where_it_is_wanted(tmp_path):
     delivery_queue = DeliveryQueue(asyncio.get_running_loop())
     path = recording(tmp_path / "a.mcap")
     driver = ReplayDriver(
-        "base", delivery_queue, file=str(path), speed=100.0, repeat=True
+        "base", ReplayOptions(file=str(path), speed=100.0, repeat=True), delivery_queue
     )
     found = await taken(driver, delivery_queue, 4)
     assert sum(isinstance(d, DeviceUp) for d in found) >= 2
@@ -189,6 +189,8 @@ async def test_a_file_that_cannot_be_played_is_told(tmp_path, content, told):
         path.write_bytes(content)
     delivery_queue = DeliveryQueue(asyncio.get_running_loop())
     (lost,) = await taken(
-        ReplayDriver("base", delivery_queue, file=str(path)), delivery_queue, 1
+        ReplayDriver("base", ReplayOptions(file=str(path)), delivery_queue),
+        delivery_queue,
+        1,
     )
     assert told in lost.reason

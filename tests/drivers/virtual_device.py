@@ -21,6 +21,7 @@ from tests.drivers.delivered import Delivered
 from tests.simulator.one_hinge import mounted
 from traverse.drivers.base.driver import Driver
 from traverse.drivers.base.values import DeviceAlarm
+from traverse.drivers.io.ports import PortAccess
 from traverse.simulator.devices.device import make_device
 
 FIRST_NS = 10**12
@@ -84,17 +85,15 @@ def told_by(
     time.devices = [device]
     straight = Straight(time.over)
 
-    def open_port(path: str, baud_rate: int, wake_fd: int):
+    def open_port(path: str, baud_rate: int, wake_fd: int, **line: object):
         return cables[path].open_port(path, baud_rate, wake_fd)
 
     driver = make(
         "wrist",
+        make.options_class(**options),
         straight,
         monotonic_ns=time.monotonic_ns,
-        wait_for=time.wait_for,
-        open_port=open_port,
-        **({"wait_any": time.wait_for_any} if len(lines) > 1 else {}),
-        **options,
+        ports=PortAccess(open_port, time.wait_for, time.wait_for_any),
     )
     driver.request_stream(rate_hz)
     played(driver, time.over)

@@ -22,6 +22,7 @@ from traverse.drivers.base.values import (
     StreamStarted,
 )
 from traverse.drivers.canopen.driver import CanOpenDriver
+from traverse.drivers.canopen.options import CanOpenOptions
 
 RATES_HZ = (200.0, 100.0, 50.0, 20.0, 10.0)
 STEADY_S, START_S = 20.0, 60.0
@@ -35,14 +36,16 @@ class Stream:
         self._delivery_queue = DeliveryQueue(asyncio.get_running_loop())
         self._driver = CanOpenDriver(
             "arm",
+            CanOpenOptions(
+                interface="socketcan",
+                channel=NAME,
+                nodes=NODES,
+                sync=sync,
+                heartbeat_ms=2000,
+                answer_s=2.0,
+                late_s=0.5,  # an emulated computer stands still now and then
+            ),
             self._delivery_queue,
-            interface="socketcan",
-            channel=NAME,
-            nodes=NODES,
-            sync=sync,
-            heartbeat_ms=2000,
-            answer_s=2.0,
-            late_s=0.5,  # an emulated computer stands still now and then
         )
         self._taken: list[object] = []
 

@@ -3,6 +3,7 @@ import pytest
 from traverse.daemon.config.devices import section_class
 from traverse.daemon.config.schema import read_configuration
 from traverse.drivers.base.registry import DRIVERS
+from traverse.drivers.latch_board.options import LatchBoardOptions
 from traverse.kinematics.arm_file.arm import FileError
 
 GOOD = """\
@@ -128,11 +129,9 @@ def test_the_keys_of_a_device_are_those_of_its_driver(tmp_path):
         assert f"device[0].{where}: " in told
     (device,) = read(tmp_path, GOOD).device
     assert device.where == "/dev/ttyACM0"
-    assert device.options == {
-        "port": "/dev/ttyACM0",
-        "baud_rate": 1_000_000,
-        "debounce_us": 5000,
-    }
+    assert device.options == LatchBoardOptions(
+        port="/dev/ttyACM0", baud_rate=1_000_000, debounce_us=5000
+    )
 
 
 def test_a_driver_whose_library_is_missing_says_which_extra(tmp_path, monkeypatch):

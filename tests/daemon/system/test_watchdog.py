@@ -34,9 +34,9 @@ class Bench:
         section = section_of(table)
         self.driver = LatchBoardDriver(
             "base",
+            section.options,
             self.delivery_queue,
             monotonic_ns=self.clock.monotonic_ns,
-            **section.options,
         )
         self.outbox = Heartbeat("thread of the outbox", self.clock.monotonic_ns)
         notifier = Notifier(

@@ -145,11 +145,10 @@ class Amt21Rig:
         self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
         self.driver = Amt21Driver(
             "base",
+            Amt21Options(
+                port=self.port, addresses=ADDRESSES, echo="no", answer_timeout_s=0.25
+            ),
             self.delivery_queue,
-            port=self.port,
-            addresses=ADDRESSES,
-            echo="no",
-            answer_timeout_s=0.25,
         )
 
     def emit(self, n):
@@ -181,7 +180,9 @@ class TestContract(DriverContract, StreamContract):
 
 async def test_it_cannot_latch_at_a_moment_of_its_own(tmp_path):
     delivery_queue = DeliveryQueue(asyncio.get_running_loop())
-    driver = Amt21Driver("base", delivery_queue, port=str(tmp_path), addresses=(0x54,))
+    driver = Amt21Driver(
+        "base", Amt21Options(port=str(tmp_path), addresses=(0x54,)), delivery_queue
+    )
     with pytest.raises(DeviceError, match="cannot latch"):
         driver.request_latch()
     driver.close()

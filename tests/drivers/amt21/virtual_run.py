@@ -7,7 +7,9 @@ from benchmarks.tools.virtual_time import Cable, Straight, VirtualTime, played
 from tests.drivers.amt21.fake_encoders import FakeEncoder, FakeLine, VirtualEncoders
 from tests.drivers.delivered import Delivered
 from traverse.drivers.amt21.driver import Amt21Driver
+from traverse.drivers.amt21.options import Amt21Options
 from traverse.drivers.base.values import DeviceAlarm
+from traverse.drivers.io.ports import PortAccess
 
 ADDRESSES = (0x54, 0x58, 0x5C)
 
@@ -32,13 +34,12 @@ class Played(Delivered):
         straight = Straight(self.time.over)
         self.driver = Amt21Driver(
             "arm",
+            Amt21Options(port="somewhere", addresses=tuple(line.encoders), **options),
             straight,
-            port="somewhere",
-            addresses=tuple(line.encoders),
             monotonic_ns=self.time.monotonic_ns,
-            wait_for=self.time.wait_for,
-            open_port=self.cable.open_port,
-            **options,
+            ports=PortAccess(
+                wait_for_wake=self.time.wait_for, open=self.cable.open_port
+            ),
         )
         self.driver.request_stream(rate_hz)
         played(self.driver, self.time.over)

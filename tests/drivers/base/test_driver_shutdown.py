@@ -7,13 +7,14 @@ import threading
 from traverse.drivers.base import driver as driver_module
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import CONNECT_S, Driver
+from traverse.drivers.base.options import DriverOptions
 
 
 class Deaf(Driver):
     """Serves something that does not come back until it is let go."""
 
     def __init__(self, delivery_queue: DeliveryQueue, clock) -> None:
-        super().__init__("base", delivery_queue, clock)
+        super().__init__("base", DriverOptions(), delivery_queue, monotonic_ns=clock)
         self.serving, self.let_go = threading.Event(), threading.Event()
 
     def request_stream(self, rate_hz: float) -> None:

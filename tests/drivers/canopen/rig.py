@@ -9,6 +9,7 @@ from tests.drivers.taken import Taken
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import CountSamples, DeviceAlarm
 from traverse.drivers.canopen.driver import CanOpenDriver
+from traverse.drivers.canopen.options import CanOpenOptions
 
 channels = itertools.count()
 
@@ -31,7 +32,7 @@ class CanRig:
             "answer_tries": 2,
             "status_period_s": 0.0,
         } | options
-        self.driver = CanOpenDriver("arm", delivery_queue, **given)
+        self.driver = CanOpenDriver("arm", CanOpenOptions(**given), delivery_queue)
         self.nodes.plug()
 
     def emit(self, n: int) -> None:

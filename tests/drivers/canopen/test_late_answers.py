@@ -12,6 +12,7 @@ from tests.drivers.taken import Taken, until
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import CountSamples
 from traverse.drivers.canopen.driver import CanOpenDriver
+from traverse.drivers.canopen.options import CanOpenOptions
 
 RATE_HZ = 50.0
 PERIOD_S = 1.0 / RATE_HZ
@@ -28,14 +29,16 @@ class HostRig:
         self.nodes.answers_sync = True
         self.driver = CanOpenDriver(
             "arm",
+            CanOpenOptions(
+                interface="virtual",
+                channel=channel,
+                nodes=(5, 9),
+                sync="host",
+                heartbeat_ms=1000,
+                late_s=2.0,  # a busy computer stops for so long
+                status_period_s=0.0,
+            ),
             self.delivery_queue,
-            interface="virtual",
-            channel=channel,
-            nodes=(5, 9),
-            sync="host",
-            heartbeat_ms=1000,
-            late_s=2.0,  # a busy computer stops for so long
-            status_period_s=0.0,
         )
 
 

@@ -19,6 +19,7 @@ from traverse.drivers.base.values import (
     DeviceUp,
 )
 from traverse.drivers.canopen.driver import CanOpenDriver
+from traverse.drivers.canopen.options import CanOpenOptions
 from traverse.simulator.clock import MonotonicClock
 from traverse.simulator.devices.canopen.device import CanOpenBus
 from traverse.simulator.devices.canopen.table import CanOpenTable
@@ -55,12 +56,14 @@ async def played(
     delivery_queue = DeliveryQueue(asyncio.get_running_loop())
     driver = CanOpenDriver(
         "arm",
+        CanOpenOptions(
+            channel=channel,
+            interface=interface,
+            heartbeat_ms=100,
+            status_period_s=0.2,
+            **BOTH,
+        ),
         delivery_queue,
-        channel=channel,
-        interface=interface,
-        heartbeat_ms=100,
-        status_period_s=0.2,
-        **BOTH,
     )
     try:
         with driver:

@@ -16,6 +16,7 @@ from traverse.drivers.base.values import (
     StreamStarted,
 )
 from traverse.drivers.canopen.driver import CanOpenDriver
+from traverse.drivers.canopen.options import CanOpenOptions
 from traverse.drivers.canopen.sdo import NodeError, NodeSdo
 from traverse.drivers.io.can_bus import CanBus
 
@@ -120,14 +121,16 @@ async def test_a_node_that_answers_an_earlier_connection_is_not_two() -> None:
     channel = f"slow-{next(channels)}"
     driver = CanOpenDriver(
         "arm",
+        CanOpenOptions(
+            interface="virtual",
+            channel=channel,
+            nodes=(5, 9),
+            sync="external",
+            answer_s=0.05,
+            answer_tries=2,
+            status_period_s=0.0,
+        ),
         delivery_queue,
-        interface="virtual",
-        channel=channel,
-        nodes=(5, 9),
-        sync="external",
-        answer_s=0.05,
-        answer_tries=2,
-        status_period_s=0.0,
     )
     nodes = FakeNodes(channel)
     nodes.distort = Reluctant()

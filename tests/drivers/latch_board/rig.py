@@ -10,6 +10,7 @@ from tests.drivers.latch_board.fake_board import FakeBoard
 from tests.protocol.latch_board_frames import framed
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.latch_board.driver import LatchBoardDriver
+from traverse.drivers.latch_board.options import LatchBoardOptions
 
 
 class LatchBoardRig:
@@ -17,7 +18,9 @@ class LatchBoardRig:
         self.board = board
         self.port = str(board.link)
         self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
-        self.driver = LatchBoardDriver("base", self.delivery_queue, port=self.port)
+        self.driver = LatchBoardDriver(
+            "base", LatchBoardOptions(port=self.port), self.delivery_queue
+        )
         self._last: list[bytes] = []
         self._broken = False
 

@@ -21,6 +21,7 @@ from traverse.drivers.base.values import (
     StreamStarted,
 )
 from traverse.drivers.latch_board.driver import LatchBoardDriver
+from traverse.drivers.latch_board.options import LatchBoardOptions
 
 
 @pytest.fixture
@@ -54,7 +55,7 @@ async def test_a_file_that_is_no_port_is_told(tmp_path):
     path.write_text("no port")
     delivery_queue = DeliveryQueue(asyncio.get_running_loop())
     taken = Taken(delivery_queue)
-    with LatchBoardDriver("base", delivery_queue, port=str(path)):
+    with LatchBoardDriver("base", LatchBoardOptions(port=str(path)), delivery_queue):
         await taken.until(lambda: taken.of(DeviceLost), "the loss")
     assert str(path) in taken.of(DeviceLost)[0].reason
 
@@ -124,8 +125,8 @@ async def test_silence_of_the_board_is_a_loss(rig):
     taken = Taken(delivery_queue)
     with LatchBoardDriver(
         "base",
+        LatchBoardOptions(port=str(rig.board.link)),
         delivery_queue,
-        port=str(rig.board.link),
         monotonic_ns=lambda: time.monotonic_ns() + skipped_ns[0],
     ):
         await taken.until(lambda: taken.of(DeviceUp), "the device is up")
@@ -182,7 +183,9 @@ async def test_a_fault_of_the_driver_itself_reaches_the_consumer(rig, caplog):
 
     delivery_queue = DeliveryQueue(asyncio.get_running_loop())
     taken = Taken(delivery_queue)
-    driver = LatchBoardDriver("base", delivery_queue, port=str(rig.board.link))
+    driver = LatchBoardDriver(
+        "base", LatchBoardOptions(port=str(rig.board.link)), delivery_queue
+    )
     driver._now_ns, good = broken_clock, driver._now_ns
     driver._pause = lambda seconds: None
     with driver:

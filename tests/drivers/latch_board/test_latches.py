@@ -18,6 +18,7 @@ from traverse.drivers.base.values import (
     StreamStarted,
 )
 from traverse.drivers.latch_board.driver import LatchBoardDriver
+from traverse.drivers.latch_board.options import LatchBoardOptions
 
 
 @pytest.fixture
@@ -76,7 +77,9 @@ async def test_too_many_latch_requests_are_refused(rig):
 async def test_an_edge_that_the_consumer_has_no_room_for_comes_again(rig):
     delivery_queue = DeliveryQueue(asyncio.get_running_loop(), max_others=8)
     taken = Taken(delivery_queue)
-    with LatchBoardDriver("base", delivery_queue, port=str(rig.board.link)) as driver:
+    with LatchBoardDriver(
+        "base", LatchBoardOptions(port=str(rig.board.link)), delivery_queue
+    ) as driver:
         await taken.until(lambda: taken.of(DeviceUp), "the device is up")
         driver.request_stream(100.0)
         await taken.until(lambda: taken.of(StreamStarted), "the stream")

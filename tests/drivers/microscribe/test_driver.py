@@ -23,6 +23,7 @@ from traverse.drivers.base.values import (
     StreamStarted,
 )
 from traverse.drivers.microscribe.driver import MicroscribeDriver
+from traverse.drivers.microscribe.options import MicroscribeOptions
 
 
 class MicroscribeRig:
@@ -31,7 +32,9 @@ class MicroscribeRig:
         self.port = str(arm.link)
         self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
         options = {"port": self.port, **options}
-        self.driver = MicroscribeDriver("ms", self.delivery_queue, **options)
+        self.driver = MicroscribeDriver(
+            "ms", MicroscribeOptions(**options), self.delivery_queue
+        )
         self._down = False
 
     def emit(self, n):

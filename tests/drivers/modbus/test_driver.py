@@ -234,13 +234,15 @@ class ModbusRig(SimulatedRig):
         self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
         self.driver = ModbusDriver(
             "m",
+            ModbusOptions(
+                port=self.port,
+                encoders=BOTH,
+                baud_rate=115_200,
+                parity="none",
+                status_period_s=0.0,
+                answer_timeout_s=0.25,
+            ),
             self.delivery_queue,
-            port=self.port,
-            encoders=BOTH,
-            baud_rate=115_200,
-            parity="none",
-            status_period_s=0.0,
-            answer_timeout_s=0.25,
         )
         super().__init__(lambda: CountedUp(self.table, self.mounting), self.mounting)
 

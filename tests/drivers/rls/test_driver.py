@@ -253,9 +253,10 @@ class RlsRig(SimulatedRig):
         self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
         self.driver = RlsDriver(
             "wrist",
+            RlsOptions(
+                ports=tuple(str(folder / port) for port in PORTS), answer_timeout_s=0.25
+            ),
             self.delivery_queue,
-            ports=tuple(str(folder / port) for port in PORTS),
-            answer_timeout_s=0.25,
         )
         super().__init__(lambda: CountedUp(self.table, self.mounting), self.mounting)
 

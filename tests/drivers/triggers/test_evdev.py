@@ -64,11 +64,9 @@ class PedalRig:
         self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
         self.driver = EvdevDriver(
             "pedal",
+            EvdevOptions(port=self.port, keys=("KEY_B", "KEY_C"), **options),
             self.delivery_queue,
-            port=self.port,
-            keys=("KEY_B", "KEY_C"),
             ask_kernel=self.kernel,
-            **options,
         )
         self._level = False
         self.plug()
@@ -205,7 +203,10 @@ async def test_edges_that_find_no_room_come_later_and_once(tmp_path):
     rig = PedalRig(tmp_path / "pedal")
     delivery_queue = DeliveryQueue(asyncio.get_running_loop(), max_others=2)
     driver = EvdevDriver(
-        "pedal", delivery_queue, port=rig.port, keys=("KEY_B",), ask_kernel=rig.kernel
+        "pedal",
+        EvdevOptions(port=rig.port, keys=("KEY_B",)),
+        delivery_queue,
+        ask_kernel=rig.kernel,
     )
     with driver:
         taken = Taken(delivery_queue)

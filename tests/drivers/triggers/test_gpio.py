@@ -86,11 +86,11 @@ class GpioRig:
         self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
         self.driver = GpioDriver(
             "inputs",
+            GpioOptions(
+                port=self.port, lines=(17, "probe"), **{"debounce_us": 0} | options
+            ),
             self.delivery_queue,
-            port=self.port,
-            lines=(17, "probe"),
             request=self.chip.request,
-            **({"debounce_us": 0} | options),
         )
         self._level = False
 
@@ -195,7 +195,7 @@ async def test_a_chip_that_does_not_give_its_lines_is_told_with_what_to_do(
 async def test_a_chip_that_is_not_there_is_told_by_the_library_itself(tmp_path):
     delivery_queue = DeliveryQueue(asyncio.get_running_loop())
     path = str(tmp_path / "gpiochip0")
-    with GpioDriver("inputs", delivery_queue, port=path, lines=(1,)):
+    with GpioDriver("inputs", GpioOptions(port=path, lines=(1,)), delivery_queue):
         taken = Taken(delivery_queue)
         await taken.until(lambda: taken.of(DeviceLost), "the loss")
     assert path in taken.of(DeviceLost)[0].reason

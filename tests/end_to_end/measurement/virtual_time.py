@@ -17,6 +17,7 @@ from traverse.drivers.base.driver import Driver
 from traverse.drivers.base.values import Delivery, DeviceLost, DeviceTemperatures
 from traverse.drivers.io.serial_port import SerialPort
 from traverse.drivers.latch_board.driver import LatchBoardDriver
+from traverse.drivers.latch_board.options import LatchBoardOptions
 from traverse.kinematics.arm_file.arm import read_strict
 from traverse.simulator.config import SimulatorConfig, config_problems
 from traverse.simulator.devices.device import DeviceContext
@@ -207,9 +208,8 @@ def played(
     straight = Straight(taken)
     driver: Driver = LatchBoardDriver(
         "base",
+        LatchBoardOptions(port=str(board.path), debounce_us=1000),
         straight,
-        port=str(board.path),
-        debounce_us=1000,
         monotonic_ns=board.clock.monotonic_ns,
     )
     try:

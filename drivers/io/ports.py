@@ -1,0 +1,90 @@
+"""What drivers need of serial ports and of waiting; simulated lines can replace it."""
+
+import contextlib
+import os
+import select
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from traverse.drivers.io.serial_port import SerialPort
+
+WaitForWake = Callable[[int, float], None]
+
+
+class BytePort(Protocol):
+    """An open port, as `traverse.drivers.io.serial_port.SerialPort` is one.
+
+    All but `close` and `fileno` raise DeviceError when the port has gone away.
+    """
+
+    def fileno(self) -> int:
+        """For waiting for several ports together."""
+
+    def wait(self, seconds: float) -> bool:
+        """Wait for bytes; False after ``seconds`` or a wake-up without any."""
+
+    def read(self) -> bytes:
+        """What there is, after `wait` has said that there is something."""
+
+    def write(self, data: bytes) -> None:
+        """Send all of ``data``."""
+
+    def close(self) -> None:
+        """Close; never raises."""
+
+
+WaitForAny = Callable[[Sequence[BytePort], int, float], list[int]]
+
+
+class OpenPort(Protocol):
+    """Opens a port, as the constructor of `SerialPort` does."""
+
+    def __call__(
+        self,
+        path: str,
+        baud_rate: int,
+        wake_fd: int,
+        *,
+        parity: str = "N",
+        stop_bits: int = 1,
+    ) -> BytePort:
+        """Open it; ``wake_fd`` is the pipe that ends its waits."""
+
+
+def wait_for_wake(wake_fd: int, seconds: float) -> None:
+    """Wait until ``wake_fd`` has bytes, which are eaten, at most for a time."""
+    if select.select([wake_fd], [], [], seconds)[0]:
+        _drain(wake_fd)
+
+
+def wait_for_any(ports: Sequence[BytePort], wake_fd: int, seconds: float) -> list[int]:
+    """Wait for bytes; numbers of the ports that have some, none after ``seconds``.
+
+    Args:
+        ports: to wait for.
+        wake_fd: a non-blocking pipe; bytes in it end the wait early and are eaten.
+        seconds: to wait at most.
+    """
+    numbers = [port.fileno() for port in ports]
+    ready, _, _ = select.select([*numbers, wake_fd], [], [], seconds)
+    if wake_fd in ready:
+        _drain(wake_fd)
+    return [index for index, number in enumerate(numbers) if number in ready]
+
+
+def _drain(wake_fd: int) -> None:
+    with contextlib.suppress(BlockingIOError):
+        os.read(wake_fd, 4096)
+
+
+@dataclass(frozen=True, slots=True)
+class PortAccess:
+    """How a driver opens ports and waits; virtual time replaces all of it together."""
+
+    open: OpenPort = SerialPort
+    wait_for_wake: WaitForWake = wait_for_wake
+    wait_for_any: WaitForAny = wait_for_any
+
+
+SERIAL_PORTS = PortAccess()
