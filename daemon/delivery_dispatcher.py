@@ -28,7 +28,7 @@ from traverse.daemon.health import HealthReport
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.points.capture import Capture, TriggerMap, triggers_of
 from traverse.daemon.points.controller import Answer, PointController
-from traverse.daemon.points.pose_evaluator import Stage
+from traverse.daemon.points.measurement import Stage
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.live import LivePoseSampler
 from traverse.daemon.pose.pipeline import Pipeline
@@ -40,8 +40,7 @@ from traverse.daemon.pose.uncertainty import (
     CovarianceInput,
     SkewMonitor,
 )
-from traverse.daemon.scans.controller import ScanController
-from traverse.daemon.scans.scanner import Scanner
+from traverse.daemon.scans.scanner import ScanController, Scanner
 from traverse.daemon.step_listener import StepListener
 from traverse.drivers.base.values import (
     CountSamples,

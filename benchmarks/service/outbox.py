@@ -19,7 +19,7 @@ from traverse.daemon.config.schema import OutboxSection
 from traverse.daemon.health import HealthReport
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
-from traverse.daemon.points.session import Session
+from traverse.daemon.points.capture import Session
 from traverse.daemon.store.outbox import Outbox
 from traverse.daemon.store.records import PendingWrite
 from traverse.protocol.encoding import encode

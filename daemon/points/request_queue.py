@@ -13,10 +13,12 @@ from typing import Any
 
 from traverse.daemon.acquisition.device import Device
 from traverse.daemon.config.schema import Action
+from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.points.averaging import Average
 from traverse.daemon.points.buttons import Press
 from traverse.daemon.points.capture import Measured
 from traverse.daemon.points.compensation import RetractDetector
+from traverse.daemon.store.records import PendingWrite
 from traverse.drivers.base.values import LatchedCounts
 from traverse.protocol.messages.point import Trigger
 
@@ -159,3 +161,47 @@ class PointRequestQueue:
             self.some.set()
         else:
             self.some.clear()
+
+
+Outcome = object | CaptureRefusedError
+
+
+class Answers:
+    """Requests with what has come of them.
+
+    Args:
+        tell: called with each request and what came of it, when it may be told: a
+            point, another result, or why there is none.
+    """
+
+    def __init__(self, tell: Callable[[Request, Outcome], None]) -> None:
+        self._tell = tell
+        self._waiting: deque[tuple[Request, Outcome]] = deque()
+
+    def __len__(self) -> int:
+        return len(self._waiting)
+
+    def add(self, request: Request, outcome: Outcome) -> None:
+        """Report the result of a request; of a `PendingWrite`, what becomes of it."""
+        self._waiting.append((request, outcome))
+        if isinstance(outcome, PendingWrite):
+            outcome.on_settled(self._tell_all)
+        else:
+            self._tell_all()
+
+    def _tell_all(self) -> None:
+        while self._waiting:
+            request, outcome = self._waiting[0]
+            if isinstance(outcome, PendingWrite):
+                if not outcome.is_settled:
+                    return
+                outcome = _settled(outcome)
+            self._waiting.popleft()
+            self._tell(request, outcome)
+
+
+def _settled(keeping: PendingWrite) -> Outcome:
+    trouble = keeping.trouble
+    if trouble is None:
+        return keeping.point
+    return CaptureRefusedError(trouble.text, trouble.remedy, "outbox.failed")

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from traverse.daemon.points.gestures import Button, Decision, GestureTimes
+from traverse.daemon.points.buttons import Button, Decision, GestureTimes
 
 MS = 1_000_000
 TIMES = GestureTimes(hold_ns=400 * MS, long_ns=1000 * MS, double_ns=300 * MS)

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from traverse.daemon.scans.button_gate import MAX_EDGES, ButtonGate
+from traverse.daemon.scans.selection import MAX_EDGES, ButtonGate
 
 BUTTON, OTHER = ("base", 0), ("handle", 3)
 

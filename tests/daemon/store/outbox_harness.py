@@ -7,7 +7,7 @@ from traverse.daemon.config.schema import OutboxSection
 from traverse.daemon.health import HealthReport
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
-from traverse.daemon.points.session import Session
+from traverse.daemon.points.capture import Session
 from traverse.daemon.store.outbox import Outbox
 from traverse.protocol.encoding import decode
 from traverse.protocol.messages import Point
