@@ -27,8 +27,8 @@ from traverse.daemon.config.schema import (
 from traverse.daemon.health import HealthReport
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.points.capture import Capture, TriggerMap, triggers_of
-from traverse.daemon.points.controller import Answer, PointController
-from traverse.daemon.points.measurement import Stage
+from traverse.daemon.points.controller import PointController, PointFuture
+from traverse.daemon.points.measurement import MeasurementContext
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.live import LivePoseSampler
 from traverse.daemon.pose.pipeline import Pipeline
@@ -126,7 +126,7 @@ class Measuring:
         self.quality = QualityMonitor(
             quality or QualitySection(), pipeline.model, clock, events
         )
-        self._stage = Stage(
+        self._stage = MeasurementContext(
             clock,
             devices,
             pipeline,
@@ -145,7 +145,7 @@ class Measuring:
             events=events,
             health=health,
         )
-        self.latches: dict[int, Answer] = {}
+        self.latches: dict[int, PointFuture] = {}
         self.scans = ScanController(
             scanner, capture=capture, events=events, asked=self.asked
         )
@@ -207,12 +207,12 @@ class Measuring:
         self._tape.asked(now_ns, what, values)
         return now_ns
 
-    def await_latch(self, token: int, answer: Answer) -> None:
+    def await_latch(self, token: int, answer: PointFuture) -> None:
         """The latch with this token is somebody's point."""
         self.asked("await_latch", token=token)
         self.latches[token] = answer
 
-    def give_up_latch(self, token: int, answer: Answer) -> None:
+    def give_up_latch(self, token: int, answer: PointFuture) -> None:
         """Nobody waits for that point any more."""
         if not answer.done():
             self.asked("give_up_latch", token=token)

@@ -9,9 +9,13 @@ from traverse.daemon.acquisition.joint_devices import JointDevices
 from traverse.daemon.config.schema import CaptureSection
 from traverse.daemon.delivery_dispatcher import Measuring
 from traverse.daemon.errors import RequestRefusedError, Result
-from traverse.daemon.points.averaging import MAX_AVERAGING_NS, Average, AverageLimits
+from traverse.daemon.points.averaging import (
+    MAX_AVERAGING_NS,
+    AverageLimits,
+    SampleAverage,
+)
 from traverse.daemon.points.capture import Capture
-from traverse.daemon.points.controller import Answer
+from traverse.daemon.points.controller import PointFuture
 from traverse.drivers.base.values import DeviceError
 from traverse.protocol.messages import (
     Label,
@@ -111,7 +115,7 @@ class PointCommands:
         self._measuring.asked("session", note=args.note or "")
         return {"session": await self._measuring.points.in_order(begin)}
 
-    def _average(self, args: PointArgs) -> Average:
+    def _average(self, args: PointArgs) -> SampleAverage:
         settings = self._settings
         dwell_ns = None if args.dwell_s is None else int(args.dwell_s * 1e9)
         rate_hz = self._measuring.rate_hz
@@ -135,11 +139,11 @@ class PointCommands:
             spread_mm=spread_mm,
         )
         limits = AverageLimits(speed_mm_s, spread_mm)
-        return Average(begin_ns, args.samples, dwell_ns, limits)
+        return SampleAverage(begin_ns, args.samples, dwell_ns, limits)
 
     async def _latched_point(self, device: Device) -> Point:
         """A point of what a device latches now."""
-        waiting: Answer = asyncio.get_running_loop().create_future()
+        waiting: PointFuture = asyncio.get_running_loop().create_future()
         latches = self._measuring.latches
         try:
             token = device.driver.request_latch()

@@ -42,7 +42,7 @@ class AverageLimits:
     spread_mm: float
 
 
-class Average:
+class SampleAverage:
     """Collects samples of a stream from one instant on.
 
     Args:
@@ -226,6 +226,6 @@ class Average:
             )
 
 
-def mean_pose(average: Average, block: Block) -> LatchedPose:
+def mean_pose(average: SampleAverage, block: Block) -> LatchedPose:
     """The mean with what the effects need."""
     return replace(average.pose(), block=block)

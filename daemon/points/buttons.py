@@ -19,7 +19,7 @@ class GestureTimes:
 
 
 @dataclass(frozen=True, slots=True)
-class Decision:
+class GestureDecision:
     """What a press was.
 
     Attributes:
@@ -33,7 +33,7 @@ class Decision:
     time_ns: int
 
 
-class Button:
+class GestureDetector:
     """Follows one button.
 
     Args:
@@ -68,7 +68,7 @@ class Button:
             return self._up_ns + (self._double_ns or 0)
         return None if self._still is None else self._down_ns + self._still[1]
 
-    def edge(self, active: bool, time_ns: int) -> list[Decision]:
+    def edge(self, active: bool, time_ns: int) -> list[GestureDecision]:
         """The button went down or up."""
         decided = self.passed(time_ns - 1)
         if not active:
@@ -85,7 +85,7 @@ class Button:
         if self._down_ns is not None:
             if self._up_ns is not None:
                 decided.append(self._decided("double", time_ns))
-                return [*decided, Decision(press, "part", time_ns)]
+                return [*decided, GestureDecision(press, "part", time_ns)]
             # The release between was lost: nobody knows whether it was a double, and
             # a point too many is better than one too few.
             decided.append(self._decided("click", time_ns))
@@ -94,7 +94,7 @@ class Button:
             decided.append(self._decided("click", time_ns))
         return decided
 
-    def passed(self, time_ns: int) -> list[Decision]:
+    def passed(self, time_ns: int) -> list[GestureDecision]:
         """All edges until some time, itself included, have been told."""
         due_ns = self.due_ns
         if due_ns is None or time_ns < due_ns:
@@ -106,14 +106,14 @@ class Button:
             self.held = decision.press
         return [decision]
 
-    def _decided(self, gesture: Gesture, time_ns: int) -> Decision:
+    def _decided(self, gesture: Gesture, time_ns: int) -> GestureDecision:
         self._down_ns = self._up_ns = None
-        return Decision(self._open, gesture, time_ns)
+        return GestureDecision(self._open, gesture, time_ns)
 
 
 EDGE_DELAY_NS = 50_000_000  # an edge may be under way for so long
 
-Meanings = Mapping[str, Action]
+GestureActions = Mapping[str, Action]
 Input = tuple[str, int]
 
 
@@ -129,7 +129,7 @@ class Press:
     action: Action | None = None
 
 
-class Buttons:
+class ButtonTracker:
     """Follows all buttons of the configuration.
 
     Args:
@@ -138,11 +138,13 @@ class Buttons:
     """
 
     def __init__(
-        self, meanings: Mapping[Input, Meanings], times: GestureTimes | None = None
+        self,
+        meanings: Mapping[Input, GestureActions],
+        times: GestureTimes | None = None,
     ) -> None:
         self._meanings = dict(meanings)
         self._times = times or GestureTimes(0, 0, 0)
-        self._buttons: dict[Input, Button] = {}
+        self._buttons: dict[Input, GestureDetector] = {}
         self._open: dict[tuple[Input, int], Press] = {}
         self._held: dict[Input, Press] = {}
 
@@ -170,17 +172,17 @@ class Buttons:
             if button.due_ns is not None:
                 self._decide(which, button.passed(now_ns - EDGE_DELAY_NS))
 
-    def _meant(self, which: Input) -> Meanings:
+    def _meant(self, which: Input) -> GestureActions:
         return self._meanings.get(which, {"click": "point"})
 
-    def _button(self, which: Input) -> Button:
+    def _button(self, which: Input) -> GestureDetector:
         button = self._buttons.get(which)
         if button is None:
             meant = frozenset(self._meant(which))
-            button = self._buttons[which] = Button(meant, self._times)
+            button = self._buttons[which] = GestureDetector(meant, self._times)
         return button
 
-    def _decide(self, which: Input, decisions: list[Decision]) -> None:
+    def _decide(self, which: Input, decisions: list[GestureDecision]) -> None:
         for decision in decisions:
             press = self._open.pop((which, decision.press))
             press.gesture = decision.gesture
@@ -189,13 +191,13 @@ class Buttons:
                 self._held[which] = press
 
 
-def buttons_of(settings: CaptureSection) -> Buttons:
+def buttons_of(settings: CaptureSection) -> ButtonTracker:
     """The buttons of a configuration."""
     times = GestureTimes(
         int(settings.hold_s * 1e9),
         int(settings.long_s * 1e9),
         int(settings.double_s * 1e9),
     )
-    return Buttons(
+    return ButtonTracker(
         {(i.device_id, i.number): i.gesture_actions for i in settings.inputs}, times
     )

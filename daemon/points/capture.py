@@ -81,7 +81,7 @@ QUEUE_FULL = (
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Measured:
+class PointMeasurement:
     """What a point is made of.
 
     Attributes:
@@ -132,7 +132,7 @@ class Capture:
         self.retracted = 0
         self.refused = 0
 
-    def take(self, measured: Measured, trigger: Trigger) -> PendingWrite:
+    def take(self, measured: PointMeasurement, trigger: Trigger) -> PendingWrite:
         """Capture a point; it is one as soon as it is on the disk.
 
         Raises:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.daemon.config.schema import CaptureSection
-from traverse.daemon.points.capture import Measured
+from traverse.daemon.points.capture import PointMeasurement
 from traverse.daemon.pose.poses import PoseBlock
 from traverse.daemon.pose.trajectory import TrajectoryBuffer, first_sample_beyond
 from traverse.kinematics.effects.pose import contact_shifts, pose_flags
@@ -56,7 +56,7 @@ class RetractDetector:
         return self.place_mm is not None or seen_all or now_ns > self.until_ns + wait_ns
 
 
-class Tip:
+class TipCompensator:
     """Compensates for the ball as the configuration says.
 
     Args:
@@ -102,7 +102,9 @@ class Tip:
             pull.add(block)
         return pull
 
-    def compensated(self, measured: Measured, pull: RetractDetector | None) -> Measured:
+    def compensated(
+        self, measured: PointMeasurement, pull: RetractDetector | None
+    ) -> PointMeasurement:
         """The point with the place that was touched.
 
         Raises:
@@ -136,7 +138,7 @@ class Tip:
         )
 
 
-def without_direction(measured: Measured) -> Measured:
+def without_direction(measured: PointMeasurement) -> PointMeasurement:
     """The point marked: a direction was wanted and is not known."""
     pose = measured.pose
     return replace(measured, pose=replace(pose, quality=pose.quality | UNKNOWN))

@@ -10,16 +10,16 @@ from traverse.daemon.config.schema import Action, CaptureSection
 from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.health import HealthReport
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.points.averaging import Average
+from traverse.daemon.points.averaging import SampleAverage
 from traverse.daemon.points.buttons import buttons_of
 from traverse.daemon.points.capture import Capture, Session, TriggerMap
-from traverse.daemon.points.compensation import Tip
-from traverse.daemon.points.measurement import PointEvaluator, Stage
+from traverse.daemon.points.compensation import TipCompensator
+from traverse.daemon.points.measurement import MeasurementContext, PointEvaluator
 from traverse.daemon.points.request_queue import (
-    Answers,
+    OrderedReplies,
     Outcome,
+    PointRequest,
     PointRequestQueue,
-    Request,
 )
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.poses import PoseBlock
@@ -74,7 +74,7 @@ class PointEventReporter:
         text = f"session {session.id} begins{': ' if session.note else ''}"
         self._tell("capture.session", text + session.note)
 
-    def edge(self, request: Request, device: Device, latch: LatchedCounts) -> None:
+    def edge(self, request: PointRequest, device: Device, latch: LatchedCounts) -> None:
         """An edge was dealt with: first what it was, then the gesture it made."""
         trigger, press = request.trigger, request.press
         if trigger is None:
@@ -96,7 +96,7 @@ class PointEventReporter:
         self._events.report("info", code, text, source="capture", distinct=True)
 
 
-Answer = asyncio.Future[Point]
+PointFuture = asyncio.Future[Point]
 REPORT_IT = "report it with the daemon's log"
 
 
@@ -118,7 +118,7 @@ class PointController:
 
     def __init__(
         self,
-        stage: Stage,
+        stage: MeasurementContext,
         *,
         capture: Capture,
         triggers: TriggerMap,
@@ -135,7 +135,7 @@ class PointController:
         self._making = PointEvaluator(stage, settings, events)
         self._health = health
         self._pending = PointRequestQueue(self._look, self._deal_with)
-        self._answers = Answers(self._tell)
+        self._answers = OrderedReplies(self._tell)
         self.carry_out: dict[Action, Callable[[], object]] = {}
 
     def arm_changed(self) -> None:
@@ -144,7 +144,7 @@ class PointController:
         self._pending.look_again()
 
     @property
-    def tip(self) -> Tip:
+    def tip(self) -> TipCompensator:
         """What compensates for the ball."""
         return self._making.tip
 
@@ -153,7 +153,9 @@ class PointController:
         """No point is being taken or kept, and no press waits to be told apart."""
         return not (self._pending or self._answers) and self._buttons.all_decided
 
-    def use(self, stage: Stage, triggers: TriggerMap, settings: CaptureSection) -> None:
+    def use(
+        self, stage: MeasurementContext, triggers: TriggerMap, settings: CaptureSection
+    ) -> None:
         """Go by other rules; only while `is_idle`."""
         self._stage = stage
         self._triggers = triggers
@@ -181,7 +183,7 @@ class PointController:
     def take_edge(self, device: Device, latch: LatchedCounts) -> None:
         """Deal with an edge, and only then tell the device so."""
         name, number = device.section.id, latch.input
-        request = Request(
+        request = PointRequest(
             latch.sample_time_ns,
             latch.received_ns,
             self._now_ns() + self._stage.point_wait_ns,
@@ -197,14 +199,14 @@ class PointController:
                 request.ends = self._buttons.up(which, time_ns)
         self._pending.add(request)
 
-    def take_now(self) -> Answer:
+    def take_now(self) -> PointFuture:
         """Take a point at this very instant, out of the stream."""
         return self._asked(self._request_now("command"))
 
-    def add_latched(self, latch: LatchedCounts, answer: Answer) -> None:
+    def add_latched(self, latch: LatchedCounts, answer: PointFuture) -> None:
         """Take a point of what a device has latched on request."""
         self._pending.add(
-            Request(
+            PointRequest(
                 latch.sample_time_ns,
                 latch.received_ns,
                 self._now_ns() + self._stage.point_wait_ns,
@@ -214,7 +216,7 @@ class PointController:
             )
         )
 
-    def take_mean(self, average: Average) -> Answer:
+    def take_mean(self, average: SampleAverage) -> PointFuture:
         """Take a point that is the mean of the samples from now on."""
         request = self._request_now("command")
         self._making.start_average(request, average)
@@ -226,11 +228,11 @@ class PointController:
         request.act = act
         return self._asked(request)
 
-    def _request_now(self, trigger: Trigger | None) -> Request:
+    def _request_now(self, trigger: Trigger | None) -> PointRequest:
         now_ns = self._now_ns()
-        return Request(now_ns, now_ns, now_ns + self._stage.point_wait_ns, trigger)
+        return PointRequest(now_ns, now_ns, now_ns + self._stage.point_wait_ns, trigger)
 
-    def _asked(self, request: Request) -> asyncio.Future[Any]:
+    def _asked(self, request: PointRequest) -> asyncio.Future[Any]:
         answer: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
         request.answer = answer
         self._pending.add(request)
@@ -238,10 +240,10 @@ class PointController:
 
     # -- what comes of it -----------------------------------------------------
 
-    def _look(self, request: Request) -> None:
+    def _look(self, request: PointRequest) -> None:
         self._making.look(request)
 
-    def _deal_with(self, request: Request, is_last_chance: bool) -> bool:
+    def _deal_with(self, request: PointRequest, is_last_chance: bool) -> bool:
         if request.is_undecided:
             return False
         outcome: Outcome = True
@@ -260,7 +262,7 @@ class PointController:
         self._answers.add(request, outcome)
         return True
 
-    def _tell(self, request: Request, outcome: Outcome) -> None:
+    def _tell(self, request: PointRequest, outcome: Outcome) -> None:
         """Answer a request: its point is on the disk, or there is none."""
         if isinstance(outcome, CaptureRefusedError):
             self._capture.refused += request.captures
@@ -277,7 +279,7 @@ class PointController:
             # Only now may the device forget it.
             request.device.driver.acknowledge(request.latch.token)
 
-    def _outcome(self, request: Request, is_last_chance: bool) -> object:
+    def _outcome(self, request: PointRequest, is_last_chance: bool) -> object:
         """What comes of a request; None while that has to be waited for.
 
         Raises:
@@ -300,7 +302,7 @@ class PointController:
         self._stage.quality.check(measured.pose.quality)
         return self._capture.take(measured, request.trigger)
 
-    def _done(self, request: Request, *, is_last_chance: bool) -> object:
+    def _done(self, request: PointRequest, *, is_last_chance: bool) -> object:
         """Do what an edge means that takes no point; None while that has to wait."""
         action = None if request.press is None else request.press.action
         if request.ends is not None and request.ends.action == "scan":

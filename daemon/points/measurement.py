@@ -10,10 +10,14 @@ from traverse.daemon.clock import HostClock
 from traverse.daemon.config.schema import CaptureSection
 from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.points.averaging import Average, AverageLimits, mean_pose
-from traverse.daemon.points.capture import Measured
-from traverse.daemon.points.compensation import RetractDetector, Tip, without_direction
-from traverse.daemon.points.request_queue import Request
+from traverse.daemon.points.averaging import AverageLimits, SampleAverage, mean_pose
+from traverse.daemon.points.capture import PointMeasurement
+from traverse.daemon.points.compensation import (
+    RetractDetector,
+    TipCompensator,
+    without_direction,
+)
+from traverse.daemon.points.request_queue import PointRequest
 from traverse.daemon.pose.pipeline import Pipeline
 from traverse.daemon.pose.poses import LatchedPose, PoseBlock
 from traverse.daemon.pose.quality_monitor import QualityMonitor
@@ -28,7 +32,7 @@ from traverse.kinematics.probing.compensation import DirectionError
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Stage:
+class MeasurementContext:
     """What points are made with.
 
     Attributes:
@@ -46,17 +50,17 @@ class Stage:
     point_wait_ns: int
 
 
-class ArmSight:
+class PoseEvaluator:
     """Sees the arm.
 
     Args:
         stage: what points are made with.
     """
 
-    def __init__(self, stage: Stage) -> None:
+    def __init__(self, stage: MeasurementContext) -> None:
         self._stage = stage
 
-    def at(self, request: Request) -> Measured | None:
+    def evaluate(self, request: PointRequest) -> PointMeasurement | None:
         """The arm at the instant of a request; None while that is not known."""
         stage, jitter_ns = self._stage, 0
         temperature_c = stage.devices.temperature_c
@@ -80,7 +84,7 @@ class ArmSight:
             temperature_c,
         )
 
-    def mean(self, average: Average) -> Measured:
+    def evaluate_mean(self, average: SampleAverage) -> PointMeasurement:
         """The arm as it was on the mean of samples, while it rested."""
         stage, pose = self._stage, average.pose()
         temperature_c = stage.devices.temperature_c
@@ -101,7 +105,7 @@ class ArmSight:
             before_mm=average.before_mm,
         )
 
-    def lack(self, request: Request) -> tuple[str, str]:
+    def missing_reason(self, request: PointRequest) -> tuple[str, str]:
         """Why nothing is known of an instant, and what to do."""
         first_mismatched = self._stage.devices.first_mismatched
         if first_mismatched is not None:
@@ -113,14 +117,14 @@ class ArmSight:
 
     def _measured(
         self, pose: LatchedPose, reading: CovarianceInput, temperature_c: float | None
-    ) -> Measured:
+    ) -> PointMeasurement:
         stage = self._stage
         model = stage.pipeline.model
         covariance_mm2 = stage.uncertainty.covariance(model, reading)
-        return Measured(model, pose, temperature_c, covariance_mm2)
+        return PointMeasurement(model, pose, temperature_c, covariance_mm2)
 
     def _pose(
-        self, request: Request, temperature_c: float | None
+        self, request: PointRequest, temperature_c: float | None
     ) -> LatchedPose | None:
         stage, latch = self._stage, request.latch
         if stage.devices.first_mismatched is not None:
@@ -160,17 +164,17 @@ class PointEvaluator:
     """
 
     def __init__(
-        self, stage: Stage, settings: CaptureSection, events: EventLog
+        self, stage: MeasurementContext, settings: CaptureSection, events: EventLog
     ) -> None:
         self._stage = stage
-        self._sight = ArmSight(stage)
-        self.tip = Tip(settings, stage.path)
+        self._poses = PoseEvaluator(stage)
+        self.tip = TipCompensator(settings, stage.path)
         self._events = events
         self._dwell_ns = int(settings.average_s * 1e9)
         self._limits = AverageLimits(
             settings.average_speed_mm_s, settings.average_spread_mm
         )
-        self._averages: list[Average] = []
+        self._averages: list[SampleAverage] = []
         self._pulls: list[RetractDetector] = []
 
     def follow(self, poses: PoseBlock) -> None:
@@ -180,13 +184,13 @@ class PointEvaluator:
         for pull in self._pulls:
             pull.add(poses)
 
-    def look(self, request: Request) -> None:
+    def look(self, request: PointRequest) -> None:
         """Find out what can be seen of the arm at the instant of a request."""
         if request.average is not None:
             return
         seen = request.seen
         if seen is None:
-            request.seen = seen = self._sight.at(request)
+            request.seen = seen = self._poses.evaluate(request)
             if seen is None:
                 return
             self._watch(request, seen.pose.sample_time_ns, seen)
@@ -198,7 +202,9 @@ class PointEvaluator:
                 request.seen = replace(seen, before_mm=before_mm)
             request.is_evaluated = True
 
-    def start_average(self, request: Request, average: Average | None = None) -> None:
+    def start_average(
+        self, request: PointRequest, average: SampleAverage | None = None
+    ) -> None:
         """Let samples be averaged from the instant of a request on.
 
         Args:
@@ -207,7 +213,7 @@ class PointEvaluator:
         """
         begin_ns, path = request.instant_ns, self._stage.path
         if average is None:
-            average = Average(begin_ns, None, self._dwell_ns, self._limits)
+            average = SampleAverage(begin_ns, None, self._dwell_ns, self._limits)
         average.begin_speed_mm_s = path.speed_mm_s(begin_ns)
         for block in path.between(begin_ns, self._stage.clock.monotonic_ns()):
             average.add(block)
@@ -218,7 +224,7 @@ class PointEvaluator:
         if here_mm is not None:
             average.before_mm = self.tip.before(begin_ns, here_mm)
 
-    def set_air_point(self, request: Request, *, is_last_chance: bool) -> bool:
+    def set_air_point(self, request: PointRequest, *, is_last_chance: bool) -> bool:
         """Remember where the ball was at a press in the air; False while it waits.
 
         Raises:
@@ -226,14 +232,14 @@ class PointEvaluator:
         """
         if request.seen is None:
             if is_last_chance:
-                raise CaptureRefusedError(*self._sight.lack(request))
+                raise CaptureRefusedError(*self._poses.missing_reason(request))
             return False
         self.tip.set_air_point(request.seen.pose.xyz_mm)
         return True
 
     def measured(
-        self, request: Request, *, is_last_chance: bool, is_crowded: bool
-    ) -> Measured | None:
+        self, request: PointRequest, *, is_last_chance: bool, is_crowded: bool
+    ) -> PointMeasurement | None:
         """What the point of a request is made of; None while that has to wait.
 
         Raises:
@@ -249,7 +255,7 @@ class PointEvaluator:
         elif seen is None and (
             is_last_chance or self._stage.devices.first_mismatched is not None
         ):
-            raise CaptureRefusedError(*self._sight.lack(request))
+            raise CaptureRefusedError(*self._poses.missing_reason(request))
         if seen is None:
             return None
         pull, stage = request.pull, self._stage
@@ -274,14 +280,16 @@ class PointEvaluator:
         for average in self._averages:
             average.is_mixed = average.is_mixed or average.n > 0
 
-    def forget(self, request: Request) -> None:
+    def forget(self, request: PointRequest) -> None:
         """A request has been dealt with."""
         if request.average is not None:
             self._averages.remove(request.average)
         if request.pull is not None:
             self._pulls.remove(request.pull)
 
-    def _watch(self, request: Request, time_ns: int, measured: Measured) -> None:
+    def _watch(
+        self, request: PointRequest, time_ns: int, measured: PointMeasurement
+    ) -> None:
         if request.pull is not None:
             self._pulls.remove(request.pull)
         request.pull = self.tip.pull(time_ns, measured.pose.xyz_mm)
@@ -289,12 +297,12 @@ class PointEvaluator:
             self._pulls.append(request.pull)
 
     def _mean(
-        self, average: Average, is_last_chance: bool, is_crowded: bool
-    ) -> Measured | None:
+        self, average: SampleAverage, is_last_chance: bool, is_crowded: bool
+    ) -> PointMeasurement | None:
         average.check_begin()
         if average.is_complete and average.n:
             average.check()
-            return self._sight.mean(average)
+            return self._poses.evaluate_mean(average)
         if is_crowded:
             raise CaptureRefusedError(
                 "too many edges came while samples were averaged",

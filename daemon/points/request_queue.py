@@ -14,9 +14,9 @@ from typing import Any
 from traverse.daemon.acquisition.device import Device
 from traverse.daemon.config.schema import Action
 from traverse.daemon.errors import CaptureRefusedError
-from traverse.daemon.points.averaging import Average
+from traverse.daemon.points.averaging import SampleAverage
 from traverse.daemon.points.buttons import Press
-from traverse.daemon.points.capture import Measured
+from traverse.daemon.points.capture import PointMeasurement
 from traverse.daemon.points.compensation import RetractDetector
 from traverse.daemon.store.records import PendingWrite
 from traverse.drivers.base.values import LatchedCounts
@@ -30,7 +30,7 @@ MAX_WAITING_DURING_MEAN = (
 
 
 @dataclass(slots=True, eq=False)
-class Request:
+class PointRequest:
     """An edge, or a command.
 
     Attributes:
@@ -61,10 +61,10 @@ class Request:
     ends: Press | None = None
     answer: asyncio.Future[Any] | None = None
     act: Callable[[], object] | None = None
-    average: Average | None = None
-    mean: Measured | None = None
+    average: SampleAverage | None = None
+    mean: PointMeasurement | None = None
     pull: RetractDetector | None = None
-    seen: Measured | None = None
+    seen: PointMeasurement | None = None
     is_evaluated: bool = False
 
     @property
@@ -115,12 +115,12 @@ class PointRequestQueue:
 
     def __init__(
         self,
-        look: Callable[[Request], None],
-        try_one: Callable[[Request, bool], bool],
+        look: Callable[[PointRequest], None],
+        try_one: Callable[[PointRequest, bool], bool],
     ) -> None:
         self._look = look
         self._try_one = try_one
-        self._requests: deque[Request] = deque()
+        self._requests: deque[PointRequest] = deque()
         self.some = asyncio.Event()
 
     def __len__(self) -> int:
@@ -131,7 +131,7 @@ class PointRequestQueue:
         """So many wait that a mean must not be waited for."""
         return len(self._requests) > MAX_WAITING_DURING_MEAN
 
-    def add(self, request: Request) -> None:
+    def add(self, request: PointRequest) -> None:
         """Take a request, and deal with all that can be dealt with."""
         self._requests.append(request)
         self.settle()
@@ -166,7 +166,7 @@ class PointRequestQueue:
 Outcome = object | CaptureRefusedError
 
 
-class Answers:
+class OrderedReplies:
     """Requests with what has come of them.
 
     Args:
@@ -174,14 +174,14 @@ class Answers:
             point, another result, or why there is none.
     """
 
-    def __init__(self, tell: Callable[[Request, Outcome], None]) -> None:
+    def __init__(self, tell: Callable[[PointRequest, Outcome], None]) -> None:
         self._tell = tell
-        self._waiting: deque[tuple[Request, Outcome]] = deque()
+        self._waiting: deque[tuple[PointRequest, Outcome]] = deque()
 
     def __len__(self) -> int:
         return len(self._waiting)
 
-    def add(self, request: Request, outcome: Outcome) -> None:
+    def add(self, request: PointRequest, outcome: Outcome) -> None:
         """Report the result of a request; of a `PendingWrite`, what becomes of it."""
         self._waiting.append((request, outcome))
         if isinstance(outcome, PendingWrite):

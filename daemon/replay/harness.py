@@ -14,7 +14,7 @@ from traverse.daemon.delivery_dispatcher import Measuring
 from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.health import HealthReport
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.points.averaging import Average, AverageLimits
+from traverse.daemon.points.averaging import AverageLimits, SampleAverage
 from traverse.daemon.points.capture import Capture, triggers_of
 from traverse.daemon.pose.alignment import (
     ActiveAlignment,
@@ -176,7 +176,7 @@ class ReplayHarness:
                 _unheard(points.take_now())
             case "take_mean":
                 limits = AverageLimits(values["speed_mm_s"], values["spread_mm"])
-                average = Average(
+                average = SampleAverage(
                     self._clock.now_ns, values["samples"], values["dwell_ns"], limits
                 )
                 _unheard(points.take_mean(average))

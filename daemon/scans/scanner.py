@@ -18,7 +18,7 @@ from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.poses import PoseBlock
 from traverse.daemon.scans.messages import ScanMessages, empty_block
 from traverse.daemon.scans.plan import ScanPlan
-from traverse.daemon.scans.selection import ButtonGate, Key, ScanSelection
+from traverse.daemon.scans.selection import ButtonGate, ButtonKey, ScanSelection
 from traverse.drivers.base.values import LatchedCounts, StreamStarted
 from traverse.kinematics.filters import PointBlock
 from traverse.protocol.messages import Scan
@@ -100,7 +100,7 @@ class Scanner:
         self._resuming = self._last is not None
         return True
 
-    def edge(self, button: Key, time_ns: int, held: bool) -> float:
+    def edge(self, button: ButtonKey, time_ns: int, held: bool) -> float:
         """A button was pressed or released.
 
         Args:

@@ -20,16 +20,16 @@ from traverse.kinematics.filters import FilterChain, PointBlock
 from traverse.protocol.messages import QualityFlag
 
 MAX_EDGES = 256  # of one button; older ones are forgotten
-Key = tuple[str, int]
+ButtonKey = tuple[str, int]
 
 
 class ButtonGate:
     """Remembers when which button was held."""
 
     def __init__(self) -> None:
-        self._edges: dict[Key, deque[tuple[int, bool]]] = {}
+        self._edges: dict[ButtonKey, deque[tuple[int, bool]]] = {}
 
-    def edge(self, button: Key, time_ns: int, held: bool) -> None:
+    def edge(self, button: ButtonKey, time_ns: int, held: bool) -> None:
         """A button was pressed or released.
 
         Args:

@@ -10,7 +10,11 @@ from hypothesis import strategies as st
 
 from tests.daemon.values import PoseMaker, arm_file
 from traverse.daemon.errors import CaptureRefusedError
-from traverse.daemon.points.averaging import MAX_AVERAGING_NS, Average, AverageLimits
+from traverse.daemon.points.averaging import (
+    MAX_AVERAGING_NS,
+    AverageLimits,
+    SampleAverage,
+)
 from traverse.daemon.pose.arm_model import read_model
 from traverse.protocol.messages import QualityFlag
 
@@ -51,7 +55,7 @@ def test_sums_are_those_of_all_samples_however_they_come(maker, n, seed, cuts):
     rng = np.random.default_rng(seed)
     places_mm = 1000.0 + rng.normal(size=(n, 3))
     whole, blocks = blocks_of(maker, places_mm, {c for c in cuts if c < n})
-    average = Average(START_NS, n, None, WIDE)
+    average = SampleAverage(START_NS, n, None, WIDE)
     for block in blocks:
         assert not average.is_complete
         average.add(block)
@@ -84,7 +88,7 @@ def test_sums_are_those_of_all_samples_however_they_come(maker, n, seed, cuts):
 def test_samples_count_from_the_instant_on_until_it_is_enough(
     maker, samples, dwell_ns, numbers
 ):
-    average = Average(START_NS + 3 * PERIOD_NS + 1, samples, dwell_ns, WIDE)
+    average = SampleAverage(START_NS + 3 * PERIOD_NS + 1, samples, dwell_ns, WIDE)
     _, blocks = blocks_of(maker, np.arange(60.0).reshape(20, 3), cuts=(2, 6, 7))
     for block in blocks:
         average.add(block)
@@ -95,7 +99,7 @@ def test_samples_count_from_the_instant_on_until_it_is_enough(
 
 
 def complete(maker, places_mm, limits, **changes):
-    average = Average(START_NS, len(places_mm), None, limits)
+    average = SampleAverage(START_NS, len(places_mm), None, limits)
     average.add(blocks_of(maker, places_mm, **changes)[0])
     return average
 
@@ -129,16 +133,16 @@ def test_samples_that_tell_no_place_are_refused_and_others_marked(maker):
 
 
 def test_what_takes_too_long_is_refused_with_how_many_there_were(maker):
-    average = Average(START_NS, 50, None, WIDE)
+    average = SampleAverage(START_NS, 50, None, WIDE)
     average.add(maker.block(range(5)))
     last_ns = START_NS + 4 * PERIOD_NS
     average.refuse_if_over_time(last_ns + 1000, 1000)
     with pytest.raises(CaptureRefusedError, match="5 of 50 samples"):
         average.refuse_if_over_time(last_ns + 1001, 1000)
-    dwelling = Average(START_NS, None, PERIOD_NS, WIDE)
+    dwelling = SampleAverage(START_NS, None, PERIOD_NS, WIDE)
     with pytest.raises(CaptureRefusedError, match="0 samples"):
         dwelling.refuse_if_over_time(START_NS + PERIOD_NS + 1001, 1000)
-    endless = Average(START_NS, 10**6, None, WIDE)
+    endless = SampleAverage(START_NS, 10**6, None, WIDE)
     endless.add(maker.block([0, 1], at=6000))
     with pytest.raises(CaptureRefusedError, match="2 of 1000000 samples"):
         endless.refuse_if_over_time(START_NS + MAX_AVERAGING_NS + 1001, 1000)

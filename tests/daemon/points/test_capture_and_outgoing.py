@@ -11,7 +11,7 @@ from traverse.daemon.mqtt.outgoing_queue import (
     OutgoingMessage,
     OutgoingQueue,
 )
-from traverse.daemon.points.capture import Capture, Measured, TriggerMap
+from traverse.daemon.points.capture import Capture, PointMeasurement, TriggerMap
 from traverse.daemon.pose.poses import LatchedPose
 from traverse.kinematics.effects.base.block import Block
 
@@ -49,7 +49,7 @@ def pose(quality: int = 0) -> LatchedPose:
 def test_a_point_says_what_was_latched(model):
     taken = []
     capture = Capture(SetClock(), kept_at_once(lambda point: not taken.append(point)))
-    point = capture.take(Measured(model, pose(quality=1), 21.5), "button").point
+    point = capture.take(PointMeasurement(model, pose(quality=1), 21.5), "button").point
     assert taken == [point]
     assert (point.seq, point.trigger, point.temperature_c) == (0, "button", 21.5)
     assert point.time_ns == UTC_OFFSET_NS + 10**12
@@ -63,13 +63,13 @@ def test_a_point_says_what_was_latched(model):
 def test_a_refused_point_uses_no_number(model):
     room = [True, False, False, True]
     capture = Capture(SetClock(), kept_at_once(lambda point: room.pop(0)))
-    points = [capture.take(Measured(model, pose(), None), "command").point]
+    points = [capture.take(PointMeasurement(model, pose(), None), "command").point]
     for _ in range(2):
         with pytest.raises(
             CaptureRefusedError, match="so many points wait for the disk"
         ):
-            capture.take(Measured(model, pose(), None), "command")
-    points.append(capture.take(Measured(model, pose(), None), "command").point)
+            capture.take(PointMeasurement(model, pose(), None), "command")
+    points.append(capture.take(PointMeasurement(model, pose(), None), "command").point)
     assert [point.seq for point in points] == [0, 1]
     assert capture.captured == 2
     assert len({point.id for point in points}) == 2

@@ -10,8 +10,8 @@ from tests.daemon.effect_entries import effect
 from tests.daemon.two_devices import BEGIN_NS, ON_TWO
 from tests.daemon.values import ARM, PoseMaker, arm_file, arm_model
 from traverse.daemon.config.schema import CaptureSection, InputSection
-from traverse.daemon.points.capture import Measured
-from traverse.daemon.points.compensation import Tip, without_direction
+from traverse.daemon.points.capture import PointMeasurement
+from traverse.daemon.points.compensation import TipCompensator, without_direction
 from traverse.daemon.pose.poses import LatchedPose
 from traverse.daemon.pose.trajectory import TrajectoryBuffer
 from traverse.kinematics.effects.base.block import Block
@@ -50,10 +50,10 @@ def path_of(model, places_mm, first):
 
 
 def touched(model, method, path=None, other=None, quality=0, **changes):
-    tip = Tip(settings(method, **changes), path or TrajectoryBuffer())
+    tip = TipCompensator(settings(method, **changes), path or TrajectoryBuffer())
     if other is not None:
         tip.set_air_point(np.array(other))
-    found = Measured(model, pose(quality), None)
+    found = PointMeasurement(model, pose(quality), None)
     found = replace(found, before_mm=tip.before(START_NS, AT_MM))
     return tip.compensated(found, tip.pull(START_NS, AT_MM))
 
@@ -81,10 +81,10 @@ def test_the_last_place_off_the_surface_tells_where_the_probe_came_from(model):
 
 def test_a_place_in_the_air_that_was_pressed_counts_once_and_before_the_path(model):
     path = path_of(model, [AT_MM + np.array([0.0, 9.0, 0.0])], -5)
-    tip = Tip(settings("pretouch"), path)
+    tip = TipCompensator(settings("pretouch"), path)
     tip.set_air_point(AT_MM + np.array([4.0, 0.0, 0.0]))
     found = replace(
-        Measured(model, pose(), None), before_mm=tip.before(START_NS, AT_MM)
+        PointMeasurement(model, pose(), None), before_mm=tip.before(START_NS, AT_MM)
     )
     assert tip.compensated(found, None).surface_mm == pytest.approx(
         AT_MM - np.array([3, 0, 0])
@@ -115,7 +115,7 @@ def test_sides_are_told_from_a_middle(model):
 def test_an_unknown_direction_is_refused_and_the_point_marked(model):
     with pytest.raises(DirectionError, match="take a point in the air"):
         touched(model, "pretouch")
-    marked = without_direction(Measured(model, pose(), None))
+    marked = without_direction(PointMeasurement(model, pose(), None))
     assert marked.pose.quality == QualityFlag.SURFACE_UNKNOWN
     assert marked.surface_mm is None
 

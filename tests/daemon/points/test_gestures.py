@@ -4,7 +4,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from traverse.daemon.points.buttons import Button, Decision, GestureTimes
+from traverse.daemon.points.buttons import (
+    GestureDecision,
+    GestureDetector,
+    GestureTimes,
+)
 
 MS = 1_000_000
 TIMES = GestureTimes(hold_ns=400 * MS, long_ns=1000 * MS, double_ns=300 * MS)
@@ -24,7 +28,7 @@ KINDS = [
 
 def decided(meant, *edges_ms, until_ms=10_000):
     """Gestures by press, of presses and releases at alternating times."""
-    button = Button(meant, TIMES)
+    button = GestureDetector(meant, TIMES)
     found = []
     for number, at in enumerate(edges_ms):
         found += button.edge(number % 2 == 0, at * MS)
@@ -63,11 +67,11 @@ def test_gestures_are_what_they_are_called(meant, edges_ms, expected):
 
 
 def test_a_hold_goes_on_until_its_release():
-    button = Button(ALL, TIMES)
+    button = GestureDetector(ALL, TIMES)
     button.edge(True, 0)
     assert button.held is None
     assert button.passed(400 * MS - 1) == []
-    assert button.passed(400 * MS) == [Decision(0, "hold", 400 * MS)]
+    assert button.passed(400 * MS) == [GestureDecision(0, "hold", 400 * MS)]
     assert button.held == 0
     assert button.passed(5000 * MS) == []
     assert button.edge(False, 5001 * MS) == []
@@ -75,7 +79,7 @@ def test_a_hold_goes_on_until_its_release():
 
 
 def test_what_time_decides_is_due_then():
-    button = Button(ALL, TIMES)
+    button = GestureDetector(ALL, TIMES)
     assert button.due_ns is None
     button.edge(True, 0)
     assert button.due_ns == 400 * MS
@@ -124,7 +128,7 @@ def by_definition(meant, edges_ms):
 def test_every_press_is_decided_once_and_as_defined(meant, gaps, looks):
     edges_ms = [sum(gaps[: i + 1]) for i in range(len(gaps))]
     end = (edges_ms or [0])[-1] + 5000
-    button, found = Button(meant, TIMES), []
+    button, found = GestureDetector(meant, TIMES), []
     told = sorted([(at, 1, n) for n, at in enumerate(edges_ms)])
     told += [(at, 0, -1) for at in looks if at not in edges_ms]
     for at, is_edge, number in sorted(told):
@@ -145,7 +149,7 @@ def test_every_press_is_decided_once_and_as_defined(meant, gaps, looks):
     edges=st.lists(st.tuples(st.booleans(), st.integers(1, 1500)), max_size=14),
 )
 def test_no_press_is_lost_or_decided_twice_where_edges_are_lost(meant, edges):
-    button, found, now = Button(meant, TIMES), [], 0
+    button, found, now = GestureDetector(meant, TIMES), [], 0
     for active, gap in edges:
         now += gap * MS
         found += button.edge(active, now)
