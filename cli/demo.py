@@ -90,7 +90,7 @@ async def _demonstrate(
     with_page: bool,
 ) -> None:
     from traverse.cli.demo_round import Round, write_files  # noqa: PLC0415
-    from traverse.client.cancel_tasks import end  # noqa: PLC0415
+    from traverse.client.cancel_tasks import cancel_tasks  # noqa: PLC0415
     from traverse.client.mqtt.address import BrokerAddress  # noqa: PLC0415 - quick --help
     from traverse.daemon.mqtt.embedded_broker import HOST, free_port  # noqa: PLC0415
 
@@ -131,7 +131,7 @@ async def _demonstrate(
             except asyncio.CancelledError:
                 pass  # Ctrl-C: what was measured is still worth telling
             finally:
-                await end((following, ended))
+                await cancel_tasks((following, ended))
     typer.echo("")
     for text in measured.summary():
         typer.echo(text)

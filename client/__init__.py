@@ -2,15 +2,15 @@
 
 from traverse.client.arm import Arm
 from traverse.client.blocking import BlockingArm
-from traverse.client.counters import Counters
 from traverse.client.errors import (
     BrokerUnreachableError,
     ClientError,
     CommandRefused,
+    Counters,
     NoAnswerError,
 )
 from traverse.client.mqtt.address import BrokerAddress
-from traverse.client.points.session_points import Lost
+from traverse.client.points.session_order import Lost
 from traverse.client.results import HeldSession, Resent, ResentScan, StartedScan
 
 __all__ = [

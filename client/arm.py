@@ -1,27 +1,140 @@
 """An arm as a program sees it: `async with Arm("bench-7") as arm`."""
 
 import asyncio
-from collections.abc import Coroutine, Iterable, Mapping
+import logging
+from collections.abc import Callable, Coroutine, Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
 
-from traverse.client.cancel_tasks import end
+from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.commands import ArmCommands
-from traverse.client.counters import Counters
-from traverse.client.feeds import Feed
-from traverse.client.inbox import Inbox
+from traverse.client.errors import Counters
+from traverse.client.feeds import Feed, Feeds
 from traverse.client.mqtt.address import BrokerAddress
-from traverse.client.mqtt.reconnection import Link
+from traverse.client.mqtt.connection import IncomingMessage, ReconnectingConnection
 from traverse.client.points.cursor import read_cursor, write_cursor
 from traverse.client.points.index import PointIndex
-from traverse.client.points.reader import Points
 from traverse.client.points.reorder_buffer import ReorderBuffer
-from traverse.client.points.stream import PointStream
-from traverse.client.requests import Requests
+from traverse.client.points.stream import PointIterator, PointStream
+from traverse.client.requests import CommandClient
 from traverse.client.scans import ScanBlocks
-from traverse.protocol.messages import Args, Event, Health, Live, Scan, Status
+from traverse.protocol import topics
+from traverse.protocol.encoding import decode
+from traverse.protocol.message_error import MessageError
+from traverse.protocol.messages import (
+    Args,
+    Event,
+    Health,
+    Live,
+    Point,
+    Reply,
+    Scan,
+    Status,
+)
 from traverse.protocol.messages.scan import ScanMode
+
+log = logging.getLogger(__name__)
+
+MAX_EVENTS = 1000
+MAX_BLOCKS = 1000
+
+
+class Inbox:
+    """Sorts messages by their kind.
+
+    Args:
+        arm: its name.
+        link: on which messages are acknowledged.
+        requests: takes replies and status.
+        stream: takes points.
+
+    Attributes:
+        topics: what is always asked for, with the quality of service. Answers come
+            with 0: they must not wait behind points that are held back, and a command
+            without an answer is sent again.
+        undecodable: messages that could not be understood.
+    """
+
+    def __init__(
+        self,
+        arm: str,
+        link: ReconnectingConnection,
+        requests: CommandClient,
+        stream: PointStream,
+    ) -> None:
+        self._link = link
+        self._requests = requests
+        self._stream = stream
+        self.topics = {
+            topics.status_topic(arm): 0,
+            topics.health_topic(arm): 0,
+            f"{topics.reply_topic(arm, 'any').removesuffix('any')}+": 0,
+            topics.event_topic(arm): 1,
+            topics.point_topic(arm): 1,
+        }
+        self.live_topic = (topics.live_topic(arm), 0)
+        self.scan_topic = (topics.scan_topic(arm), 0)
+        self.statuses = Feeds[Status](1, keep_newest=True)
+        self.healths = Feeds[Health](1, keep_newest=True)
+        self.events = Feeds[Event](MAX_EVENTS, keep_newest=True)
+        self.lives = Feeds[Live](1, keep_newest=True)
+        self.scans = Feeds[Scan](MAX_BLOCKS, keep_newest=False)
+        self.by_id = PointIndex()
+        self.undecodable = 0
+        self._kinds: dict[str, Callable[[IncomingMessage], None]] = {
+            "status": lambda m: self._take_status(decode(Status, m.payload)),
+            "health": lambda m: self.healths.put(decode(Health, m.payload)),
+            "event": self._take_event,
+            "live": lambda m: self.lives.put(decode(Live, m.payload)),
+            "scan": lambda m: self.scans.put(decode(Scan, m.payload)),
+            "reply": lambda m: self._requests.take_reply(decode(Reply, m.payload)),
+            "point": self._take_point,
+        }
+
+    def take(self, arrived: IncomingMessage) -> None:
+        """A message has come."""
+        kind = arrived.topic.split("/", 3)[2]
+        try:
+            self._kinds[kind](arrived)
+        except MessageError as error:
+            self.undecodable += 1
+            log.warning("message on %s left out: %s", arrived.topic, error)
+            if arrived.number:
+                self._link.acknowledge(arrived.number)
+
+    def on_connected(self) -> None:
+        """There is a connection."""
+        self._requests.on_connected()
+        self._stream.on_connected()
+
+    def on_disconnected(self) -> None:
+        """There is none any more."""
+        self._requests.on_disconnected()
+        self._stream.on_disconnected()
+
+    def close(self, error: BaseException | None = None) -> None:
+        """Nothing more will come."""
+        self._stream.close(error)
+        for one in (self.statuses, self.healths, self.events, self.lives, self.scans):
+            one.close(error)
+
+    def _take_status(self, status: Status) -> None:
+        self.statuses.put(status)
+        if status.session is not None:
+            self._stream.notice(status.session)
+        self._requests.take_status(status)
+
+    def _take_event(self, arrived: IncomingMessage) -> None:
+        event = decode(Event, arrived.payload)
+        self._link.acknowledge(arrived.number)
+        self.events.put(event)
+
+    def _take_point(self, arrived: IncomingMessage) -> None:
+        point = decode(Point, arrived.payload)
+        self.by_id.take(point)
+        self._stream.take(point, arrived.number)
+
 
 CURSOR_PERIOD_S = 0.5
 BEGIN_S = 2.0
@@ -64,24 +177,21 @@ class Arm(ArmCommands):
         if place is None and since != "now":
             place = {} if isinstance(since, str) else since
         address = BrokerAddress.parse(broker) if isinstance(broker, str) else broker
-        self._inbox = Inbox(name)
-        self._link = Link(
-            address, take=self._inbox.take, came=self._came, went=self._went
-        )
-        self._requests = Requests(name, self._link)
+        self._link = ReconnectingConnection(address)
+        self._requests = CommandClient(name, self._link)
         self._order = ReorderBuffer(place)
         self._stream = PointStream(
             self._order, self._link, self._requests, max(2, max_waiting)
         )
-        self._inbox.connect_consumers(self._link, self._requests, self._stream)
+        self._inbox = Inbox(name, self._link, self._requests, self._stream)
+        self._link.topics.update(self._inbox.topics)
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def __aenter__(self) -> Self:
-        self._link.topics.update(self._inbox.topics)
-        self._run(self._link.run())
+        self._run(self._link.run(self._inbox))
         self._run(self._stream.follow())
         try:
-            await self._link.first(self._patience_s)
+            await self._link.wait_first(self._patience_s)
         except BaseException:
             await self._end()
             raise
@@ -111,7 +221,7 @@ class Arm(ArmCommands):
     @property
     def is_connected(self) -> bool:
         """Whether there is a connection to the broker."""
-        return self._link.is_up
+        return self._link.is_connected
 
     @property
     def place(self) -> dict[str, int]:
@@ -138,9 +248,9 @@ class Arm(ArmCommands):
         """The latest points that came."""
         return self._inbox.by_id
 
-    def points(self) -> Points:
+    def points(self) -> PointIterator:
         """Points and retractions in order, none twice; for one reader at a time."""
-        return Points(self._stream)
+        return PointIterator(self._stream)
 
     def points_and_losses(self) -> PointStream:
         """As `points`, with a `Lost` in the place of what cannot be had any more."""
@@ -207,14 +317,6 @@ class Arm(ArmCommands):
         """Have any command carried out; gives what came of it."""
         return await self._requests.result(args, self._answer_s + longer_s)
 
-    def _came(self) -> None:
-        self._requests.link_came()
-        self._stream.link_came()
-
-    def _went(self) -> None:
-        self._requests.link_lost()
-        self._stream.link_lost()
-
     async def _save_cursor_periodically(self, path: Path) -> None:
         kept: dict[str, int] | None = None
         while True:
@@ -235,5 +337,5 @@ class Arm(ArmCommands):
             self._inbox.close(task.exception())
 
     async def _end(self) -> None:
-        await end(self._tasks)
+        await cancel_tasks(self._tasks)
         self._inbox.close()

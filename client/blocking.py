@@ -1,6 +1,8 @@
 """An arm for programs without asyncio: scripts and notebooks."""
 
+import asyncio
 import contextlib
+import threading
 from collections.abc import (
     AsyncIterator,
     Callable,
@@ -9,20 +11,113 @@ from collections.abc import (
     Iterator,
     Mapping,
 )
+from concurrent.futures import Future
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, Self, TypedDict, TypeVar, Unpack
+from typing import Any, Generic, Literal, Self, TypedDict, TypeVar, Unpack
 
 from traverse.client.arm import Arm
-from traverse.client.counters import Counters
-from traverse.client.loop_thread import Items, LoopThread, Source
+from traverse.client.cancel_tasks import cancel_tasks
+from traverse.client.errors import Counters
 from traverse.client.mqtt.address import BrokerAddress
-from traverse.client.points.session_points import Lost
+from traverse.client.points.session_order import Lost
 from traverse.client.results import HeldSession, Resent, ResentScan
 from traverse.protocol.messages import Args, Event, Health, Live, Point, Scan, Status
 from traverse.protocol.messages.scan import ScanMode
 
 T = TypeVar("T")
+
+
+class LoopThread:
+    """An event loop in a thread of its own."""
+
+    def __init__(self) -> None:
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(
+            target=self._loop.run_forever, name="arm-client", daemon=True
+        )
+        self._thread.start()
+
+    def submit(self, work: Coroutine[Any, Any, T]) -> Future[T]:
+        """Start a coroutine; its result can be waited for."""
+        return asyncio.run_coroutine_threadsafe(work, self._loop)
+
+    def run(self, work: Coroutine[Any, Any, T]) -> T:
+        """Run a coroutine and wait; it is cancelled if the wait is interrupted."""
+        future = self.submit(work)
+        try:
+            return future.result()
+        except BaseException:
+            future.cancel()
+            raise
+
+    def close(self) -> None:
+        """End the loop and its thread."""
+        self.run(self._clear())
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
+
+    async def _clear(self) -> None:
+        here = asyncio.current_task()
+        await cancel_tasks(task for task in asyncio.all_tasks() if task is not here)
+        await self._loop.shutdown_default_executor()
+
+
+class AsyncSource(Generic[T]):
+    """What an asynchronous iterator gives, one after the other.
+
+    A wait that was interrupted (Ctrl-C) or took too long loses nothing: the next one
+    goes on with it.
+
+    Args:
+        loop: on which it runs.
+        items: the iterator.
+    """
+
+    def __init__(self, loop: LoopThread, items: AsyncIterator[T]) -> None:
+        self._loop = loop
+        self._items = items
+        self._waiting: Future[T] | None = None
+
+    def next(self, quiet_s: float | None) -> T:
+        """Wait for the next one.
+
+        Raises:
+            TimeoutError: none came within this time.
+            StopAsyncIteration: none will come any more.
+        """
+        waiting = self._waiting = self._waiting or self._loop.submit(self._next())
+        try:
+            return waiting.result(quiet_s)
+        finally:
+            if waiting.done():
+                self._waiting = None
+
+    async def _next(self) -> T:
+        return await anext(self._items)
+
+
+class TimedIterator(Generic[T]):
+    """A source for a `for` loop.
+
+    Args:
+        source: of the items.
+        quiet_s: iteration ends when nothing has come for so long; None: never.
+    """
+
+    def __init__(self, source: AsyncSource[T], quiet_s: float | None) -> None:
+        self._source = source
+        self._quiet_s = quiet_s
+
+    def __iter__(self) -> Self:
+        return self
+
+    def __next__(self) -> T:
+        try:
+            return self._source.next(self._quiet_s)
+        except (TimeoutError, StopAsyncIteration):
+            raise StopIteration from None
 
 
 class ArmOptions(TypedDict, total=False):
@@ -54,17 +149,17 @@ class BlockingArm:
     ) -> None:
         self._arm = Arm(name, broker, **options)
         self._loop: LoopThread | None = None
-        self._points: Source[Point | Lost] | None = None
+        self._points: AsyncSource[Point | Lost] | None = None
 
     def __enter__(self) -> Self:
         loop = LoopThread()
         try:
-            loop.do(self._arm.__aenter__())
+            loop.run(self._arm.__aenter__())
         except BaseException:
             loop.close()
             raise
         self._loop = loop
-        self._points = Source(loop, self._arm.points_and_losses())
+        self._points = AsyncSource(loop, self._arm.points_and_losses())
         return self
 
     def __exit__(
@@ -76,7 +171,7 @@ class BlockingArm:
         loop = self._running()
         self._loop = None
         try:
-            loop.do(self._arm.__aexit__(kind, error, trace))
+            loop.run(self._arm.__aexit__(kind, error, trace))
         finally:
             loop.close()
 
@@ -101,22 +196,24 @@ class BlockingArm:
             if isinstance(item, Point):
                 yield item
 
-    def points_and_losses(self, quiet_s: float | None = None) -> Items[Point | Lost]:
+    def points_and_losses(
+        self, quiet_s: float | None = None
+    ) -> TimedIterator[Point | Lost]:
         """As `points`, with a `Lost` in the place of what cannot be had any more."""
         self._running()
         if self._points is None:
             raise RuntimeError("the arm was never opened")
-        return Items(self._points, quiet_s)
+        return TimedIterator(self._points, quiet_s)
 
-    def events(self, quiet_s: float | None = None) -> Items[Event]:
+    def events(self, quiet_s: float | None = None) -> TimedIterator[Event]:
         """Events from now on."""
-        return self._items(_in_loop(self._arm.events), quiet_s)
+        return self._items(_call_in_loop(self._arm.events), quiet_s)
 
-    def live(self, quiet_s: float | None = None) -> Items[Live]:
+    def live(self, quiet_s: float | None = None) -> TimedIterator[Live]:
         """The latest pose, again and again."""
-        return self._items(_in_loop(self._arm.live), quiet_s)
+        return self._items(_call_in_loop(self._arm.live), quiet_s)
 
-    def scans(self, quiet_s: float | None = None) -> Items[Scan]:
+    def scans(self, quiet_s: float | None = None) -> TimedIterator[Scan]:
         """Blocks of all scans from now on, whoever started them."""
         return self._items(self._arm.scans(), quiet_s)
 
@@ -131,7 +228,7 @@ class BlockingArm:
         offset_mm: float = 0.0,
         held: bool = False,
         quiet_s: float | None = None,
-    ) -> Iterator[Items[Scan]]:
+    ) -> Iterator[TimedIterator[Scan]]:
         """A scan that runs while a `with` does; gives its blocks."""
         loop = self._running()
         blocks = self._arm.scan(
@@ -142,11 +239,11 @@ class BlockingArm:
             offset_mm=offset_mm,
             held=held,
         )
-        loop.do(blocks.__aenter__())
+        loop.run(blocks.__aenter__())
         try:
-            yield Items(Source(loop, blocks), quiet_s)
+            yield TimedIterator(AsyncSource(loop, blocks), quiet_s)
         finally:
-            loop.do(blocks.__aexit__(None, None, None))
+            loop.run(blocks.__aexit__(None, None, None))
 
     def status(self) -> Status:
         """How the arm is; the latest that it told."""
@@ -219,9 +316,9 @@ class BlockingArm:
 
     def _items(
         self, opening: Coroutine[Any, Any, AsyncIterator[T]], quiet_s: float | None
-    ) -> Items[T]:
+    ) -> TimedIterator[T]:
         loop = self._running()
-        return Items(Source(loop, loop.do(opening)), quiet_s)
+        return TimedIterator(AsyncSource(loop, loop.run(opening)), quiet_s)
 
     def _do(self, work: Coroutine[Any, Any, T]) -> T:
         try:
@@ -229,7 +326,7 @@ class BlockingArm:
         except RuntimeError:
             work.close()
             raise
-        return loop.do(work)
+        return loop.run(work)
 
     def _running(self) -> LoopThread:
         if self._loop is None:
@@ -237,6 +334,6 @@ class BlockingArm:
         return self._loop
 
 
-async def _in_loop(make: Callable[[], T]) -> T:
+async def _call_in_loop(make: Callable[[], T]) -> T:
     """Made where it will live."""
     return make()

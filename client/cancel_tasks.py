@@ -1,4 +1,4 @@
-"""Ends tasks for certain."""
+"""Cancel tasks for certain."""
 
 import asyncio
 from collections.abc import Iterable
@@ -7,7 +7,7 @@ from typing import Any
 AGAIN_S = 0.5
 
 
-async def end(tasks: Iterable[asyncio.Task[Any]]) -> None:
+async def cancel_tasks(tasks: Iterable[asyncio.Task[Any]]) -> None:
     """Cancel tasks and wait for their end.
 
     Cancelled again where it did not help: up to Python 3.11 `asyncio.wait_for` forgets

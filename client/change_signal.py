@@ -3,18 +3,18 @@
 import asyncio
 
 
-class Pulse:
-    """Many may wait; each is woken by the next beat.
+class ChangeSignal:
+    """Many may wait; each is woken by the next call of `notify`.
 
     Attributes:
-        beats: how many there were.
+        beats: how many calls there were.
     """
 
     def __init__(self) -> None:
         self._waiting: set[asyncio.Future[None]] = set()
         self.beats = 0
 
-    def beat(self) -> None:
+    def notify(self) -> None:
         """Wake all who wait."""
         self.beats += 1
         if not self._waiting:
@@ -25,7 +25,7 @@ class Pulse:
                 future.set_result(None)
 
     async def wait(self, seconds: float | None = None) -> bool:
-        """Wait for the next beat, or so long; whether there was one."""
+        """Wait for the next call, or so long; whether there was one."""
         future = asyncio.get_running_loop().create_future()
         self._waiting.add(future)
         try:

@@ -6,7 +6,13 @@ from typing import Any
 
 from traverse.client.errors import NoAnswerError
 from traverse.client.points.index import PointIndex
-from traverse.client.results import HeldSession, Resent, ResentScan, StartedScan, Taken
+from traverse.client.results import (
+    CapturedPoint,
+    HeldSession,
+    Resent,
+    ResentScan,
+    StartedScan,
+)
 from traverse.protocol.messages import (
     AlignArgs,
     Args,
@@ -172,7 +178,7 @@ class ArmCommands(ABC):
 
     async def _point(self, result: Mapping[str, Any]) -> Point:
         """The point that an answer tells of; asked for again where it fails to come."""
-        taken = Taken.read(result)
+        taken = CapturedPoint.read(result)
         for _ in range(3):
             point = await self.by_id.get(taken.id, ARRIVAL_S)
             if point is not None:

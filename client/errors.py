@@ -1,5 +1,7 @@
 """What a client of an arm may have to hear."""
 
+from dataclasses import dataclass
+
 from traverse.protocol.messages import ReplyError
 
 
@@ -34,3 +36,24 @@ class CommandRefused(ClientError):  # noqa: N818 - the answer of a sound arm
     def of(cls, error: ReplyError) -> "CommandRefused":
         """What an answer says."""
         return cls(error.code, error.text, error.remedy)
+
+
+@dataclass(frozen=True, slots=True)
+class Counters:
+    """What a client has met with since it was opened.
+
+    Attributes:
+        connections: how often a connection to the broker came about.
+        points: points that came, whatever became of them.
+        duplicates: points that came once more and were left out.
+        asked_again: points that the arm was asked to send again.
+        lost: points that could not be had any more.
+        undecodable: messages that could not be understood.
+    """
+
+    connections: int
+    points: int
+    duplicates: int
+    asked_again: int
+    lost: int
+    undecodable: int

@@ -8,7 +8,7 @@ import weakref
 from collections import deque
 from typing import Generic, Self, TypeVar
 
-from traverse.client.change_signal import Pulse
+from traverse.client.change_signal import ChangeSignal
 
 T = TypeVar("T")
 
@@ -28,7 +28,7 @@ class Feed(Generic[T]):
         self._waiting: deque[T] = deque()
         self._limit = limit
         self._keep_newest = keep_newest
-        self._pulse = Pulse()
+        self._changed = ChangeSignal()
         self._error: BaseException | None = None
         self._is_closed = False
         self.missed = 0
@@ -41,12 +41,12 @@ class Feed(Generic[T]):
                 return
             self._waiting.popleft()
         self._waiting.append(message)
-        self._pulse.beat()
+        self._changed.notify()
 
     def close(self, error: BaseException | None = None) -> None:
         """Nothing more will come; the reader hears why, if there is a reason."""
         self._is_closed, self._error = True, error
-        self._pulse.beat()
+        self._changed.notify()
 
     def __aiter__(self) -> Self:
         return self
@@ -57,7 +57,7 @@ class Feed(Generic[T]):
                 raise self._error
             if self._is_closed:
                 raise StopAsyncIteration
-            await self._pulse.wait()
+            await self._changed.wait()
         return self._waiting.popleft()
 
 
@@ -75,7 +75,7 @@ class Feeds(Generic[T]):
         self._limit = limit
         self._keep_newest = keep_newest
         self._feeds: weakref.WeakSet[Feed[T]] = weakref.WeakSet()
-        self._pulse = Pulse()
+        self._changed = ChangeSignal()
         self._end: tuple[BaseException | None] | None = None
         self.latest: T | None = None
 
@@ -97,14 +97,14 @@ class Feeds(Generic[T]):
         self.latest = message
         for feed in list(self._feeds):
             feed.put(message)
-        self._pulse.beat()
+        self._changed.notify()
 
     def close(self, error: BaseException | None = None) -> None:
         """Nothing more will come."""
         self._end = (error,)
         for feed in list(self._feeds):
             feed.close(error)
-        self._pulse.beat()
+        self._changed.notify()
 
     async def first(self, seconds: float) -> T:
         """The latest message, or the first one where none has come yet.
@@ -116,5 +116,5 @@ class Feeds(Generic[T]):
             while self.latest is None:
                 if self._end is not None and self._end[0] is not None:
                     raise self._end[0]
-                await self._pulse.wait()
+                await self._changed.wait()
         return self.latest

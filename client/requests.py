@@ -14,9 +14,9 @@ from typing import Any
 
 import aiomqtt
 
-from traverse.client.change_signal import Pulse
+from traverse.client.change_signal import ChangeSignal
 from traverse.client.errors import CommandRefused, NoAnswerError
-from traverse.client.mqtt.reconnection import Link
+from traverse.client.mqtt.connection import ReconnectingConnection
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Args, Command, Reply, ScanArgs, Status
 from traverse.protocol.topics import command_topic
@@ -25,7 +25,7 @@ REPEATABLE = frozenset({"label", "probe", "reload", "align", "resend"})
 """Commands that may be carried out twice and have the same effect."""
 
 
-class Requests:
+class CommandClient:
     """Sends commands to one arm.
 
     Args:
@@ -33,14 +33,14 @@ class Requests:
         link: the connection.
     """
 
-    def __init__(self, arm: str, link: Link) -> None:
+    def __init__(self, arm: str, link: ReconnectingConnection) -> None:
         self._arm = arm
         self._link = link
         self._name = uuid.uuid4().hex[:12]
         self._number = 0
         self._waiting: dict[str, asyncio.Future[Reply]] = {}
         self._status: Status | None = None
-        self._news = Pulse()
+        self._news = ChangeSignal()
 
     def take_reply(self, reply: Reply) -> None:
         """An answer has come, to one of us or to somebody else."""
@@ -51,16 +51,16 @@ class Requests:
     def take_status(self, status: Status) -> None:
         """The arm has said how it is."""
         self._status = status
-        self._news.beat()
+        self._news.notify()
 
-    def link_came(self) -> None:
+    def on_connected(self) -> None:
         """There is a connection."""
-        self._news.beat()
+        self._news.notify()
 
-    def link_lost(self) -> None:
+    def on_disconnected(self) -> None:
         """What the arm said last may be true no more."""
         self._status = None
-        self._news.beat()
+        self._news.notify()
 
     async def result(self, args: Args, answer_s: float) -> Mapping[str, Any]:
         """Have a command carried out; gives what came of it.
@@ -78,7 +78,7 @@ class Requests:
             async with asyncio.timeout(answer_s):
                 reply = await self._reply(args, payload, answer)
         except TimeoutError as error:
-            raise NoAnswerError(self._why_not(args.command, answer_s)) from error
+            raise NoAnswerError(self._timeout_reason(args.command, answer_s)) from error
         finally:
             del self._waiting[request]
             answer.cancel()
@@ -92,13 +92,13 @@ class Requests:
         is_stop = isinstance(args, ScanArgs) and args.action == "stop"
         may_repeat = is_stop or args.command in REPEATABLE
         topic = command_topic(self._arm, args.command)
-        life: str | None = None
+        daemon_session: str | None = None
         was_sent = False
         while not answer.done():
             status, beats = self._status, self._news.beats
-            if status is not None and status.online and self._link.is_up:
-                life = life or status.session
-                if may_repeat or not was_sent or status.session == life:
+            if status is not None and status.online and self._link.is_connected:
+                daemon_session = daemon_session or status.session
+                if may_repeat or not was_sent or status.session == daemon_session:
                     was_sent = True
                     with contextlib.suppress(aiomqtt.MqttError):
                         await self._link.publish(topic, payload)
@@ -112,9 +112,9 @@ class Requests:
                 news.cancel()
         return answer.result()
 
-    def _why_not(self, command: str, answer_s: float) -> str:
+    def _timeout_reason(self, command: str, answer_s: float) -> str:
         what = f"command {command} to {self._arm}: no answer within {answer_s:g} s"
-        if not self._link.is_up:
+        if not self._link.is_connected:
             return f"{what}; no connection to {self._link.address}: {self._link.reason}"
         if self._status is None:
             return (

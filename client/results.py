@@ -8,7 +8,7 @@ from traverse.protocol.message_error import MessageError
 
 
 @dataclass(frozen=True, slots=True)
-class Taken:
+class CapturedPoint:
     """Which point a command has made."""
 
     session: str

@@ -13,9 +13,8 @@ from typing import Any, TextIO
 
 from traverse.client.errors import CommandRefused, NoAnswerError
 from traverse.client.mqtt.address import BrokerAddress
-from traverse.client.mqtt.connection import IncomingMessage
-from traverse.client.mqtt.reconnection import Link
-from traverse.client.requests import Requests
+from traverse.client.mqtt.connection import IncomingMessage, ReconnectingConnection
+from traverse.client.requests import CommandClient
 from traverse.protocol import topics
 from traverse.protocol.encoding import decode
 from traverse.protocol.messages import PointArgs, Reply, Status
@@ -29,19 +28,19 @@ class Operator:
 
     def __init__(self, arm: str, address: BrokerAddress, log: TextIO) -> None:
         self._log = log
-        self._link = Link(address, take=self._take, came=self._came, went=self._went)
+        self._link = ReconnectingConnection(address)
         self._link.topics.update(
             {
                 topics.status_topic(arm): 0,
                 topics.reply_topic(arm, "point"): 0,
             }
         )
-        self._requests = Requests(arm, self._link)
+        self._requests = CommandClient(arm, self._link)
         self._running: set[asyncio.Task[None]] = set()
 
     async def work(self, rate_hz: float) -> None:
         """Ask for points at a rate, whatever becomes of them."""
-        connecting = asyncio.create_task(self._link.run())
+        connecting = asyncio.create_task(self._link.run(self))
         try:
             while True:
                 await asyncio.sleep(1.0 / rate_hz)
@@ -66,17 +65,20 @@ class Operator:
         self._log.write(json.dumps(line) + "\n")
         self._log.flush()
 
-    def _take(self, arrived: IncomingMessage) -> None:
+    def take(self, arrived: IncomingMessage) -> None:
+        """A message has arrived."""
         if "/reply/" in arrived.topic:
             self._requests.take_reply(decode(Reply, arrived.payload))
         else:
             self._requests.take_status(decode(Status, arrived.payload))
 
-    def _came(self) -> None:
-        self._requests.link_came()
+    def on_connected(self) -> None:
+        """There is a connection."""
+        self._requests.on_connected()
 
-    def _went(self) -> None:
-        self._requests.link_lost()
+    def on_disconnected(self) -> None:
+        """There is none any more."""
+        self._requests.on_disconnected()
 
 
 async def main(arm: str, broker: str, rate_hz: float, path: Path) -> None:

@@ -16,7 +16,7 @@ from rich.console import Console, RenderableType
 from rich.live import Live as LivePicture
 
 from traverse.cli.collect.view import instruction, shown, summary
-from traverse.client.cancel_tasks import end
+from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.mqtt.address import BrokerAddress
 from traverse.client.mqtt.subscription import connection, received, subscribe
 from traverse.daemon.pose.joint_motion import JointMotionTracker
@@ -44,7 +44,7 @@ async def collected(
         done, _ = await asyncio.wait(
             (listening, operating), return_when=asyncio.FIRST_COMPLETED
         )
-        await end((listening, operating))
+        await cancel_tasks((listening, operating))
         for task in done:
             if task.exception() is not None:
                 raise task.exception() or RuntimeError

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import aiomqtt
 
 from traverse.client.mqtt.address import BrokerAddress
-from traverse.client.mqtt.broker_client import ConfiguredClient
+from traverse.client.mqtt.connection import ConfiguredClient
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Point
 from traverse.protocol.topics import point_topic

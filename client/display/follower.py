@@ -7,7 +7,7 @@ import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 
 from traverse.client.arm import Arm
-from traverse.client.cancel_tasks import end
+from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.display.arm_state import ArmSight, Change
 from traverse.client.display.point_cloud import Cloud
 from traverse.client.errors import BrokerUnreachableError, ClientError, CommandRefused
@@ -132,4 +132,4 @@ async def following(follower: Follower) -> AsyncIterator[None]:
     try:
         yield
     finally:
-        await end((task,))
+        await cancel_tasks((task,))

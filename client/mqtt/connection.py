@@ -7,19 +7,76 @@ sending when too many wait for that.
 """
 
 import asyncio
+import logging
+import random
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Any, TypeVar
+from typing import Any, Protocol, Self, TypeVar
 
 import aiomqtt
 from paho.mqtt.client import Client as PahoClient
 from paho.mqtt.client import MQTTMessage
 
+from traverse.broker.diagnosing_client import DiagnosingClient
+from traverse.broker.reasons import Wording, is_refusal, reason_of
+from traverse.client.errors import BrokerUnreachableError
 from traverse.client.mqtt.address import BrokerAddress
-from traverse.client.mqtt.broker_client import ConfiguredClient
+
+log = logging.getLogger(__name__)
 
 T = TypeVar("T")
+
+FIRST_WAIT_S = 0.05
+LAST_WAIT_S = 10.0
+WORDING = Wording(
+    who="this client",
+    where="",
+    use_tls="give mqtts:// before its name",
+    absent="; start it, or correct its address",
+)
+
+
+class AccessRefusedError(aiomqtt.MqttError):
+    """The broker does not let us in, and waiting will not change that."""
+
+
+class ConfiguredClient(DiagnosingClient):
+    """A connection to a broker that says why it did not come about.
+
+    Args:
+        address: of the broker.
+        options: further ones of aiomqtt's client.
+
+    Raises:
+        AccessRefusedError: a file of the address cannot be used.
+    """
+
+    def __init__(
+        self,
+        address: BrokerAddress,
+        **options: Any,  # noqa: ANN401 - of aiomqtt, which has many kinds
+    ) -> None:
+        self._address = address
+        try:
+            where = address.options()
+        except OSError as error:
+            raise AccessRefusedError(str(error)) from error
+        super().__init__(**where, **options)
+
+    async def __aenter__(self) -> Self:
+        """Connect.
+
+        Raises:
+            AccessRefusedError: the broker does not want us, or we do not trust it.
+            aiomqtt.MqttError: it is not there. Both say what to do.
+        """
+        try:
+            return await super().__aenter__()
+        except aiomqtt.MqttError as error:
+            refused = is_refusal(error) or is_refusal(error.__cause__)
+            kind = AccessRefusedError if refused else aiomqtt.MqttError
+            raise kind(reason_of(error, self._address, WORDING)) from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +93,7 @@ class IncomingMessage:
 
 
 class ManualAckConnection(ConfiguredClient):
-    """A connection; use with `async with`, then wait for `ended`.
+    """A connection; use with `async with`, then wait for `wait_closed`.
 
     Args:
         address: of the broker.
@@ -79,7 +136,7 @@ class ManualAckConnection(ConfiguredClient):
         """
         await self._while_connected(self.publish(topic, payload, qos=1))
 
-    async def ended(self) -> None:
+    async def wait_closed(self) -> None:
         """Wait until the connection is gone.
 
         Raises:
@@ -112,7 +169,7 @@ class ManualAckConnection(ConfiguredClient):
         try:
             await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
             if not working.done():
-                await self.ended()
+                await self.wait_closed()
             return working.result()
         finally:
             working.cancel()
@@ -125,3 +182,119 @@ class ManualAckConnection(ConfiguredClient):
     ) -> None:
         number = message.mid if message.qos else 0
         self._take(IncomingMessage(message.topic, bytes(message.payload), number))
+
+
+class ConnectionHandler(Protocol):
+    """What a `ReconnectingConnection` calls."""
+
+    def take(self, arrived: IncomingMessage) -> None:
+        """A message has arrived."""
+
+    def on_connected(self) -> None:
+        """There is a connection with all its subscriptions."""
+
+    def on_disconnected(self) -> None:
+        """It is gone."""
+
+
+class ReconnectingConnection:
+    """Keep a connection and its subscriptions.
+
+    Args:
+        address: of the broker.
+
+    Attributes:
+        topics: topic filters to their quality of service.
+        connections: how often a connection came about.
+        reason: why there is none, for people.
+    """
+
+    def __init__(self, address: BrokerAddress) -> None:
+        self.address = address
+        self.topics: dict[str, int] = {}
+        self.connections = 0
+        self.reason = "not tried yet"
+        self._settled = asyncio.Event()  # there was one, or waiting is in vain
+        self._connection: ManualAckConnection | None = None
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether there is a connection with all its subscriptions."""
+        return self._connection is not None
+
+    async def run(self, handler: ConnectionHandler) -> None:
+        """Connect, wait for the end, reconnect; until cancelled."""
+        wait_s = FIRST_WAIT_S
+        while True:
+            try:
+                async with ManualAckConnection(
+                    self.address, handler.take
+                ) as connection:
+                    for topic, qos in self.topics.items():
+                        await connection.subscribe_checked(topic, qos)
+                    self._connection = connection
+                    self.connections += 1
+                    self.reason, wait_s = "", FIRST_WAIT_S
+                    self._settled.set()
+                    handler.on_connected()
+                    await connection.wait_closed()
+            except (aiomqtt.MqttError, OSError) as error:
+                self._report_lost(str(error), handler)
+                if isinstance(error, AccessRefusedError):
+                    self._settled.set()
+            finally:
+                self._connection = None
+            # Jitter keeps a fleet's consumers from coming back all at once.
+            await asyncio.sleep(wait_s * random.uniform(0.5, 1.0))
+            wait_s = min(2 * wait_s, LAST_WAIT_S)
+
+    async def wait_first(self, patience_s: float) -> None:
+        """Wait for the first connection.
+
+        Raises:
+            BrokerUnreachableError: it took too long, or waiting for it is in vain.
+        """
+        late = ""
+        try:
+            async with asyncio.timeout(patience_s):
+                await self._settled.wait()
+        except TimeoutError:
+            late = f" not within {patience_s:g} s"
+        if not self.connections:
+            raise BrokerUnreachableError(f"broker {self.address}{late}: {self.reason}")
+
+    async def publish(self, topic: str, payload: bytes) -> None:
+        """Send with quality of service 1.
+
+        Raises:
+            aiomqtt.MqttError: there is no connection, or it broke before the broker
+                has taken it.
+        """
+        if self._connection is None:
+            raise aiomqtt.MqttError(self.reason)
+        await self._connection.send(topic, payload)
+
+    def acknowledge(self, number: int) -> None:
+        """Tell the broker that a message of the present connection has been taken."""
+        if self._connection is not None:
+            self._connection.acknowledge(number)
+
+    async def add_topic(self, topic: str, qos: int) -> None:
+        """Subscribe, now and at every connection to come."""
+        self.topics[topic] = qos
+        if self._connection is not None:
+            await self._connection.subscribe_checked(topic, qos)
+
+    async def drop_topic(self, topic: str) -> None:
+        """Unsubscribe."""
+        self.topics.pop(topic, None)
+        if self._connection is not None:
+            await self._connection.unsubscribe(topic)
+
+    def _report_lost(self, reason: str, handler: ConnectionHandler) -> None:
+        was_up, self._connection = self._connection is not None, None
+        if was_up or reason != self.reason:
+            log.warning("broker %s: %s", self.address, reason)
+        self.reason = reason
+        if was_up:
+            handler.on_disconnected()

@@ -7,7 +7,7 @@ import aiomqtt
 
 from traverse.client.errors import BrokerUnreachableError
 from traverse.client.mqtt.address import BrokerAddress
-from traverse.client.mqtt.broker_client import ConfiguredClient
+from traverse.client.mqtt.connection import ConfiguredClient
 from traverse.protocol import topics
 from traverse.protocol.message_error import MessageError
 

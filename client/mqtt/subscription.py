@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import aiomqtt
 
 from traverse.client.mqtt.address import BrokerAddress
-from traverse.client.mqtt.broker_client import ConfiguredClient
+from traverse.client.mqtt.connection import ConfiguredClient
 from traverse.protocol import topics
 from traverse.protocol.encoding import decode
 from traverse.protocol.message_error import MessageError
@@ -39,7 +39,7 @@ MAX_WAITING = 10_000
 
 
 @dataclass(frozen=True, slots=True)
-class Received:
+class ReceivedMessage:
     """One message of an arm.
 
     Attributes:
@@ -75,7 +75,7 @@ async def subscribe(
         await client.subscribe(pattern, qos=topics.CHANNELS[kind].qos)
 
 
-async def received(client: aiomqtt.Client) -> AsyncIterator[Received]:
+async def received(client: aiomqtt.Client) -> AsyncIterator[ReceivedMessage]:
     """Messages as they come, those that cannot be decoded included."""
     async for message in client.messages:
         received_ns = time.time_ns()
@@ -84,6 +84,6 @@ async def received(client: aiomqtt.Client) -> AsyncIterator[Received]:
             topic = topics.parse_topic(str(message.topic))
             decoded = decode(KINDS[topic.kind], payload)
         except (MessageError, KeyError) as error:
-            yield Received("", str(message.topic), received_ns, None, str(error))
+            yield ReceivedMessage("", str(message.topic), received_ns, None, str(error))
             continue
-        yield Received(topic.arm, topic.kind, received_ns, decoded)
+        yield ReceivedMessage(topic.arm, topic.kind, received_ns, decoded)

@@ -8,7 +8,7 @@ from pathlib import Path
 from fastapi import Response
 from nicegui import app, ui
 
-from traverse.client.cancel_tasks import end
+from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.display.follower import Follower
 from traverse.client.page.access import Guard
 from traverse.client.page.operator_page import OperatorPage
@@ -51,7 +51,7 @@ def serve(
         tasks.append(asyncio.create_task(follower.run()))
 
     async def leave() -> None:
-        await end(tasks)
+        await cancel_tasks(tasks)
 
     app.on_startup(begin)
     app.on_shutdown(leave)

@@ -4,11 +4,11 @@ import asyncio
 import logging
 from collections.abc import Callable
 
-from traverse.client.change_signal import Pulse
+from traverse.client.change_signal import ChangeSignal
 from traverse.client.errors import ClientError, CommandRefused
-from traverse.client.mqtt.reconnection import Link
-from traverse.client.points.reorder_buffer import Ask, ReorderBuffer
-from traverse.client.requests import Requests
+from traverse.client.mqtt.connection import ReconnectingConnection
+from traverse.client.points.reorder_buffer import ReorderBuffer, ResendRequest
+from traverse.client.requests import CommandClient
 from traverse.client.results import HeldSession, Resent
 from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages import ResendArgs
@@ -24,7 +24,7 @@ MAX_SILENCES = 2
 CANNOT = ("command.not_available", "command.bad_args")
 
 
-class Asking:
+class GapFiller:
     """Finds out what is missing, and has it sent again.
 
     Args:
@@ -38,22 +38,22 @@ class Asking:
     def __init__(
         self,
         order: ReorderBuffer,
-        link: Link,
-        requests: Requests,
+        link: ReconnectingConnection,
+        requests: CommandClient,
         room: Callable[[], int],
-        arrived: Pulse,
+        arrived: ChangeSignal,
     ) -> None:
         self._order = order
         self._link = link
         self._requests = requests
         self._room = room
         self._arrived = arrived
-        self._questions = Pulse()
+        self._questions = ChangeSignal()
         self._silences = 0
 
-    def look(self) -> None:
+    def wake(self) -> None:
         """Something may be missing, or there may be room for it now."""
-        self._questions.beat()
+        self._questions.notify()
 
     async def run(self) -> None:
         """Ask for what is missing, until cancelled."""
@@ -73,7 +73,7 @@ class Asking:
             except CommandRefused as error:
                 if error.code in CANNOT:
                     self._order.refuse(f"the arm cannot send points again: {error}")
-                    self._arrived.beat()
+                    self._arrived.notify()
                     continue
                 self._order.unanswered(ask)
                 log.warning("points are missing and cannot be had now: %s", error)
@@ -88,16 +88,20 @@ class Asking:
         """Points that come while nobody answers: this client may read, not command."""
         n_taken, connections = before
         is_speaking = self._order.n_taken > n_taken
-        if is_speaking and self._link.is_up and self._link.connections == connections:
+        if (
+            is_speaking
+            and self._link.is_connected
+            and self._link.connections == connections
+        ):
             self._silences += 1
         else:
             self._silences = 0
         if self._silences >= MAX_SILENCES:
             self._silences = 0
             self._order.refuse(f"the arm does not answer this client: {reason}")
-            self._arrived.beat()
+            self._arrived.notify()
 
-    async def _next_ask(self) -> Ask:
+    async def _next_ask(self) -> ResendRequest:
         """Wait until something is missing, or nothing has come for long."""
         while True:
             ask = self._order.next_request(self._room())
@@ -109,16 +113,16 @@ class Asking:
             if self._order.can_request and self._room():
                 return self._order.tail_request()
 
-    async def _carry_out(self, ask: Ask, arrival_s: float) -> None:
+    async def _carry_out(self, ask: ResendRequest, arrival_s: float) -> None:
         if ask.session is None:
             result = await self._requests.result(ResendArgs(), ASK_S)
             self._order.listed(HeldSession.read_all(result))
-            self._arrived.beat()
+            self._arrived.notify()
             return
         args = ResendArgs(session=ask.session, from_seq=ask.from_seq, to_seq=ask.to_seq)
         answer = Resent.read(await self._requests.result(args, ASK_S))
         last = self._order.resent(ask, answer)
-        self._arrived.beat()
+        self._arrived.notify()
         if last is not None:
             await self._arrival(ask.session, last, arrival_s)
 

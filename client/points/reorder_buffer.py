@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from traverse.client.points.session_order import (
     FORGOTTEN,
     NEVER_FOLLOWED,
+    Lost,
     SessionSequence,
 )
-from traverse.client.points.session_points import Lost
 from traverse.client.results import HeldSession, Resent
 from traverse.protocol.messages import Point
 
@@ -30,7 +30,7 @@ UNKNOWN = "the arm's outbox does not know this session any more"
 
 
 @dataclass(frozen=True, slots=True)
-class Ask:
+class ResendRequest:
     """What is to be asked of the outbox.
 
     Attributes:
@@ -135,7 +135,7 @@ class ReorderBuffer:
         self._refusal = None
         self.needs_session_list = True
 
-    def next_request(self, room: int) -> Ask | None:
+    def next_request(self, room: int) -> ResendRequest | None:
         """What is to be asked for now; None: nothing is known to be missing.
 
         It counts as asked; say so with `unanswered` where no answer came.
@@ -146,34 +146,36 @@ class ReorderBuffer:
             self.needs_session_list = (
                 False  # unless something new comes before the answer
             )
-            return Ask(None)
+            return ResendRequest(None)
         head = self._sessions.head
         if head is None or room < 1:
             return None
         gap = head.missing()
         if gap is not None:
             first, last = gap
-            return Ask(head.session, first, min(last, first + min(room, BATCH) - 1))
+            return ResendRequest(
+                head.session, first, min(last, first + min(room, BATCH) - 1)
+            )
         return self.tail_request() if head.needs_confirmation else None
 
-    def tail_request(self) -> Ask:
+    def tail_request(self) -> ResendRequest:
         """Asks for what may have come after the last point that is known of."""
         head = self._sessions.head
         if head is None:
-            return Ask(None)
+            return ResendRequest(None)
         first = head.next_seq
-        return Ask(head.session, first, first + BATCH - 1, is_tail=True)
+        return ResendRequest(head.session, first, first + BATCH - 1, is_tail=True)
 
     def next_seq_of(self, session: str) -> int | None:
         """The number of a session that is handed on next; None: it is complete."""
         followed = self._sessions.get(session)
         return None if followed is None else followed.next_seq
 
-    def unanswered(self, ask: Ask) -> None:
+    def unanswered(self, ask: ResendRequest) -> None:
         """No answer came."""
         self.needs_session_list = self.needs_session_list or ask.session is None
 
-    def resent(self, ask: Ask, answer: Resent) -> int | None:
+    def resent(self, ask: ResendRequest, answer: Resent) -> int | None:
         """The outbox has answered.
 
         Returns:

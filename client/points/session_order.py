@@ -2,9 +2,89 @@
 
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
-from traverse.client.points.session_points import Followed
 from traverse.client.results import HeldSession
+from traverse.protocol.messages import Point
+
+
+@dataclass(frozen=True, slots=True)
+class Lost:
+    """Points that cannot be had any more.
+
+    Attributes:
+        from_seq, to_seq: the first and the last of them; ``to_seq`` None: nobody knows
+            how many there were, if any.
+        reason: why, for people.
+    """
+
+    session: str
+    from_seq: int
+    to_seq: int | None
+    reason: str
+
+
+class SessionPoints:
+    """A session whose points are taken in the order of their numbers.
+
+    Attributes:
+        session: its name.
+        begun_ns: when it began [UTC].
+        next_seq: the number that is handed on next.
+        known: the highest number that is known to exist; -1 before the first.
+        has_ended: whether no number above `known` will come.
+        needs_confirmation: whether the outbox has to be asked if it knows this session.
+        cut: why nobody can tell what came after `known`; empty where one can.
+        held: points that came before their turn, by number.
+    """
+
+    def __init__(self, session: str, begun_ns: int, next_seq: int = 0) -> None:
+        self.session = session
+        self.begun_ns = begun_ns
+        self.next_seq = next_seq
+        self.known = next_seq - 1
+        self.has_ended = False
+        self.needs_confirmation = False
+        self.cut = ""
+        self.held: dict[int, Point] = {}
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether it has ended and everything of it has been handed on."""
+        return self.has_ended and self.next_seq > self.known
+
+    def missing(self) -> tuple[int, int] | None:
+        """The first gap that is known of: its first and last number."""
+        end = min(self.held) - 1 if self.held else self.known
+        return None if end < self.next_seq else (self.next_seq, end)
+
+    def see(self, seq: int) -> None:
+        """A point of this number exists."""
+        self.known = max(self.known, seq)
+
+    def run(self) -> list[Point]:
+        """Points whose turn it is; they count as handed on."""
+        found = []
+        while (point := self.held.pop(self.next_seq, None)) is not None:
+            found.append(point)
+            self.next_seq += 1
+        return found
+
+    def give_up(self, to_seq: int, reason: str) -> list[Point | Lost]:
+        """Go on after gaps that cannot be filled: all up to a number.
+
+        Returns:
+            What is handed on: the gaps, and the points that are here.
+        """
+        self.see(to_seq)
+        found: list[Point | Lost] = [*self.run()]
+        while self.next_seq <= to_seq:
+            end = min([to_seq, *(seq - 1 for seq in self.held)])
+            found.append(Lost(self.session, self.next_seq, end, reason))
+            self.next_seq = end + 1
+            found += self.run()
+        return found
+
 
 MAX_PAST = 2000
 NEVER_FOLLOWED = -1
@@ -25,7 +105,7 @@ class SessionSequence:
 
     def __init__(self, since: Mapping[str, int] | None) -> None:
         self._since = None if since is None else dict(since)
-        self._sessions: dict[str, Followed] = {}
+        self._sessions: dict[str, SessionPoints] = {}
         self._past: OrderedDict[str, int] = OrderedDict()
         self.anchor: str | None = None
         self.has_begun = False
@@ -34,11 +114,11 @@ class SessionSequence:
     def __len__(self) -> int:
         return len(self._sessions)
 
-    def __iter__(self) -> Iterator[Followed]:
+    def __iter__(self) -> Iterator[SessionPoints]:
         return iter(self._sessions.values())
 
     @property
-    def head(self) -> Followed | None:
+    def head(self) -> SessionPoints | None:
         """The session whose points are handed on now."""
         return next(iter(self._sessions.values()), None)
 
@@ -47,7 +127,7 @@ class SessionSequence:
         """Whether nothing is followed that was before."""
         return self._since is None
 
-    def get(self, session: str) -> Followed | None:
+    def get(self, session: str) -> SessionPoints | None:
         """A session that is followed and not complete."""
         return self._sessions.get(session)
 
@@ -59,7 +139,7 @@ class SessionSequence:
         """Begin without knowing which sessions there are."""
         self.has_begun = True
         for session, next_seq in (self._since or {}).items():
-            self._sessions[session] = Followed(session, 0, next_seq)
+            self._sessions[session] = SessionPoints(session, 0, next_seq)
 
     def list(
         self, held: Sequence[HeldSession], lowest: Mapping[str, int], *, is_old: bool
@@ -88,9 +168,9 @@ class SessionSequence:
             elif not followed.has_ended:
                 followed.needs_confirmation = True
 
-    def adopt(self, session: str, first: int, begun_ns: int) -> Followed:
+    def adopt(self, session: str, first: int, begun_ns: int) -> SessionPoints:
         """Follow a session that is in no list, where it belongs by its time."""
-        followed = Followed(session, begun_ns, first)
+        followed = SessionPoints(session, begun_ns, first)
         sessions = list(self._sessions.values())
         at = len(sessions)
         while at and sessions[at - 1].begun_ns > begun_ns:
@@ -99,7 +179,7 @@ class SessionSequence:
         self._sessions = {one.session: one for one in sessions}
         return followed
 
-    def leave(self, head: Followed) -> None:
+    def leave(self, head: SessionPoints) -> None:
         """The head is complete: go on to the next."""
         self._pass(head.session, head.next_seq)
         del self._sessions[head.session]
@@ -117,11 +197,11 @@ class SessionSequence:
             for one in held[start : start + 1] if names else ():
                 end = 0 if one.last_seq is None else one.last_seq + 1
                 next_seq = min(end, lowest.get(one.session, end))
-                followed = Followed(one.session, one.begun_ns, next_seq)
+                followed = SessionPoints(one.session, one.begun_ns, next_seq)
                 self._sessions[one.session] = followed
         elif self._since and not set(names) & set(self._since):
             newest, next_seq = list(self._since.items())[-1]
-            self._sessions[newest] = Followed(newest, 0, next_seq)
+            self._sessions[newest] = SessionPoints(newest, 0, next_seq)
 
     def _note(self, one: HeldSession) -> None:
         if one.session in self._past:
@@ -129,7 +209,7 @@ class SessionSequence:
         followed = self._sessions.get(one.session)
         if followed is None:
             next_seq = (self._since or {}).get(one.session, 0)
-            followed = Followed(one.session, one.begun_ns, next_seq)
+            followed = SessionPoints(one.session, one.begun_ns, next_seq)
             self._sessions[one.session] = followed
         followed.begun_ns = one.begun_ns
         if one.last_seq is not None:

@@ -10,12 +10,12 @@ import asyncio
 import logging
 from typing import Self
 
-from traverse.client.change_signal import Pulse
-from traverse.client.mqtt.reconnection import Link
-from traverse.client.points.gap_filler import Asking
+from traverse.client.change_signal import ChangeSignal
+from traverse.client.mqtt.connection import ReconnectingConnection
+from traverse.client.points.gap_filler import GapFiller
 from traverse.client.points.reorder_buffer import ReorderBuffer
-from traverse.client.points.session_points import Lost
-from traverse.client.requests import Requests
+from traverse.client.points.session_order import Lost
+from traverse.client.requests import CommandClient
 from traverse.protocol.messages import Point
 
 log = logging.getLogger(__name__)
@@ -38,18 +38,24 @@ class PointStream:
     """
 
     def __init__(
-        self, order: ReorderBuffer, link: Link, requests: Requests, limit: int
+        self,
+        order: ReorderBuffer,
+        link: ReconnectingConnection,
+        requests: CommandClient,
+        limit: int,
     ) -> None:
         self._order = order
         self._link = link
         self._limit = limit
         self._unacknowledged: list[int] = []
-        self._arrived = Pulse()
-        self._asking = Asking(order, link, requests, self._room_for_more, self._arrived)
-        self._is_read = False
+        self._arrived = ChangeSignal()
+        self._gap_filler = GapFiller(
+            order, link, requests, self._room_for_more, self._arrived
+        )
+        self._has_reader = False
         self._read_s = 0.0
-        self._in_hand: Point | Lost | None = None
-        self._taken: dict[str, int] = {}
+        self._current: Point | Lost | None = None
+        self._next_seqs: dict[str, int] = {}
         self._error: BaseException | None = None
         self._is_closed = False
         self.lost = 0
@@ -70,16 +76,16 @@ class PointStream:
 
         A reader is done with a point when it asks for the next one.
         """
-        return dict(self._taken or self._order.start)
+        return dict(self._next_seqs or self._order.start)
 
     def take(self, point: Point, number: int) -> None:
         """A point has come, with the number that it is acknowledged by."""
         room = self.room
         self._order.take(point, room=room > 0)
-        if room > 0 or not self._is_read:
+        if room > 0 or not self._has_reader:
             self._link.acknowledge(number)
         else:
-            self._hold_back(number)
+            self._defer_ack(number)
         self._tell_all()
 
     def notice(self, session: str) -> None:
@@ -87,12 +93,12 @@ class PointStream:
         self._order.notice(session)
         self._tell_all()
 
-    def link_came(self) -> None:
+    def on_connected(self) -> None:
         """There is a connection: find out what was missed."""
         self._order.connection_restored()
         self._tell_all()
 
-    def link_lost(self) -> None:
+    def on_disconnected(self) -> None:
         """Nothing of the old connection can be acknowledged any more."""
         self._unacknowledged.clear()
 
@@ -100,26 +106,26 @@ class PointStream:
         """Nothing more will come."""
         self._is_closed, self._error = True, error
         self._unacknowledged.clear()
-        self._arrived.beat()
+        self._arrived.notify()
 
     def commit_current(self) -> None:
         """The reader is done with what it was given last."""
-        item, self._in_hand = self._in_hand, None
+        item, self._current = self._current, None
         if item is None:
             return
         last = item.seq if isinstance(item, Point) else item.to_seq
         if last is not None:
-            self._taken.pop(item.session, None)  # the newest stands last
-            self._taken[item.session] = last + 1
-            if len(self._taken) > MAX_PLACES:
-                del self._taken[next(iter(self._taken))]
+            self._next_seqs.pop(item.session, None)  # the newest stands last
+            self._next_seqs[item.session] = last + 1
+            if len(self._next_seqs) > MAX_PLACES:
+                del self._next_seqs[next(iter(self._next_seqs))]
 
     def __aiter__(self) -> Self:
         return self
 
     async def __anext__(self) -> Point | Lost:
         self.commit_current()
-        self._is_read = True
+        self._has_reader = True
         while not self._order.ready:
             if self._error is not None:
                 raise self._error
@@ -127,9 +133,9 @@ class PointStream:
                 raise StopAsyncIteration
             await self._arrived.wait()
         self._read_s = asyncio.get_running_loop().time()
-        self._in_hand = item = self._order.ready.popleft()
+        self._current = item = self._order.ready.popleft()
         if self.room == self._limit // 2:
-            self._let_go()
+            self._flush_acks()
         if isinstance(item, Lost):
             self._tell(item)
         return item
@@ -141,18 +147,18 @@ class PointStream:
 
     async def follow(self) -> None:
         """Ask for what is missing, until cancelled."""
-        await self._asking.run()
+        await self._gap_filler.run()
 
     def _room_for_more(self) -> int:
         """So many points may be asked for: none while many wait."""
         return self.room if self.room >= self._limit // 2 else 0
 
     def _tell_all(self) -> None:
-        self._arrived.beat()
+        self._arrived.notify()
         if self._order.needs_request:
-            self._asking.look()
+            self._gap_filler.wake()
 
-    def _hold_back(self, number: int) -> None:
+    def _defer_ack(self, number: int) -> None:
         """Let the broker wait, but not for ever for a reader that has gone away."""
         if not self._unacknowledged:
             loop = asyncio.get_running_loop()
@@ -164,17 +170,17 @@ class PointStream:
         if not self._unacknowledged:
             return
         if loop.time() - self._read_s >= READER_S:
-            self._is_read = False
-            self._let_go()
+            self._has_reader = False
+            self._flush_acks()
         else:
             loop.call_later(READER_S, self._check_reader)
 
-    def _let_go(self) -> None:
+    def _flush_acks(self) -> None:
         """Have the broker send on."""
         waiting, self._unacknowledged = self._unacknowledged, []
         for number in waiting:
             self._link.acknowledge(number)
-        self._asking.look()
+        self._gap_filler.wake()
 
     def _tell(self, lost: Lost) -> None:
         if lost.to_seq is not None:
@@ -183,3 +189,19 @@ class PointStream:
             "points %s to %s of session %s are lost: %s",
             *(lost.from_seq, lost.to_seq, lost.session, lost.reason),
         )
+
+
+class PointIterator:
+    """The points of a stream; what is lost is logged and counted."""
+
+    def __init__(self, stream: PointStream) -> None:
+        self._stream = stream
+
+    def __aiter__(self) -> Self:
+        return self
+
+    async def __anext__(self) -> Point:
+        while True:
+            item = await anext(self._stream)
+            if isinstance(item, Point):
+                return item

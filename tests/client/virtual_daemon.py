@@ -14,7 +14,7 @@ from typing import Any
 import aiomqtt
 
 from tests.protocol.message_examples import POINT, SCAN, STATUS
-from traverse.client.cancel_tasks import end
+from traverse.client.cancel_tasks import cancel_tasks
 from traverse.protocol import topics
 from traverse.protocol.encoding import decode, encode, parse_args
 from traverse.protocol.messages import (
@@ -88,7 +88,7 @@ class VirtualDaemon:
             try:
                 yield self
             finally:
-                await end([listening])
+                await cancel_tasks([listening])
                 await self._say_status(online=False)
                 self._client = None
 

@@ -9,7 +9,7 @@ import aiomqtt
 import numpy as np
 
 from tests.end_to_end.programs import PATIENCE_S, until
-from traverse.client.cancel_tasks import end
+from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.mqtt.address import BrokerAddress
 from traverse.client.mqtt.subscription import KINDS, connection, received, subscribe
 from traverse.protocol import topics
@@ -145,7 +145,7 @@ async def listening(
         if following.done():
             following.result()
     finally:
-        await end([following])
+        await cancel_tasks([following])
     assert listener.errors == []
 
 

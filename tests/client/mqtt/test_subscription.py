@@ -8,7 +8,12 @@ import pytest
 from tests.mosquitto import Mosquitto
 from tests.protocol import message_examples as examples
 from traverse.client.mqtt.address import BrokerAddress
-from traverse.client.mqtt.subscription import Received, connection, received, subscribe
+from traverse.client.mqtt.subscription import (
+    ReceivedMessage,
+    connection,
+    received,
+    subscribe,
+)
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Message
 from traverse.protocol.topics import event_topic, point_topic, reply_topic, status_topic
@@ -25,7 +30,7 @@ def arm() -> str:
 
 async def round_trip(
     broker: Mosquitto, sent: list[tuple[str, bytes]], arm: str, *kinds: str
-) -> list[Received]:
+) -> list[ReceivedMessage]:
     """What a subscriber gets of payloads; the last one must be of interest to it."""
     async with (
         connection(BrokerAddress(broker.host, broker.port)) as listening,
@@ -35,7 +40,7 @@ async def round_trip(
         await subscribe(listening, arm, *((kinds,) if kinds else ()))
         for topic, payload in sent:
             await speaking.publish(topic, payload, qos=1)
-        found: list[Received] = []
+        found: list[ReceivedMessage] = []
         async for item in received(listening):
             found.append(item)
             if item.message is not None and payload_of(item.message) == sent[-1][1]:

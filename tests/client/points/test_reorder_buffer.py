@@ -8,9 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.protocol.message_examples import POINT
-from traverse.client.points.reorder_buffer import UNKNOWN, Ask, ReorderBuffer
-from traverse.client.points.session_order import FORGOTTEN
-from traverse.client.points.session_points import Lost
+from traverse.client.points.reorder_buffer import UNKNOWN, ReorderBuffer, ResendRequest
+from traverse.client.points.session_order import FORGOTTEN, Lost
 from traverse.client.results import HeldSession, Resent
 from traverse.protocol.messages import Point
 
@@ -46,7 +45,7 @@ class Outbox:
     def listed(self) -> list[HeldSession]:
         return [self._held(one) for one in self.sessions]
 
-    def answer(self, ask: Ask) -> tuple[Resent, list[Point]]:
+    def answer(self, ask: ResendRequest) -> tuple[Resent, list[Point]]:
         session = ask.session or ""
         held = self.sessions.get(session, range(0))
         sent = [point(session, i) for i in held if ask.from_seq <= i <= ask.to_seq]
@@ -161,7 +160,7 @@ def test_a_gap_is_asked_for_and_what_came_early_waits() -> None:
     order.take(point(session, 0))
     order.take(point(session, 3))
     assert numbers(order) == [(session, 0)]
-    assert order.next_request(ROOM) == Ask(session, 1, 2)
+    assert order.next_request(ROOM) == ResendRequest(session, 1, 2)
     order.take(point(session, 1))
     order.take(point(session, 2))
     assert numbers(order) == [(session, i) for i in range(4)]
@@ -171,8 +170,8 @@ def test_a_gap_is_asked_for_and_what_came_early_waits() -> None:
 def test_large_gaps_are_asked_for_in_pieces_and_only_as_there_is_room() -> None:
     order, _, session = started()
     order.take(point(session, 2000))
-    assert order.next_request(ROOM) == Ask(session, 0, 499)
-    assert order.next_request(10) == Ask(session, 0, 9)
+    assert order.next_request(ROOM) == ResendRequest(session, 0, 499)
+    assert order.next_request(10) == ResendRequest(session, 0, 9)
     assert order.next_request(0) is None
 
 
@@ -260,11 +259,11 @@ def test_a_session_of_which_nothing_is_left_is_told() -> None:
 def test_an_empty_session_that_is_in_no_list_says_nothing() -> None:
     order, _, session = started()
     order.connection_restored()
-    assert order.next_request(ROOM) == Ask(None)
+    assert order.next_request(ROOM) == ResendRequest(None)
     order.listed([])
     assert order.next_request(ROOM) is None
     order.take(point(session, 0))
-    assert order.next_request(ROOM) == Ask(None)
+    assert order.next_request(ROOM) == ResendRequest(None)
 
 
 def test_an_arm_that_cannot_send_again_has_its_gaps_told() -> None:
@@ -283,7 +282,7 @@ def test_an_arm_that_cannot_send_again_has_its_gaps_told() -> None:
     ]
     assert order.next_request(ROOM) is None
     order.connection_restored()
-    assert order.next_request(ROOM) == Ask(None)
+    assert order.next_request(ROOM) == ResendRequest(None)
 
 
 def test_points_without_room_are_asked_for_later() -> None:

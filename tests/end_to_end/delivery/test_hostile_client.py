@@ -15,7 +15,7 @@ from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import PATIENCE_S, until
 from tests.end_to_end.workbench import SPHERE, Workbench
 from tests.hostile_messages import examples, fixed, names, payloads
-from traverse.client.cancel_tasks import end
+from traverse.client.cancel_tasks import cancel_tasks
 from traverse.daemon.commands.rate_limit import ALL, FLOOD
 from traverse.protocol import topics
 from traverse.protocol.encoding import encode
@@ -79,7 +79,7 @@ async def attacking(bench: Workbench) -> AsyncIterator[Attacker]:
         try:
             yield attacker
         finally:
-            await end([listening])
+            await cancel_tasks([listening])
 
 
 async def all_received(listener: Listener, n: int) -> None:
@@ -162,7 +162,7 @@ async def pressing(attacker: Attacker) -> AsyncIterator[None]:
     try:
         yield
     finally:
-        await end([task])
+        await cancel_tasks([task])
 
 
 async def test_a_flood_is_dropped_and_points_of_the_button_go_on(

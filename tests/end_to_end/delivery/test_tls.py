@@ -14,7 +14,7 @@ from tests.certificates import Authority
 from tests.end_to_end.programs import PATIENCE_S, Program, until
 from tests.end_to_end.workbench import REST, Workbench
 from tests.mosquitto import HOST, Mosquitto, free_port
-from traverse.client.cancel_tasks import end
+from traverse.client.cancel_tasks import cancel_tasks
 from traverse.protocol.encoding import decode, encode
 from traverse.protocol.messages import Args, Command, PointArgs, Reply, ScanArgs
 
@@ -110,7 +110,7 @@ async def person(port: int, name: str, **options: str) -> AsyncIterator[Person]:
         try:
             yield one
         finally:
-            await end([listening])
+            await cancel_tasks([listening])
 
 
 @contextlib.asynccontextmanager
