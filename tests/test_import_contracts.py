@@ -129,6 +129,13 @@ PLANTED = {
     "folders of the identification": [
         ("lab/identification/solve/planted.py", "traverse.lab.identification.results"),
     ],
+    "folders of the daemon": [
+        ("daemon/pose/pipeline.py", "traverse.daemon.acquisition.interpolation"),
+        ("daemon/pose/quality_monitor.py", "traverse.daemon.points.capture"),
+        ("daemon/scans/plan.py", "traverse.daemon.commands.dispatcher"),
+        ("daemon/store/resend.py", "traverse.daemon.commands.dispatcher"),
+        ("daemon/store/records.py", "traverse.daemon.points.capture"),
+    ],
     "families of drivers": [
         ("drivers/rls/planted.py", "traverse.drivers.amt21.driver"),
         ("drivers/io/planted.py", "traverse.drivers.polling.channel"),
