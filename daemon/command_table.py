@@ -1,18 +1,15 @@
-"""Which command is carried out by what, and what buttons do besides points."""
+"""Which handler executes which command."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from traverse.daemon.commands.alignment import AlignmentCommands
-from traverse.daemon.commands.button_actions import ButtonScans
 from traverse.daemon.commands.dispatcher import CommandHandler
 from traverse.daemon.commands.points import PointCommands
-from traverse.daemon.commands.probe import ProbeCommands
 from traverse.daemon.commands.recording import RecordingCommands
 from traverse.daemon.commands.reload import Inputs, Reload
 from traverse.daemon.commands.resend import ResendCommands
 from traverse.daemon.commands.scans import Requests
-from traverse.daemon.instrument import Instrument
+from traverse.daemon.measurement import Measurement
 from traverse.daemon.output import Output
 from traverse.daemon.system.systemd import Notifier
 
@@ -24,14 +21,14 @@ class CommandTable:
         inputs: in force.
         path: of the configuration.
         embedded: the daemon has its own broker.
-        instrument: that measures.
+        measurement: that measures.
         output: where points, scans and recordings are kept.
         notifier: told of reloads.
-        status_changed: called after what a status tells: session or probe.
         use: puts new inputs into force, in one go.
 
     Attributes:
         reload: for those who have another reason than a command.
+        change_scan: the command `scan`, which buttons have, too.
         carry_out: by name of the command.
     """
 
@@ -41,62 +38,45 @@ class CommandTable:
         path: Path,
         *,
         embedded: bool,
-        instrument: Instrument,
+        measurement: Measurement,
         output: Output,
         notifier: Notifier,
-        status_changed: Callable[[], None],
         use: Callable[[Inputs], None],
     ) -> None:
-        configuration, measuring = inputs.configuration, instrument.measuring
+        configuration = inputs.configuration
         self._scans = Requests(
             settings=configuration.capture,
             scan=configuration.scan,
-            devices=instrument.arm_devices,
-            scanner=instrument.scanner,
-            measuring=measuring,
-        )
-        self._points = PointCommands(
-            settings=configuration.capture,
-            devices=instrument.arm_devices,
-            capture=instrument.capture,
-            measuring=measuring,
-            session_changed=status_changed,
+            measurement=measurement,
         )
         library = configuration.arm.probes
-        probes = ProbeCommands(
-            library=None if library is None else path.parent / library,
-            measuring=measuring,
-            changed=status_changed,
+        self._points = PointCommands(
+            configuration.capture,
+            measurement,
+            None if library is None else path.parent / library,
         )
         self.reload = Reload(
             path=path,
             embedded=embedded,
             inputs=inputs,
-            devices=instrument.devices,
-            measuring=measuring,
-            with_probe=probes.model_of,
+            measurement=measurement,
             use=use,
             events=output.events,
             notifier=notifier,
         )
         resend = ResendCommands(output.outbox.again.carry_out, output.spool.again)
+        self.change_scan = self._scans.change_scan
         self.carry_out: Mapping[str, CommandHandler] = {
             "point": self._points.take_point,
             "undo": self._points.undo,
             "label": self._points.label,
             "session": self._points.begin_session,
-            "probe": probes.change,
+            "probe": self._points.change_probe,
             "scan": self._scans.change_scan,
-            "align": AlignmentCommands(instrument.part, measuring).change,
+            "align": self._points.align,
             "reload": self.reload.carry_out,
             "resend": resend.carry_out,
             "record": RecordingCommands(output.recorder).carry_out,
-        }
-        actions = ButtonScans(self._scans.change_scan, output.events)
-        measuring.points.carry_out |= {
-            "scan": actions.start_scan,
-            "stop": actions.stop_scan,
-            "session": status_changed,
         }
 
     def track(self) -> None:

@@ -6,7 +6,7 @@ from traverse.daemon.clock import HostClock
 from traverse.daemon.commands.dispatcher import CommandDispatcher
 from traverse.daemon.health import HealthReport
 from traverse.daemon.health_counters import broker_health, health_counters
-from traverse.daemon.instrument import Instrument
+from traverse.daemon.measurement import Measurement
 from traverse.daemon.mqtt.connection import BrokerConnection
 from traverse.daemon.output import Output
 from traverse.kinematics.kernel.choice import KERNEL
@@ -21,7 +21,7 @@ class Reports:
         arm: name of the arm.
         encoding: of all payloads, which a status tells.
         clock: the host's.
-        instrument: that measures.
+        measurement: that measures.
         output: where it all goes.
         commands: that come in.
         health: the figures collected.
@@ -38,7 +38,7 @@ class Reports:
         arm: str,
         encoding: Encoding,
         clock: HostClock,
-        instrument: Instrument,
+        measurement: Measurement,
         output: Output,
         commands: CommandDispatcher,
         health: HealthReport,
@@ -46,14 +46,14 @@ class Reports:
         self._arm = arm
         self._encoding = encoding
         self._clock = clock
-        self._instrument = instrument
+        self._measurement = measurement
         self._output = output
         self._commands = commands
         self._health = health
 
     def status(self, *, online: bool = True) -> Status:
         """The state now, or that of a daemon which is not there any more."""
-        devices, capture = self._instrument.devices, self._instrument.capture
+        devices = self._measurement.devices.values()
         ready = self._output.outbox.is_ready and all(
             d.state == "ready" for d in devices
         )
@@ -61,37 +61,37 @@ class Reports:
             online=online,
             state="offline" if not online else "ready" if ready else "degraded",
             arm=self._arm,
-            model=self._instrument.measuring.model.digest,
+            model=self._measurement.model.digest,
             version=version("traverse-cmm"),
             kernel=KERNEL,
             encoding=self._encoding,
-            session=capture.session.id,
+            session=self._measurement.capture.session.id,
             time_ns=self._clock.monotonic_ns() + self._clock.utc_offset_ns(),
             drivers=tuple(device.status() for device in devices),
         )
 
     def health(self, *, anew: bool) -> Health:
         """The figures; ``anew`` begins another period with them."""
-        instrument, output = self._instrument, self._output
+        measurement, output = self._measurement, self._output
         return self._health.message(
             anew=anew,
             arm=self._arm,
-            session=instrument.capture.session.id,
-            devices=instrument.devices,
+            session=measurement.capture.session.id,
+            devices=list(measurement.devices.values()),
             broker=broker_health(self.publisher, output.queue),
             outbox=output.outbox.health(),
             spool=output.spool.health(),
             recording=output.recorder.health(),
             counters=health_counters(
-                capture=instrument.capture,
-                scanner=instrument.scanner,
+                capture=measurement.capture,
+                scanner=measurement.scanner,
                 spool=output.spool,
-                live=instrument.live,
+                live=measurement.live,
                 commands=self._commands,
                 publisher=self.publisher,
                 queue=output.queue,
             ),
-            temperature_c=instrument.arm_devices.temperature_c,
-            lacks=instrument.measuring.assembly.lacks(),
-            skew_mm=instrument.measuring.skew.pop_largest_mm(),
+            temperature_c=measurement.joint_devices.temperature_c,
+            lacks=measurement.resampler.lacks(),
+            skew_mm=measurement.skew.pop_largest_mm(),
         )

@@ -6,16 +6,18 @@ import logging
 import signal
 from pathlib import Path
 
-from traverse.daemon.acquisition.device import Device, running_drivers
+from traverse.daemon.acquisition.device import Device, open_device, running_drivers
 from traverse.daemon.clock import HostClock
 from traverse.daemon.command_table import CommandTable
+from traverse.daemon.commands.button_actions import ButtonScans
 from traverse.daemon.commands.dispatcher import CommandDispatcher
 from traverse.daemon.commands.reload import Inputs
-from traverse.daemon.config.schema import BrokerSection, Configuration
+from traverse.daemon.config.schema import Action, BrokerSection, Configuration
+from traverse.daemon.executor import stop_scan
 from traverse.daemon.frozen_clock import FrozenClock
 from traverse.daemon.health import HealthReport
 from traverse.daemon.inputs import StartupError
-from traverse.daemon.instrument import Instrument
+from traverse.daemon.measurement import Sinks, build_measurement
 from traverse.daemon.mqtt.connection import BrokerConnection
 from traverse.daemon.mqtt.credentials import address_of
 from traverse.daemon.output import Output
@@ -31,6 +33,8 @@ log = logging.getLogger(__name__)
 
 DRAIN_S = 2.0
 FLUSH_S = 0.25
+TIMEOUT_PERIOD_S = 0.02
+LOOP_PASSES = 4  # in which deliveries that already wait are processed
 
 
 class Service:
@@ -60,27 +64,34 @@ class Service:
             clock=self._clock,
             steps=steps,
             health=health,
-            session=lambda: self._instrument.capture.session.id,
+            session=lambda: self._measurement.capture.session.id,
             status_changed=self._publish_status,
         )
-        self._instrument = Instrument(
-            configuration,
-            model,
-            self._output,
-            steps=steps,
-            health=health,
-            status_changed=self._publish_status,
+        self._button_scans = ButtonScans(self._output.events)
+        loop = asyncio.get_running_loop()
+        self._devices = [open_device(d, loop) for d in configuration.device]
+        output = self._output
+        sinks = Sinks(
+            output.events,
+            output.recorder.following(output.outbox.put),
+            output.spool.offer,
+            lambda live: output.outlet.publish("live", live),
+            self._on_action,
+            self._publish_status,
+            health.latencies,
         )
-        self._devices = self._instrument.devices
-        self._measuring = self._instrument.measuring
+        self._measurement = build_measurement(
+            configuration, model, sinks, steps, output.recorder, devices=self._devices
+        )
+        output.spool.taken_back = self._measurement.scanner.take_back
+        output.recorder.measurement = self._measurement
         self._table = CommandTable(
             Inputs(configuration, model),
             path,
             embedded=embedded,
-            instrument=self._instrument,
+            measurement=self._measurement,
             output=self._output,
             notifier=notifier,
-            status_changed=self._publish_status,
             use=self._use,
         )
         self._commands = CommandDispatcher(
@@ -96,7 +107,7 @@ class Service:
             arm=model.name,
             encoding=broker.encoding,
             clock=self._clock,
-            instrument=self._instrument,
+            measurement=self._measurement,
             output=self._output,
             commands=self._commands,
             health=health,
@@ -158,14 +169,17 @@ class Service:
                 if not self._stopping.is_set():
                     running.append(tasks.create_task(self._publisher.run()))
                     running.append(tasks.create_task(self._poll_periodically()))
+                    running.append(tasks.create_task(self._process_timeouts()))
                     running.append(
-                        tasks.create_task(self._instrument.process_timeouts())
+                        tasks.create_task(
+                            self._button_scans.run(self._table.change_scan)
+                        )
                     )
                     running.append(tasks.create_task(self._reload_at_signals()))
                     self._publish_status()
                     self._table.track()
                     settings = self._configuration.capture
-                    log_model(self._measuring.model, settings.compensation)
+                    log_model(self._measurement.model, settings.compensation)
                     await self._arrival.broker(self._stopping)
                     self._life.ready()
                     await self._stopping.wait()
@@ -183,7 +197,7 @@ class Service:
     def _use(self, inputs: Inputs) -> None:
         """Go by a new configuration and arm file."""
         configuration = self._configuration = inputs.configuration
-        self._measuring.use(configuration, inputs.model)
+        self._measurement.apply_settings(configuration, inputs.model)
         self._table.use(inputs)
         self._output.use(configuration)
         self._publisher.renew()
@@ -197,7 +211,7 @@ class Service:
             await self._table.reload.on_sighup()
 
     async def _drain(self) -> None:
-        self._measuring.scans.stop()
+        stop_scan(self._measurement)
         self._output.events.flush(at_once=True)
         self._output.outlet.publish("status", self._reports.status(online=False))
         log.info("stopping")
@@ -211,8 +225,25 @@ class Service:
             with self._output.queue.together():
                 for delivery in deliveries:
                     begun_ns = self._clock.monotonic_ns()
-                    self._measuring.take(device, delivery)
+                    self._measurement.dispatch(device, delivery)
                     self._life.note(device, delivery, begun_ns)
+
+    async def _process_timeouts(self) -> None:
+        """Process what waits for readings, or for time to pass; else sleep."""
+        while True:
+            if not self._measurement.may_wait:
+                await self._measurement.points.has_pending.wait()
+            await asyncio.sleep(TIMEOUT_PERIOD_S)
+            for _ in range(LOOP_PASSES):
+                await asyncio.sleep(0)
+            self._measurement.process_timeouts()
+
+    def _on_action(self, action: Action) -> None:
+        """Execute what a button means besides points."""
+        if action == "session":
+            self._publish_status()
+        else:
+            self._button_scans.request("start" if action == "scan" else "stop")
 
     async def _poll_periodically(self) -> None:
         due_s = 0.0

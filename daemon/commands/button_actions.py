@@ -1,55 +1,45 @@
-"""What buttons do besides points: scans, which take a while to begin and to end."""
+"""Scans that buttons start and stop; each takes a while, so they wait in a queue."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from typing import Literal
 
 from traverse.daemon.errors import RequestRefusedError, Result
 from traverse.daemon.monitoring.events import EventLog
 from traverse.protocol.messages import ScanArgs
 
+MAX_WAITING_ACTIONS = 64
+
 
 class ButtonScans:
-    """Carries actions out one after the other, beside the edges.
+    """Executes actions one after the other, beside the edges.
 
     Args:
-        change_scan: starts and stops scans, as the command does.
-        events: where it is told what was refused.
+        events: where refused actions are reported.
     """
 
-    def __init__(
-        self, change_scan: Callable[[ScanArgs], Awaitable[Result]], events: EventLog
-    ) -> None:
-        self._change_scan = change_scan
+    def __init__(self, events: EventLog) -> None:
         self._events = events
-        self._turn = asyncio.Lock()  # first come, first served
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._actions: asyncio.Queue[ScanArgs] = asyncio.Queue(MAX_WAITING_ACTIONS)
 
-    def start_scan(self) -> None:
-        """Start a scan by time, at the configured rate."""
-        self._do(ScanArgs(action="start"))
+    def request(self, action: Literal["start", "stop"]) -> None:
+        """Start a scan by time at the configured rate, or stop the running one."""
+        try:
+            self._actions.put_nowait(ScanArgs(action=action))
+        except asyncio.QueueFull:
+            self._refuse(
+                f"{MAX_WAITING_ACTIONS} presses wait for scans to start and to stop",
+                "wait until the last scan has started",
+            )
 
-    def stop_scan(self) -> None:
-        """Stop the running scan."""
-        self._do(ScanArgs(action="stop"))
-
-    async def done(self) -> None:
-        """Wait for all that has been begun."""
-        await asyncio.gather(*self._tasks)
-
-    def _do(self, args: ScanArgs) -> None:
-        task = asyncio.create_task(self._carry_out(args))
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
-
-    async def _carry_out(self, args: ScanArgs) -> None:
-        async with self._turn:
+    async def run(self, change_scan: Callable[[ScanArgs], Awaitable[Result]]) -> None:
+        """Execute what is requested until cancelled, as the command `scan` does."""
+        while True:
+            args = await self._actions.get()
             try:
-                await self._change_scan(args)
+                await change_scan(args)
             except RequestRefusedError as error:
-                self._events.report(
-                    "error",
-                    "scan.refused",
-                    str(error),
-                    source="scan",
-                    remedy=error.remedy,
-                )
+                self._refuse(str(error), error.remedy)
+
+    def _refuse(self, text: str, remedy: str) -> None:
+        self._events.report("error", "scan.refused", text, source="scan", remedy=remedy)

@@ -1,61 +1,62 @@
-"""What the commands about points do: take one, undo it, label it, begin a session."""
+"""The commands on points, and on the alignment and the probe that they depend on."""
 
 import asyncio
-from collections.abc import Callable
-from typing import TypeVar
+from pathlib import Path
 
 from traverse.daemon.acquisition.device import Device
 from traverse.daemon.acquisition.joint_devices import JointDevices
 from traverse.daemon.config.schema import CaptureSection
-from traverse.daemon.delivery_dispatcher import Measuring
 from traverse.daemon.errors import RequestRefusedError, Result
-from traverse.daemon.points.averaging import (
-    MAX_AVERAGING_NS,
-    AverageLimits,
-    SampleAverage,
+from traverse.daemon.executor import (
+    PROBE_REFUSED,
+    AwaitLatch,
+    GiveUpLatch,
+    NewSession,
+    SetAlignment,
+    SetLabel,
+    SetProbe,
+    TakeMean,
+    TakeNow,
+    Undo,
+    execute,
 )
-from traverse.daemon.points.capture import Capture
-from traverse.daemon.points.controller import PointFuture
+from traverse.daemon.measurement import Measurement
+from traverse.daemon.points.averaging import MAX_AVERAGING_NS
+from traverse.daemon.pose.probe_library import read_probes
 from traverse.drivers.base.values import DeviceError
+from traverse.kinematics.arm_file.arm import FileError
 from traverse.protocol.messages import (
-    Label,
+    AlignArgs,
     LabelArgs,
     Point,
     PointArgs,
+    ProbeArgs,
     SessionArgs,
     UndoArgs,
 )
 
 LATCH_TIMEOUT_S = 2.0
 
-T = TypeVar("T")
-
 
 class PointCommands:
-    """Carries out commands that concern points, in order with the edges.
+    """Executes commands that concern points, in order with the edges.
 
     Args:
         settings: of the configuration.
-        devices: that read the arm's joints.
-        capture: where points are numbered.
-        measuring: where they are taken.
-        session_changed: called when a new session has begun.
+        measurement: where they are taken.
+        probe_library: the file of probes; None where the configuration names none.
     """
 
     def __init__(
         self,
-        *,
         settings: CaptureSection,
-        devices: JointDevices,
-        capture: Capture,
-        measuring: Measuring,
-        session_changed: Callable[[], None],
+        measurement: Measurement,
+        probe_library: Path | None = None,
     ) -> None:
         self._settings = settings
-        self._devices = devices
-        self._capture = capture
-        self._measuring = measuring
-        self._session_changed = session_changed
+        self._measurement = measurement
+        self._probe_library = probe_library
+        self._devices = measurement.joint_devices
 
     def use(self, settings: CaptureSection) -> None:
         """Go by other settings."""
@@ -65,13 +66,12 @@ class PointCommands:
         """Capture now, one sample or a mean; gives session, seq and id of the point."""
         check_ready(self._devices)
         if (args.samples or 1) > 1 or args.dwell_s is not None:
-            average = self._average(args)
-            point = await self._measuring.points.take_mean(average)
+            mean = self._mean(args)
+            point = await execute(self._measurement, mean)
         elif self._devices.has_simultaneous_latch:
             point = await self._latched_point(self._devices.devices[0])
         else:
-            self._measuring.asked("take_now")
-            point = await self._measuring.points.take_now()
+            point = await execute(self._measurement, TakeNow())
         result = {"session": point.session, "seq": point.seq, "id": point.id}
         if point.samples > 1:
             result |= {"samples": point.samples, "spread_mm": point.spread_mm}
@@ -79,10 +79,7 @@ class PointCommands:
 
     async def undo(self, args: UndoArgs) -> Result:
         """Take the last point back; gives the retraction and what it retracts."""
-        self._measuring.asked("undo", id=args.id)
-        retraction: Point = await self._measuring.points.in_order(
-            lambda: self._capture.undo("command", args.id)
-        )
+        retraction = await execute(self._measurement, Undo(args.id))
         return {
             "session": retraction.session,
             "seq": retraction.seq,
@@ -92,33 +89,56 @@ class PointCommands:
 
     async def label(self, args: LabelArgs) -> Result:
         """Say what the next points are taken on."""
-        label = Label(artefact=args.artefact, feature=args.feature)
-
-        def set_label() -> Label:
-            self._capture.label = label
-            self._measuring.points.events.label(label)
-            return label
-
-        self._measuring.asked("label", **label.model_dump())
-        await self._measuring.points.in_order(set_label)
+        command = SetLabel(args.artefact, args.feature)
+        label = await execute(self._measurement, command)
         return {"label": label.model_dump()}
 
     async def begin_session(self, args: SessionArgs) -> Result:
         """Number from 0 again; gives the new session."""
+        command = NewSession(args.note or "")
+        return {"session": await execute(self._measurement, command)}
 
-        def begin() -> str:
-            session = self._capture.begin_session(args.note or "")
-            self._measuring.points.events.session(session)
-            self._session_changed()
-            return session.id
+    async def align(self, args: AlignArgs) -> Result:
+        """Set or clear the alignment; gives which.
 
-        self._measuring.asked("session", note=args.note or "")
-        return {"session": await self._measuring.points.in_order(begin)}
+        Points that were requested before the command keep their alignment.
+        """
+        await execute(self._measurement, SetAlignment(args))
+        return {"aligned": args.action != "clear", "name": args.name}
 
-    def _average(self, args: PointArgs) -> SampleAverage:
+    async def change_probe(self, args: ProbeArgs) -> Result:
+        """Measure with a probe of the library; gives its name and the new model."""
+        path = self._probe_library
+        if path is None:
+            raise RequestRefusedError(
+                "command.not_available",
+                "the configuration names no probe library",
+                "write one, and name it as `probes` in [arm]",
+            )
+        try:  # anew each time, so that a probe can be added while the daemon runs
+            library = await asyncio.to_thread(read_probes, path)
+        except FileError as error:
+            raise RequestRefusedError(
+                PROBE_REFUSED, str(error)[:2000], "correct the probe library"
+            ) from error
+        probe = library.named(args.name)
+        if probe is None:
+            raise RequestRefusedError(
+                PROBE_REFUSED,
+                f"{path.name} has no probe {args.name!r}; it has: {library.names}",
+                "use one of these names, or add the probe to the library",
+            )
+        model = await execute(self._measurement, SetProbe(probe))
+        return {
+            "probe": probe.name,
+            "model": model.digest,
+            "radius_mm": model.probe_radius_mm,
+        }
+
+    def _mean(self, args: PointArgs) -> TakeMean:
         settings = self._settings
         dwell_ns = None if args.dwell_s is None else int(args.dwell_s * 1e9)
-        rate_hz = self._measuring.rate_hz
+        rate_hz = self._measurement.rate_hz
         if (
             args.samples is not None
             and args.samples > rate_hz * MAX_AVERAGING_NS * 1e-9
@@ -129,32 +149,25 @@ class PointCommands:
                 f"{MAX_AVERAGING_NS * 1e-9:g} s at the {rate_hz:g} Hz of now",
                 "average fewer samples, or while a faster scan runs",
             )
-        speed_mm_s = settings.average_speed_mm_s
-        spread_mm = settings.average_spread_mm
-        begin_ns = self._measuring.asked(
-            "take_mean",
-            samples=args.samples,
-            dwell_ns=dwell_ns,
-            speed_mm_s=speed_mm_s,
-            spread_mm=spread_mm,
+        return TakeMean(
+            args.samples,
+            dwell_ns,
+            settings.average_speed_mm_s,
+            settings.average_spread_mm,
         )
-        limits = AverageLimits(speed_mm_s, spread_mm)
-        return SampleAverage(begin_ns, args.samples, dwell_ns, limits)
 
     async def _latched_point(self, device: Device) -> Point:
         """A point of what a device latches now."""
-        waiting: PointFuture = asyncio.get_running_loop().create_future()
-        latches = self._measuring.latches
         try:
             token = device.driver.request_latch()
         except DeviceError as error:
             raise RequestRefusedError(
                 "device.busy", str(error), error.remedy
             ) from error
-        self._measuring.await_latch(token, waiting)
+        waiting = execute(self._measurement, AwaitLatch(token))
         try:
             await asyncio.wait({waiting}, timeout=LATCH_TIMEOUT_S)
-            if token in latches:
+            if token in self._measurement.latches:
                 raise RequestRefusedError(
                     "device.no_answer",
                     f"{device.section.id} did not latch within {LATCH_TIMEOUT_S:g} s",
@@ -162,7 +175,8 @@ class PointCommands:
                 )
             return await waiting  # it may have to wait for its turn
         finally:
-            self._measuring.give_up_latch(token, waiting)
+            if not waiting.done():
+                execute(self._measurement, GiveUpLatch(token))
 
 
 def check_ready(devices: JointDevices) -> None:

@@ -10,11 +10,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from traverse.daemon.acquisition.device import Device
 from traverse.daemon.config.schema import Configuration
-from traverse.daemon.delivery_dispatcher import Measuring
 from traverse.daemon.errors import RequestRefusedError, Result
 from traverse.daemon.inputs import StartupError, read_inputs
+from traverse.daemon.measurement import Measurement
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.system.systemd import Notifier
@@ -39,9 +38,7 @@ class Reload:
         path: of the configuration.
         embedded: the daemon has its own broker.
         inputs: those in force.
-        devices: all of the configuration.
-        measuring: what must be quiet for a change.
-        with_probe: gives an arm the probe that is in use.
+        measurement: what must be quiet for a change.
         use: puts new inputs into force, in one go.
         events: where it is told.
         notifier: tells the service manager.
@@ -53,9 +50,7 @@ class Reload:
         path: Path,
         embedded: bool,
         inputs: Inputs,
-        devices: list[Device],
-        measuring: Measuring,
-        with_probe: Callable[[ArmModel], ArmModel],
+        measurement: Measurement,
         use: Callable[[Inputs], None],
         events: EventLog,
         notifier: Notifier,
@@ -63,9 +58,7 @@ class Reload:
         self._path = path
         self._embedded = embedded
         self._inputs = inputs
-        self._devices = devices
-        self._measuring = measuring
-        self._with_probe = with_probe
+        self._measurement = measurement
         self._use = use
         self._events = events
         self._notifier = notifier
@@ -121,7 +114,7 @@ class Reload:
                 "reload.refused", text, "correct the files and reload again"
             ) from error
         try:
-            model = self._with_probe(model)
+            model = self._measurement.with_probe(model)
         except ValueError as error:
             raise RequestRefusedError(
                 "reload.refused",
@@ -132,7 +125,7 @@ class Reload:
         fixed = restart_required(old, new)
         fixed += [
             text
-            for device in self._devices
+            for device in self._measurement.devices.values()
             if device.identity is not None
             for text in model.mismatches_with(device.section.id, device.identity)
         ]
@@ -152,7 +145,7 @@ class Reload:
         """Wait until no point is being taken."""
         try:
             async with asyncio.timeout(QUIET_S):
-                while not self._measuring.is_idle:  # noqa: ASYNC110 - a state, no event
+                while not self._measurement.is_idle:  # noqa: ASYNC110 - a state, no event
                     await asyncio.sleep(LOOK_S)
         except TimeoutError as error:
             raise RequestRefusedError(

@@ -2,13 +2,12 @@
 
 import asyncio
 
-from traverse.daemon.acquisition.joint_devices import JointDevices
 from traverse.daemon.commands.points import check_ready
 from traverse.daemon.config.schema import CaptureSection, ScanSection
-from traverse.daemon.delivery_dispatcher import Measuring
 from traverse.daemon.errors import RequestRefusedError, Result
+from traverse.daemon.executor import StartScan, execute, stop_scan
+from traverse.daemon.measurement import Measurement
 from traverse.daemon.scans.plan import requested_scan
-from traverse.daemon.scans.scanner import Scanner
 from traverse.protocol.messages import ScanArgs
 
 STREAM_TIMEOUT_S = 3.0
@@ -22,15 +21,13 @@ class Requests:
         *,
         settings: CaptureSection,
         scan: ScanSection | None = None,
-        devices: JointDevices,
-        scanner: Scanner,
-        measuring: Measuring,
+        measurement: Measurement,
     ) -> None:
         self._settings = settings
         self._scan = scan or ScanSection()
-        self._devices = devices
-        self._scanner = scanner
-        self._measuring = measuring
+        self._measurement = measurement
+        self._devices = measurement.joint_devices
+        self._scanner = measurement.scanner
 
     def use(self, settings: CaptureSection, scan: ScanSection) -> None:
         """Go by other settings; a running scan keeps its rate."""
@@ -46,7 +43,7 @@ class Requests:
         """Start a scan, or stop the running one; gives its id."""
         if args.action == "stop":
             plan = self._scanner.plan
-            total = self._measuring.scans.stop()
+            total = stop_scan(self._measurement)
             if plan is not None:
                 self.track()
             return {"scan": None if plan is None else plan.id, "total": total}
@@ -57,7 +54,7 @@ class Requests:
                 "no input of the configuration is a button that could hold a scan",
                 'name one in [capture] inputs, with trigger = "button"',
             )
-        device = self._measuring.clock_device
+        device = self._measurement.clock_device
         largest_hz = self._settings.scan_max_rate_hz
         tracking_hz = self._settings.tracking_rate_hz
         if device.identity is not None:
@@ -66,14 +63,15 @@ class Requests:
         plan = requested_scan(
             args, self._scan, largest_hz=largest_hz, tracking_rate_hz=tracking_hz
         )
-        self._measuring.scans.start(plan, self._measuring.model)
+        stop_scan(self._measurement)
+        execute(self._measurement, StartScan(plan))
         self._devices.request_stream(plan.device_rate_hz)
         try:
             async with asyncio.timeout(STREAM_TIMEOUT_S):
-                await self._measuring.scans.stream_started.wait()
+                await self._measurement.scans.stream_started.wait()
         except TimeoutError as error:
             if self._scanner.plan is plan:  # else another command has had its way
-                self._measuring.scans.stop()
+                stop_scan(self._measurement)
                 self.track()
             raise RequestRefusedError(
                 "device.no_answer",

@@ -2,14 +2,14 @@
 
 import asyncio
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from traverse.daemon.acquisition.device import Device
 from traverse.daemon.config.schema import Action, CaptureSection
 from traverse.daemon.errors import CaptureRefusedError
-from traverse.daemon.health import HealthReport
 from traverse.daemon.monitoring.events import EventLog
+from traverse.daemon.monitoring.latencies import Latencies
 from traverse.daemon.points.averaging import SampleAverage
 from traverse.daemon.points.buttons import buttons_of
 from traverse.daemon.points.capture import Capture, Session, TriggerMap
@@ -97,6 +97,7 @@ class PointEventReporter:
 
 
 PointFuture = asyncio.Future[Point]
+OTHER_ACTIONS = ("scan", "stop", "session")  # done by others, or reported
 REPORT_IT = "report it with the daemon's log"
 
 
@@ -109,11 +110,11 @@ class PointController:
         triggers: what inputs are.
         settings: what presses mean.
         events: where edges and refusals are told.
-        health: where it is told how long it took.
+        latencies: where it is added how long it took.
+        on_action: called with actions of buttons that are not about points.
 
     Attributes:
         events: tells what becomes of requests.
-        carry_out: what to call for actions that are not about points.
     """
 
     def __init__(
@@ -124,7 +125,8 @@ class PointController:
         triggers: TriggerMap,
         settings: CaptureSection,
         events: EventLog,
-        health: HealthReport,
+        latencies: Mapping[str, Latencies],
+        on_action: Callable[[Action], object],
     ) -> None:
         self._stage = stage
         self._capture = capture
@@ -133,10 +135,10 @@ class PointController:
         self.events = PointEventReporter(events)
         self._log = events
         self._making = PointEvaluator(stage, settings, events)
-        self._health = health
+        self._latencies = latencies
+        self._on_action = on_action
         self._pending = PointRequestQueue(self._look, self._deal_with)
         self._answers = OrderedReplies(self._tell)
-        self.carry_out: dict[Action, Callable[[], object]] = {}
 
     def arm_changed(self) -> None:
         """Another arm measures from now on, also what has been asked for and waits."""
@@ -269,7 +271,7 @@ class PointController:
             self.events.refused(outcome)
         elif isinstance(outcome, Point) and outcome.retracts is None:
             now_ns = self._stage.clock.running.monotonic_ns()
-            taken = self._health.latencies["capture_to_publish"]
+            taken = self._latencies["capture_to_publish"]
             taken.add(now_ns - request.received_ns)
         elif isinstance(outcome, Point) and request.device is not None:
             self.events.undone(outcome)
@@ -315,8 +317,8 @@ class PointController:
                 return None
         elif action == "session":
             self.events.session(self._capture.begin_session())
-        if action in self.carry_out:
-            self.carry_out[action]()
+        if action in OTHER_ACTIONS:
+            self._on_action(action)
         return outcome
 
     def _now_ns(self) -> int:

@@ -12,12 +12,13 @@ from typing import Self
 
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.schema import RecordingSection
+from traverse.daemon.measurement import Measurement
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.points.capture import PointWriter
 from traverse.daemon.recorder.file import Recorded
 from traverse.daemon.recorder.flight import RecorderNotification
 from traverse.daemon.recorder.item_queue import RecorderItem, RecorderQueue
-from traverse.daemon.recorder.snapshot import DeviceSnapshot, MeasurementSnapshot
+from traverse.daemon.recorder.snapshot import DeviceSnapshot
 from traverse.daemon.recorder.thread import RecorderThread, ThreadJobs
 from traverse.daemon.step_listener import StepListener
 from traverse.daemon.store.records import PendingWrite
@@ -74,7 +75,7 @@ class Recorder(StepListener):
         events: where it is told what happens to recordings.
 
     Attributes:
-        state: says how measuring is; to be set before the first step.
+        measurement: whose state is recorded; to be set before the first step.
     """
 
     def __init__(
@@ -94,7 +95,7 @@ class Recorder(StepListener):
         self._jobs = ThreadJobs(self._queue)
         self._faults = FaultTrigger()
         self._told = DeviceSnapshot()
-        self.state: MeasurementSnapshot | None = None
+        self.measurement: Measurement | None = None
         self._is_on = section.flight
         self._due_ns = 0
         self._missing = 0
@@ -144,8 +145,6 @@ class Recorder(StepListener):
     def asked(self, now_ns: int, what: str, values: Mapping[str, object]) -> None:
         """Somebody has asked for something."""
         self._look(now_ns)
-        if what == "probe" and self.state is not None:
-            self.state.probe = str(values["probe"])
         self._put(RecorderItem("asked", now_ns, what, dict(values)))
 
     def related(self, now_ns: int, utc_offset_ns: int) -> None:
@@ -182,7 +181,7 @@ class Recorder(StepListener):
     def reloaded(self, files: Mapping[str, bytes]) -> None:
         """Other files are in force from now on."""
         now_ns = self._clock.step()
-        probe = None if self.state is None else self.state.probe
+        probe = None if self.measurement is None else self.measurement.probe_json
         self._put(
             RecorderItem("files", now_ns, value={"files": dict(files), "probe": probe})
         )
@@ -277,14 +276,15 @@ class Recorder(StepListener):
     def _look(self, now_ns: int) -> None:
         """Before a step: is it time to tell the state, or to keep what was?"""
         self._keep_if_due(now_ns)
-        if not self._is_on or now_ns < self._due_ns or self.state is None:
+        if not self._is_on or now_ns < self._due_ns or self.measurement is None:
             return
         is_patient = self._due_ns and now_ns < self._due_ns + PATIENCE_NS
-        if is_patient and not self.state.is_idle:
+        if is_patient and not self.measurement.is_quiet:
             return
         self._due_ns = now_ns + STATE_NS
         told = self._told.maps()
-        state = {**self.state.state(), "devices": told, "fresh": not told}
+        devices = {"devices": told, "fresh": not told}
+        state = {**self.measurement.snapshot(), **devices}
         self._put(RecorderItem("state", now_ns, value=state))
 
     def _on_notification(self, notification: RecorderNotification) -> None:

@@ -1,22 +1,33 @@
-"""A recording goes through the same pipeline again, by its own times.
+"""A recording goes through the same measuring path again, by its own times.
 
 Steps are taken as they were, each at its recorded instant: a point depends on nothing
 else. Blocks of samples may be cut, or joined where nothing lies between, as wanted.
 """
 
+import asyncio
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
+from traverse.daemon.acquisition.device import Device
+from traverse.daemon.clock import HostClock
+from traverse.daemon.config.schema import Configuration
+from traverse.daemon.executor import execute, recorded_command
+from traverse.daemon.measurement import Measurement, Sinks, build_measurement
+from traverse.daemon.monitoring.events import EventLog
+from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.recorder.file import STEPS
 from traverse.daemon.recorder.recorded_inputs import read_recorded_inputs
 from traverse.daemon.recorder.snapshot import WARM_UP_NS
 from traverse.daemon.replay.compare import PointComparison, ScanComparison
-from traverse.daemon.replay.harness import ReplayClock, ReplayHarness
 from traverse.daemon.replay.result import ReplayResult
+from traverse.daemon.step_listener import StepListener
+from traverse.daemon.store.records import PendingWrite
 from traverse.drivers.base.delivery_maps import delivery_from_map
-from traverse.drivers.base.values import CountSamples
+from traverse.drivers.base.delivery_queue import DeliveryQueue
+from traverse.drivers.base.driver import Driver
+from traverse.drivers.base.values import CountSamples, Delivery
 from traverse.kinematics.kernel.choice import KERNEL
 from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages import Point, Scan
@@ -24,6 +35,89 @@ from traverse.recording.maps import bytes_to_map
 from traverse.recording.run_reader import RunReader
 from traverse.recording.run_writer import Entry
 from traverse.recording.views import bytes_to_cloud
+
+
+class ReplayClock(HostClock):
+    """Set to the instants of the recording."""
+
+    def __init__(self) -> None:
+        self.now_ns = 0
+        self.offset_ns = 0
+
+    def monotonic_ns(self) -> int:
+        """The instant of the step."""
+        return self.now_ns
+
+    def utc_offset_ns(self) -> int:
+        """Of the recording at that instant."""
+        return self.offset_ns
+
+
+class ReplayDriver(Driver):
+    """Of a device that is not there: the recording has its deliveries."""
+
+    def request_stream(self, rate_hz: float) -> None:
+        """Do nothing; the recording has the streams."""
+
+    def _connect(self) -> None:
+        """Never called, since it is not started."""
+
+    def _serve(self) -> None:
+        """Never called either."""
+
+    def _disconnect(self) -> None:
+        """Nor this."""
+
+
+def replay_measurement(
+    configuration: Configuration,
+    model: ArmModel,
+    clock: ReplayClock,
+    *,
+    take_point: Callable[[Point], object],
+    take_scan: Callable[[Scan], object],
+    listener: StepListener | None = None,
+) -> Measurement:
+    """The measuring path on devices that are not there; needs a running event loop.
+
+    Args:
+        configuration: of the recording.
+        model: the arm of the recording.
+        clock: set to its instants.
+        take_point: called with each point.
+        take_scan: called with each block of a scan.
+        listener: notified of each step.
+    """
+
+    def write_point(point: Point, begun_ns: int, note: str) -> PendingWrite:
+        written = PendingWrite(point)
+        written.settle()
+        take_point(point)
+        return written
+
+    def offer_scan(scan: Scan) -> bool:
+        take_scan(scan)
+        return True
+
+    loop = asyncio.get_running_loop()
+    devices = [
+        Device(
+            section,
+            DeliveryQueue(loop),
+            ReplayDriver(section.id, section.options, DeliveryQueue(loop)),
+        )
+        for section in configuration.device
+    ]
+    sinks = Sinks(EventLog(clock, lambda event: None), write_point, offer_scan)
+    return build_measurement(
+        configuration, model, sinks, clock, listener, devices=devices
+    )
+
+
+def close_drivers(measurement: Measurement) -> None:
+    """Release what drivers hold even when they are not started."""
+    for device in measurement.devices.values():
+        device.driver.close()
 
 
 class Replay:
@@ -50,7 +144,7 @@ class Replay:
         self._take_point = take_point
         self._take_scan = take_scan
         self._clock = ReplayClock()
-        self._bench: ReplayHarness | None = None
+        self._measurement: Measurement | None = None
         self._points: PointComparison | None = None
         self._scans: ScanComparison | None = None
         self._sure_ns = 0
@@ -75,8 +169,8 @@ class Replay:
                 "recorded by this version?"
             ) from error
         finally:
-            if self._bench is not None:
-                self._bench.close()
+            if self._measurement is not None:
+                close_drivers(self._measurement)
         points, scans = self._points, self._scans
         if points is None or scans is None:
             tear = f" ({self._reader.tear})" if self._reader.tear else ""
@@ -115,10 +209,10 @@ class Replay:
                 if table["is"] == "state":
                     self._flush()
                     self._begin(entry, table)
-                elif self._bench is not None:
+                elif self._measurement is not None:
                     self._flush()
                     self._set_clock(entry, table)
-                    self._step(self._bench, table)
+                    self._step(self._measurement, table)
 
     def _set_clock(self, entry: Entry, table: Mapping[str, Any]) -> None:
         self._clock.now_ns = table["at_ns"]
@@ -126,20 +220,20 @@ class Replay:
 
     def _begin(self, entry: Entry, table: Mapping[str, Any]) -> None:
         """Go on from a state, where nothing is known of the time before."""
-        if self._bench is not None:
+        if self._measurement is not None:
             return
         self._set_clock(entry, table)
         state = table["value"]
         configuration, model = read_recorded_inputs(self._reader.files, state["probe"])
-        bench = ReplayHarness(
+        measurement = replay_measurement(
             configuration,
             model,
             self._clock,
             take_point=self._take_new,
             take_scan=self._take_new_scan,
         )
-        self._bench = bench
-        bench.resume(state)
+        self._measurement = measurement
+        measurement.restore(state)
         self._sure_ns = 0 if state["fresh"] else table["at_ns"] + WARM_UP_NS
         if self._points is None:
             reach_mm = float(
@@ -150,30 +244,31 @@ class Replay:
             self._points = PointComparison(reach_mm, is_recut=is_recut)
             self._scans = ScanComparison(self._points.tolerance_mm)
 
-    def _step(self, bench: ReplayHarness, table: Mapping[str, Any]) -> None:
+    def _step(self, measurement: Measurement, table: Mapping[str, Any]) -> None:
         match table["is"]:
             case "passed":
-                bench.measuring.process_timeouts()
+                measurement.process_timeouts()
             case "asked" if table["what"] == "not_kept":
                 if self._points is not None:
                     self._points.not_kept += 1
             case "asked":
                 if table["what"] == "start_scan" and self._scans is not None:
                     self._scans.begin(table["value"]["id"])
-                bench.ask(table["what"], table["value"])
+                command = recorded_command(table["what"], table["value"])
+                ignore_result(execute(measurement, command))
             case "files":
-                bench.use(
+                measurement.apply_settings(
                     *read_recorded_inputs(self._reader.files, table["value"]["probe"])
                 )
             case "gap":
                 self._gaps += 1
                 if self._scans is not None:
                     self._scans.lose()
-                bench.close()
-                self._bench = None
+                close_drivers(measurement)
+                self._measurement = None
 
     def _deliver(self, entry: Entry) -> None:
-        if self._bench is None:
+        if self._measurement is None:
             return
         table = bytes_to_map(entry.content)
         delivery = delivery_from_map(table)
@@ -183,20 +278,20 @@ class Replay:
             return
         self._flush()
         self._set_clock(entry, table)
-        self._bench.take(delivery)
+        deliver(self._measurement, delivery)
 
     def _join(
         self, entry: Entry, table: Mapping[str, Any], samples: CountSamples
     ) -> None:
         """Take samples now, or with those that follow."""
-        bench, block = self._bench, self._block
-        if bench is None:
+        measurement, block = self._measurement, self._block
+        if measurement is None:
             return
-        if block is None or len(bench.measuring.model.devices) > 1:
+        if block is None or len(measurement.model.devices) > 1:
             # Where devices wait for each other, times of steps count, too.
             self._set_clock(entry, table)
             for part in _cut(samples, block):
-                bench.take(part)
+                deliver(measurement, part)
             return
         waiting = self._joined
         if waiting and (
@@ -213,10 +308,10 @@ class Replay:
     def _flush(self) -> None:
         """Take the samples that waited to be joined."""
         waiting, self._joined = self._joined, []
-        if waiting and self._bench is not None:
+        if waiting and self._measurement is not None:
             joined = CountSamples.joined([samples for _, samples in waiting])
             for part in _cut(joined, self._block):
-                self._bench.take(part)
+                deliver(self._measurement, part)
 
     def _take_new(self, point: Point) -> None:
         if self._points is not None:
@@ -237,3 +332,16 @@ def _cut(samples: CountSamples, block: int | None) -> Iterator[CountSamples]:
         return
     for start in range(0, n, block):
         yield samples.rows(slice(start, start + block))
+
+
+def deliver(measurement: Measurement, delivery: Delivery) -> None:
+    """Pass a recorded delivery on, if its device is in the configuration."""
+    device = measurement.devices.get(delivery.device)
+    if device is not None:
+        measurement.dispatch(device, delivery)
+
+
+def ignore_result(result: object) -> None:
+    """Ignore the result of a command, also a refusal."""
+    if isinstance(result, asyncio.Future):
+        result.add_done_callback(lambda done: done.cancelled() or done.exception())

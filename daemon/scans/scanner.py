@@ -3,7 +3,7 @@
 import asyncio
 from collections import deque
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -254,24 +254,15 @@ class ScanController:
         scanner: makes points and blocks of them.
         capture: knows the session.
         events: where it is told that an edge came too late.
-        asked: told what is about to be carried out, with its values.
 
     Attributes:
         stream_started: set when the stream that the scan waits for has begun.
     """
 
-    def __init__(
-        self,
-        scanner: Scanner,
-        *,
-        capture: Capture,
-        events: EventLog,
-        asked: Callable[..., object],
-    ) -> None:
+    def __init__(self, scanner: Scanner, *, capture: Capture, events: EventLog) -> None:
         self._scanner = scanner
         self._capture = capture
         self._events = events
-        self._asked = asked
         self.stream_started = asyncio.Event()
 
     @property
@@ -284,17 +275,9 @@ class ScanController:
         self._scanner.use_settings(block_s, settings)
 
     def start(self, plan: ScanPlan, model: ArmModel) -> None:
-        """Begin a scan; it ends a running one."""
-        self.stop()
-        self._asked("start_scan", **asdict(plan))
+        """Begin a scan; none must be running."""
         self.stream_started.clear()
         self._scanner.start(plan, model, self._capture.session.id)
-
-    def stop(self) -> int:
-        """End the running scan; gives how many points it has."""
-        if self.is_running:
-            self._asked("stop_scan")
-        return self._scanner.stop()
 
     def take(self, model: ArmModel, poses: PoseBlock) -> None:
         """Add the points of a block of poses."""

@@ -3,24 +3,12 @@
 import asyncio
 
 from tests.daemon.two_devices import BEGIN_NS, base, model_on_two, wrist
-from tests.daemon.values import SetClock, kept_at_once
+from tests.daemon.values import SetClock, configuration, kept_at_once
 from traverse.daemon.acquisition.device import Device
-from traverse.daemon.acquisition.joint_devices import JointDevices
 from traverse.daemon.commands.points import PointCommands
-from traverse.daemon.config.devices import section_of
-from traverse.daemon.config.schema import (
-    AssemblySection,
-    CaptureSection,
-    UncertaintySection,
-)
-from traverse.daemon.delivery_dispatcher import Measuring
-from traverse.daemon.health import HealthReport
+from traverse.daemon.config.schema import AssemblySection, UncertaintySection
+from traverse.daemon.measurement import Sinks, build_measurement
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.points.capture import Capture, TriggerMap
-from traverse.daemon.pose.live import LivePoseSampler
-from traverse.daemon.pose.pipeline import Pipeline
-from traverse.daemon.pose.uncertainty import CovarianceEvaluator
-from traverse.daemon.scans.scanner import Scanner
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import Driver
 from traverse.drivers.base.options import DriverOptions
@@ -36,6 +24,7 @@ IDENTITIES = {
     "wrist": Identity("line 2", "", (1 << 23, 1 << 23), 0, 80.0, latches=False),
     "handle": Identity("foot pedal", "", (), 2, 0.0, latches=False),
 }
+INPUTS = {"handle/0": "button", "base/0": "switch"}
 RATES_HZ = {"base": 100.0, "wrist": 80.0}
 
 
@@ -66,56 +55,53 @@ class DeafDriver(Driver):
 class ArmBench:
     """All that measures, in time that a test sets."""
 
-    def __init__(self, folder, model=None, uncertainty=None, capture=None, **settings):
+    def __init__(self, folder, model=None, uncertainty=None, capture=None, **assembly):
         self.clock = SetClock()
         self.clock.now_ns = BEGIN_NS
         self.model = model or model_on_two(folder)
         self.points, self.events, self.live, self.scans = [], [], [], []
-        self.devices = {name: self.device(name) for name in IDENTITIES}
-        self.arm_devices = JointDevices(self.model, list(self.devices.values()))
-        events = EventLog(self.clock, self.events.append)
-        self.scanner = Scanner(
-            self.clock, lambda scan: not self.scans.append(scan), 0.05
-        )
-        self.capture = Capture(self.clock, kept_at_once(self.offer))
-        self.pipeline = Pipeline(self.model, self.clock)
+        self.actions, self.statuses = [], []
         self.room = True
-        self.measuring = Measuring(
-            clock=self.clock,
-            devices=self.arm_devices,
-            settings=AssemblySection(**settings),
-            uncertainty=CovarianceEvaluator(uncertainty or UncertaintySection()),
-            pipeline=self.pipeline,
-            capture=self.capture,
-            triggers=TriggerMap({("handle", 0): "button", ("base", 0): "switch"}),
-            scanner=self.scanner,
-            live=LivePoseSampler(self.clock, 20.0),
-            events=events,
-            health=HealthReport(self.clock),
-            offer_live=self.live.append,
-            status_changed=lambda: None,
-            taking=CaptureSection(**(capture or {})),
+        configured = configuration(
+            *IDENTITIES,
+            inputs=INPUTS,
+            capture=capture,
+            assembly=AssemblySection(**assembly),
+            uncertainty=uncertainty or UncertaintySection(),
         )
-        self.sessions = []
-        self.point_requests = PointCommands(
-            settings=CaptureSection(**(capture or {})),
-            devices=self.arm_devices,
-            capture=self.capture,
-            measuring=self.measuring,
-            session_changed=lambda: self.sessions.append(self.capture.session.id),
+        self.devices = {one.id: self.device(one) for one in configured.device}
+        self.measurement = build_measurement(
+            configured,
+            self.model,
+            Sinks(
+                EventLog(self.clock, self.events.append),
+                kept_at_once(self.offer),
+                lambda scan: not self.scans.append(scan),
+                self.live.append,
+                self.actions.append,
+                self.change_status,
+            ),
+            self.clock,
+            devices=list(self.devices.values()),
         )
+        self.capture = self.measurement.capture
+        self.scanner = self.measurement.scanner
+        self.point_requests = PointCommands(configured.capture, self.measurement)
 
     def offer(self, point):
         if self.room:
             self.points.append(point)
         return self.room
 
-    def device(self, name):
-        section = section_of(
-            {"id": name, "driver": "latch-board", "port": f"/dev/{name}"}
-        )
+    def change_status(self):
+        """Remembers the session and the model of each changed status."""
+        model = self.measurement.model.digest
+        self.statuses.append((self.capture.session.id, model))
+
+    def device(self, section):
         delivery_queue = DeliveryQueue(asyncio.get_running_loop())
-        return Device(section, delivery_queue, DeafDriver(name, delivery_queue))
+        driver = DeafDriver(section.id, delivery_queue)
+        return Device(section, delivery_queue, driver)
 
     def close(self):
         for device in self.devices.values():
@@ -129,7 +115,7 @@ class ArmBench:
 
     def take(self, *deliveries):
         for delivery in deliveries:
-            self.measuring.take(self.devices[delivery.device], delivery)
+            self.measurement.dispatch(self.devices[delivery.device], delivery)
 
     def stream(self, first, end, speed=0.0):
         """Samples of both devices, 100 a second, up to a number."""
@@ -141,7 +127,7 @@ class ArmBench:
 
     def later(self, seconds):
         self.clock.now_ns += int(seconds * 1e9)
-        self.measuring.process_timeouts()
+        self.measurement.process_timeouts()
 
     def codes(self):
         return [event.code for event in self.events]

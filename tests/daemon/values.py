@@ -7,6 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from traverse.daemon.clock import HostClock
+from traverse.daemon.config.devices import section_of
+from traverse.daemon.config.schema import (
+    ArmSection,
+    CaptureSection,
+    Configuration,
+    InputSection,
+)
 from traverse.daemon.pose.arm_model import ArmModel, read_model
 from traverse.daemon.pose.poses import PoseBlock
 from traverse.daemon.store.records import PendingWrite
@@ -89,6 +96,26 @@ def kept_at_once(take: Callable[[Point], bool]):
         return keeping
 
     return keep
+
+
+def configuration(*devices: str, inputs=None, capture=None, **sections):
+    """Of latch boards with these ids; ``inputs`` are added to those of ``capture``."""
+    capture = dict(capture or {})
+    given = capture.get("inputs", ())
+    capture["inputs"] = given + tuple(
+        InputSection(source=source, trigger=trigger)
+        for source, trigger in (inputs or {}).items()
+        if source not in {one.source for one in given}
+    )
+    return Configuration(
+        arm=ArmSection(file="arm.toml"),
+        device=tuple(
+            section_of({"id": name, "driver": "latch-board", "port": "/dev/null"})
+            for name in devices
+        ),
+        capture=CaptureSection(**capture),
+        **sections,
+    )
 
 
 def arm_file(folder: Path, text: str = ARM) -> Path:

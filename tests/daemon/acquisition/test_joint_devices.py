@@ -31,7 +31,7 @@ async def bench(tmp_path):
 async def test_samples_come_together_as_long_as_nobody_waits_for_them(
     bench, settings, may_wait, batch_window_ns
 ):
-    devices = JointDevices(bench.measuring.model, [bench.device])
+    devices = JointDevices(bench.measurement.model, [bench.device])
     devices.set_batch_window(settings, may_wait=may_wait)
     assert bench.device.delivery_queue.batch_window_ns == batch_window_ns
 

@@ -5,32 +5,20 @@ import contextlib
 
 import pytest
 
-from tests.daemon.values import arm_model, kept_at_once
+from tests.daemon.values import arm_model, configuration, kept_at_once
 from tests.drivers.latch_board import frame_bodies as bodies
 from tests.drivers.latch_board.fake_board import HELLO, START, FakeBoard
 from tests.drivers.taken import until
 from traverse.daemon.acquisition.device import open_device
-from traverse.daemon.acquisition.joint_devices import JointDevices
 from traverse.daemon.clock import HostClock
 from traverse.daemon.commands.points import PointCommands
 from traverse.daemon.commands.scans import Requests
 from traverse.daemon.config.devices import section_of
-from traverse.daemon.config.schema import (
-    AssemblySection,
-    CaptureSection,
-    ScanSection,
-    UncertaintySection,
-)
-from traverse.daemon.delivery_dispatcher import Measuring
+from traverse.daemon.config.schema import CaptureSection, ScanSection
 from traverse.daemon.errors import RequestRefusedError
-from traverse.daemon.health import HealthReport
 from traverse.daemon.inputs import REFUSED, UNREACHABLE, check_devices
+from traverse.daemon.measurement import Sinks, build_measurement
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.points.capture import Capture, TriggerMap
-from traverse.daemon.pose.live import LivePoseSampler
-from traverse.daemon.pose.pipeline import Pipeline
-from traverse.daemon.pose.uncertainty import CovarianceEvaluator
-from traverse.daemon.scans.scanner import Scanner
 from traverse.protocol.messages import PointArgs, ScanArgs
 
 CHANNELS = ((32, 0), (23, 1 << 23), (20, 1 << 20))
@@ -44,41 +32,29 @@ class Bench:
         self.board = board
         self.room = True
         self.points, self.scans, self.events, self.live = [], [], [], []
-        section = section_of(
-            {"id": "base", "driver": "latch-board", "port": str(board.link)}
+        self.device = open_device(
+            section_of(
+                {"id": "base", "driver": "latch-board", "port": str(board.link)}
+            ),
+            asyncio.get_running_loop(),
         )
-        self.device = open_device(section, asyncio.get_running_loop())
-        capture = Capture(clock, kept_at_once(self.offer))
-        self.scanner = Scanner(clock, lambda scan: not self.scans.append(scan), 0.05)
-        devices = JointDevices(model, [self.device])
-        self.measuring = Measuring(
-            clock=clock,
-            devices=devices,
-            settings=AssemblySection(),
-            uncertainty=CovarianceEvaluator(UncertaintySection()),
-            pipeline=Pipeline(model, clock),
-            capture=capture,
-            triggers=TriggerMap({("base", 0): "button"}),
-            scanner=self.scanner,
-            live=LivePoseSampler(clock, 20.0),
-            events=EventLog(clock, self.events.append),
-            health=HealthReport(clock),
-            offer_live=self.live.append,
-            status_changed=lambda: None,
+        self.measurement = build_measurement(
+            configuration("base", inputs={"base/0": "button"}),
+            model,
+            Sinks(
+                EventLog(clock, self.events.append),
+                kept_at_once(self.offer),
+                lambda scan: not self.scans.append(scan),
+                self.live.append,
+            ),
+            clock,
+            devices=[self.device],
         )
+        self.scanner = self.measurement.scanner
         self.requests = Requests(
-            settings=CaptureSection(),
-            devices=devices,
-            scanner=self.scanner,
-            measuring=self.measuring,
+            settings=CaptureSection(), measurement=self.measurement
         )
-        self.point_requests = PointCommands(
-            settings=CaptureSection(),
-            devices=devices,
-            capture=capture,
-            measuring=self.measuring,
-            session_changed=lambda: None,
-        )
+        self.point_requests = PointCommands(CaptureSection(), self.measurement)
 
     def offer(self, point):
         # What the board still keeps while the point is handed over.
@@ -100,7 +76,7 @@ class Bench:
     async def consume(self):
         while True:
             for delivery in await self.device.delivery_queue.take():
-                self.measuring.take(self.device, delivery)
+                self.measurement.dispatch(self.device, delivery)
 
     def rates_hz(self):
         started = self.board.heard(START)

@@ -173,10 +173,11 @@ async def test_labels_go_to_the_points_that_were_asked_for_after_them(bench):
 async def test_a_new_session_numbers_from_0_and_cannot_undo_the_old(bench):
     press(bench, 30.5)
     await bench.point_requests.label(LabelArgs(artefact="bar"))
+    bench.statuses.clear()
     result = await bench.point_requests.begin_session(
         SessionArgs(action="new", note="part 12")
     )
-    assert bench.sessions == [result["session"]]
+    assert [session for session, _ in bench.statuses] == [result["session"]]
     with pytest.raises(RequestRefusedError, match="this session has no point"):
         await bench.point_requests.undo(UndoArgs())
     press(bench, 31.5)
@@ -215,7 +216,7 @@ async def test_points_carry_the_pose_of_their_instant_not_of_their_turn(bench):
     bench.stream(40, 45)
     press(bench, 42.5, token=7)
     other = replace(model, digest="f" * 64)
-    bench.pipeline.model = other
+    bench.measurement.pipeline.model = other
     bench.stream(45, 70)
     await asking
     assert [p.model for p in bench.points] == [other.digest, model.digest]
@@ -225,7 +226,7 @@ async def test_a_fault_in_one_request_does_not_hold_up_the_others(bench):
     def fail():
         raise ZeroDivisionError
 
-    failing = bench.measuring.points.in_order(fail)
+    failing = bench.measurement.points.in_order(fail)
     with pytest.raises(CaptureRefusedError, match="ZeroDivisionError"):
         await failing
     press(bench, 30.5, token=3)

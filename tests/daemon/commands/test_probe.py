@@ -10,7 +10,8 @@ from tests.daemon.arm_harness import ArmBench, edge
 from tests.daemon.effect_entries import effect
 from tests.daemon.two_devices import BEGIN_NS, ON_TWO
 from tests.daemon.values import ARM, arm_file, arm_model
-from traverse.daemon.commands.probe import ProbeCommands
+from traverse.daemon.commands.points import PointCommands
+from traverse.daemon.config.schema import CaptureSection
 from traverse.daemon.errors import RequestRefusedError
 from traverse.daemon.pose.arm_model import model_with_probe, read_model
 from traverse.daemon.pose.probe_library import read_probes
@@ -117,11 +118,8 @@ async def bench(tmp_path):
 
 
 def requests(bench, path):
-    changes = []
-    made = ProbeCommands(
-        library=path, measuring=bench.measuring, changed=lambda: changes.append(1)
-    )
-    return made, changes
+    bench.statuses.clear()
+    return PointCommands(CaptureSection(), bench.measurement, path), bench.statuses
 
 
 async def test_points_after_the_change_are_of_the_new_probe(bench, tmp_path):
@@ -129,7 +127,7 @@ async def test_points_after_the_change_are_of_the_new_probe(bench, tmp_path):
     before = bench.model.digest
     bench.take(edge("handle", BEGIN_NS + 305_000_000, 0))
     bench.take(edge("handle", BEGIN_NS + 405_000_000, 1))  # its readings will come
-    changing = asyncio.create_task(probes.change(ProbeArgs(name="long")))
+    changing = asyncio.create_task(probes.change_probe(ProbeArgs(name="long")))
     await asyncio.sleep(0.05)  # the library is read in another thread
     bench.take(edge("handle", BEGIN_NS + 415_000_000, 2))
     bench.stream(40, 60)
@@ -141,7 +139,7 @@ async def test_points_after_the_change_are_of_the_new_probe(bench, tmp_path):
     assert models[-1] == result["model"] != before
     assert [p.probe_radius_mm for p in bench.points][-1] == result["radius_mm"] == 1.5
     assert len(models) == 4
-    assert changes == [1]
+    assert [model for _, model in changes] == [result["model"]]
     assert "capture.probe" in bench.codes()
     assert bench.points[0].counts == bench.points[-1].counts  # turns are kept
 
@@ -150,7 +148,7 @@ async def test_a_mean_is_of_one_probe(bench, tmp_path):
     probes, _ = requests(bench, library(tmp_path))
     asking = asyncio.create_task(bench.point_requests.take_point(PointArgs(samples=20)))
     await asyncio.sleep(0)
-    changing = asyncio.create_task(probes.change(ProbeArgs(name="long")))
+    changing = asyncio.create_task(probes.change_probe(ProbeArgs(name="long")))
     await asyncio.sleep(0.05)
     bench.stream(40, 50)
     assert not changing.done()
@@ -158,7 +156,7 @@ async def test_a_mean_is_of_one_probe(bench, tmp_path):
     await asking
     await changing
     assert bench.points[0].probe_radius_mm == 3.0
-    assert bench.measuring.model.probe_radius_mm == 1.5
+    assert bench.measurement.model.probe_radius_mm == 1.5
 
 
 async def test_probes_that_are_not_there_are_refused_with_those_that_are(
@@ -168,14 +166,14 @@ async def test_probes_that_are_not_there_are_refused_with_those_that_are(
     with pytest.raises(
         RequestRefusedError, match="no probe 'short'; it has: ball-6, long"
     ):
-        await probes.change(ProbeArgs(name="short"))
+        await probes.change_probe(ProbeArgs(name="short"))
     none, _ = requests(bench, None)
     with pytest.raises(RequestRefusedError, match="names no probe library") as refusal:
-        await none.change(ProbeArgs(name="short"))
+        await none.change_probe(ProbeArgs(name="short"))
     assert refusal.value.code == "command.not_available"
     library(tmp_path, "nonsense = 1")
     with pytest.raises(RequestRefusedError, match="schema") as refusal:
-        await probes.change(ProbeArgs(name="long"))
+        await probes.change_probe(ProbeArgs(name="long"))
     assert refusal.value.code == "capture.probe_refused"
     assert changes == []
 
@@ -190,8 +188,8 @@ async def test_a_probe_that_the_effects_cannot_have_is_refused(tmp_path):
     probes, _ = requests(bench, library(tmp_path))
     try:
         with pytest.raises(RequestRefusedError, match="mass") as refusal:
-            await probes.change(ProbeArgs(name="long"))
+            await probes.change_probe(ProbeArgs(name="long"))
     finally:
         bench.close()
     assert refusal.value.code == "capture.probe_refused"
-    assert bench.measuring.model is model
+    assert bench.measurement.model is model

@@ -45,9 +45,7 @@ class Reloading:
             path=self.path,
             embedded=False,
             inputs=Inputs(configuration, model),
-            devices=[self.bench.device],
-            measuring=self.bench.measuring,
-            with_probe=lambda model: model,
+            measurement=self.bench.measurement,
             use=self.use,
             events=EventLog(self.bench.clock, self.bench.events.append),
             notifier=Notifier({"NOTIFY_SOCKET": str(self.manager)}),
@@ -55,7 +53,7 @@ class Reloading:
 
     def use(self, inputs):
         self.used.append(inputs)
-        self.bench.measuring.use(inputs.configuration, inputs.model)
+        self.bench.measurement.apply_settings(inputs.configuration, inputs.model)
 
     def write(self, text):
         self.path.write_text(text)
@@ -64,11 +62,11 @@ class Reloading:
         return await self.reload.carry_out(ReloadArgs())
 
     async def refused(self):
-        before = self.bench.measuring.model
+        before = self.bench.measurement.model
         with pytest.raises(RequestRefusedError) as caught:
             await self.carried_out()
         assert self.used == []
-        assert self.bench.measuring.model is before
+        assert self.bench.measurement.model is before
         assert self.bench.codes()[-1] == caught.value.code
         return caught.value
 
@@ -176,7 +174,7 @@ async def test_another_arm_is_refused(reloading, old, new, words):
 async def test_it_waits_until_no_point_is_being_taken(reloading):
     bench = reloading.bench
     waiting = asyncio.get_running_loop().create_future()
-    bench.measuring.latches[7] = waiting
+    bench.measurement.latches[7] = waiting
     arm_file(reloading.folder, ARM.replace("radius_mm = 3.0", "radius_mm = 2.0"))
     task = asyncio.create_task(reloading.carried_out())
     done, _ = await asyncio.wait({task}, timeout=0.1)
@@ -185,7 +183,7 @@ async def test_it_waits_until_no_point_is_being_taken(reloading):
     bench.take(latch((5, 6, 7), number=None, token=7))
     await task
     assert (await waiting).probe_radius_mm == 3.0
-    assert bench.measuring.model.probe_radius_mm == 2.0
+    assert bench.measurement.model.probe_radius_mm == 2.0
 
 
 def test_every_input_keeps_its_trigger(tmp_path):

@@ -24,12 +24,7 @@ async def bench(tmp_path):
 
 @pytest.fixture
 def requests(bench):
-    return Requests(
-        settings=CaptureSection(),
-        devices=bench.arm_devices,
-        scanner=bench.scanner,
-        measuring=bench.measuring,
-    )
+    return Requests(settings=CaptureSection(), measurement=bench.measurement)
 
 
 @pytest.fixture

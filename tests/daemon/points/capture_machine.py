@@ -15,24 +15,11 @@ from tests.daemon.points.expected_points import (
     expected_points,
     has_room,
 )
-from tests.daemon.values import MODULI, SetClock, arm_model
+from tests.daemon.values import MODULI, SetClock, arm_model, configuration
 from traverse.daemon.acquisition.device import Device
-from traverse.daemon.acquisition.joint_devices import JointDevices
-from traverse.daemon.config.devices import section_of
-from traverse.daemon.config.schema import (
-    AssemblySection,
-    CaptureSection,
-    InputSection,
-    UncertaintySection,
-)
-from traverse.daemon.delivery_dispatcher import Measuring
-from traverse.daemon.health import HealthReport
+from traverse.daemon.config.schema import InputSection
+from traverse.daemon.measurement import Sinks, build_measurement
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.points.capture import Capture, triggers_of
-from traverse.daemon.pose.live import LivePoseSampler
-from traverse.daemon.pose.pipeline import Pipeline
-from traverse.daemon.pose.uncertainty import CovarianceEvaluator
-from traverse.daemon.scans.scanner import Scanner
 from traverse.daemon.store.database import MessageDatabase
 from traverse.daemon.store.records import NewMessage, PendingWrite, PendingWrites
 from traverse.drivers.base.delivery_queue import DeliveryQueue
@@ -48,14 +35,17 @@ from traverse.protocol.messages import Point
 MS = 1_000_000
 MEMORY = Path("/dev/shm")
 
-CAPTURE = CaptureSection(
-    hold_s=HOLD_MS / 1000,
-    inputs=(
-        InputSection(source="base/0", trigger="button"),
-        InputSection(source="base/1", trigger="switch"),
-        # What it means is known at its release only, or after some time.
-        InputSection(source="base/2", trigger="button", hold="undo"),
-    ),
+CONFIGURATION = configuration(
+    "base",
+    capture={
+        "hold_s": HOLD_MS / 1000,
+        "inputs": (
+            InputSection(source="base/0", trigger="button"),
+            InputSection(source="base/1", trigger="switch"),
+            # What it means is known at its release only, or after some time.
+            InputSection(source="base/2", trigger="button", hold="undo"),
+        ),
+    },
 )
 
 
@@ -72,19 +62,6 @@ def entry_of(point: Point, begun_ns: int, note: str) -> NewMessage:
         "msgpack",
         encode(point, "msgpack"),
     )
-
-
-class WatchedCapture(Capture):
-    """Remembers what came of each attempt to take a point back; None: refused."""
-
-    def __init__(self, *arguments):
-        super().__init__(*arguments)
-        self.attempts: list[PendingWrite | None] = []
-
-    def undo(self, *arguments):
-        self.attempts.append(None)
-        self.attempts[-1] = super().undo(*arguments)
-        return self.attempts[-1]
 
 
 class CaptureBench(RuleBasedStateMachine):
@@ -117,6 +94,7 @@ class CaptureBench(RuleBasedStateMachine):
         self.waiting: list[tuple[Point, NewMessage]] = []
         self.keepings: dict[int, PendingWrite] = {}
         self.failures = 0
+        self.attempts: list[PendingWrite | None] = []
         self.loop.run_until_complete(self._begin())
 
     async def _begin(self) -> None:
@@ -125,33 +103,36 @@ class CaptureBench(RuleBasedStateMachine):
         driver.acknowledge = lambda token: self.acknowledged.append(
             (token, len(self.published))
         )
-        section = section_of(
-            {"id": "base", "driver": "latch-board", "port": "/dev/null"}
-        )
-        self.device = Device(section, delivery_queue, driver)
+        self.device = Device(CONFIGURATION.device[0], delivery_queue, driver)
         self.path = Path(self.folder.name) / f"{uuid.uuid4().hex}.db"
         self.store = MessageDatabase(self.path)
-        self.capture = WatchedCapture(self.clock, self._keep)
-        self.sessions.append(self.capture.session.id)
-        self.scanner = Scanner(self.clock, lambda m: not self.scans.append(m), 0.05)
-        self.measuring = Measuring(
-            clock=self.clock,
-            devices=JointDevices(self.arm, [self.device]),
-            settings=AssemblySection(),
-            uncertainty=CovarianceEvaluator(UncertaintySection()),
-            pipeline=Pipeline(self.models[0], self.clock),
-            capture=self.capture,
-            triggers=triggers_of(CAPTURE),
-            scanner=self.scanner,
-            live=LivePoseSampler(self.clock, 20.0),
-            events=EventLog(self.clock, self.events.append),
-            health=HealthReport(self.clock),
-            offer_live=lambda live: None,
-            status_changed=lambda: None,
-            taking=CAPTURE,
+        self.measurement = build_measurement(
+            CONFIGURATION,
+            self.models[0],
+            Sinks(
+                EventLog(self.clock, self.events.append),
+                self._keep,
+                lambda scan: not self.scans.append(scan),
+            ),
+            self.clock,
+            devices=[self.device],
         )
+        self.scanner = self.measurement.scanner
+        self.capture = self.measurement.capture
+        self.capture.undo = self._watched(self.capture.undo)
+        self.sessions.append(self.capture.session.id)
         identity = Identity("board", "1", MODULI, 4, 10_000.0)
         self.take(DeviceUp("base", identity, False), StreamStarted("base", 1, 100.0))
+
+    def _watched(self, undo):
+        """Remembers what came of each attempt to take a point back; None: refused."""
+
+        def watched(*arguments):
+            self.attempts.append(None)
+            self.attempts[-1] = undo(*arguments)
+            return self.attempts[-1]
+
+        return watched
 
     def _keep(self, point, begun_ns, note) -> PendingWrite | None:
         is_undo = point.retracts is not None
@@ -165,7 +146,7 @@ class CaptureBench(RuleBasedStateMachine):
 
     def take(self, *deliveries) -> None:
         for delivery in deliveries:
-            self.measuring.take(self.device, delivery)
+            self.measurement.dispatch(self.device, delivery)
 
     def latch(self, number, active, token, counts) -> LatchedCounts:
         now_ns = self.clock.now_ns
@@ -186,7 +167,7 @@ class CaptureBench(RuleBasedStateMachine):
     def compare_points(self) -> None:
         expected = expected_points(
             self.asked,
-            self.capture.attempts,
+            self.attempts,
             self.keepings,
             self.sessions,
             self.failures,

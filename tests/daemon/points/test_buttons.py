@@ -7,6 +7,7 @@ import pytest
 from tests.daemon.arm_harness import ArmBench, edge
 from tests.daemon.two_devices import BEGIN_NS, base, wrist
 from tests.daemon.values import SetClock
+from tests.drivers.taken import until
 from traverse.daemon.commands.button_actions import ButtonScans
 from traverse.daemon.config.schema import InputSection
 from traverse.daemon.errors import RequestRefusedError
@@ -31,11 +32,7 @@ class Hand:
         )
         self.bench.up()
         self.at = self.token = 0
-        self.done = []
-        self.bench.measuring.points.carry_out |= {
-            name: lambda name=name: self.done.append(name)
-            for name in ("scan", "stop", "session")
-        }
+        self.done = self.bench.actions
         self.until(400)
 
     def until(self, ms):
@@ -48,7 +45,7 @@ class Hand:
                 base(speed=0.0).samples(numbers),
             )
             self.bench.clock.now_ns = BEGIN_NS + self.at * 1_000_000
-            self.bench.measuring.process_timeouts()
+            self.bench.measurement.process_timeouts()
 
     def press(self, ms, *, active=True):
         instant_ns = BEGIN_NS + ms * 1_000_000
@@ -206,11 +203,14 @@ async def test_scans_of_buttons_come_one_after_the_other_and_tell_refusals():
         return {}
 
     events = EventLog(SetClock(), told.append)
-    actions = ButtonScans(change_scan, events)
+    actions = ButtonScans(events)
+    running = asyncio.create_task(actions.run(change_scan))
     for _ in range(2):
-        actions.start_scan()
-        actions.stop_scan()
+        actions.request("start")
+        actions.request("stop")
     gate.set()
-    await actions.done()
+    await until(lambda: len(done) == 4, "all four actions")
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
     assert done == ["start", "stop"] * 2
     assert {event.code for event in told} == {"scan.refused"}

@@ -97,7 +97,7 @@ class CaptureMachine(CaptureBench):
     def daemon_looks_at_the_time(self):
         """It does so only after all that has arrived."""
         self.line_delivers(len(self.on_the_line))
-        self.measuring.process_timeouts()
+        self.measurement.process_timeouts()
 
     # -- the disk ------------------------------------------------------------
 
@@ -139,7 +139,7 @@ class CaptureMachine(CaptureBench):
         self.asked.append(asked)
 
         async def ask() -> None:
-            self.answers.append(self.measuring.points.in_order(act))
+            self.answers.append(self.measurement.points.in_order(act))
 
         self.loop.run_until_complete(ask())
 
@@ -152,7 +152,7 @@ class CaptureMachine(CaptureBench):
         async def ask() -> None:
             answer = asyncio.get_running_loop().create_future()
             self.answers.append(answer)
-            self.measuring.latches[-self.counts] = answer
+            self.measurement.latches[-self.counts] = answer
             self.take(self.latch(None, True, -self.counts, self.counts))
 
         self.loop.run_until_complete(ask())
@@ -180,7 +180,7 @@ class CaptureMachine(CaptureBench):
     @rule(number=st.integers(0, 2))
     def probe(self, number):
         def act() -> bool:
-            self.measuring.use_probe(self.models[number])
+            self.measurement.set_model(self.models[number])
             return True
 
         self._in_order(Asked("probe", value=number), act)
@@ -192,7 +192,7 @@ class CaptureMachine(CaptureBench):
         plan = ScanPlan(name, 100.0 / every, every, held=held)
         self.scan_counts[name] = []
         self.held_scans |= {name} if held else set()
-        self.scanner.start(plan, self.measuring.model, self.capture.session.id)
+        self.scanner.start(plan, self.measurement.model, self.capture.session.id)
         self.stream, self.samples = self.stream + 1, 0
         self.take(StreamStarted("base", self.stream, 100.0))
 

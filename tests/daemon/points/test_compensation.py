@@ -160,7 +160,7 @@ def make_bench(tmp_path):
 
 def stream(bench, first, end):
     bench.stream(first, end, speed=1.0)
-    bench.measuring.process_timeouts()
+    bench.measurement.process_timeouts()
 
 
 async def test_a_pulled_hit_waits_for_the_pull_and_so_does_its_acknowledgement(
@@ -182,7 +182,7 @@ async def test_a_pulled_hit_waits_for_the_pull_and_so_does_its_acknowledgement(
 async def test_a_hit_that_is_not_pulled_is_taken_after_its_time_and_marked(make_bench):
     bench = make_bench("pulled", pull_mm=100.0, pull_s=0.1)
     stream(bench, 0, 20)
-    bench.measuring.path.forget()
+    bench.measurement.trajectory.forget()
     bench.take(edge("handle", BEGIN_NS + 185_000_000, 7))
     bench.later(0.2)
     assert bench.points == []
@@ -202,7 +202,9 @@ async def test_points_of_a_stream_come_from_where_the_ball_was(make_bench):
     assert point.compensation == "pretouch"
     towards = (np.array(point.surface_mm) - point.xyz_mm) / 3.0
     # It goes on in the direction in which it came.
-    later_mm = bench.measuring.path.position_mm(BEGIN_NS + 375_000_000) - point.xyz_mm
+    later_mm = (
+        bench.measurement.trajectory.position_mm(BEGIN_NS + 375_000_000) - point.xyz_mm
+    )
     assert towards @ later_mm / np.linalg.norm(later_mm) > 0.9
 
 
@@ -221,7 +223,7 @@ async def test_a_press_in_the_air_waits_for_its_readings_and_takes_no_point(
     assert bench.points == []
     bench.take(edge("base", BEGIN_NS + 555_000_000, 0, counts=(1, 2, 3)))
     (point,) = bench.points
-    there_mm = bench.measuring.path.position_mm(BEGIN_NS + 200_000_000)
+    there_mm = bench.measurement.trajectory.position_mm(BEGIN_NS + 200_000_000)
     away_mm = np.array(point.xyz_mm) - there_mm
     towards = (np.array(point.surface_mm) - point.xyz_mm) / 3.0
     assert towards == pytest.approx(away_mm / np.linalg.norm(away_mm), abs=1e-3)

@@ -124,7 +124,7 @@ async def test_no_more_edges_wait_than_there_is_room_for(bench):
 async def test_a_command_takes_a_point_out_of_the_stream(bench):
     bench.take(wrist().samples(range(8)), base().samples(range(8)))
     bench.clock.now_ns = EDGE_NS
-    answer = bench.measuring.points.take_now()
+    answer = bench.measurement.points.take_now()
     assert not answer.done()
     bench.take(wrist().samples(range(8, 14)), base().samples(range(8, 14)))
     point = await answer
@@ -135,7 +135,7 @@ async def test_a_command_takes_a_point_out_of_the_stream(bench):
 
 async def test_a_command_that_cannot_be_carried_out_says_why(bench):
     bench.take(wrist().samples(range(8)))
-    answer = bench.measuring.points.take_now()
+    answer = bench.measurement.points.take_now()
     bench.later(0.6)
     with pytest.raises(CaptureRefusedError, match="base has not read all its joints"):
         await answer
@@ -144,7 +144,7 @@ async def test_a_command_that_cannot_be_carried_out_says_why(bench):
 async def test_whoever_gave_up_finds_no_point_later(bench):
     bench.take(wrist().samples(range(8)), base().samples(range(8)))
     bench.clock.now_ns = EDGE_NS
-    answer = bench.measuring.points.take_now()
+    answer = bench.measurement.points.take_now()
     answer.cancel()
     bench.take(wrist().samples(range(8, 14)), base().samples(range(8, 14)))
     assert bench.points == []
@@ -171,7 +171,7 @@ async def test_a_device_without_power_costs_the_turns_of_its_own_joints_only(ben
     bench.take(wrist().samples(range(120)), base().samples(range(140)))
     before = whole_turns(bench)
     # By now the base has turned on, by more than it would be put back to.
-    bench.measuring._pipeline._unwrapper._last += bench.model.encoders.counts_per_turn
+    bench.measurement.pipeline._unwrapper._last += bench.model.encoders.counts_per_turn
     bench.take(DeviceUp("wrist", IDENTITIES["wrist"], True))
     bench.take(StreamStarted("wrist", 2, 80.0))
     later = wrist(stream=2, first_ns=BEGIN_NS + 1_500_000_000)
@@ -199,8 +199,8 @@ async def test_samples_of_both_make_live_poses_and_what_lacks_is_told_once(bench
     assert live.quality.flags == ("interpolated",)
     last_ns = live.time_ns - bench.clock.offset_ns
     assert off_mm(bench, live, last_ns) < 0.2
-    assert bench.measuring.skew.pop_largest_mm() < 0.1
-    assert bench.measuring.skew.pop_largest_mm() is None
+    assert bench.measurement.skew.pop_largest_mm() < 0.1
+    assert bench.measurement.skew.pop_largest_mm() is None
     bench.take(base().samples(range(40, 60)))
     bench.later(0.06)
     assert bench.live[-1].quality.flags == ("incomplete", "skew")
@@ -208,7 +208,7 @@ async def test_samples_of_both_make_live_poses_and_what_lacks_is_told_once(bench
     bench.later(0.06)
     begun = [e for e in bench.events if e.code == "device.incomplete"]
     assert [(e.active, e.source) for e in begun] == [(True, "wrist")]
-    assert bench.measuring.assembly.lacks()["wrist"]["samples_incomplete"] > 10
+    assert bench.measurement.resampler.lacks()["wrist"]["samples_incomplete"] > 10
     late = BEGIN_NS + 800_000_000
     bench.take(replace_stream(wrist(), 2, late).samples(range(200)))
     bench.take(replace_stream(base(), 2, late).samples(range(200)))
@@ -224,7 +224,7 @@ def replace_stream(reader, stream, first_ns):
 
 
 async def test_the_arm_that_is_asked_to_stream_is_asked_what_each_can(bench):
-    bench.arm_devices.request_stream(100.0)
+    bench.measurement.joint_devices.request_stream(100.0)
     rates = {name: d.driver.rates_hz for name, d in bench.devices.items()}
     assert rates == {"base": [100.0], "wrist": [80.0], "handle": []}
 
@@ -263,9 +263,9 @@ async def test_one_device_that_latches_all_is_passed_on_bit_for_bit(tmp_path):
     assert off_mm(bench, bench.points[1], EDGE_NS) < 0.3
     assert alone.points[0].xyz_mm == bench.points[0].xyz_mm
     assert alone.live[-1].xyz_mm == bench.live[-1].xyz_mm
-    assert bench.measuring.assembly.lacks() == {}
+    assert bench.measurement.resampler.lacks() == {}
     assert (
-        bench.measuring.skew.pop_largest_mm() is not None
+        bench.measurement.skew.pop_largest_mm() is not None
     )  # of the interpolated point
     bench.close()
     alone.close()
@@ -274,15 +274,15 @@ async def test_one_device_that_latches_all_is_passed_on_bit_for_bit(tmp_path):
 async def test_nothing_is_remembered_where_nothing_will_be_interpolated(tmp_path):
     model = arm_model(tmp_path, ARM)
     bench = ArmBench(tmp_path, model)
-    bench.measuring._remembers = False
-    assert not bench.measuring.may_wait
+    bench.measurement._keeps_readings = False
+    assert not bench.measurement.may_wait
     bench.up("base")
     bench.take(base(channels=(1, 2, 0)).samples(range(30)))
-    assert bench.measuring.assembly.at(EDGE_NS, None) is None
-    assert not bench.measuring.may_wait
+    assert bench.measurement.resampler.at(EDGE_NS, None) is None
+    assert not bench.measurement.may_wait
     not_latching = replace(IDENTITIES["base"], latches=False)
     bench.take(DeviceUp("base", not_latching, False))
-    assert bench.measuring.may_wait
+    assert bench.measurement.may_wait
     bench.close()
 
 

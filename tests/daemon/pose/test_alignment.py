@@ -5,7 +5,8 @@ import pytest
 
 from tests.daemon.board_harness import BOARD, Bench
 from tests.daemon.values import arm_model, count_samples, latch
-from traverse.daemon.commands.alignment import AlignmentCommands
+from traverse.daemon.commands.points import PointCommands
+from traverse.daemon.config.schema import CaptureSection
 from traverse.daemon.pose.alignment import ActiveAlignment, requested_alignment
 from traverse.drivers.base.values import DeviceUp
 from traverse.protocol.messages import AlignArgs
@@ -40,11 +41,11 @@ async def bench(tmp_path):
 
 
 async def test_points_and_live_poses_have_them_while_it_is_set(bench):
-    align = AlignmentCommands(bench.part, bench.measuring)
+    align = PointCommands(CaptureSection(), bench.measurement).align
     bench.take(latch((5, 6, 7)))
-    assert await align.change(setting()) == {"aligned": True, "name": "jig"}
+    assert await align(setting()) == {"aligned": True, "name": "jig"}
     bench.take(latch((5, 6, 7), token=1), count_samples(np.zeros((3, 3))))
-    assert (await align.change(AlignArgs(action="clear")))["aligned"] is False
+    assert (await align(AlignArgs(action="clear")))["aligned"] is False
     bench.take(latch((5, 6, 7), token=2))
     before, with_it, after = bench.points
     assert before.part_xyz_mm is None

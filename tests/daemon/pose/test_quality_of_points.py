@@ -22,7 +22,7 @@ async def bench(tmp_path):
 def limit(bench, **keys):
     stop = EndStopSection(joint="J1", low_rad=0.5, high_rad=2.0)
     section = QualitySection(end_stops=(stop,), **keys)
-    bench.measuring.quality.use(section, bench.model)
+    bench.measurement.quality.use(section, bench.model)
 
 
 def counts_of(angle_rad):

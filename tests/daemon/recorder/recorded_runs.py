@@ -8,15 +8,21 @@ import numpy as np
 from tests.daemon.two_devices import BEGIN_NS, ON_TWO, TURNS, Reader, true_counts
 from tests.daemon.values import ARM, UTC_OFFSET_NS
 from traverse.daemon.config.schema import RecordingSection
+from traverse.daemon.executor import execute, recorded_command
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.recorder.recorded_inputs import (
     read_recorded_inputs,
     recorded_files,
 )
 from traverse.daemon.recorder.recorder import Recorder
-from traverse.daemon.recorder.snapshot import MeasurementSnapshot
-from traverse.daemon.replay.harness import ReplayClock, ReplayHarness
-from traverse.daemon.replay.replay import Replay
+from traverse.daemon.replay.replay import (
+    Replay,
+    ReplayClock,
+    close_drivers,
+    deliver,
+    ignore_result,
+    replay_measurement,
+)
 from traverse.drivers.base.values import (
     DeviceUp,
     Identity,
@@ -97,17 +103,15 @@ class RecordedRun:
             files=files,
             events=EventLog(self.clock, self.events.append),
         )
-        self.bench = ReplayHarness(
+        self.measurement = replay_measurement(
             self.configuration,
             self.model,
             self.clock,
             take_point=self._publish,
             take_scan=self._publish_scan,
-            tape=self.recorder,
+            listener=self.recorder,
         )
-        self.recorder.state = MeasurementSnapshot(
-            self.bench.measuring, self.bench.capture
-        )
+        self.recorder.measurement = self.measurement
         self.readers = [Reader("base", 100.0, (1, None, 0))]
         if two:
             skew_ns = (0, 300_000)
@@ -128,13 +132,13 @@ class RecordedRun:
     async def __aenter__(self):
         await self.recorder.__aenter__()
         for reader in self.readers:
-            self.bench.take(DeviceUp(reader.device, IDENTITIES[reader.device], False))
-            self.bench.take(StreamStarted(reader.device, 1, reader.rate_hz))
+            self.take(DeviceUp(reader.device, IDENTITIES[reader.device], False))
+            self.take(StreamStarted(reader.device, 1, reader.rate_hz))
         return self
 
     async def __aexit__(self, *reason):
         await self.recorder.__aexit__(*reason)
-        self.bench.close()
+        close_drivers(self.measurement)
 
     def later(self, seconds, every_s=0.05):
         """Let time pass: devices deliver, and the loop looks at the time."""
@@ -146,10 +150,13 @@ class RecordedRun:
                 first = self.seq[reader.device]
                 if until > first:
                     samples = reader.samples(range(first, until))
-                    self.bench.take(replace(samples, received_ns=self.clock.now_ns))
+                    self.take(replace(samples, received_ns=self.clock.now_ns))
                     self.seq[reader.device] = until
-            if self.two or self.bench.measuring.points.has_pending.is_set():
-                self.bench.measuring.process_timeouts()
+            if self.two or self.measurement.points.has_pending.is_set():
+                self.measurement.process_timeouts()
+
+    def take(self, delivery):
+        deliver(self.measurement, delivery)
 
     def edge(self, *, active=True, ago_s=0.0123):
         """The board's button goes down or up."""
@@ -160,7 +167,7 @@ class RecordedRun:
             if joint is not None:
                 counts[channel] = true[joint]
         self.token += 1
-        self.bench.take(
+        self.take(
             LatchedCounts(
                 "base",
                 0,
@@ -180,10 +187,8 @@ class RecordedRun:
         self.edge(active=False, ago_s=0.001)
 
     def ask(self, what, **values):
-        """A command: what the service tells the tape, then does."""
-        if what not in ("await_latch", "start_scan", "stop_scan"):
-            self.bench.measuring.asked(what, **values)
-        self.bench.ask(what, values)
+        """A command, as the service executes it."""
+        ignore_result(execute(self.measurement, recorded_command(what, values)))
 
 
 def replayed(path, block=None):

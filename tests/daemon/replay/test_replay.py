@@ -1,12 +1,15 @@
 """A recorded run replayed: every point the same to the last bit, however it is cut."""
 
 import asyncio
+from dataclasses import dataclass
 
 import pytest
 
 from tests.daemon.recorder.recorded_runs import RecordedRun, replayed
+from traverse.daemon.executor import MeasurementCommand, execute
 from traverse.daemon.replay.replay import Replay
 from traverse.drivers.base.values import DeviceAlarm, DeviceTemperatures, StreamStarted
+from traverse.protocol.messages import Label
 from traverse.recording.maps import bytes_to_map, map_to_bytes
 from traverse.recording.run_reader import RunReader
 from traverse.recording.run_writer import Entry, RunHead, RunWriter
@@ -33,20 +36,20 @@ async def busy(run):
                 run.ask("take_now")
             case 5:
                 run.ask("start_scan", **SCAN)
-                run.bench.take(StreamStarted("base", 1, 100.0))
+                run.take(StreamStarted("base", 1, 100.0))
             case 6:
                 run.clock.offset_ns += 12_345_678
                 run.recorder.related(run.clock.now_ns, run.clock.offset_ns)
             case 8:
                 run.ask("stop_scan")
-                run.bench.take(DeviceAlarm("base", 1, True, "worn", "worn", 0))
+                run.take(DeviceAlarm("base", 1, True, "worn", "worn", 0))
             case 9:
                 run.ask("session", note="second")
             case 10:
                 turn = ((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
                 part = {"rotation": turn, "translation_mm": (1.0, 2.0, 3.0)}
                 run.ask("align", action="set", name=None, scale=1.1, **part)
-                run.bench.take(DeviceTemperatures("base", (21.5,)))
+                run.take(DeviceTemperatures("base", (21.5,)))
     run.later(1.5)
 
 
@@ -105,6 +108,65 @@ def test_covariance_of_interpolated_points_is_excused_where_blocks_are_cut(tmp_p
     assert replayed(first)[0].excused == 0
     assert replayed(first, 1)[0].excused > 0
     assert replayed(first, 1)[0].holds
+
+
+@pytest.fixture
+def planted():
+    """Defines a command that this version does not have."""
+
+    @dataclass(frozen=True)
+    class RenumberFrom(MeasurementCommand[None], recorded_name="planted"):
+        seq: int
+
+        def apply(self, measurement, now_ns):
+            measurement.capture.session.next_seq = self.seq
+            measurement.capture.label = Label(artefact="planted")
+
+    yield RenumberFrom
+    MeasurementCommand.classes.pop("planted", None)
+
+
+def with_planted(folder, planted):
+    """A recording of three points, with the command before the last."""
+
+    async def run():
+        async with RecordedRun(folder) as run:
+            path = await run.recorder.begin("first", "")
+            run.later(0.3)
+            for seq in (None, None, 40):
+                run.later(0.2)
+                if seq is not None:
+                    execute(run.measurement, planted(seq))
+                run.click()
+            run.later(1.0)
+            await run.recorder.finish()
+        return path, run.points
+
+    return asyncio.run(run())
+
+
+def test_a_new_command_is_replayed_without_a_branch_for_it(tmp_path, planted):
+    path, points = with_planted(tmp_path, planted)
+    result, again = replayed(path)
+    assert [point.seq for point in points] == [0, 1, 40]
+    assert [told(point) for point in again] == [told(point) for point in points]
+    assert result.holds
+
+
+def test_a_command_that_a_replay_lacks_is_an_error(tmp_path, planted):
+    path, _ = with_planted(tmp_path, planted)
+    del MeasurementCommand.classes["planted"]
+    with pytest.raises(ValueError, match=r"planted.*recorded by this version"):
+        replayed(path)
+
+
+def test_a_command_without_an_effect_cannot_be_made():
+    class Forgotten(MeasurementCommand[None], recorded_name="forgotten"):
+        pass
+
+    del MeasurementCommand.classes["forgotten"]
+    with pytest.raises(TypeError, match="apply"):
+        Forgotten()
 
 
 def altered(path, alter):

@@ -8,23 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from tests.daemon.values import kept_at_once
+from tests.daemon.values import configuration, kept_at_once
 from tests.end_to_end.measurement.virtual_time import Straight, VirtualBoard, played
 from tests.simulator.effects.examples import START, heavy_arm
 from traverse.daemon.acquisition.device import Device
-from traverse.daemon.acquisition.joint_devices import JointDevices
 from traverse.daemon.clock import HostClock
-from traverse.daemon.config.devices import section_of
-from traverse.daemon.config.schema import AssemblySection, UncertaintySection
-from traverse.daemon.delivery_dispatcher import Measuring
-from traverse.daemon.health import HealthReport
+from traverse.daemon.config.schema import UncertaintySection
+from traverse.daemon.measurement import Sinks, build_measurement
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.points.capture import Capture, TriggerMap
 from traverse.daemon.pose.arm_model import ArmModel, read_model
-from traverse.daemon.pose.live import LivePoseSampler
-from traverse.daemon.pose.pipeline import Pipeline
-from traverse.daemon.pose.uncertainty import CovarianceEvaluator
-from traverse.daemon.scans.scanner import Scanner
 from traverse.drivers.base.values import Delivery
 from traverse.kinematics.arm_file.arm import Arm, Effect, Identification, write_arm
 from traverse.protocol.messages import Point
@@ -137,39 +129,34 @@ class Daemon:
         self,
         arm_file: Path,
         clock: HostClock,
-        uncertainty: CovarianceEvaluator | None = None,
+        uncertainty: UncertaintySection | None = None,
     ) -> None:
         self.points: list[Point] = []
         self.model = read_model(arm_file, {"base": None})
-        self._clock = clock
-        section = section_of(
-            {"id": "base", "driver": "latch-board", "port": "board.pty"}
+        configured = configuration(
+            "base",
+            inputs={"base/1": "switch"},
+            uncertainty=uncertainty or UncertaintySection(),
         )
-        self._device = Device(section, Straight(lambda delivery: None), None)
-        self._pipeline = Pipeline(self.model, clock)
-        self._measuring = Measuring(
-            clock=clock,
-            devices=JointDevices(self.model, [self._device]),
-            settings=AssemblySection(),
-            uncertainty=uncertainty or CovarianceEvaluator(UncertaintySection()),
-            pipeline=self._pipeline,
-            capture=Capture(clock, kept_at_once(self._keep)),
-            triggers=TriggerMap({("base", 1): "switch"}),
-            scanner=Scanner(clock, lambda scan: True, 0.05),
-            live=LivePoseSampler(clock, 20.0),
-            events=EventLog(clock, lambda event: None),
-            health=HealthReport(clock),
-            offer_live=lambda live: None,
-            status_changed=lambda: None,
+        self._device = Device(
+            configured.device[0], Straight(lambda delivery: None), None
+        )
+        events = EventLog(clock, lambda event: None)
+        self._measurement = build_measurement(
+            configured,
+            self.model,
+            Sinks(events, kept_at_once(self._keep)),
+            clock,
+            devices=[self._device],
         )
 
     def take(self, driver, delivery: Delivery) -> None:
         self._device.driver = driver
-        self._measuring.take(self._device, delivery)
+        self._measurement.dispatch(self._device, delivery)
 
     def use_model(self, model: ArmModel) -> None:
         """Measure with another arm from now on."""
-        self._pipeline.use_model(model)
+        self._measurement.pipeline.use_model(model)
 
     def _keep(self, point: Point) -> bool:
         self.points.append(point)

@@ -16,7 +16,6 @@ from tests.daemon.values import SetClock
 from tests.end_to_end.measurement.effect_loop import Daemon
 from tests.end_to_end.workbench import DEMO_ARM, SWEEP
 from traverse.daemon.config.schema import UncertaintySection
-from traverse.daemon.pose.uncertainty import CovarianceEvaluator
 from traverse.drivers.base.values import CountSamples, LatchedCounts
 from traverse.kinematics.arm_file.arm import (
     Identification,
@@ -87,9 +86,7 @@ class NoisyArm:
         settings = UncertaintySection(
             encoder_rad=ENCODER_RAD, contact_mm=CONTACT_MM, trigger_s=TRIGGER_S
         )
-        self.daemon = Daemon(
-            folder / "arm.toml", self.clock, CovarianceEvaluator(settings)
-        )
+        self.daemon = Daemon(folder / "arm.toml", self.clock, settings)
         self.model = self.daemon.model
 
     def counts(self, times_s):

@@ -47,11 +47,11 @@ async def test_a_refused_capture_is_told(bench):
 
 async def test_a_latch_on_request_answers_whoever_waits(bench):
     waiting = asyncio.get_running_loop().create_future()
-    bench.measuring.latches[7] = waiting
+    bench.measurement.latches[7] = waiting
     bench.take(latch((5, 6, 7), number=None, token=7))
     point = await waiting
     assert (point.trigger, bench.points) == ("command", [point])
-    assert bench.measuring.latches == {}
+    assert bench.measurement.latches == {}
 
 
 async def test_a_latch_that_comes_too_late_makes_no_point(bench):
@@ -63,9 +63,9 @@ async def test_a_scan_follows_its_stream_only(bench, tmp_path):
     plan = plan_scan(100.0, 100.0)
     bench.scanner.start(plan, arm_model(tmp_path), "session")
     bench.take(DeviceUp("base", BOARD, False), StreamStarted("base", 3, 50.0))
-    assert not bench.measuring.scans.stream_started.is_set()
+    assert not bench.measurement.scans.stream_started.is_set()
     bench.take(StreamStarted("base", 4, 100.0))
-    assert bench.measuring.scans.stream_started.is_set()
+    assert bench.measurement.scans.stream_started.is_set()
     bench.take(
         count_samples(np.zeros((9, 3)), stream=3),
         count_samples(np.zeros((5, 3)), stream=4),

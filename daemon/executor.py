@@ -1,0 +1,293 @@
+"""Commands of the measurement as values, and the one function that executes them.
+
+The service and a replay both call `execute`; it notifies the listener first, so that a
+recording holds every command. A class of commands states how it is recorded and what it
+does, and is found by its recorded name: no command exists live that a replay lacks.
+"""
+
+import asyncio
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, ClassVar, Generic, Self, TypeVar
+
+from traverse.daemon.errors import CaptureRefusedError
+from traverse.daemon.measurement import Measurement
+from traverse.daemon.points.averaging import AverageLimits, SampleAverage
+from traverse.daemon.points.controller import PointFuture
+from traverse.daemon.pose.alignment import requested_alignment
+from traverse.daemon.pose.arm_model import ArmModel
+from traverse.daemon.pose.probe_library import LibraryProbe
+from traverse.daemon.scans.plan import ScanPlan
+from traverse.protocol.messages import AlignArgs, Label, Point
+
+T = TypeVar("T")
+T_co = TypeVar("T_co", covariant=True)
+PROBE_REFUSED = "capture.probe_refused"
+
+
+class MeasurementCommand(ABC, Generic[T_co]):
+    """Base of all commands; a subclass is a frozen dataclass.
+
+    Attributes:
+        recorded_name: in recordings, and the key in `classes`.
+    """
+
+    recorded_name: ClassVar[str]
+    classes: ClassVar[dict[str, "type[MeasurementCommand[Any]]"]] = {}
+
+    def __init_subclass__(cls, *, recorded_name: str) -> None:
+        cls.recorded_name = recorded_name
+        MeasurementCommand.classes[recorded_name] = cls
+
+    def to_record(self) -> dict[str, Any]:
+        """The values as recorded: plain values by name."""
+        return dict(vars(self))
+
+    @classmethod
+    def from_record(cls, values: Mapping[str, Any]) -> Self:
+        """The command of recorded values."""
+        return cls(**values)
+
+    @abstractmethod
+    def apply(self, measurement: Measurement, now_ns: int) -> T_co:
+        """Do it at an instant; only `execute` calls this."""
+
+
+def execute(measurement: Measurement, command: MeasurementCommand[T]) -> T:
+    """Execute a command now, after it has been recorded; gives its result."""
+    now_ns = measurement.clock.step()
+    measurement.listener.asked(now_ns, command.recorded_name, command.to_record())
+    return command.apply(measurement, now_ns)
+
+
+def recorded_command(name: str, values: Mapping[str, Any]) -> MeasurementCommand[Any]:
+    """The command of a recording.
+
+    Raises:
+        KeyError: there is none of this name.
+        TypeError: its values are not those that it has.
+    """
+    return MeasurementCommand.classes[name].from_record(values)
+
+
+def stop_scan(measurement: Measurement) -> int:
+    """Stop the running scan if there is one; gives how many points it has."""
+    return execute(measurement, StopScan()) if measurement.scans.is_running else 0
+
+
+# -- points ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class TakeNow(MeasurementCommand[PointFuture], recorded_name="take_now"):
+    """Take a point at this instant, out of the stream."""
+
+    def apply(self, measurement: Measurement, now_ns: int) -> PointFuture:
+        """See the class."""
+        return measurement.points.take_now()
+
+
+@dataclass(frozen=True)
+class TakeMean(MeasurementCommand[PointFuture], recorded_name="take_mean"):
+    """Take a point that is the mean of the samples from now on."""
+
+    samples: int | None
+    dwell_ns: int | None
+    speed_mm_s: float
+    spread_mm: float
+
+    def apply(self, measurement: Measurement, now_ns: int) -> PointFuture:
+        """See the class."""
+        limits = AverageLimits(self.speed_mm_s, self.spread_mm)
+        average = SampleAverage(now_ns, self.samples, self.dwell_ns, limits)
+        return measurement.points.take_mean(average)
+
+
+@dataclass(frozen=True)
+class AwaitLatch(MeasurementCommand[PointFuture], recorded_name="await_latch"):
+    """Take a point of the latch with this token, which a device has been asked for."""
+
+    token: int
+
+    def apply(self, measurement: Measurement, now_ns: int) -> PointFuture:
+        """See the class."""
+        answer: PointFuture = asyncio.get_running_loop().create_future()
+        measurement.latches[self.token] = answer
+        measurement.latch_points[self.token] = answer
+
+        def forget(answer: PointFuture) -> None:
+            if measurement.latch_points.get(self.token) is answer:
+                del measurement.latch_points[self.token]
+
+        answer.add_done_callback(forget)
+        return answer
+
+
+@dataclass(frozen=True)
+class GiveUpLatch(MeasurementCommand[None], recorded_name="give_up_latch"):
+    """Take no point of that latch any more; nobody waits for it."""
+
+    token: int
+
+    def apply(self, measurement: Measurement, now_ns: int) -> None:
+        """See the class."""
+        measurement.latches.pop(self.token, None)
+        answer = measurement.latch_points.pop(self.token, None)
+        if answer is not None:
+            answer.cancel()
+
+
+@dataclass(frozen=True)
+class Undo(MeasurementCommand["asyncio.Future[Point]"], recorded_name="undo"):
+    """Retract the last point; with an id it must be that one."""
+
+    id: str | None
+
+    def apply(self, measurement: Measurement, now_ns: int) -> "asyncio.Future[Point]":
+        """See the class."""
+        return measurement.points.in_order(
+            lambda: measurement.capture.undo("command", self.id)
+        )
+
+
+@dataclass(frozen=True)
+class SetLabel(MeasurementCommand["asyncio.Future[Label]"], recorded_name="label"):
+    """Label the points that are requested after it."""
+
+    artefact: str | None
+    feature: str | None
+
+    def apply(self, measurement: Measurement, now_ns: int) -> "asyncio.Future[Label]":
+        """See the class."""
+        label = Label(artefact=self.artefact, feature=self.feature)
+
+        def set_label() -> Label:
+            measurement.capture.label = label
+            measurement.points.events.label(label)
+            return label
+
+        return measurement.points.in_order(set_label)
+
+
+@dataclass(frozen=True)
+class NewSession(MeasurementCommand["asyncio.Future[str]"], recorded_name="session"):
+    """Number points from 0 again; gives the id of the new session."""
+
+    note: str
+
+    def apply(self, measurement: Measurement, now_ns: int) -> "asyncio.Future[str]":
+        """See the class."""
+
+        def begin() -> str:
+            session = measurement.capture.begin_session(self.note)
+            measurement.points.events.session(session)
+            measurement.sinks.status_changed()
+            return session.id
+
+        return measurement.points.in_order(begin)
+
+
+# -- scans ----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class StartScan(MeasurementCommand[None], recorded_name="start_scan"):
+    """Start a scan; none must be running."""
+
+    plan: ScanPlan
+
+    def to_record(self) -> dict[str, Any]:
+        """The values of the plan."""
+        return asdict(self.plan)
+
+    @classmethod
+    def from_record(cls, values: Mapping[str, Any]) -> Self:
+        """The command of recorded values."""
+        return cls(ScanPlan(**values))
+
+    def apply(self, measurement: Measurement, now_ns: int) -> None:
+        """See the class."""
+        measurement.scans.start(self.plan, measurement.model)
+
+
+@dataclass(frozen=True)
+class StopScan(MeasurementCommand[int], recorded_name="stop_scan"):
+    """Stop the running scan; gives how many points it has."""
+
+    def apply(self, measurement: Measurement, now_ns: int) -> int:
+        """See the class."""
+        return measurement.scanner.stop()
+
+
+# -- alignment and probe --------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class SetAlignment(MeasurementCommand["asyncio.Future[Any]"], recorded_name="align"):
+    """Set or clear the alignment for all points that are requested after it."""
+
+    args: AlignArgs
+
+    def to_record(self) -> dict[str, Any]:
+        """The arguments of the command."""
+        return self.args.model_dump()
+
+    @classmethod
+    def from_record(cls, values: Mapping[str, Any]) -> Self:
+        """The command of recorded values."""
+        return cls(AlignArgs(**values))
+
+    def apply(self, measurement: Measurement, now_ns: int) -> "asyncio.Future[Any]":
+        """See the class."""
+        alignment = requested_alignment(self.args)
+        text = (
+            "no alignment: points have no part coordinates"
+            if alignment is None
+            else f"alignment {alignment.name or 'without a name'} is in use"
+        )
+
+        def set_alignment() -> bool:
+            measurement.alignment.alignment = alignment
+            measurement.points.events.alignment(text)
+            return True
+
+        return measurement.points.in_order(set_alignment)
+
+
+@dataclass(frozen=True)
+class SetProbe(MeasurementCommand["asyncio.Future[ArmModel]"], recorded_name="probe"):
+    """Measure with a probe of the library; gives the arm with it."""
+
+    probe: LibraryProbe
+
+    def to_record(self) -> dict[str, Any]:
+        """The probe as JSON."""
+        return {"probe": self.probe.model_dump_json()}
+
+    @classmethod
+    def from_record(cls, values: Mapping[str, Any]) -> Self:
+        """The command of recorded values."""
+        return cls(LibraryProbe.model_validate_json(values["probe"]))
+
+    def apply(
+        self, measurement: Measurement, now_ns: int
+    ) -> "asyncio.Future[ArmModel]":
+        """See the class."""
+        probe = self.probe
+
+        def set_probe() -> ArmModel:
+            # On the arm as it is by then; it may have been reloaded.
+            try:
+                measurement.set_probe(probe)
+            except ValueError as error:
+                raise CaptureRefusedError(
+                    f"the arm cannot measure with {probe.name!r}: {error}",
+                    "correct the probe library",
+                    PROBE_REFUSED,
+                ) from error
+            measurement.points.events.probe(probe.name, measurement.model)
+            measurement.sinks.status_changed()
+            return measurement.model
+
+        return measurement.points.in_order(set_probe)

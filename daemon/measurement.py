@@ -1,0 +1,487 @@
+"""The measuring path: every delivery of a device to points, scans and live poses.
+
+Runs on the event loop, in plain calls; nothing here waits. `build_measurement` composes
+it for the service, for a replay and for tests; `traverse.daemon.executor` carries out
+commands on it.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.daemon.acquisition.device import Device
+from traverse.daemon.acquisition.joint_devices import JointDevices
+from traverse.daemon.acquisition.monitors import (
+    DeviceStateTracker,
+    LateReadingMonitor,
+    TemperatureMonitor,
+)
+from traverse.daemon.acquisition.resampler import Resampler
+from traverse.daemon.clock import HostClock
+from traverse.daemon.config.schema import Action, Configuration
+from traverse.daemon.monitoring.events import EventLog
+from traverse.daemon.monitoring.latencies import Latencies
+from traverse.daemon.points.capture import (
+    Capture,
+    PointWriter,
+    TriggerMap,
+    triggers_of,
+)
+from traverse.daemon.points.controller import PointController, PointFuture
+from traverse.daemon.points.measurement import MeasurementContext
+from traverse.daemon.pose.alignment import ActiveAlignment, Alignment
+from traverse.daemon.pose.arm_model import ArmModel, model_with_probe
+from traverse.daemon.pose.live import LivePoseSampler
+from traverse.daemon.pose.pipeline import Pipeline
+from traverse.daemon.pose.poses import PoseBlock
+from traverse.daemon.pose.probe_library import LibraryProbe
+from traverse.daemon.pose.quality_monitor import QualityMonitor
+from traverse.daemon.pose.trajectory import TrajectoryBuffer
+from traverse.daemon.pose.uncertainty import (
+    CovarianceEvaluator,
+    CovarianceInput,
+    SkewMonitor,
+)
+from traverse.daemon.scans.scanner import ScanController, Scanner
+from traverse.daemon.step_listener import StepListener
+from traverse.drivers.base.delivery_maps import delivery_from_map
+from traverse.drivers.base.values import (
+    CountSamples,
+    Delivery,
+    DeviceAlarm,
+    DeviceCounters,
+    DeviceFault,
+    DeviceLost,
+    DeviceTemperatures,
+    DeviceUp,
+    LatchedCounts,
+    StreamStarted,
+)
+from traverse.protocol.messages import Label, Live, Scan
+from traverse.protocol.messages.health import LATENCIES
+
+MAX_TEMPERATURES = 1000  # in a snapshot
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sinks:
+    """Where results go; the defaults ignore them.
+
+    Attributes:
+        write_point: sends a point to the disk; gives None if there is no room.
+        offer_scan: takes a block of a scan; False if it is dropped.
+        offer_live: takes a live pose.
+        on_action: called with actions of buttons that are not about points.
+        status_changed: called after a change of what a status message contains.
+        latencies: by name, see `LATENCIES`.
+    """
+
+    events: EventLog
+    write_point: PointWriter
+    offer_scan: Callable[[Scan], bool] = lambda scan: True
+    offer_live: Callable[[Live], object] = lambda live: None
+    on_action: Callable[[Action], object] = lambda action: None
+    status_changed: Callable[[], None] = lambda: None
+    latencies: Mapping[str, Latencies] = field(
+        default_factory=lambda: {name: Latencies() for name in LATENCIES}
+    )
+
+
+@dataclass(slots=True, eq=False)
+class Measurement:
+    """Turns deliveries into points, scan blocks, live poses and events.
+
+    Attributes:
+        listener: notified of each step, before it is taken.
+        devices: all of the configuration, by id.
+        joint_devices: those of them that read the arm's joints.
+        latches: point requests that wait for a requested latch, by its token.
+        latch_points: all requests of such points that are not done, by the same.
+        probe: that of the library which measures; None for that of the arm file.
+        rate_hz: of the arm's present sample stream.
+    """
+
+    clock: HostClock
+    listener: StepListener
+    sinks: Sinks
+    devices: Mapping[str, Device]
+    joint_devices: JointDevices
+    pipeline: Pipeline
+    resampler: Resampler
+    states: DeviceStateTracker
+    late_readings: LateReadingMonitor
+    temperatures: TemperatureMonitor
+    skew: SkewMonitor
+    trajectory: TrajectoryBuffer
+    quality: QualityMonitor
+    alignment: ActiveAlignment
+    capture: Capture
+    stage: MeasurementContext
+    points: PointController
+    scanner: Scanner
+    scans: ScanController
+    live: LivePoseSampler
+    configuration: Configuration
+    triggers: TriggerMap
+    probe: LibraryProbe | None = None
+    rate_hz: float = 0.0
+    latches: dict[int, PointFuture] = field(default_factory=dict)
+    latch_points: dict[int, PointFuture] = field(default_factory=dict)
+    _keeps_readings: bool = False
+
+    def __post_init__(self) -> None:
+        # Points come out of the stream where nothing latches all joints for them.
+        self._keeps_readings = not self.triggers.devices <= set(self.model.devices)
+        self._set_batch_window()
+
+    @property
+    def clock_device(self) -> Device:
+        """The device whose sampling instants are those of the arm's samples."""
+        clock = self.resampler.clock
+        return next(d for d in self.joint_devices.devices if d.section.id == clock)
+
+    @property
+    def may_wait(self) -> bool:
+        """Whether samples or points may ever wait for readings."""
+        return self._keeps_readings or not self.joint_devices.is_single
+
+    @property
+    def is_idle(self) -> bool:
+        """No point is being taken."""
+        return self.points.is_idle and not self.latches
+
+    @property
+    def model(self) -> ArmModel:
+        """The arm that is measured with."""
+        return self.pipeline.model
+
+    # -- settings -------------------------------------------------------------
+
+    def apply_settings(self, configuration: Configuration, model: ArmModel) -> None:
+        """Change to another arm file and configuration; only while `is_idle`."""
+        self.configuration, capture = configuration, configuration.capture
+        self.triggers = triggers_of(capture)
+        self._keeps_readings |= not self.triggers.devices <= set(model.devices)
+        self.set_model(model)
+        self.quality.use(configuration.quality, model)
+        uncertainty = CovarianceEvaluator(configuration.uncertainty)
+        self.stage = replace(self.stage, uncertainty=uncertainty)
+        self.points.use(self.stage, self.triggers, capture)
+        self.live.use_rate(capture.live_rate_hz)
+        self.scans.use(capture.scan_block_s, configuration.scan)
+        self._set_batch_window()
+
+    def set_model(self, model: ArmModel) -> None:
+        """Measure with another probe on the same arm from the next sample on."""
+        self.pipeline.use_model(model)
+        self.quality.use_model(model)
+        self.trajectory.forget()  # it was that of another ball
+        self.points.arm_changed()
+
+    def with_probe(self, model: ArmModel) -> ArmModel:
+        """An arm, as its file describes it, with the probe that is in use.
+
+        Raises:
+            ValueError: it cannot have that probe.
+        """
+        return model if self.probe is None else model_with_probe(model, self.probe)
+
+    def set_probe(self, probe: LibraryProbe) -> None:
+        """Measure with a probe of the library from the next sample on.
+
+        Raises:
+            ValueError: the arm cannot have it.
+        """
+        self.set_model(model_with_probe(self.model, probe))
+        self.probe = probe
+
+    def _set_batch_window(self) -> None:
+        self.joint_devices.set_batch_window(
+            self.configuration.capture, may_wait=self.may_wait
+        )
+
+    # -- snapshots ------------------------------------------------------------
+
+    @property
+    def is_quiet(self) -> bool:
+        """Nothing is under way that a snapshot does not contain."""
+        return self.is_idle and not self.scans.is_running
+
+    @property
+    def probe_json(self) -> str | None:
+        """`probe` as recorded."""
+        return None if self.probe is None else self.probe.model_dump_json()
+
+    def snapshot(self) -> dict[str, object]:
+        """All that a recording which begins now must know, as values and arrays."""
+        air_mm, alignment = self.points.tip.air_mm, self.alignment.alignment
+        return {
+            "idle": self.is_quiet,
+            "model": self.model.digest,
+            "probe": self.probe_json,
+            "session": self.capture.session.id,
+            "next_seq": self.capture.session.next_seq,
+            "label": self.capture.label.model_dump(),
+            "alignment": None
+            if alignment is None
+            else {
+                "name": alignment.name,
+                "rotation": alignment.rotation,
+                "translation_mm": alignment.translation_mm,
+                "scale": alignment.scale,
+            },
+            "air_mm": None if air_mm is None else air_mm.tolist(),
+            "temperatures": self.quality.persistent.temperatures[-MAX_TEMPERATURES:],
+            "pipeline": self.pipeline.state,
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Continue from the state of a recording, with its devices and `fresh`.
+
+        Raises:
+            ValueError: it is of another arm.
+            KeyError: it lacks something.
+        """
+        if state["model"] != self.model.digest:
+            raise ValueError(
+                f"the recording's state is of model {str(state['model'])[:12]}, its "
+                f"arm file gives {self.model.digest[:12]}"
+            )
+        for delivery in map(delivery_from_map, state["devices"]):
+            if delivery.device in self.devices:
+                self.dispatch(self.devices[delivery.device], delivery)
+        if not state["fresh"]:
+            self.pipeline.resume(state["pipeline"])
+        if state["probe"] is not None:
+            self.probe = LibraryProbe.model_validate_json(state["probe"])
+        self.capture.session.id = state["session"]
+        self.capture.session.next_seq = state["next_seq"]
+        self.capture.label = Label(**state["label"])
+        if state["alignment"] is not None:
+            self.alignment.alignment = Alignment(**state["alignment"])
+        if state["air_mm"] is not None:
+            self.points.tip.set_air_point(np.array(state["air_mm"]))
+        self.quality.persistent.resume(state["temperatures"])
+
+    # -- deliveries and time --------------------------------------------------
+
+    def process_timeouts(self) -> None:
+        """Process timeouts; call it every 20 ms.
+
+        Nothing else checks the time, so that deliveries which already wait after a
+        busy moment of the loop are processed first.
+        """
+        now_ns = self.clock.step()
+        self.listener.passed(now_ns)
+        self._take_assembled(now_ns)
+        self.points.settle(now_ns)
+        self.late_readings.check()
+
+    def dispatch(self, device: Device, delivery: Delivery) -> None:
+        """Process one delivery of a device."""
+        device.last_ns = self.clock.step()
+        self.listener.delivered(device.last_ns, delivery)
+        match delivery:
+            case CountSamples():
+                self._take_samples(device, delivery)
+            case LatchedCounts():
+                self._take_latch(device, delivery)
+            case StreamStarted():
+                self._take_stream(delivery)
+            case DeviceTemperatures():
+                device.temperatures_c = delivery.values_c
+                if (
+                    device in self.joint_devices
+                    and self.joint_devices.first_mismatched is None
+                ):
+                    self.temperatures.check(self.pipeline.model, self.joint_devices)
+            case DeviceCounters():
+                device.counters.clear()
+                device.counters.update(delivery.values)
+            case DeviceUp():
+                self.states.on_up(device, delivery)
+                self.quality.persistent.on_device_up(device.section.id)
+                if delivery.restarted:
+                    self.trajectory.forget()
+                # What cannot latch gives its points out of the stream.
+                not_latching = not delivery.identity.latches
+                self._keeps_readings |= not_latching and device in self.joint_devices
+                self._set_batch_window()
+            case DeviceLost():
+                self.states.on_lost(device, delivery)
+            case DeviceAlarm():
+                self.states.on_alarm(device, delivery)
+                self.quality.persistent.alarm(
+                    delivery.device, delivery.channel, delivery.code, delivery.raised
+                )
+            case DeviceFault():
+                self.states.on_fault(device, delivery)
+
+    def _take_samples(self, device: Device, samples: CountSamples) -> None:
+        device.samples += len(samples.seq)
+        if (
+            device not in self.joint_devices
+            or self.joint_devices.first_mismatched is not None
+        ):
+            return
+        waited_ns = self.clock.running.monotonic_ns() - samples.received_ns
+        self.sinks.latencies["queue_wait"].add(waited_ns)
+        if self.joint_devices.is_single and samples.skew_ns is None:
+            self._measure(samples, None)
+            if self._keeps_readings:
+                self.resampler.record(samples)
+        else:
+            self.resampler.add(samples, self.clock.monotonic_ns())
+            self._take_assembled()
+        self.points.settle()
+
+    def _take_assembled(self, now_ns: int | None = None) -> None:
+        for assembled in self.resampler.resampled(now_ns):
+            self._measure(assembled.samples, assembled.error_bounds_counts)
+
+    def _measure(
+        self, samples: CountSamples, error_bounds_counts: NDArray[np.float64] | None
+    ) -> None:
+        """Pass samples of the whole arm down the pipeline."""
+        model, temperature_c = self.pipeline.model, self.joint_devices.temperature_c
+        poses = self.pipeline.poses(samples, temperature_c)
+        if error_bounds_counts is not None:
+            self.skew.flag_block(model, poses, error_bounds_counts)
+        self.quality.flag_block(model, poses, temperature_c)
+        taken_ns = self.clock.running.monotonic_ns() - samples.received_ns
+        self.sinks.latencies["sample_to_pose"].add(taken_ns)
+        self.trajectory.add(poses)
+        self.points.follow(poses)
+        self.scans.take(model, poses)
+        session = self.capture.session.id
+        live = self.live.message(model, poses, session, samples.device)
+        if live is not None:
+            self.sinks.offer_live(
+                self._with_covariance(live, poses, error_bounds_counts)
+            )
+        self.temperatures.check(model, self.joint_devices)
+
+    def _with_covariance(
+        self,
+        live: Live,
+        poses: PoseBlock,
+        error_bounds_counts: NDArray[np.float64] | None,
+    ) -> Live:
+        """The live pose of a block's last pose, with its covariance."""
+        time_ns, angles_rad = int(poses.sample_time_ns[-1]), poses.angles_rad[-1]
+        block = self.pipeline.block_at(
+            time_ns, angles_rad, self.joint_devices.temperature_c
+        )
+        reading = CovarianceInput(
+            block,
+            self.trajectory.speeds_rad_s(time_ns, angles_rad),
+            None if error_bounds_counts is None else error_bounds_counts[-1],
+        )
+        found = self.stage.uncertainty.covariance(self.pipeline.model, reading)
+        return live.model_copy(update={"covariance_mm2": found})
+
+    def _take_latch(self, device: Device, latch: LatchedCounts) -> None:
+        if latch.input is not None:
+            name = device.section.id
+            if self.triggers.trigger_of(name, latch.input) == "button":
+                self.scans.on_button(name, latch.input, latch)
+            self.points.take_edge(device, latch)
+        elif (answer := self.latches.pop(latch.token, None)) is not None:
+            self.points.add_latched(latch, answer)
+
+    def _take_stream(self, started: StreamStarted) -> None:
+        model = self.pipeline.model
+        if started.device in model.devices:
+            self.resampler.set_rate(started.device, started.rate_hz)
+        if started.device == self.resampler.clock:
+            self.rate_hz = started.rate_hz
+            self.scans.on_stream_started(started)
+
+
+def build_measurement(
+    configuration: Configuration,
+    model: ArmModel,
+    sinks: Sinks,
+    clock: HostClock,
+    listener: StepListener | None = None,
+    *,
+    devices: Sequence[Device],
+) -> Measurement:
+    """Compose the measuring path.
+
+    Args:
+        configuration: in force.
+        model: the arm.
+        sinks: where results go.
+        clock: the time of each step.
+        listener: notified of each step.
+        devices: all of the configuration.
+    """
+    settings, capture_settings = configuration.assembly, configuration.capture
+    events = sinks.events
+    joint_devices = JointDevices(model, devices)
+    pipeline = Pipeline(model, clock)
+    resampler = Resampler(model, settings)
+    alignment = ActiveAlignment()
+    capture = Capture(clock, sinks.write_point, alignment)
+    triggers = triggers_of(capture_settings)
+    stage = MeasurementContext(
+        clock,
+        joint_devices,
+        pipeline,
+        resampler,
+        SkewMonitor(settings.skew_limit_mm),
+        TrajectoryBuffer(),
+        CovarianceEvaluator(configuration.uncertainty),
+        QualityMonitor(configuration.quality, model, clock, events),
+        int(settings.point_wait_s * 1e9),
+    )
+    scanner = Scanner(
+        clock,
+        sinks.offer_scan,
+        capture_settings.scan_block_s,
+        configuration.scan,
+        alignment,
+    )
+    return Measurement(
+        clock=clock,
+        listener=listener or StepListener(),
+        sinks=sinks,
+        devices={device.section.id: device for device in devices},
+        joint_devices=joint_devices,
+        pipeline=pipeline,
+        resampler=resampler,
+        states=DeviceStateTracker(
+            clock=clock,
+            devices=joint_devices,
+            pipeline=pipeline,
+            resampler=resampler,
+            events=events,
+            changed=sinks.status_changed,
+        ),
+        late_readings=LateReadingMonitor(resampler, clock, events),
+        temperatures=TemperatureMonitor(clock, events),
+        skew=stage.skew,
+        trajectory=stage.path,
+        quality=stage.quality,
+        alignment=alignment,
+        capture=capture,
+        stage=stage,
+        points=PointController(
+            stage,
+            capture=capture,
+            triggers=triggers,
+            settings=capture_settings,
+            events=events,
+            latencies=sinks.latencies,
+            on_action=sinks.on_action,
+        ),
+        scanner=scanner,
+        scans=ScanController(scanner, capture=capture, events=events),
+        live=LivePoseSampler(clock, capture_settings.live_rate_hz, alignment),
+        configuration=configuration,
+        triggers=triggers,
+    )
