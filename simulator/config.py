@@ -8,7 +8,7 @@ from pydantic import AwareDatetime, Field
 from traverse.kinematics.arm_file.arm import Problem, StrictModel
 from traverse.simulator.devices.table import AnyDevice
 from traverse.simulator.motions import AnyMotion
-from traverse.simulator.scenario.climate import ClimateTable
+from traverse.simulator.scenario.course import ClimateTable
 from traverse.simulator.scenario.faults import AnyFault
 
 

@@ -1,9 +1,10 @@
 """Lets devices live: in real time, or as fast as the host reads."""
 
 import select
+import time
 from collections.abc import Callable, Sequence
+from typing import Protocol
 
-from traverse.simulator.clock import Clock
 from traverse.simulator.devices.device import SimulatedDevice
 from traverse.simulator.scenario.wiring import ScriptClock
 
@@ -12,6 +13,28 @@ IDLE_S = 0.020  # at least so often everything is looked at
 FAST_STEP_S = 0.020
 LINGER_S = 0.5  # at the end of a script: the last edges get their acknowledgement
 PATIENCE_S = 0.5  # and so long it waits
+
+
+class Clock(Protocol):
+    """Monotonic seconds from an arbitrary origin."""
+
+    def now_s(self) -> float:
+        """The time."""
+
+
+class MonotonicClock:
+    """The host's monotonic clock, from 0 at its making.
+
+    Attributes:
+        origin_ns: The host's monotonic clock at 0.
+    """
+
+    def __init__(self) -> None:
+        self.origin_ns = time.monotonic_ns()
+
+    def now_s(self) -> float:
+        """The time."""
+        return 1e-9 * (time.monotonic_ns() - self.origin_ns)
 
 
 def live_real(

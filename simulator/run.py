@@ -10,11 +10,10 @@ from threading import Event
 from types import FrameType
 
 from traverse.kinematics.arm_file.arm import FileError, Problem, read_strict
-from traverse.simulator.clock import MonotonicClock
 from traverse.simulator.config import SimulatorConfig, config_problems
 from traverse.simulator.devices.device import DeviceContext, make_device
 from traverse.simulator.motions import ReplayMotion
-from traverse.simulator.pacing import live_fast, live_real
+from traverse.simulator.pacing import MonotonicClock, live_fast, live_real
 from traverse.simulator.scenario.faults import of_device
 from traverse.simulator.scenario.wiring import ScriptClock
 from traverse.simulator.truth_log import TruthLog

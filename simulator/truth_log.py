@@ -8,9 +8,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from traverse.simulator.devices.latch_board.edge_queue import LatchedEdge
 from traverse.simulator.scenario.course import Course
 from traverse.simulator.scenario.script import ScriptEvent
+from traverse.simulator.scenario.signals import LatchedEdge
 from traverse.simulator.scenario.wiring import ScriptClock
 
 READINGS_TOGETHER = 64  # that are worked out and written at a time

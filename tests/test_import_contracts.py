@@ -58,12 +58,12 @@ PLANTED = {
     "each layer of the house": [
         ("drivers/base/driver.py", "traverse.cli.message_lines"),
         ("broker/reasons.py", "traverse.__main__"),
-        ("daemon/clock.py", "traverse.simulator.clock"),
+        ("daemon/clock.py", "traverse.simulator.pacing"),
         ("daemon/pose/live.py", "traverse.client.mqtt.subscription"),
         ("daemon/pose/poses.py", "traverse"),  # whose `Arm` is the client's
         ("daemon/pose/joint_motion.py", "traverse.lab.campaign.campaign"),
         ("client/mqtt/subscription.py", "traverse.daemon.clock"),
-        ("client/points/cursor.py", "traverse.simulator.clock"),
+        ("client/points/cursor.py", "traverse.simulator.pacing"),
         ("client/change_signal.py", "traverse.lab.campaign.campaign"),
         ("lab/planted.py", "traverse.simulator.arm.physics"),
         ("lab/campaign/campaign.py", "traverse.daemon.clock"),
@@ -101,7 +101,7 @@ PLANTED = {
         ("simulator/devices/latch_board/wire.py", "traverse.protocol.latch_board"),
         ("simulator/arm/physics.py", "traverse.kinematics.model.forward"),
         ("simulator/effects/planted.py", "traverse.kinematics.effects"),
-        ("simulator/clock.py", "traverse.recording.reader"),
+        ("simulator/pacing.py", "traverse.recording.reader"),
     ],
     "the simulator does not read": [
         ("simulator/arm/physics.py", "traverse.kinematics.effect_table"),
@@ -140,6 +140,10 @@ PLANTED = {
         ("drivers/rls/planted.py", "traverse.drivers.amt21.driver"),
         ("drivers/io/planted.py", "traverse.drivers.polling.channel"),
     ],
+    "folders of the simulator": [
+        ("simulator/arm/planted.py", "traverse.simulator.scenario.script"),
+        ("simulator/scenario/planted.py", "traverse.simulator.devices.device"),
+    ],
     "strict files are read": [
         ("strict_toml/planted.py", "traverse.kinematics.model.geometry"),
         ("strict_toml/problems.py", "traverse.protocol.topics"),
@@ -158,6 +162,7 @@ UNKNOWN = [
     ("planted.py", "each layer"),
     ("kinematics/planted.py", "folders of kinematics"),
     ("lab/planted.py", "folders of the lab"),
+    ("simulator/planted.py", "folders of the simulator"),
 ]
 
 

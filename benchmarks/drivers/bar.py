@@ -49,7 +49,7 @@ from traverse.drivers.base.values import (
 )
 from traverse.drivers.io.ports import PortAccess
 from traverse.kinematics.fits import fit_sphere_of_radius
-from traverse.simulator.clock import MonotonicClock
+from traverse.simulator.pacing import MonotonicClock
 
 UP_S = 20.0  # until a device has been found
 LEAD_S = 0.3  # from there to the begin of the motion

@@ -11,16 +11,14 @@ from numpy.typing import NDArray
 
 from benchmarks.drivers.bar_devices import Make
 from traverse.simulator.arm.physics import probe_pose
-from traverse.simulator.clock import MonotonicClock
 from traverse.simulator.config import SimulatorConfig
 from traverse.simulator.devices.device import (
     DeviceContext,
     SimulatedDevice,
     make_device,
 )
-from traverse.simulator.pacing import live_real
-from traverse.simulator.scenario.climate import ClimateTable
-from traverse.simulator.scenario.course import Course
+from traverse.simulator.pacing import MonotonicClock, live_real
+from traverse.simulator.scenario.course import ClimateTable, Course
 from traverse.simulator.scenario.script import Script
 from traverse.simulator.scenario.wiring import ScriptedCounts
 from traverse.simulator.truth_log import TruthLog

@@ -27,13 +27,11 @@ from traverse.drivers.amt21.options import Amt21Options
 from traverse.drivers.base.values import Delivery
 from traverse.drivers.io.ports import PortAccess
 from traverse.simulator.arm.trajectory import Trajectory, spline_pieces
-from traverse.simulator.clock import MonotonicClock
 from traverse.simulator.config import SimulatorConfig
 from traverse.simulator.devices.amt21 import Amt21Table, SimulatedAmt21Line
 from traverse.simulator.devices.device import DeviceContext
-from traverse.simulator.pacing import live_real
-from traverse.simulator.scenario.climate import ClimateTable
-from traverse.simulator.scenario.course import Course
+from traverse.simulator.pacing import MonotonicClock, live_real
+from traverse.simulator.scenario.course import ClimateTable, Course
 from traverse.simulator.scenario.faults import fault_from_table
 from traverse.simulator.scenario.script import Script
 from traverse.simulator.scenario.wiring import ScriptClock, ScriptedCounts

@@ -8,8 +8,7 @@ from traverse.drivers.canopen.sdo import NodeSdo
 from traverse.drivers.canopen.supervisor import NodeSupervisor
 from traverse.drivers.canopen.sync_cycles import SyncCycleAssembler
 from traverse.drivers.canopen.sync_source import SyncScheduler
-from traverse.drivers.io.can_bus import MOST_AT_ONCE, CanBus
-from traverse.drivers.io.can_socket import FRAMES_LOST
+from traverse.drivers.io.can_bus import FRAMES_LOST, MOST_AT_ONCE, CanBus
 from traverse.protocol.canopen import frames as wire
 from traverse.protocol.canopen.errors import ERROR_FLAG
 

@@ -24,9 +24,9 @@ from traverse.drivers.microscribe.options import MicroscribeOptions
 from traverse.drivers.microscribe.packets import SampleBlock
 from traverse.drivers.microscribe.pedals import PedalDebouncer, PendingPedalEdges
 from traverse.drivers.microscribe.session import MicroscribeSession, connect
+from traverse.drivers.polling.alarms import ReadErrorLog
 from traverse.drivers.polling.channel import IMPLAUSIBLE
-from traverse.drivers.polling.read_error_log import ReadErrorLog
-from traverse.drivers.polling.schedule import SampleSchedule
+from traverse.drivers.polling.sampling import SampleSchedule
 
 PEDAL_HZ = 100.0  # a press is seen in two packets; so often at least they are asked for
 SILENCE_NS = 500_000_000

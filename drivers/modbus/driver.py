@@ -16,8 +16,8 @@ from traverse.drivers.base.values import STATUS_ERROR, STATUS_WARNING
 from traverse.drivers.io.ports import SERIAL_PORTS, BytePort, PortAccess
 from traverse.drivers.modbus.line import ModbusClient
 from traverse.drivers.modbus.options import CONDITIONS, ModbusOptions
+from traverse.drivers.polling.alarms import ConditionAlarms
 from traverse.drivers.polling.channel import EncoderReading, PolledChannel, ReadError
-from traverse.drivers.polling.condition_alarms import ConditionAlarms
 from traverse.drivers.polling.polled_driver import PolledDriver
 
 DOUBTED_TIMEOUTS = 8  # a reply that comes later than that was not asked by us

@@ -19,10 +19,9 @@ from traverse.drivers.base.driver import ASK_S, Driver
 from traverse.drivers.base.options import DriverOptions
 from traverse.drivers.base.values import DeviceUp, Identity, StreamStarted
 from traverse.drivers.io.ports import SERIAL_PORTS, PortAccess
+from traverse.drivers.polling.alarms import ReadErrorLog
 from traverse.drivers.polling.channel import EncoderReading, PolledChannel, ReadError
-from traverse.drivers.polling.read_error_log import ReadErrorLog
-from traverse.drivers.polling.sample_block import SampleBlockBuilder
-from traverse.drivers.polling.schedule import SampleSchedule
+from traverse.drivers.polling.sampling import SampleBlockBuilder, SampleSchedule
 
 FIRST_CYCLES = 8  # to get acquainted, and to learn how long a cycle takes
 LENGTHS = 256  # of asking, that are remembered

@@ -20,8 +20,8 @@ from traverse.drivers.base.values import (
     DeviceTemperatures,
 )
 from traverse.drivers.io.ports import SERIAL_PORTS, BytePort, PortAccess
+from traverse.drivers.polling.alarms import ConditionAlarms
 from traverse.drivers.polling.channel import EncoderReading, PolledChannel, ReadError
-from traverse.drivers.polling.condition_alarms import ConditionAlarms
 from traverse.drivers.polling.polled_driver import PolledDriver
 from traverse.drivers.rls.line import SILENT, TimedPosition
 from traverse.drivers.rls.line_group import RlsLineGroup

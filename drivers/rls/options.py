@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field, field_validator
 
-from traverse.drivers.polling.condition_alarms import Condition
+from traverse.drivers.polling.alarms import Condition
 from traverse.drivers.polling.polled_driver import PolledOptions
 from traverse.protocol import rls
 

@@ -13,11 +13,11 @@ from typing import Any, Protocol
 
 from traverse.simulator.arm.encoder import EncoderSet
 from traverse.simulator.devices.kinds import KINDS, class_named
-from traverse.simulator.devices.latch_board.edge_queue import LatchedEdge
 from traverse.simulator.devices.table import DeviceTable
-from traverse.simulator.scenario.climate import ClimateTable
+from traverse.simulator.scenario.course import ClimateTable
 from traverse.simulator.scenario.faults import EncoderFault, Fault
 from traverse.simulator.scenario.script import Script, ScriptEvent
+from traverse.simulator.scenario.signals import LatchedEdge
 from traverse.simulator.scenario.wiring import CountSource, ScriptClock, Wiring
 
 

@@ -17,6 +17,25 @@ class InputChange:
 
 
 @dataclass(frozen=True, slots=True)
+class LatchedEdge:
+    """An edge with what was latched at its first change.
+
+    Attributes:
+        inputs: Levels of all inputs right after it, as bits.
+        counts: (n_channels,)
+        status: (n_channels,)
+    """
+
+    time_s: float
+    input_number: int
+    level: int
+    inputs: int
+    ticks: int
+    counts: NDArray[np.uint32]
+    status: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
 class AlarmChange:
     """An encoder begins or ends to complain."""
 

@@ -3,9 +3,8 @@
 import threading
 from collections.abc import Callable
 
-from traverse.simulator.clock import MonotonicClock
 from traverse.simulator.devices.device import DeviceContext, SimulatedDevice
-from traverse.simulator.pacing import live_real
+from traverse.simulator.pacing import MonotonicClock, live_real
 
 
 class SimulatedRig:

@@ -7,7 +7,7 @@ import numpy as np
 from traverse.simulator.arm.encoder import EncoderSet
 from traverse.simulator.arm.trajectory import Trajectory, rest_pieces
 from traverse.simulator.devices.device import DeviceContext
-from traverse.simulator.scenario.climate import ClimateTable
+from traverse.simulator.scenario.course import ClimateTable
 from traverse.simulator.scenario.faults import fault_from_table
 from traverse.simulator.scenario.script import Script
 from traverse.simulator.scenario.wiring import ScriptClock

@@ -9,8 +9,7 @@ from tests.vm import can_interface
 from tests.vm.can_interface import NAME, open_raw, send
 from tests.vm.table import Table
 from traverse.drivers.base.values import DeviceError
-from traverse.drivers.io.can_bus import CanBus, Frame
-from traverse.drivers.io.can_socket import FRAMES_LOST
+from traverse.drivers.io.can_bus import FRAMES_LOST, CanBus, Frame
 from traverse.protocol.canopen.frames import SYNC, identifiers
 
 NODES = (11, 12, 13, 14, 15, 16, 17)

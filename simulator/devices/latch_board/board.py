@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 
 from traverse.simulator.devices.latch_board import wire
 from traverse.simulator.devices.latch_board.alarms import Alarms
-from traverse.simulator.devices.latch_board.edge_queue import EdgeQueue, LatchedEdge
+from traverse.simulator.devices.latch_board.edge_queue import EdgeQueue
 from traverse.simulator.devices.latch_board.inputs import InputLevels
 from traverse.simulator.devices.latch_board.sampler import Sampler
 from traverse.simulator.devices.latch_board.settings import (
@@ -26,6 +26,7 @@ from traverse.simulator.devices.latch_board.tick_counter import TickCounter
 from traverse.simulator.scenario.signals import (
     AlarmChange,
     InputChange,
+    LatchedEdge,
     LatchSource,
     OutgoingFrame,
 )

@@ -12,11 +12,10 @@ from traverse.simulator.devices.disturbed_line import DisturbedLine
 from traverse.simulator.devices.latch_board import wire
 from traverse.simulator.devices.latch_board.board import Board
 from traverse.simulator.devices.latch_board.drops import DropCounter
-from traverse.simulator.devices.latch_board.edge_queue import LatchedEdge
 from traverse.simulator.devices.latch_board.tick_counter import TickCounter
 from traverse.simulator.devices.pty_port import PtyPort
 from traverse.simulator.devices.table import DeviceTable
-from traverse.simulator.scenario.signals import OutgoingFrame
+from traverse.simulator.scenario.signals import LatchedEdge, OutgoingFrame
 
 FIRMWARE = (1, 0, 0)
 PIECE_S, PIECE_WAIT_S = 0.1, 0.02

@@ -3,32 +3,11 @@
 from collections import deque
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from traverse.simulator.devices.latch_board import wire
+from traverse.simulator.scenario.signals import LatchedEdge
 
 AGAIN_AFTER_S = 0.050
 MOST_WAITING = 16
-
-
-@dataclass(frozen=True, slots=True)
-class LatchedEdge:
-    """An edge with what was latched at its first change.
-
-    Attributes:
-        inputs: Levels of all inputs right after it, as bits.
-        counts: (n_channels,)
-        status: (n_channels,)
-    """
-
-    time_s: float
-    input_number: int
-    level: int
-    inputs: int
-    ticks: int
-    counts: NDArray[np.uint32]
-    status: NDArray[np.uint8]
 
 
 @dataclass(slots=True)

@@ -1,6 +1,6 @@
 """Inputs of a board and their debouncing."""
 
-from traverse.simulator.devices.latch_board.edge_queue import LatchedEdge
+from traverse.simulator.scenario.signals import LatchedEdge
 
 
 class InputLevels:

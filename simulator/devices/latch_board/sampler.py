@@ -4,11 +4,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.simulator.devices.latch_board import wire
-from traverse.simulator.devices.latch_board.edge_queue import LatchedEdge
 from traverse.simulator.devices.latch_board.inputs import InputLevels
 from traverse.simulator.devices.latch_board.stream import Stream
 from traverse.simulator.devices.latch_board.tick_counter import TickCounter
-from traverse.simulator.scenario.signals import InputChange, LatchSource, OutgoingFrame
+from traverse.simulator.scenario.signals import (
+    InputChange,
+    LatchedEdge,
+    LatchSource,
+    OutgoingFrame,
+)
 
 STREAM, ON_REQUEST = 0, 1  # causes of a sample
 

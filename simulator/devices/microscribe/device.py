@@ -15,10 +15,9 @@ from pydantic import Field, model_validator
 
 from traverse.kinematics.arm_file.arm import StrictModel
 from traverse.simulator.devices.device import DeviceContext
-from traverse.simulator.devices.latch_board.edge_queue import LatchedEdge
 from traverse.simulator.devices.microscribe import box as wire
 from traverse.simulator.devices.serial_device import SerialDevice, SerialTable
-from traverse.simulator.scenario.signals import InputChange
+from traverse.simulator.scenario.signals import InputChange, LatchedEdge
 
 MOST_COUNTS = 16384
 Six = tuple[int, int, int, int, int, int]

@@ -20,10 +20,9 @@ from traverse.drivers.base.values import (
 )
 from traverse.drivers.canopen.driver import CanOpenDriver
 from traverse.drivers.canopen.options import CanOpenOptions
-from traverse.simulator.clock import MonotonicClock
 from traverse.simulator.devices.canopen.device import CanOpenBus
 from traverse.simulator.devices.canopen.table import CanOpenTable
-from traverse.simulator.pacing import live_real
+from traverse.simulator.pacing import MonotonicClock, live_real
 
 names = itertools.count()
 BOTH = {"nodes": (5, 9)}

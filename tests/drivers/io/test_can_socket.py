@@ -5,7 +5,7 @@ import struct
 
 import pytest
 
-from traverse.drivers.io.can_socket import FRAMES_LOST, SocketFrames
+from traverse.drivers.io.can_bus import FRAMES_LOST, SocketFrames
 
 
 def frame(can_id: int, data: bytes) -> bytes:

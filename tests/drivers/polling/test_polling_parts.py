@@ -15,8 +15,11 @@ from traverse.drivers.polling.channel import (
     PolledChannel,
     ReadError,
 )
-from traverse.drivers.polling.sample_block import BLOCK_NS, SampleBlockBuilder
-from traverse.drivers.polling.schedule import SampleSchedule
+from traverse.drivers.polling.sampling import (
+    BLOCK_NS,
+    SampleBlockBuilder,
+    SampleSchedule,
+)
 
 TURN = 16384
 SPEED_RAD_S = 20.0

@@ -1,7 +1,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from traverse.drivers.triggers.debounce import Debounce, DebouncedEdge
+from traverse.drivers.triggers.trigger_driver import Debounce, DebouncedEdge
 
 HOLD_NS = 5_000_000
 MS = 1_000_000

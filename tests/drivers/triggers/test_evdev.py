@@ -18,10 +18,10 @@ from traverse.drivers.triggers.evdev import (
     EVIOCGKEY,
     EVIOCGRAB,
     EVIOCSCLOCKID,
+    KEY_CODES,
     EvdevDriver,
     EvdevOptions,
 )
-from traverse.drivers.triggers.evdev_keys import KEY_CODES
 
 HEADER = Path("/usr/include/linux/input-event-codes.h")
 KEY_B, KEY_C, KEY_A = 48, 46, 30

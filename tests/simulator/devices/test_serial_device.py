@@ -9,12 +9,11 @@ import pytest
 
 from tests.simulator.devices.host_side import heard, hosts_of, opened
 from tests.simulator.one_hinge import mounted
-from traverse.simulator.clock import MonotonicClock
 from traverse.simulator.devices.device import make_device
 from traverse.simulator.devices.kinds import KINDS, class_named
 from traverse.simulator.devices.serial_device import SerialDevice, SerialTable
 from traverse.simulator.devices.table import DeviceTable
-from traverse.simulator.pacing import live_real
+from traverse.simulator.pacing import MonotonicClock, live_real
 
 
 class TellerTable(SerialTable):

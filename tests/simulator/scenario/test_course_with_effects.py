@@ -20,11 +20,9 @@ from traverse.simulator.arm.physics import probe_pose
 from traverse.simulator.arm.trajectory import Trajectory, move_pieces, rest_pieces
 from traverse.simulator.campaigns import true_arm_file
 from traverse.simulator.config import SimulatorConfig, config_problems
-from traverse.simulator.devices.latch_board.edge_queue import LatchedEdge
-from traverse.simulator.scenario.climate import ClimateTable
-from traverse.simulator.scenario.contacts import contact_directions
-from traverse.simulator.scenario.course import Course
+from traverse.simulator.scenario.course import ClimateTable, Course, contact_directions
 from traverse.simulator.scenario.script import Script
+from traverse.simulator.scenario.signals import LatchedEdge
 from traverse.simulator.scenario.wiring import ScriptClock, ScriptedCounts, Wiring
 from traverse.simulator.truth_log import TruthLog
 from traverse.simulator.virtual_arm import (

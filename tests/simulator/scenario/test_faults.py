@@ -7,8 +7,7 @@ from traverse.simulator.arm.trajectory import Trajectory, move_pieces
 from traverse.simulator.devices.disturbed_line import DisturbedLine
 from traverse.simulator.effects import FaultyArm
 from traverse.simulator.effects.posture import Build
-from traverse.simulator.scenario.climate import ClimateTable
-from traverse.simulator.scenario.course import Course
+from traverse.simulator.scenario.course import ClimateTable, Course
 from traverse.simulator.scenario.faults import fault_from_table
 from traverse.simulator.scenario.script import Script
 from traverse.simulator.scenario.signals import AlarmChange
