@@ -70,6 +70,10 @@ class Driver(ABC):
         self._now_ns = monotonic_ns
         self._counters: Counter[str] = Counter()
         self._counters_due_ns = 0
+        # Written by the service, read by the thread: which stream is requested.
+        self._rate_hz = 0.0
+        self._streams_requested = 0
+        self._streams_begun = 0  # the thread's own
         self._stopping = False
         self._wake_lock = threading.Lock()
         self._closed = False
@@ -117,9 +121,11 @@ class Driver(ABC):
     ) -> None:
         self.close()
 
-    @abstractmethod
     def request_stream(self, rate_hz: float) -> None:
         """Stream timed samples at ``rate_hz`` from now on; 0 stops the stream."""
+        self._rate_hz = rate_hz  # first: the thread reads it when it sees the number
+        self._streams_requested += 1
+        self._wake()
 
     def request_latch(self) -> int:
         """Latch once, now; the returned token comes back in `LatchedCounts`.

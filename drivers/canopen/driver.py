@@ -23,7 +23,6 @@ from traverse.drivers.canopen.discovery import (
     set_up_nodes,
 )
 from traverse.drivers.canopen.frame_dispatcher import FrameDispatcher
-from traverse.drivers.canopen.loss_reports import Losses
 from traverse.drivers.canopen.node_watch import Conditions, NodeMonitor
 from traverse.drivers.canopen.options import CanOpenOptions
 from traverse.drivers.canopen.sdo import NodeSdo
@@ -52,9 +51,6 @@ class CanOpenDriver(Driver):
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         super().__init__(device, options, delivery_queue, monotonic_ns=monotonic_ns)
-        # Written by the service, read by the thread.
-        self._rate_hz = 0.0
-        self._streams_wanted = 0
         # The thread's own.
         self._conditions = Conditions(device, delivery_queue.put)
         self._first = True
@@ -64,12 +60,6 @@ class CanOpenDriver(Driver):
     def _begin_anew(self) -> None:
         self._dispatcher: FrameDispatcher | None = None
         self._streams_begun = 0
-
-    def request_stream(self, rate_hz: float) -> None:
-        """Send SYNCs at ``rate_hz`` from now on; 0 stops them."""
-        self._rate_hz = rate_hz
-        self._streams_wanted += 1
-        self._wake()
 
     # -- in the driver's thread ------------------------------------------------
 
@@ -141,7 +131,7 @@ class CanOpenDriver(Driver):
             options,
             self._now_ns,
             self._fault,
-            Losses(bus, options.nodes, cycles, self._fault, self._counters),
+            self._counters,
         )
         restarted = started.forgotten and not self._first
         identity = bus_identity(started.facts, bus.name, options)
@@ -194,9 +184,9 @@ class CanOpenDriver(Driver):
     # -- streams ---------------------------------------------------------------
 
     def _begin_wanted_stream(self) -> None:
-        if self._streams_begun == (options := self._streams_wanted):
+        if self._streams_begun == (requested := self._streams_requested):
             return
-        self._streams_begun = options
+        self._streams_begun = requested
         dispatcher, rate_hz = self._dispatcher, self._rate_hz
         if (
             dispatcher is None

@@ -4,11 +4,11 @@ Called between two reads of the bus. Its questions to a node read the bus meanwh
 no position waits for them; only one node is dealt with at a time.
 """
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from traverse.drivers.base.values import DeviceError
-from traverse.drivers.canopen.loss_reports import Fault, Losses
 from traverse.drivers.canopen.node import NodeFacts, read_facts, set_up_node
 from traverse.drivers.canopen.node_watch import Conditions, NodeMonitor
 from traverse.drivers.canopen.options import CanOpenOptions
@@ -23,6 +23,16 @@ LOOK_NS = 50_000_000
 SET_UP_AGAIN_NS = 500_000_000
 AMBIGUOUS_NS = 500_000_000
 BACK_ON_BUS_NS = 200_000_000
+COUNTED = {
+    "delivered": "samples_received",
+    "complete": "samples_complete",
+    "late": "answers_late",
+    "strays": "answers_stray",
+    "pauses": "sync_pauses",
+}
+"""Counts of the cycles, and under which names they are counted for `health`."""
+
+Fault = Callable[[str, str, str, int], None]
 
 
 @dataclass(slots=True)
@@ -34,7 +44,7 @@ class NodeSupervisor:
         facts: by channel, as they were found.
         options: of the driver.
         report_fault: tells what was survived: code, text, remedy, how often.
-        losses: tells what was lost.
+        counters: of the driver.
     """
 
     bus: CanBus
@@ -46,7 +56,7 @@ class NodeSupervisor:
     options: CanOpenOptions
     now_ns: Callable[[], int]
     report_fault: Fault
-    losses: Losses
+    counters: Counter[str]
     _restarted: Sequence[int] = ()
     _look_due_ns: int = 0
     _status_due_ns: int = 0
@@ -54,6 +64,7 @@ class NodeSupervisor:
     _set_up_due_ns: int = 0
     _bus_off_ns: int = 0
     _certain_ns: int = 0
+    _dropped: int = 0
 
     def observe(self) -> None:
         """Note who lives and what was lost; asks nobody, so that it never waits.
@@ -66,7 +77,7 @@ class NodeSupervisor:
             return
         self._look_due_ns = now_ns + LOOK_NS
         self._note_answers(now_ns)
-        self.losses.tell()
+        self._report_losses()
         self._restarted = self.watch.look(now_ns) or self._long_ambiguous(now_ns)
         for channel in range(len(self.sdos)):
             self.cycles.status[channel] = self.watch.status(channel)
@@ -113,7 +124,7 @@ class NodeSupervisor:
             self.conditions.end(None, "bus_passive")
         if told.overflow:
             self.cycles.note_lost_frames()
-            self.losses.report_overflow(1)
+            self._report_overflow(1)
 
     def _long_ambiguous(self, now_ns: int) -> list[int]:
         """Who has to begin anew where SYNCs are another's, which cannot be paused."""
@@ -190,3 +201,57 @@ class NodeSupervisor:
         except NodeError:
             return  # its heartbeat tells whether it is lost
         self.watch.complaints(channel, alarms, warnings)
+
+    def _report_losses(self) -> None:
+        """Report what was lost since the last time, and count it for `health`."""
+        cycles = self.cycles
+        for name, counter in COUNTED.items():
+            self.counters[counter] += getattr(cycles, name)
+            setattr(cycles, name, 0)
+        lost, cycles.lost = cycles.lost, 0
+        if lost:
+            self.report_fault(
+                "samples_lost",
+                f"{lost} samples lost: no node answered, or no SYNC was sent",
+                "lower the rate; check the load of bus and computer",
+                lost,
+            )
+        for channel, n in cycles.missing.items():
+            self.counters[f"missing_node_{self.options.nodes[channel]}"] += n
+        self._report_by_node(
+            cycles.missing,
+            "readings_missing",
+            "SYNCs without an answer",
+            "check these encoders; lower the rate if it is all of them",
+        )
+        self._report_by_node(
+            cycles.doubtful,
+            "answers_doubtful",
+            "answers that may be of another SYNC, flagged late",
+            "check these encoders and the load of the bus; lower the rate",
+        )
+        dropped, self._dropped = self.bus.dropped - self._dropped, self.bus.dropped
+        if dropped > 0:
+            self._report_overflow(dropped)
+
+    def _report_overflow(self, n: int) -> None:
+        """Frames came and could not be kept."""
+        self.report_fault(
+            "frames_overflowed",
+            f"frames were lost on {self.bus.name} because nobody read them in time",
+            "lower the rate; give the daemon more of the computer; on SocketCAN let it "
+            "keep more: sysctl net.core.rmem_max=4194304",
+            n,
+        )
+
+    def _report_by_node(
+        self, counts: Counter[int], code: str, what: str, remedy: str
+    ) -> None:
+        if not counts:
+            return
+        who = ", ".join(
+            f"node {self.options.nodes[channel]}: {n}"
+            for channel, n in sorted(counts.items())
+        )
+        self.report_fault(code, f"{what}: {who}", remedy, counts.total())
+        counts.clear()

@@ -22,7 +22,6 @@ from traverse.drivers.latch_board.identification import (
 )
 from traverse.drivers.latch_board.line import LatchBoardLine, PartialReads, Response
 from traverse.drivers.latch_board.options import LatchBoardOptions
-from traverse.drivers.latch_board.report_sink import BoardReports
 from traverse.drivers.latch_board.session import LatchBoardSession
 from traverse.protocol import latch_board as wire
 
@@ -54,9 +53,6 @@ class LatchBoardDriver(Driver):
     ) -> None:
         super().__init__(device, options, delivery_queue, monotonic_ns=monotonic_ns)
         self._path = options.port
-        # Written by the service, read by the thread: what is wanted of the board.
-        self._rate_hz = 0.0
-        self._streams_wanted = 0
         self._latches: deque[int] = deque()
         self._latch_token = 0
         self._edges = EdgeSequencer()
@@ -68,14 +64,7 @@ class LatchBoardDriver(Driver):
         self._acknowledged_ns = 0
         self._taken_ns = 0  # until when what has come has been taken up
         self._frames_before = 0
-        self._streams_begun = 0
         self._stream = 0
-
-    def request_stream(self, rate_hz: float) -> None:
-        """Stream timed samples at ``rate_hz`` from now on; 0 stops the stream."""
-        self._rate_hz = rate_hz
-        self._streams_wanted += 1
-        self._wake()
 
     def request_latch(self) -> int:
         """Latch once, now; the returned token comes back in `LatchedCounts`.
@@ -128,15 +117,15 @@ class LatchBoardDriver(Driver):
         if restarted:
             self._edges = EdgeSequencer(0)
         self._boot_id = hello.boot_id
-        reports = BoardReports(
-            self.device,
-            len(hello.channels),
-            self._delivery_queue.put,
-            self._fault,
-            self._counters,
-        )
         self._session = LatchBoardSession(  # from now on edges are taken
-            self._path, hello.tick_rate_hz, self._edges, reports
+            self.device,
+            self._path,
+            self._edges,
+            tick_rate_hz=hello.tick_rate_hz,
+            n_channels=len(hello.channels),
+            put=self._delivery_queue.put,
+            fault=self._fault,
+            counters=self._counters,
         )
         self._streams_begun = 0  # what was wanted is to be asked for again
 
@@ -190,11 +179,11 @@ class LatchBoardDriver(Driver):
             answer = self._ask_or_fault(line, "LATCH", wire.latch_request)
             token = self._latches.popleft()
             if isinstance(answer, wire.Latched):
-                session.latches.take_answer(answer, token, line.last_message_ns)
-        if self._streams_begun != (wanted := self._streams_wanted):
+                session.take_latch(answer, token, line.last_message_ns)
+        if self._streams_begun != (wanted := self._streams_requested):
             self._streams_begun = wanted
             rate = round(self._rate_hz * 1000)
-            session.samples.end()
+            session.end_stream()
             if rate:
                 self._ask_or_fault(
                     line, "START", lambda number: wire.start_request(number, rate)
@@ -226,7 +215,7 @@ class LatchBoardDriver(Driver):
             case wire.Reply(request_type=wire.START, result=0) if session is not None:
                 # Its samples may stand in the same read: be ready for them now.
                 self._stream += 1
-                session.samples.begin(self._stream, message.request)
+                session.begin_stream(self._stream, message.request)
                 rate_hz = message.value / 1000
                 self._deliver_state(StreamStarted(self.device, self._stream, rate_hz))
             case wire.Temperatures():

@@ -1,39 +1,76 @@
-"""A latch board that has said who it is: what it says from then on is taken here."""
+"""A latch board that has said who it is: its samples, edges and clock.
 
-from traverse.drivers.base.values import DeviceError
+What it sends from then on is numbered, given its time and handed over.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Sized
+
+import numpy as np
+
+from traverse.drivers.base.values import (
+    STATUS_WARNING,
+    CountSamples,
+    DeviceError,
+    LatchedCounts,
+)
 from traverse.drivers.latch_board.edge_sequence import EdgeSequencer
-from traverse.drivers.latch_board.latches import BoardLatches
 from traverse.drivers.latch_board.line import PartialReads
-from traverse.drivers.latch_board.report_sink import BoardReports
-from traverse.drivers.latch_board.samples import BoardSamples
 from traverse.drivers.timing.device_clock import DeviceClock
+from traverse.drivers.timing.stream_sequence import StreamSequence
 from traverse.protocol import latch_board as wire
+
+# The maker's own bits of a status byte warn of something; what, nobody else knows.
+_MAKERS = 0xF0
+_STATUS_ARRAY = np.array(
+    [s & ~_MAKERS | (STATUS_WARNING if s & _MAKERS else 0) for s in range(256)],
+    dtype=np.uint8,
+)
+"""The status byte of the board, by value, in the words of all drivers."""
+_STATUS_BYTES = _STATUS_ARRAY.tobytes()
 
 
 class LatchBoardSession:
-    """One connection to a board.
+    """One connection to a board, with one stream at a time.
 
     Args:
+        device: id in the configuration.
         path: of its port, for people.
-        tick_rate_hz: of its counter.
         edges: their order, which outlives the connection.
-        reports: where everything goes.
-
-    Attributes:
-        samples: the timed ones.
-        latches: edges, and what is latched on request.
+        tick_rate_hz: of its counter.
         n_channels: as HELLO told.
+        put: hands a delivery over; False where it has no room.
+        fault: tells what was survived: code, text, remedy, how often.
+        counters: of the driver.
     """
 
     def __init__(
-        self, path: str, tick_rate_hz: int, edges: EdgeSequencer, reports: BoardReports
+        self,
+        device: str,
+        path: str,
+        edges: EdgeSequencer,
+        *,
+        tick_rate_hz: int,
+        n_channels: int,
+        put: Callable[[CountSamples | LatchedCounts], bool],
+        fault: Callable[[str, str, str, int], None],
+        counters: Counter[str],
     ) -> None:
-        self._path, self._edges = path, edges
-        self._counters = reports.counters
+        self._device, self._path, self._n_channels = device, path, n_channels
+        self._edges, self._put, self._fault = edges, put, fault
+        self._counters = counters
         self._clock = DeviceClock(tick_rate_hz)
-        self.n_channels = reports.n_channels
-        self.samples = BoardSamples(self._clock, reports)
-        self.latches = BoardLatches(self._clock, edges, reports)
+        self._stream = self._request = 0
+        self._sequence = StreamSequence()
+
+    def begin_stream(self, stream: int, request: int) -> None:
+        """From now on those samples count that belong to this START."""
+        self._stream, self._request = stream, request
+        self._sequence = StreamSequence()
+
+    def end_stream(self) -> None:
+        """The stream is to stop, or another to begin."""
+        self._request = 0
 
     def take(
         self, message: wire.Message, received_ns: int, earlier: PartialReads = ()
@@ -45,25 +82,138 @@ class LatchBoardSession:
         """
         match message:
             case wire.SampleBlock():
-                self.samples.take(message, received_ns, earlier)
+                self._take_samples(message, received_ns, earlier)
             case wire.Edge():
-                self.latches.take_edge(message, received_ns)
+                self._take_edge(message, received_ns)
             case wire.Heartbeat():
                 self._take_heartbeat(message, received_ns)
             case _:
                 pass
 
+    def take_latch(self, answer: wire.Latched, token: int, received_ns: int) -> None:
+        """Hand over what was latched on request."""
+        if self._fits(answer.counts):
+            self._deliver_latch(answer, None, token, received_ns)
+
+    def _take_samples(
+        self, block: wire.SampleBlock, received_ns: int, earlier: PartialReads
+    ) -> None:
+        """Hand over what is new in a block.
+
+        Each read tells the clock of one delay, and the smallest of many is to be found.
+        """
+        counters, clock = self._counters, self._clock
+        if block.request != self._request:
+            counters["samples_of_old_stream"] += len(block.seq)
+            return
+        if not self._fits(block.counts[0]):
+            return
+        seq, kept, lost, dropped = self._sequence.accept(block.seq)
+        counters["samples_repeated"] += dropped
+        self._report_lost(lost)
+        if not len(seq):
+            return
+        for row, at_ns in earlier:
+            if row < len(block.ticks):
+                clock.update(clock.unwrap_one(int(block.ticks[row])), at_ns)
+        rows = slice(None) if kept is None else kept
+        ticks = clock.unwrap(block.ticks[rows])
+        clock.update(int(ticks[-1]), received_ns)
+        counters["samples_received"] += len(seq)
+        self._put(
+            CountSamples(
+                self._device,
+                self._stream,
+                seq,
+                ticks,
+                received_ns,
+                # A new smallest delay moves the clock gradually; none is below zero.
+                np.minimum(clock.to_ns_array(ticks), received_ns),
+                block.inputs[rows],
+                block.counts[rows],
+                _STATUS_ARRAY[block.status[rows]],
+            )
+        )
+
+    def _take_edge(self, edge: wire.Edge, received_ns: int) -> None:
+        """Hand over an edge, if it is its turn."""
+        if not self._clock.running:
+            return  # the board sends it again; until then it has no time
+        if not self._fits(edge.counts):
+            return
+        verdict, lost = self._edges.classify(edge.seq, received_ns)
+        if lost:
+            self._fault(
+                "edges_lost",
+                f"{lost} button or probe edges were lost on the board",
+                "repeat the last points",
+                lost,
+            )
+        if verdict != "next":
+            return
+        # Noted before it is handed over: its acknowledgement may come at once.
+        self._edges.mark_delivered(edge.seq)
+        if self._deliver_latch(edge, edge.input, edge.seq, received_ns):
+            self._counters["edges_received"] += 1
+        else:
+            self._edges.mark_refused(edge.seq)
+
     def _take_heartbeat(self, heartbeat: wire.Heartbeat, received_ns: int) -> None:
         clock, counters = self._clock, self._counters
-        if self.samples.streaming:
+        if self._request:  # a stream is under way, as far as the board has been told
             if not heartbeat.streaming:
                 raise DeviceError(
                     f"the board on {self._path} has stopped its stream by itself",
                     "check its power: it has probably been restarted",
                 )
-            self.samples.reach(heartbeat.next_sample_seq)
+            # It says what its next sample is: those before have been sent.
+            self._report_lost(self._sequence.reach(heartbeat.next_sample_seq))
         clock.update(clock.unwrap_one(heartbeat.ticks), received_ns)
         self._edges.begin_at(heartbeat.next_edge_seq - heartbeat.edges_back)
         counters["board_tx_dropped"] = heartbeat.tx_dropped
         counters["board_rx_rejected"] = heartbeat.rx_rejected
         counters["clock_steps"] = clock.steps
+
+    def _deliver_latch(
+        self,
+        latch: wire.Edge | wire.Latched,
+        number: int | None,
+        token: int,
+        received_ns: int,
+    ) -> bool:
+        ticks = self._clock.unwrap_one(latch.ticks)
+        self._clock.update(ticks, received_ns)
+        return self._put(
+            LatchedCounts(
+                self._device,
+                number,
+                isinstance(latch, wire.Latched) or latch.level != 0,
+                token,
+                ticks,
+                received_ns,
+                min(self._clock.to_ns(ticks), received_ns),
+                latch.counts,
+                tuple(bytes(latch.status).translate(_STATUS_BYTES)),
+            )
+        )
+
+    def _fits(self, counts: Sized) -> bool:
+        """Whether a latch has the channels that HELLO told; else it is counted."""
+        if len(counts) == self._n_channels:
+            return True
+        self._fault(
+            "channels_changed",
+            f"{len(counts)} channels in a frame of a board with {self._n_channels}",
+            "update the board's firmware",
+            1,
+        )
+        return False
+
+    def _report_lost(self, lost: int) -> None:
+        if lost:
+            self._fault(
+                "samples_lost",
+                f"{lost} samples lost between board and host",
+                "lower the rate, or use a faster line",
+                lost,
+            )

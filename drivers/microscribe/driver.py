@@ -50,9 +50,6 @@ class MicroscribeDriver(Driver):
         super().__init__(device, options, delivery_queue, monotonic_ns=monotonic_ns)
         self._path = options.port
         self._by_motion = options.report == "motion"
-        # Written by the service, read by the thread: what is wanted.
-        self._rate_hz = 0.0
-        self._streams_wanted = 0
         # The thread's own.
         self._arm: MicroscribeIdentification | None = None
         self._port: SerialPort | None = None
@@ -63,17 +60,10 @@ class MicroscribeDriver(Driver):
         self._losses = MicroscribeLosses(self._fault, self._counters)
         self._block = SampleBlock(device)
         self._last_counts: tuple[int, ...] = ()
-        self._streams_begun = 0
         self._stream = 0
         self._next_seq = 0
         self._told_ns = 0
         self._answered_ns = 0
-
-    def request_stream(self, rate_hz: float) -> None:
-        """Stream timed samples at ``rate_hz`` from now on; 0 stops the stream."""
-        self._rate_hz = rate_hz
-        self._streams_wanted += 1
-        self._wake()
 
     # -- in the reader thread -------------------------------------------------
 
@@ -109,7 +99,7 @@ class MicroscribeDriver(Driver):
     def _serve(self) -> None:
         session = self._session
         while session is not None and not self._stopping:
-            self._streams_begun = self._streams_wanted
+            self._streams_begun = self._streams_requested
             rate_hz = self._begin_stream(session, self._rate_hz)
             if self._by_motion:
                 self._listen(session, rate_hz)
@@ -163,7 +153,7 @@ class MicroscribeDriver(Driver):
                 "check its cable; if it was off, let it stand in its home position "
                 "while it is switched on",
             )
-        return not self._stopping and self._streams_begun == self._streams_wanted
+        return not self._stopping and self._streams_begun == self._streams_requested
 
     def _poll(self, session: MicroscribeSession, rate_hz: float) -> None:
         """Ask for packets, of which every so many is a sample of the stream."""

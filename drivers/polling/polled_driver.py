@@ -76,24 +76,14 @@ class PolledDriver(Driver):
         super().__init__(device, options, delivery_queue, monotonic_ns=monotonic_ns)
         self._ports = ports
         self._wait_for = ports.wait_for_wake
-        # Written by the service, read by the thread: what is wanted.
-        self._rate_hz = 0.0
-        self._streams_wanted = 0
         # The thread's own.
         self._channels: Sequence[PolledChannel] = ()
         self._reached_hz = 0.0
-        self._streams_begun = 0
         self._stream = 0
         self._schedule: SampleSchedule | None = None
         self._lengths_ns: deque[int] = deque(maxlen=LENGTHS)
         self._block = SampleBlockBuilder(device)
         self._read_errors = ReadErrorLog(device, delivery_queue.put, self._counters)
-
-    def request_stream(self, rate_hz: float) -> None:
-        """Stream timed samples at ``rate_hz`` from now on; 0 stops the stream."""
-        self._rate_hz = rate_hz
-        self._streams_wanted += 1
-        self._wake()
 
     # -- for a child to override ----------------------------------------------
 
@@ -153,7 +143,7 @@ class PolledDriver(Driver):
 
     def _serve_until_stopped(self) -> None:
         while not self._stopping:
-            if self._streams_begun != (wanted := self._streams_wanted):
+            if self._streams_begun != (wanted := self._streams_requested):
                 self._streams_begun = wanted
                 self._begin_stream(self._rate_hz)
             if self._schedule is None:

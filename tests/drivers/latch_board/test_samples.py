@@ -4,9 +4,8 @@ from collections import Counter
 
 import numpy as np
 
-from traverse.drivers.latch_board.report_sink import BoardReports
-from traverse.drivers.latch_board.samples import BoardSamples
-from traverse.drivers.timing.device_clock import DeviceClock
+from traverse.drivers.latch_board.edge_sequence import EdgeSequencer
+from traverse.drivers.latch_board.session import LatchBoardSession
 from traverse.protocol.latch_board import SampleBlock
 
 BEGUN_NS = 5_000_000_000
@@ -15,9 +14,17 @@ MS_NS = 1_000_000
 
 def test_the_read_with_the_smallest_delay_tells_the_time_of_all():
     taken = []
-    reports = BoardReports("base", 2, taken.append, print, Counter())
-    samples = BoardSamples(DeviceClock(1_000_000), reports)
-    samples.begin(1, 7)
+    session = LatchBoardSession(
+        "base",
+        "port",
+        EdgeSequencer(),
+        tick_rate_hz=1_000_000,
+        n_channels=2,
+        put=taken.append,
+        fault=print,
+        counters=Counter(),
+    )
+    session.begin_stream(1, 7)
     ticks = np.array([0, 1000, 2000], np.uint32)  # a millisecond apart
     block = SampleBlock(
         7,
@@ -29,7 +36,7 @@ def test_the_read_with_the_smallest_delay_tells_the_time_of_all():
     )
     late_ns = [300_000, 50_000, 900_000]
     first, second, last = (BEGUN_NS + k * MS_NS + late_ns[k] for k in range(3))
-    samples.take(block, last, [(0, first), (1, second)])
+    session.take(block, last, [(0, first), (1, second)])
     [delivered] = taken
     assert delivered.received_ns == last
     error_ns = delivered.sample_time_ns - (BEGUN_NS + ticks.astype(np.int64) * 1000)
@@ -44,5 +51,5 @@ def test_the_read_with_the_smallest_delay_tells_the_time_of_all():
         np.zeros((1, 2), np.uint32),
         np.zeros((1, 2), np.uint8),
     )
-    samples.take(late, BEGUN_NS + 1000 * MS_NS + 900_000)
+    session.take(late, BEGUN_NS + 1000 * MS_NS + 900_000)
     assert taken[-1].sample_time_ns[0] == BEGUN_NS + 1000 * MS_NS + 50_000
