@@ -21,6 +21,15 @@ def openssl(*arguments: str | Path) -> None:
     )
 
 
+def expired() -> tuple[str, ...]:
+    """Options for a certificate of the past, which differ between versions."""
+    ran = subprocess.run(["openssl", "version"], capture_output=True, text=True)  # noqa: PLW1510 - then there is no version
+    major, minor, *_ = ran.stdout.split()[1].split(".")
+    if (int(major), int(minor)) < (3, 4):
+        return ("-days", "-1")
+    return ("-not_before", "20200101000000Z", "-not_after", "20200102000000Z")
+
+
 class Authority:
     """Signs certificates; files are in a folder, by name.
 
@@ -34,7 +43,8 @@ class Authority:
         self.certificate = folder / f"{name}.crt"
         self._key = folder / f"{name}.key"
         to = ("-keyout", self._key, "-out", self.certificate)
-        openssl("req", "-x509", *CURVE, "-days", "2", "-subj", f"/CN={name}", *to)
+        use = ("-addext", "keyUsage=critical,keyCertSign,cRLSign")
+        openssl("req", "-x509", *CURVE, "-days", "2", "-subj", f"/CN={name}", *use, *to)
 
     def sign(self, name: str, names: str = "", days: int = 2, file: str = "") -> Pair:
         """A certificate for a common name.
@@ -42,7 +52,7 @@ class Authority:
         Args:
             name: common name.
             names: alternative names, as openssl writes them ("DNS:localhost").
-            days: from now; a negative number: it expired so long ago.
+            days: from now; 0: it has expired.
             file: stem of the files; default: the name.
         """
         stem = file or name
@@ -54,10 +64,13 @@ class Authority:
         )
         pair.key.chmod(0o600)
         extensions = self._folder / f"{stem}.ext"
-        extensions.write_text(f"subjectAltName={names}\n" if names else "")
+        # What Python 3.13 requires where it checks by the letter of RFC 5280.
+        text = "authorityKeyIdentifier=keyid\nsubjectKeyIdentifier=hash\n"
+        extensions.write_text(text + (f"subjectAltName={names}\n" if names else ""))
         openssl(
             *("x509", "-req", "-in", request, "-out", pair.certificate),
             *("-CA", self.certificate, "-CAkey", self._key, "-CAcreateserial"),
-            *("-days", str(days), "-extfile", extensions),
+            *(("-days", str(days)) if days else expired()),
+            *("-extfile", extensions),
         )
         return pair

@@ -53,7 +53,10 @@ def write_secrets(folder: Path) -> None:
     passwords = folder / "traverse.passwords"
     passwords.write_text("bench-7:word\n", "utf-8")
     said(program("mosquitto_passwd"), "-U", passwords)
-    (folder / "traverse.acl").write_text("topic read $SYS/#\n", "utf-8")
+    acl = folder / "traverse.acl"
+    acl.write_text("topic read $SYS/#\n", "utf-8")
+    for file in (passwords, acl):
+        file.chmod(0o700)  # newer brokers warn of files that others can read
 
 
 @contextmanager

@@ -108,7 +108,7 @@ async def test_a_client_certificate_opens_where_one_is_wanted(
     stranger = Authority(tmp_path, "stranger").sign("bench-7")
     text = await reason(address(broker, house, **of(stranger)))
     assert "does not trust this arm's certificate" in text
-    old = house.sign("bench-7", days=-1, file="old")
+    old = house.sign("bench-7", days=0, file="old")
     text = await reason(address(broker, house, **of(old)))
     assert "this arm's certificate has expired" in text
 
@@ -126,7 +126,7 @@ async def test_a_broker_that_cannot_be_trusted_is_told_why(
     text = await reason(address(other, house))
     assert "certificate is not for 'localhost'" in text
     assert "not for '127.0.0.1'" in await reason(address(other, house, "127.0.0.1"))
-    expired = house.sign("expired", "DNS:localhost", days=-1)
+    expired = house.sign("expired", "DNS:localhost", days=0)
     late = make_mosquitto(lines=tls_lines(house, expired))
     assert "certificate has expired" in await reason(address(late, house))
 

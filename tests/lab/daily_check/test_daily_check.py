@@ -1,6 +1,7 @@
 """The daily check: figures with known answers, the history, the report, pictures."""
 
 import sqlite3
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
@@ -112,12 +113,11 @@ def test_the_history_keeps_checks_once_and_by_arm(tmp_path):
 def test_other_files_are_left_alone(tmp_path):
     text, other, newer = tmp_path / "a", tmp_path / "b", tmp_path / "c"
     text.write_text("no database" * 100)
-    with sqlite3.connect(other) as connection:
+    with closing(sqlite3.connect(other)) as connection, connection:
         connection.execute("CREATE TABLE mine (x)")
     checks_of(newer, "arm-7")
-    with sqlite3.connect(newer) as connection:
+    with closing(sqlite3.connect(newer)) as connection, connection:
         connection.execute("PRAGMA user_version = 9")
-    connection.close()
     for path, words in ((text, "no history"), (other, "another"), (newer, "version 9")):
         before = path.read_bytes()
         with pytest.raises(HistoryRefusedError, match=words):
