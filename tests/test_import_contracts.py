@@ -135,6 +135,13 @@ PLANTED = {
         ("daemon/scans/plan.py", "traverse.daemon.commands.dispatcher"),
         ("daemon/store/resend.py", "traverse.daemon.commands.dispatcher"),
         ("daemon/store/records.py", "traverse.daemon.points.capture"),
+        ("daemon/store/outbox.py", "traverse.daemon.points.capture"),
+        ("daemon/mqtt/sender.py", "traverse.daemon.store.outbox"),
+        ("daemon/acquisition/resampler.py", "traverse.daemon.store.records"),
+        ("daemon/points/planted.py", "traverse.daemon.scans.scanner"),
+        ("daemon/monitoring/planted.py", "traverse.daemon.mqtt.client"),
+        ("daemon/config/planted.py", "traverse.daemon.clock"),
+        ("daemon/recorder/planted.py", "traverse.daemon.service"),
     ],
     "families of drivers": [
         ("drivers/rls/planted.py", "traverse.drivers.amt21.driver"),
@@ -163,6 +170,7 @@ UNKNOWN = [
     ("kinematics/planted.py", "folders of kinematics"),
     ("lab/planted.py", "folders of the lab"),
     ("simulator/planted.py", "folders of the simulator"),
+    ("daemon/planted.py", "folders of the daemon"),
 ]
 
 
