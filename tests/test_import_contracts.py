@@ -137,7 +137,7 @@ PLANTED = {
         ("daemon/store/records.py", "traverse.daemon.points.capture"),
         ("daemon/store/outbox.py", "traverse.daemon.points.capture"),
         ("daemon/mqtt/sender.py", "traverse.daemon.store.outbox"),
-        ("daemon/acquisition/resampler.py", "traverse.daemon.store.records"),
+        ("daemon/pose/planted.py", "traverse.daemon.store.records"),
         ("daemon/points/planted.py", "traverse.daemon.scans.scanner"),
         ("daemon/monitoring/planted.py", "traverse.daemon.mqtt.client"),
         ("daemon/config/planted.py", "traverse.daemon.clock"),
