@@ -17,6 +17,7 @@ from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.candidates.aliases import ALIAS
 from traverse.lab.diagnosis.candidates.harmonics import harmonic_bank
 from traverse.lab.diagnosis.candidates.library import library_bank
+from traverse.lab.diagnosis.candidates.periodogram import wave_bank
 from traverse.lab.diagnosis.candidates.scoring import ProjectedCandidate, project
 from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
@@ -103,9 +104,14 @@ class SizeScale:
     def _explained(self, hidden: Hidden) -> list[tuple[Identity, float]]:
         signal = self.signal((hidden,))
         signal = signal / np.linalg.norm(signal)
+        names, cycles = self.library, hidden.keys.get("cycles")
+        if cycles is not None:
+            # Searched by the diagnosis: the name at the cycles that it should find.
+            columns = wave_bank(self.rows, str(hidden.joint), cycles)
+            names = (*names, *project(self.rows, columns))
         return [
             (one.candidate.identity, float(np.linalg.norm(one.directions.T @ signal)))
-            for one in self.library
+            for one in names
         ]
 
 

@@ -17,7 +17,7 @@ EffectClass = Literal["L", "D", "A", "O"]
 JointUse = Literal["required", "optional", "absent"]
 RunoutComponent = Literal["radial", "axial"]
 ActsOn = Literal["angle", "tilt", "shift", "ball", "base", "length"]
-BankUse = Literal["library", "steps", "curves"]
+BankUse = Literal["library", "steps", "curves", "periodogram"]
 
 
 class Family(Enum):
@@ -55,6 +55,7 @@ class EffectKind:
         label: For people; may have {often}, {component}, {artefact}.
         minimum_order: Least order, where there is an order.
         components: Varieties and the least order of each.
+        most: Largest values of keys that are above 0.
         size_by_order: Where the size depends on the order.
         is_size_of_campaign: Whether `size` is what a whole campaign brings, so that
             the plausible rate is that over its duration.
@@ -80,6 +81,7 @@ class EffectKind:
     label: str
     minimum_order: int = 1
     components: Mapping[str, int] = field(default_factory=dict)
+    most: Mapping[str, float] = field(default_factory=dict)
     size_by_order: Mapping[int, float] = field(default_factory=dict)
     is_size_of_campaign: bool = False
     phase: str | None = None
@@ -94,7 +96,7 @@ class EffectKind:
     whole_arm_label: str | None = None
 
     def __post_init__(self) -> None:
-        for name in ("keys", "components", "size_by_order"):
+        for name in ("keys", "components", "most", "size_by_order"):
             frozen = MappingProxyType(dict(getattr(self, name)))
             object.__setattr__(self, name, frozen)
 
@@ -207,6 +209,19 @@ EFFECT_KINDS: Mapping[str, EffectKind] = MappingProxyType(
             least_log_prior=-3.0,
             covariates=("{}_rad",),
             label="encoder error {often} a turn",
+        ),
+        "transmission_error": EffectKind(
+            family=Family.OWN_ANGLE,
+            effect_class="L",
+            joint="required",
+            keys={"cycles": float, "cos_rad": float, "sin_rad": float},
+            most={"cycles": 400.0},
+            acts_on="angle",
+            size=2e-5,
+            log_prior=-1.0,
+            covariates=("{}_rad",),
+            bank="periodogram",
+            label="transmission error {cycles:.4g} times a turn",
         ),
         "encoder_scale": EffectKind(
             family=Family.OWN_ANGLE,

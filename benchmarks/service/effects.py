@@ -57,6 +57,13 @@ FIVE: tuple[dict[str, Any], ...] = (
     {"kind": "thermal_expansion", "expansion_per_c": 1.2e-5},
 )
 OTHERS: tuple[dict[str, Any], ...] = (
+    {
+        "kind": "transmission_error",
+        "joint": "J2",
+        "cycles": 80.5,
+        "cos_rad": 1e-5,
+        "sin_rad": 1e-5,
+    },
     {"kind": "encoder_scale", "joint": "J1", "scale_ppm": 10.0},
     {"kind": "encoder_temperature", "joint": "J1", "rate_rad_c": 1e-6},
     {

@@ -44,6 +44,7 @@ def effect_problems(
     if kind.effect_class != "A" and "epoch_utc" in effect:
         yield Problem(f"{where}.epoch_utc", f"does not belong to {name}: remove it")
     yield from _order_problems(where, effect, kind)
+    yield from _range_problems(where, effect, kind)
     if "knots" in kind.keys:
         yield from _knot_problems(where, effect)
     axis = vector_in(axes.get(joint)) if isinstance(joint, str) else None
@@ -64,6 +65,19 @@ def _order_problems(
             f"{order} is too small; {effect['kind']} starts at order {least} "
             "(lower ones are part of the geometry or have their own kind)",
         )
+
+
+def _range_problems(
+    where: str, effect: Mapping[str, Any], kind: EffectKind
+) -> Iterator[Problem]:
+    for key, most in kind.most.items():
+        value = effect.get(key)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            continue
+        if not 0.0 < value <= most:
+            yield Problem(
+                f"{where}.{key}", f"is {value:g}; expected above 0, up to {most:g}"
+            )
 
 
 def _knot_problems(where: str, effect: Mapping[str, Any]) -> Iterator[Problem]:

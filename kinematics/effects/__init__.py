@@ -27,12 +27,14 @@ from traverse.kinematics.effects.readings.encoder_harmonic import EncoderHarmoni
 from traverse.kinematics.effects.readings.encoder_latency import EncoderLatency
 from traverse.kinematics.effects.readings.encoder_scale import EncoderScale
 from traverse.kinematics.effects.readings.encoder_temperature import EncoderTemperature
+from traverse.kinematics.effects.readings.transmission_error import TransmissionError
 
 __all__ = ["EFFECTS"]
 
 _KINDS: tuple[type[Correction], ...] = (
     EncoderEccentricity,
     EncoderHarmonic,
+    TransmissionError,
     EncoderScale,
     EncoderTemperature,
     EncoderDrift,

@@ -73,6 +73,6 @@ class Term:
     form: Form
     values: tuple[float, ...] = ()
     joint: int = 0
-    order: int = 0
+    order: float = 0
     of: Quantity | None = None
     spline: tuple[float, ...] = ()

@@ -32,6 +32,23 @@ class WavyDisc(ReadingFault):
 
 
 @dataclass(frozen=True, slots=True)
+class ToothedDrive(ReadingFault):
+    """Teeth that are not alike: the drive leads and lags with every one."""
+
+    joints: slice
+    cycles: float
+    cos_rad: float
+    sin_rad: float
+
+    def errors_rad(self, seen: JointState) -> Floats:
+        """A phasor that turns so many times as fast as what is shown."""
+        drive_turns = self.cycles * seen.readings_rad[:, self.joints] / (2.0 * np.pi)
+        phasor = np.exp(2j * np.pi * np.mod(drive_turns, 1.0))
+        found: Floats = np.real(complex(self.cos_rad, -self.sin_rad) * phasor)
+        return found
+
+
+@dataclass(frozen=True, slots=True)
 class LongTape(ReadingFault):
     """A graduation with too many lines a radian."""
 

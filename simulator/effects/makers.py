@@ -55,6 +55,13 @@ def _wave(entry: EffectEntry) -> Fault:
     )
 
 
+def _teeth(entry: EffectEntry) -> Fault:
+    v = entry.values
+    return encoder_faults.ToothedDrive(
+        entry.joints, v["cycles"], v["cos_rad"], v["sin_rad"]
+    )
+
+
 def _scale(entry: EffectEntry) -> Fault:
     return encoder_faults.LongTape(entry.joints, entry.values["scale_ppm"])
 
@@ -150,6 +157,7 @@ def _stylus(entry: EffectEntry) -> Fault:
 MAKERS: Mapping[str, Callable[[EffectEntry], Fault]] = {
     "encoder_eccentricity": _wave,
     "encoder_harmonic": _wave,
+    "transmission_error": _teeth,
     "encoder_scale": _scale,
     "encoder_temperature": _warm_head,
     "encoder_drift": _zero,

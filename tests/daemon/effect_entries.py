@@ -38,6 +38,10 @@ READINGS = {
         {"order": 3, "cos_rad": 3e-4, "sin_rad": -1e-4},
         lambda a, _: 3e-4 * np.cos(3 * a) - 1e-4 * np.sin(3 * a),
     ),
+    "transmission_error": (
+        {"cycles": 80.5, "cos_rad": 3e-4, "sin_rad": -1e-4},
+        lambda a, _: 3e-4 * np.cos(80.5 * a) - 1e-4 * np.sin(80.5 * a),
+    ),
     "encoder_scale": ({"scale_ppm": 200.0}, lambda a, _: 2e-4 * (a - ZEROS[1])),
     "encoder_temperature": ({"rate_rad_c": 1e-4}, lambda a, _: 7.5e-4 + 0 * a),
     "encoder_drift": (

@@ -25,6 +25,7 @@ from traverse.lab.diagnosis.advice.further_contacts import (
 )
 from traverse.lab.diagnosis.candidates.harmonics import harmonic_bank
 from traverse.lab.diagnosis.candidates.library import library_bank
+from traverse.lab.diagnosis.candidates.periodogram import wave_columns
 from traverse.lab.diagnosis.candidates.steps import step_columns
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
@@ -132,6 +133,10 @@ def _blocks(
     for effect in effects:
         if effect.at_s is not None:
             blocks.append(step_columns(rows, effect.joint, effect.at_s))
+            continue
+        if effect.bank is BankName.TRANSMISSION and effect.cycles is not None:
+            cycles = np.array([effect.cycles])
+            blocks.append(wave_columns(rows, str(effect.joint), cycles))
             continue
         if effect.bank is BankName.GENERIC:
             return None

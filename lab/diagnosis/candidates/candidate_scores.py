@@ -11,6 +11,11 @@ from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.diagnosis.candidates.curves import generic_bank
 from traverse.lab.diagnosis.candidates.harmonics import harmonic_bank
 from traverse.lab.diagnosis.candidates.library import HIGHEST_ORDER, library_bank
+from traverse.lab.diagnosis.candidates.periodogram import (
+    Periodogram,
+    periodograms,
+    transmission_bank,
+)
 from traverse.lab.diagnosis.candidates.scoring import (
     BankScores,
     ProjectedCandidate,
@@ -33,12 +38,14 @@ class CandidateScores:
         banks: Candidates with their columns.
         findings: All of them, judged; steps at their best moments.
         scans: Of steps, at every moment.
+        waves: Of every joint, at any number of cycles a turn.
     """
 
     rows: ObservationEquations
     banks: Mapping[BankName, Bank]
     findings: Mapping[BankName, BankScores]
     scans: tuple[StepScan, ...]
+    waves: tuple[Periodogram, ...]
 
     def lowest_log_p(self, name: BankName) -> float:
         """Say the smallest log p of a bank."""
@@ -66,8 +73,12 @@ def judged(
     if BankName.LIBRARY in banks:
         scans = scan_steps(rows)
         findings[BankName.STEPS] = _judged_steps(rows, scans)
+    waves: tuple[Periodogram, ...] = ()
+    if BankName.HARMONIC in banks:
+        waves = periodograms(rows)
+        findings[BankName.TRANSMISSION] = _judged_waves(rows, waves)
     return CandidateScores(
-        rows, MappingProxyType(dict(banks)), MappingProxyType(findings), scans
+        rows, MappingProxyType(dict(banks)), MappingProxyType(findings), scans, waves
     )
 
 
@@ -77,6 +88,15 @@ def _judged_steps(
     """Judge steps at their best moments; evidence is the mean over all moments."""
     found = judge(rows, project(rows, step_bank(rows, scans)))
     return replace(found, evidences=np.array([scan.evidence for scan in scans]))
+
+
+def _judged_waves(
+    rows: ObservationEquations, waves: tuple[Periodogram, ...]
+) -> BankScores:
+    """Judge waves at their best cycles; evidence is the mean over all cycles."""
+    found = judge(rows, project(rows, transmission_bank(rows, waves)))
+    evidences = [wave.evidence for wave in waves if wave.best is not None]
+    return replace(found, evidences=np.array(evidences))
 
 
 def beside(

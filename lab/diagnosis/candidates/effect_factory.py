@@ -35,7 +35,7 @@ def parameter_names(kind: str, component: str | None = None) -> tuple[str, ...]:
     for key, of in row.keys.items():
         if of is Vector:
             names += [f"{key}.{direction}" for direction in directions]
-        elif of is float and key != "at_s":
+        elif of is float and key != "at_s" and key not in row.most:
             names.append(key)
     return tuple(names)
 

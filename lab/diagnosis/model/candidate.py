@@ -24,6 +24,7 @@ class BankName(Enum):
     STEPS = auto()  # slips of every joint and steps of the base, at every moment
     GENERIC = auto()  # splines of every joint against every covariate
     HARMONIC = auto()  # harmonics of every joint
+    TRANSMISSION = auto()  # waves of every joint of any number of cycles a turn
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +71,11 @@ class Candidate:
     def is_curve(self) -> bool:
         """Whether it is a curve without a physical name."""
         return EFFECT_KINDS[self.kind].family is Family.CURVE
+
+    @property
+    def cycles(self) -> float | None:
+        """Periods a turn, if it is a wave of the reading."""
+        return dict(self.keys).get("cycles", self.order)
 
     @property
     def name(self) -> str:

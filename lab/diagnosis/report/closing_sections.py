@@ -18,6 +18,7 @@ _BANKS = {
     BankName.STEPS: "jumps at any moment",
     BankName.GENERIC: "curves over any covariate",
     BankName.HARMONIC: "harmonics of every joint",
+    BankName.TRANSMISSION: "waves of any cycles a turn",
 }
 
 

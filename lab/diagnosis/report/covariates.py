@@ -68,18 +68,18 @@ def covariate_of(
         return DrawnCovariate(label, values, joint is not None, away)
     periods = _periods(term)
     if periods > _MOST_PERIODS and name == f"{joint}_rad":
-        label = f"reading of {joint} within one of {periods} periods [degrees]"
+        label = f"reading of {joint} within one of {periods:.4g} periods [degrees]"
         values = np.mod(values, 360.0 / periods)
     one_direction = row.family is Family.SLOW and joint is None
     return DrawnCovariate(label, values, row.is_function, plain, one_direction)
 
 
-def _periods(term: Term) -> int:
+def _periods(term: Term) -> float:
     """Count the periods of a term in a turn of its joint; 0: it has none."""
     if term.harmonic is not None:
         return term.harmonic
     is_wave = EFFECT_KINDS[term.candidate.kind].is_wave
-    return (term.candidate.order or 0) if is_wave else 0
+    return (term.candidate.cycles or 0) if is_wave else 0
 
 
 def column(campaign: Campaign, name: str) -> tuple[str, Floats]:

@@ -144,6 +144,7 @@ def _identity(candidate: Candidate) -> dict[str, Any]:
         "kind": candidate.kind,
         "joint": candidate.joint,
         "order": candidate.order,
+        "cycles": dict(candidate.keys).get("cycles"),
         "component": candidate.component,
         "covariate": candidate.covariate,
         **({} if candidate.artefact is None else {"artefact": candidate.artefact}),

@@ -40,6 +40,7 @@ def candidate_label(candidate: Candidate) -> str:
         often=often(candidate.order or 0),
         component=candidate.component,
         artefact=candidate.artefact,
+        cycles=candidate.cycles,
     )
     of = "" if candidate.joint is None else f", joint {candidate.joint}"
     at = "" if candidate.at_s is None else f", at {candidate.at_s:.1f} s"

@@ -12,6 +12,7 @@ from traverse.lab.diagnosis.candidates.candidate_scores import (
     score_candidates,
 )
 from traverse.lab.diagnosis.candidates.effect_factory import effect_of_candidate
+from traverse.lab.diagnosis.candidates.periodogram import log_p_of_search
 from traverse.lab.diagnosis.model.candidate import BankName
 from traverse.lab.diagnosis.model.fit import Fit, fitted, with_effects
 from traverse.lab.diagnosis.model.observation_equations import (
@@ -41,7 +42,8 @@ _SHARES = {
     BankName.LIBRARY: 0.7,
     BankName.STEPS: 0.1,
     BankName.GENERIC: 0.1,
-    BankName.HARMONIC: 0.1,
+    BankName.HARMONIC: 0.05,
+    BankName.TRANSMISSION: 0.05,
 }
 
 
@@ -187,11 +189,14 @@ def family_thresholds(
             stage.rows, findings.projected, draws, _SHARES[name] * options.level
         )
         for name, findings in stage.findings.items()
-        if name is not BankName.STEPS
+        if name not in (BankName.STEPS, BankName.TRANSMISSION)
     }
     scans = tuple(scan.largest for scan in stage.scans)
     level = _SHARES[BankName.STEPS] * options.level
     found[BankName.STEPS] = log_p_threshold(stage.rows, (), draws, level, scans)
+    found[BankName.TRANSMISSION] = log_p_of_search(
+        stage.waves, _SHARES[BankName.TRANSMISSION] * options.level
+    )
     return found
 
 

@@ -185,6 +185,8 @@ def _with_overtones(search: SearchState, candidate: Candidate) -> int | None:
     """Say the order of a harmonic that has overtones too: it is no pure one."""
     if not EFFECT_KINDS[candidate.kind].is_wave:
         return None
+    if candidate.bank is BankName.TRANSMISSION:
+        return None
     order = candidate.order or 1
     stage = search.stage
     parts, members = [], []

@@ -19,7 +19,12 @@ Floats = NDArray[np.float64]
 
 # Evidence that decides between two explanations: 20 to 1.
 DECIDED = float(np.log(20.0))
-NAMED_BANKS = (BankName.LIBRARY, BankName.STEPS, BankName.HARMONIC)
+NAMED_BANKS = (
+    BankName.LIBRARY,
+    BankName.STEPS,
+    BankName.HARMONIC,
+    BankName.TRANSMISSION,
+)
 _N_PAIRED = 3
 
 

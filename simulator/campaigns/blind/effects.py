@@ -122,6 +122,12 @@ def _positive(key: str, size: float) -> Callable[[_Draw], Drawn]:
     return lambda _: ({}, {key: size})
 
 
+def _teeth(draw: _Draw) -> Drawn:
+    cycles = float(draw.rng.choice(_CYCLES))
+    cos, sin = draw.amplitudes(2e-5)
+    return {"cycles": cycles}, {"cos_rad": cos, "sin_rad": sin}
+
+
 def _drift(draw: _Draw) -> Drawn:
     return draw.epoch(), {"rate_rad_s": 3e-5 / draw.span_s * draw.sign()}
 
@@ -168,6 +174,8 @@ def _length(draw: _Draw) -> Drawn:
 BAR = "ball_bar"
 # Encoder harmonics above the fourth are rarer.
 _ORDERS = (2, 2, 2, 3, 3, 3, 4, 4, 4, 5, 6, 8, 12, 17, 36)
+# Of worm, planetary and strain wave gears, and of belts.
+_CYCLES = (13.75, 22.4, 40.5, 72.0, 80.0, 101.0, 160.0, 202.0, 318.6)
 # On which joint: one, one or all alike, or none.
 _ONE, _MAYBE, _NONE = "one", "maybe", "none"
 _KINDS: dict[str, tuple[str, Callable[[_Draw], Drawn]]] = {
@@ -191,6 +199,7 @@ _KINDS: dict[str, tuple[str, Callable[[_Draw], Drawn]]] = {
     "base_drift": (_NONE, _base_drift),
     "base_step": (_NONE, _base_step),
     "artefact_length": (_NONE, _length),
+    "transmission_error": (_ONE, _teeth),
 }
 EFFECT_KINDS = tuple(_KINDS)
 

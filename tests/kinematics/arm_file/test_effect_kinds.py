@@ -12,6 +12,10 @@ GOOD = {
         "L",
         'joint = "J1"\norder = 2\ncos_rad = 3.1e-5\nsin_rad = -1e-5',
     ),
+    "transmission_error": (
+        "L",
+        'joint = "J1"\ncycles = 80.5\ncos_rad = 3.1e-5\nsin_rad = -1e-5',
+    ),
     "encoder_scale": ("L", 'joint = "J1"\nscale_ppm = 12'),
     "encoder_temperature": ("L", 'joint = "J1"\nrate_rad_c = 1e-6'),
     "encoder_drift": ("A", f'joint = "J1"\nrate_rad_s = 1e-9\n{EPOCH}'),
@@ -110,6 +114,8 @@ def changed(kind, old, new):
     ("kind", "old", "new", "where"),
     [
         ("encoder_harmonic", "order = 2", "order = 1", "order"),
+        ("transmission_error", "cycles = 80.5", "cycles = 0.0", "cycles"),
+        ("transmission_error", "cycles = 80.5", "cycles = 400.5", "cycles"),
         ("encoder_harmonic", "order = 2", "order = 2.0", "order"),
         ("encoder_harmonic", "order = 2", "order = true", "order"),
         ("axis_wobble", "order = 2", "order = 1", "order"),

@@ -32,6 +32,7 @@ AXIAL = [*(2e-3 * GEOMETRY.axes[2])], [*(-1e-3 * GEOMETRY.axes[2])]
 EVERY_KIND = (
     effect("encoder_eccentricity", joint="J3", cos_rad=3e-5, sin_rad=-1.2e-5),
     effect("encoder_harmonic", joint="J1", order=2, cos_rad=1e-5, sin_rad=2e-5),
+    effect("transmission_error", joint="J4", cycles=7.5, cos_rad=2e-5, sin_rad=-1e-5),
     effect("encoder_scale", joint="J2", scale_ppm=12.0),
     effect("encoder_temperature", joint="J4", rate_rad_c=3e-6),
     effect("encoder_drift", joint="J5", rate_rad_s=1e-8, epoch_utc=EPOCH),

@@ -25,6 +25,12 @@ def heavy_arm() -> Arm:
 TABLES = {
     "encoder_eccentricity": {"joint": "J4", "cos_rad": 2e-4, "sin_rad": -1e-4},
     "encoder_harmonic": {"joint": "J2", "order": 3, "cos_rad": 1e-4, "sin_rad": 1e-4},
+    "transmission_error": {
+        "joint": "J2",
+        "cycles": 101.5,
+        "cos_rad": 1e-4,
+        "sin_rad": 1e-4,
+    },
     "encoder_scale": {"joint": "J3", "scale_ppm": 150.0},
     "encoder_temperature": {"joint": "J1", "rate_rad_c": 5e-5},
     "encoder_drift": {"joint": "J2", "rate_rad_s": 5e-7, "epoch_utc": START},

@@ -22,7 +22,7 @@ from traverse.lab.identification.equations.plausible_sizes import (
     campaign_start,
 )
 
-NOT_LISTED = {"empirical", "count_slip", "base_step"}
+NOT_LISTED = {"empirical", "count_slip", "base_step", "transmission_error"}
 
 
 def chosen(bank, **wanted):

@@ -1,0 +1,261 @@
+"""Waves of a joint's reading of any number of cycles a turn: gears and belts.
+
+The cycles are not known: they are searched over the periodogram of every joint, and
+their evidence is the mean over all cycles that were looked at, so that the best of many
+counts for less. What repeats a whole number of times, as far as the poses can tell, and
+has an order in the bank of harmonics, is left to the encoder.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.kinematics.effect_table import EFFECT_KINDS
+from traverse.kinematics.effects.readings.transmission_error import TransmissionError
+from traverse.lab.diagnosis.candidates.effect_factory import parameter_names
+from traverse.lab.diagnosis.candidates.harmonics import HIGHEST_ORDER as MOST_HARMONICS
+from traverse.lab.diagnosis.candidates.library import HIGHEST_ORDER
+from traverse.lab.diagnosis.candidates.scoring import log_evidences
+from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
+from traverse.lab.diagnosis.model.covariates import used_poses
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
+
+Floats = NDArray[np.float64]
+
+MOST_CYCLES = EFFECT_KINDS[TransmissionError.kind].most["cycles"]
+_SIZE_RAD = EFFECT_KINDS[TransmissionError.kind].size
+# Fewer periods than that within what a joint has travelled are a curve, not a wave.
+_LEAST_PERIODS = 2.0
+# Cycles that are looked at, for each period more within the travel.
+_STEPS_A_PERIOD = 4
+# Looked at at once, and between two of them when the best is refined.
+_AT_ONCE = 400
+_REFINED = 33
+# Of the statistic: one more freedom explains more than that in 1 % of cases.
+_WHOLE = 6.6
+# Of the larger square of a wave's two directions: less is rounding.
+_LEAST_SQUARE = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Periodogram:
+    """The waves of one joint.
+
+    Attributes:
+        joint: Its name.
+        cycles: That were looked at, rising, (n_cycles,).
+        statistics: T of each, (n_cycles,).
+        evidences: Log Bayes factor of each, (n_cycles,).
+        best: Cycles with the largest statistic, refined; None: left to the encoder.
+    """
+
+    joint: str
+    cycles: Floats
+    statistics: Floats
+    evidences: Floats
+    best: float | None
+
+    @property
+    def evidence(self) -> float:
+        """Log Bayes factor of a wave of unknown cycles: the mean over all of them."""
+        return float(np.logaddexp.reduce(self.evidences) - np.log(len(self.cycles)))
+
+
+def periodograms(rows: ObservationEquations) -> tuple[Periodogram, ...]:
+    """Look at waves of every joint that has travelled far enough.
+
+    Args:
+        rows: Of the fit.
+    """
+    found = []
+    used = used_poses(rows)
+    for joint, name in enumerate(rows.adjustment.network.campaign.joint_names):
+        travel_rad = float(np.ptp(rows.block.angles_rad[used, joint]))
+        if travel_rad == 0.0:
+            continue
+        period = 2.0 * np.pi / travel_rad
+        least = max(HIGHEST_ORDER + 0.5, _LEAST_PERIODS * period)
+        cycles = np.arange(least, MOST_CYCLES, period / _STEPS_A_PERIOD)
+        if len(cycles):
+            found.append(_periodogram(rows, joint, name, cycles))
+    return tuple(found)
+
+
+def transmission_bank(
+    rows: ObservationEquations, found: tuple[Periodogram, ...]
+) -> Bank:
+    """Take the best wave of each joint.
+
+    Args:
+        rows: Of the fit that was looked at.
+        found: Its periodograms.
+
+    Returns:
+        Whitened columns in units of plausible amplitudes, (n_rows, n_columns).
+    """
+    banks = [
+        wave_bank(rows, one.joint, one.best) for one in found if one.best is not None
+    ]
+    parts = [np.empty((len(rows.poses), 0)), *(bank.columns for bank in banks)]
+    candidates = tuple(one for bank in banks for one in bank.candidates)
+    return Bank(candidates, np.concatenate(parts, axis=1))
+
+
+def wave_bank(rows: ObservationEquations, joint: str, cycles: float) -> Bank:
+    """Make the wave of a joint with known cycles; see `transmission_bank`."""
+    columns = wave_columns(rows, joint, np.array([cycles]))
+    return Bank((_candidate(joint, cycles),), columns)
+
+
+def log_p_of_search(found: tuple[Periodogram, ...], level: float) -> float:
+    """Say below which log p the best of all waves is none by chance.
+
+    Args:
+        found: All that was looked at; each of their cycles counts as a test of its own.
+        level: Probability of a false alarm.
+    """
+    return float(np.log(level / max(sum(len(one.cycles) for one in found), 1)))
+
+
+def wave_columns(rows: ObservationEquations, joint: str, cycles: Floats) -> Floats:
+    """Compute cos and sin of cycles times a joint's reading.
+
+    Args:
+        rows: Of the fit.
+        joint: Its name.
+        cycles: (n_cycles,).
+
+    Returns:
+        Whitened, in units of plausible amplitudes, (n_rows, 2 * n_cycles).
+    """
+    at = rows.adjustment.network.campaign.joint_names.index(joint)
+    phases_rad = rows.block.angles_rad[:, at, np.newaxis] * cycles
+    waves = np.stack([np.cos(phases_rad), np.sin(phases_rad)], axis=2)
+    waves = waves.reshape(len(waves), -1)
+    own = _SIZE_RAD * rows.by_readings[:, at, np.newaxis]
+    return rows.decorrelated(own * waves[rows.poses])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sums:
+    """What the rows of each pose add to the normal equations of waves of one joint.
+
+    Attributes:
+        readings_rad: Of the joint, (n_poses,).
+        squares: Of the changes with the reading, (n_poses,).
+        products: With the basis of the unknowns and, last, the residuals,
+            (n_poses, rank + 1).
+    """
+
+    readings_rad: Floats
+    squares: Floats
+    products: Floats
+
+    def normal_equations(self, cycles: Floats) -> tuple[Floats, Floats]:
+        """Squares of pairs of projected columns, and their products with residuals.
+
+        Returns:
+            (n_cycles, 2, 2) and (n_cycles, 2).
+        """
+        phases_rad = np.outer(cycles, self.readings_rad)
+        waves = np.stack([np.cos(phases_rad), np.sin(phases_rad)], axis=1)
+        products = waves @ self.products
+        absorbed, along = products[:, :, :-1], products[:, :, -1]
+        squares = (waves * self.squares) @ waves.swapaxes(1, 2)
+        return squares - absorbed @ absorbed.swapaxes(1, 2), along
+
+
+def _sums(rows: ObservationEquations, joint: int) -> _Sums:
+    """Add up pose by pose; only where errors of poses are not correlated."""
+    is_pose = rows.poses >= 0
+    own = np.where(is_pose, _SIZE_RAD * rows.by_readings[:, joint], 0.0)
+    others = np.column_stack([rows.basis, rows.residuals])
+    n_poses = len(rows.block.angles_rad)
+    products = np.zeros((n_poses, others.shape[1]))
+    np.add.at(products, rows.poses[is_pose], (own[:, np.newaxis] * others)[is_pose])
+    squares = np.zeros(n_poses)
+    np.add.at(squares, rows.poses[is_pose], (own**2)[is_pose])
+    return _Sums(rows.block.angles_rad[:, joint], squares, products)
+
+
+def _periodogram(
+    rows: ObservationEquations, joint: int, name: str, cycles: Floats
+) -> Periodogram:
+    sums = _sums(rows, joint) if rows.root is None else None
+
+    def judged(some: Floats) -> tuple[Floats, Floats]:
+        if sums is not None:
+            return _statistics(rows, *sums.normal_equations(some))
+        columns = rows.project(wave_columns(rows, name, some))
+        pairs = columns.T.reshape(-1, 2, len(columns))
+        return _statistics(rows, pairs @ pairs.swapaxes(1, 2), pairs @ rows.residuals)
+
+    parts = [
+        judged(cycles[at : at + _AT_ONCE]) for at in range(0, len(cycles), _AT_ONCE)
+    ]
+    statistics, evidences = (np.concatenate(part) for part in zip(*parts, strict=True))
+    at = int(np.argmax(statistics))
+    step = cycles[1] - cycles[0] if len(cycles) > 1 else 0.0
+    best, highest = float(cycles[at]), float(statistics[at])
+    for _ in range(2):
+        near = np.linspace(best - step, min(best + step, MOST_CYCLES), _REFINED)
+        refined, _ = judged(near)
+        best, highest = float(near[np.argmax(refined)]), float(refined.max())
+        step = 2.0 * step / (_REFINED - 1)
+    whole = round(best)
+    left: float | None = best
+    if whole <= MOST_HARMONICS:
+        variance = rows.sum_of_squares / max(rows.redundancy, 1)
+        plain, _ = judged(np.array([float(whole)]))
+        if highest - float(plain[0]) < _WHOLE * variance:
+            left = None
+    return Periodogram(name, cycles, statistics, evidences, left)
+
+
+def _statistics(
+    rows: ObservationEquations, squares: Floats, along: Floats
+) -> tuple[Floats, Floats]:
+    """Compute T and the evidence of waves from their normal equations.
+
+    A pair that is nearly one direction, or that the unknowns absorb, counts as nothing.
+
+    Args:
+        rows: Of the fit.
+        squares: Of each pair of columns, (n_cycles, 2, 2).
+        along: Their products with the residuals, (n_cycles, 2).
+
+    Returns:
+        Each (n_cycles,).
+    """
+    values, vectors = np.linalg.eigh(squares)
+    is_seen = values > np.maximum(_LEAST_SQUARE * values[:, 1:], 1e-9)
+    safe = np.where(is_seen, values, 1.0)
+    turned = np.einsum("fab,fa->fb", vectors, along)
+    along_squared = np.where(is_seen, turned**2 / safe, 0.0)
+    evidences = log_evidences(
+        along_squared,
+        np.where(is_seen, values, 0.0),
+        rows.sum_of_squares,
+        rows.redundancy,
+    )
+    return np.asarray(along_squared.sum(axis=1)), evidences
+
+
+def _candidate(joint: str, cycles: float) -> Candidate:
+    kind = TransmissionError.kind
+    parameters = parameter_names(kind)
+    return Candidate(
+        bank=BankName.TRANSMISSION,
+        kind=kind,
+        joint=joint,
+        order=None,
+        component=None,
+        covariate=None,
+        artefact=None,
+        at_s=None,
+        parameters=parameters,
+        scales=(_SIZE_RAD,) * len(parameters),
+        log_prior=EFFECT_KINDS[kind].preference(joint, None),
+        keys=(("cycles", cycles),),
+    )
