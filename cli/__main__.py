@@ -15,11 +15,10 @@ except ValueError as error:
 from traverse.cli.align.command import align
 from traverse.cli.amt21 import amt21
 from traverse.cli.arm.command import arm
-from traverse.cli.blind import blind
 from traverse.cli.can import can
 from traverse.cli.check import check
 from traverse.cli.collect.command import collect
-from traverse.cli.daily_check.command import interim
+from traverse.cli.daily_check.command import daily_check
 from traverse.cli.demo import demo
 from traverse.cli.diagnose import diagnose
 from traverse.cli.export.command import export
@@ -44,11 +43,13 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 COMMANDS: tuple[Callable[..., None], ...] = (
-    *(demo, run, simulate, watch, page, check, collect, identify, diagnose, blind),
-    *(verify, interim, align, record, replay, export),
+    *(demo, run, simulate, watch, page, check, collect, identify, diagnose, verify),
+    *(daily_check, align, record, replay, export),
 )
 for command in COMMANDS:
     app.command()(command)
+# The old name of `daily-check`, kept for one release.
+app.command("interim", hidden=True)(daily_check)
 app.add_typer(arm, name="arm")
 app.add_typer(amt21, name="amt21")
 app.add_typer(can, name="can")

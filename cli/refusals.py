@@ -25,7 +25,15 @@ _EXTRAS = {
 }
 """Extra of this package that brings a library, by the name that is imported."""
 
-_OF_THE_LAB = ("align", "diagnose", "identify", "interim", "probe", "verify")
+_OF_THE_LAB = (
+    "align",
+    "daily-check",
+    "diagnose",
+    "identify",
+    "interim",
+    "probe",
+    "verify",
+)
 
 
 def missing_library(command: str, error: ModuleNotFoundError) -> str | None:

@@ -34,7 +34,6 @@ MODULES = {
         "traverse.lab.diagnosis.diagnose",
         "traverse.lab.diagnosis.report.files",
     ),
-    "blind": ("traverse.lab.diagnosis.diagnose", "traverse.cli.blind_round"),
     "watch": ("traverse.client.arm", "rich.live"),
 }
 PR_SET_CHILD_SUBREAPER = 36

@@ -6,13 +6,13 @@ from dataclasses import asdict
 from typing import Any
 
 from benchmarks.blind.baselines import BASELINES
+from benchmarks.blind.round import Case, find, gap_of, hide
 from benchmarks.blind.scenarios import SCENARIOS
+from benchmarks.blind.score import Identity, TrueTerm, scored
 from benchmarks.proofs.campaigns import demo_arm
-from traverse.cli.blind_round import Case, find, gap_of, hide
 from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.model.observation_equations import equations_of
 from traverse.lab.diagnosis.model.result import Diagnosis
-from traverse.lab.diagnosis.score import Identity, TrueTerm, scored
 
 Line = dict[str, Any]
 

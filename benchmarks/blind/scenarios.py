@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from traverse.cli.blind_round import Scenario
+from benchmarks.blind.round import Scenario
 
 # The campaign states a noise that is too small by this.
 _TOO_SMALL = 1.0 / 1.4

@@ -7,8 +7,8 @@ import numpy as np
 from benchmarks.blind.baselines import BASELINES
 from benchmarks.blind.outcomes import Line
 from benchmarks.blind.rates import LEVEL, Question, Row, Runs, binomial_row, share
+from benchmarks.blind.score import pooled_gap
 from benchmarks.proofs.statistics import binomial_interval
-from traverse.lab.diagnosis.score import pooled_gap
 
 _NORMAL = 1.96
 _ALL_SIZES = tuple(f"one at {size}" for size in (6, 8, 10, 14, 20))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.proofs.campaigns import demo_arm
-from traverse.cli.blind_campaign import campaign_from_simulation
+from benchmarks.tools.handover import campaign_from_simulation
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.model.geometry import geometry_from_arm
 from traverse.lab.campaign.campaign import Campaign, Poses

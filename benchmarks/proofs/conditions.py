@@ -7,7 +7,7 @@ length. The figures scatter with the postures, so the median of several sets cou
 import numpy as np
 
 from benchmarks.proofs.campaigns import demo_arm
-from traverse.cli.blind_campaign import campaign_from_simulation
+from benchmarks.tools.handover import campaign_from_simulation
 from traverse.kinematics.arm_file.arm import Arm, Effect, effect_from_table
 from traverse.lab.identification.identify import Options, identify
 from traverse.simulator.campaigns import CampaignSpec, simulate_campaign

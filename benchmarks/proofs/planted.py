@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.cli.blind_campaign import campaign_from_simulation
+from benchmarks.tools.handover import campaign_from_simulation
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.identification.equations.network import Station
 from traverse.lab.identification.equations.station_equations import (

@@ -7,7 +7,7 @@ import numpy as np
 from benchmarks.proofs.campaigns import mix_poses
 from benchmarks.proofs.invariants import distance_errors
 from benchmarks.proofs.planted import PlantedNoise
-from traverse.cli.blind_campaign import campaign_from_simulation
+from benchmarks.tools.handover import campaign_from_simulation
 from traverse.lab.identification.identify import Options, identify
 from traverse.simulator.campaigns import draw_noise
 from traverse.simulator.campaigns.spec import NoiseTable

@@ -1,1 +1,1 @@
-"""`traverse interim`: the daily check."""
+"""`traverse daily-check`: the daily check."""

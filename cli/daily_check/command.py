@@ -1,4 +1,4 @@
-"""`traverse interim`: the daily two-minute check with a cone and a sphere."""
+"""`traverse daily-check`: the daily two-minute check with a cone and a sphere."""
 
 import asyncio
 import hashlib
@@ -24,7 +24,7 @@ ALLOWED = frozenset({"surface_unknown", "empirical"})
 
 
 @with_broker
-def interim(
+def daily_check(
     *,
     arm: Annotated[Path, typer.Option(help="The arm file that the daemon uses.")],
     config: Annotated[
@@ -77,14 +77,14 @@ def interim(
 
     from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
 
-    with refusals("interim"):
+    with refusals("daily-check"):
         from traverse.lab.daily_check.history import (  # noqa: PLC0415
             HistoryRefusedError,
             add_check,
             checks_of,
         )
 
-        address = broker.address("interim")
+        address = broker.address("daily-check")
         model = read_arm(arm)
         path = _history(config, history)
         try:
@@ -101,9 +101,9 @@ def interim(
                     typer.echo(f"{folder}: had been counted before", err=True)
             checks = checks_of(path, model.name)
         except (HistoryRefusedError, sqlite3.Error) as error:
-            refuse("interim", str(error))
+            refuse("daily-check", str(error))
         if not checks:
-            refuse("interim", f"{path}: has no check of arm {model.name} yet")
+            refuse("daily-check", f"{path}: has no check of arm {model.name} yet")
         report = _report(checks, model.name, limits, acceptance)
         if out is not None:
             from traverse.lab.daily_check.chart_pictures import (  # noqa: PLC0415
@@ -120,14 +120,14 @@ def _history(config: Path | None, history: Path | None) -> Path:
     from traverse.daemon.state_dir import state_folder  # noqa: PLC0415 - quick help
 
     if (config is None) == (history is None):
-        refuse("interim", "give --history FILE or --config FILE, one of them")
+        refuse("daily-check", "give --history FILE or --config FILE, one of them")
     try:
         if history is not None:
             history.parent.mkdir(parents=True, exist_ok=True)
             return history
         return state_folder(config or Path()) / HISTORY
     except OSError as error:
-        refuse("interim", f"the history's folder cannot be made: {error}")
+        refuse("daily-check", f"the history's folder cannot be made: {error}")
 
 
 def _collected(
@@ -146,7 +146,7 @@ def _collected(
     from traverse.lab.daily_check.campaign import write_check  # noqa: PLC0415
 
     if not radius_mm > 0.0:
-        refuse("interim", "--radius missing: the sphere's calibrated radius in mm")
+        refuse("daily-check", "--radius missing: the sphere's calibrated radius in mm")
     folder = path.parent / "interim" / f"{datetime.now(UTC):%Y%m%dT%H%M%S.%fZ}"
     write_check(folder, arm, radius_mm)
     file, plan = read_campaign_file(folder / CAMPAIGN), read_plan(folder / PLAN)
@@ -187,7 +187,7 @@ def _checked(folder: Path, arm: "Arm", begins: str) -> "Check":
     try:
         figures = daily_check_figures(read_measured(folder, arm))
     except IncompleteError as error:
-        typer.echo(f"traverse interim: {folder}: {error}", err=True)
+        typer.echo(f"traverse daily-check: {folder}: {error}", err=True)
         raise typer.Exit(NO) from error
     start = read_campaign_file(folder / "campaign.toml").start_utc
     when = (start or datetime.now(UTC)).astimezone(UTC).replace(microsecond=0)

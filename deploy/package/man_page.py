@@ -69,7 +69,8 @@ def sections(command: AnyCommand, name: str) -> Iterator[str]:
     yield f".SS {escaped(name)}\n{paragraphs(command.help or '')}"
     yield from parameters(command)
     for word, one in getattr(command, "commands", {}).items():
-        yield from sections(one, f"{name} {word}")
+        if not one.hidden:
+            yield from sections(one, f"{name} {word}")
 
 
 def page() -> str:
@@ -78,7 +79,8 @@ def page() -> str:
     parts = [HEAD.format(version=version("traverse-cmm")) + paragraphs(top.help or "")]
     parts += [".SH OPTIONS", *parameters(top), ".SH COMMANDS"]
     for word, command in getattr(top, "commands", {}).items():
-        parts += sections(command, f"traverse {word}")
+        if not command.hidden:  # an old name
+            parts += sections(command, f"traverse {word}")
     return "\n".join([*parts, TAIL])
 
 

@@ -5,6 +5,7 @@ import sys
 from importlib.metadata import version
 
 import pytest
+import typer.main
 from typer.testing import CliRunner
 
 from traverse.cli.__main__ import app
@@ -41,6 +42,19 @@ def test_help_names_every_command() -> None:
     status, text = said("--help")
     assert status == 0
     assert all(f" {command} " in text for command in COMMANDS)
+
+
+def test_old_names_are_hidden_and_do_the_same() -> None:
+    every = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    assert {name for name, one in every.items() if one.hidden} == {"interim"}
+    old, new = every["interim"], every["daily-check"]
+    assert old.help == new.help
+    assert [one.opts for one in old.params] == [one.opts for one in new.params]
+    assert " interim " not in said("--help")[1]
+    assert said("interim") == (
+        2,
+        said("daily-check")[1].replace("daily-check", "interim"),
+    )
 
 
 @pytest.mark.parametrize(

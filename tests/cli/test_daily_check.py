@@ -1,4 +1,4 @@
-"""`traverse interim` from folders of checks; the guided one is in end_to_end."""
+"""`traverse daily-check` from folders of checks; the guided one is in end_to_end."""
 
 import json
 
@@ -50,11 +50,12 @@ def campaign(folder, *, day, scatter_mm=0.01, missing=0):
     return folder
 
 
-@pytest.fixture
-def run(tmp_path):
+@pytest.fixture(params=["daily-check", "interim"])
+def run(request, tmp_path):
+    # By its name, and by the old one.
     def run(*words):
         options = ["--arm", str(ARM), "--history", str(tmp_path / "interim.db")]
-        return CliRunner().invoke(app, ["interim", *options, *map(str, words)])
+        return CliRunner().invoke(app, [request.param, *options, *map(str, words)])
 
     return run
 

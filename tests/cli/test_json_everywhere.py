@@ -38,8 +38,7 @@ ELSEWHERE = {
     "watch": "tests/end_to_end/cli/test_watch.py",
     "replay": "tests/end_to_end/service/test_recording_replay.py",
     "collect": "tests/end_to_end/cli/test_collect.py",
-    "interim": "tests/cli/test_daily_check.py",
-    "blind": "tests/cli/test_blind.py",
+    "daily-check": "tests/cli/test_daily_check.py",
     "points resend": "tests/end_to_end/delivery/test_outbox_recovery.py",
     "microscribe arm-file": "tests/cli/test_microscribe.py",
     **dict.fromkeys(("can scan", "can preset"), "tests/cli/test_can.py"),
@@ -60,7 +59,7 @@ NOMINAL = "name,x_mm,y_mm,z_mm\nA,0,0,0\nB,800,0,0\nC,0,500,0\nD,0,0,90\n"
 
 
 def commands() -> Iterator[tuple[str, Any]]:
-    """Every command with its name, those of groups included."""
+    """Every command with its name, those of groups included; no old names."""
     waiting = [("", typer.main.get_command(app))]
     while waiting:
         name, command = waiting.pop()
@@ -68,7 +67,8 @@ def commands() -> Iterator[tuple[str, Any]]:
             yield name, command
             continue
         for word, below in command.commands.items():
-            waiting.append((f"{name} {word}".strip(), below))
+            if not below.hidden:
+                waiting.append((f"{name} {word}".strip(), below))
 
 
 def has_json(command: Any) -> bool:

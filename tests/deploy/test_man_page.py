@@ -20,6 +20,7 @@ def test_every_command_and_group_has_its_part() -> None:
     names = {
         str(one.name or getattr(one.callback, "__name__", "")).replace("_", "\\-")
         for one in app.registered_commands
+        if not one.hidden
     }
     assert names | {one.name for one in app.registered_groups} <= parts
 

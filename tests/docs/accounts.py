@@ -35,7 +35,7 @@ ELSEWHERE: Final = {
         "tests/simulator/campaigns/test_dense.py"
     ),
     r"traverse align ": "tests/cli/test_align.py",
-    r"traverse interim ": "tests/cli/test_daily_check.py",
+    r"traverse daily-check ": "tests/cli/test_daily_check.py",
     r"traverse points (list|export) ": "tests/cli/test_points.py",
     r"traverse amt21 ": "tests/cli/test_amt21.py",
     r"traverse can ": "tests/cli/test_can.py",

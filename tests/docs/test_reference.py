@@ -64,10 +64,11 @@ DEFAULT_COLUMN = 3
 
 
 def commands(command: Any, name: str = "traverse") -> dict[str, Any]:
-    """Every command by its full name, groups first."""
+    """Every command by its full name, groups first; no old names."""
     found = {name: command}
     for word, inner in getattr(command, "commands", {}).items():
-        found |= commands(inner, f"{name} {word}")
+        if not inner.hidden:
+            found |= commands(inner, f"{name} {word}")
     return found
 
 

@@ -1,4 +1,4 @@
-"""`traverse interim` beside a daemon that measures: guided, and in the history."""
+"""`traverse daily-check` beside a daemon that measures: guided, and in the history."""
 
 import json
 
@@ -18,9 +18,9 @@ async def test_a_daily_check_is_collected_and_kept(bench: Workbench) -> None:
     bench.write_simulator(LEAD_IN, CONE.format(postures=10), SPHERE.format(points=9))
     bench.write_daemon(capture="live_rate_hz = 100.0")
     where = ["--broker", f"{bench.host}:{bench.port}"]
-    words = ["interim", "--arm", "arm.toml", "--config", "daemon.toml"]
+    words = ["daily-check", "--arm", "arm.toml", "--config", "daemon.toml"]
     checking = Program(
-        bench.folder, "interim", *words, *where, "--radius", "50.8", "--json"
+        bench.folder, "daily-check", *words, *where, "--radius", "50.8", "--json"
     )
     with checking:
         await checking.says("cone left: the cone, 5 points with the elbow to the left")

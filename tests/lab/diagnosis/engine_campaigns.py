@@ -4,9 +4,9 @@ from functools import cache
 
 import numpy as np
 
+from benchmarks.blind.detectable_sizes import SizeScale, noise_free_campaign, ruler
 from benchmarks.proofs.campaigns import demo_arm
-from traverse.cli.blind_campaign import campaign_from_simulation
-from traverse.cli.blind_sizes import SizeScale, noise_free_campaign, ruler
+from benchmarks.tools.handover import campaign_from_simulation
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.diagnose import DiagnosisOptions
 from traverse.lab.diagnosis.holdout.holdout import split

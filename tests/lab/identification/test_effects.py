@@ -6,8 +6,8 @@ from functools import cache
 import numpy as np
 import pytest
 
+from benchmarks.tools.handover import campaign_from_simulation
 from tests.simulator.effects.examples import START, TABLES, example, heavy_arm, spec_of
-from traverse.cli.blind_campaign import campaign_from_simulation
 from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.kinematics.effects.base.context import utc_ns
 from traverse.lab.identification.equations.effect_model import effect_model

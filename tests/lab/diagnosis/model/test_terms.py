@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from benchmarks.tools.handover import campaign_from_simulation
 from tests.lab.diagnosis.fitted_rows import measured
 from tests.simulator.effects.examples import heavy_arm, spec_of
-from traverse.cli.blind_campaign import campaign_from_simulation
 from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.candidates.scoring import judge, project

@@ -6,8 +6,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from traverse.cli.blind_campaign import campaign_from_simulation
-from traverse.cli.blind_sizes import SizeScale, noise_free_campaign, ruler
+from benchmarks.blind.detectable_sizes import SizeScale, noise_free_campaign, ruler
+from benchmarks.blind.score import TrueTerm
+from benchmarks.tools.handover import campaign_from_simulation
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.diagnose import diagnose
@@ -16,7 +17,6 @@ from traverse.lab.diagnosis.holdout.holdout import split
 from traverse.lab.diagnosis.model.fit import fitted, with_effects
 from traverse.lab.diagnosis.model.options import DiagnosisOptions
 from traverse.lab.diagnosis.model.result import Diagnosis
-from traverse.lab.diagnosis.score import TrueTerm
 from traverse.simulator.campaigns import (
     NoiseTable,
     PoseSet,

@@ -3,10 +3,10 @@
 from dataclasses import asdict
 from typing import Any
 
-from traverse.cli.blind_round import Case
+from benchmarks.blind.round import Case
+from benchmarks.blind.score import Score
 from traverse.lab.diagnosis.model.result import Diagnosis
 from traverse.lab.diagnosis.report import summary_lines
-from traverse.lab.diagnosis.score import Score
 
 
 def round_lines(case: Case, diagnosis: Diagnosis, score: Score) -> list[str]:

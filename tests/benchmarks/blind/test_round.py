@@ -5,9 +5,9 @@ from functools import cache
 import numpy as np
 import pytest
 
+from benchmarks.blind.detectable_sizes import noise_free_campaign, ruler
+from benchmarks.blind.round import Scenario, hide
 from benchmarks.proofs.campaigns import demo_arm
-from traverse.cli.blind_round import Scenario, hide
-from traverse.cli.blind_sizes import noise_free_campaign, ruler
 from traverse.lab.diagnosis.holdout.holdout import split
 from traverse.lab.diagnosis.model.fit import fitted
 from traverse.simulator.campaigns.blind.effects import EFFECT_KINDS

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.cli.blind_campaign import campaign_from_simulation
+from benchmarks.blind.score import Identity
+from benchmarks.tools.handover import campaign_from_simulation
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.candidates.aliases import ALIAS
@@ -23,7 +24,6 @@ from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
     equations_of,
 )
-from traverse.lab.diagnosis.score import Identity
 from traverse.lab.identification.equations.network import Network, stations
 from traverse.lab.identification.equations.noise import a_priori_noise
 from traverse.lab.identification.equations.station_equations import start_state

@@ -1,20 +1,33 @@
-"""`traverse blind`, run as a program: what it tells, writes and refuses."""
+"""One round of the blind test, run as a program: what it tells, writes and refuses."""
 
 import json
-from pathlib import Path
+import os
+import subprocess
+import sys
 
 import pytest
 
-from tests.cli.programs import run_traverse
+from tests.cli.programs import END_S
+from tests.docs.pages import CHECKOUT
+
+PROGRAM = (sys.executable, "-W", "error", "-m", "benchmarks.blind.single_round")
 
 
-def run_blind(*arguments):
-    return run_traverse(Path.cwd(), "blind", *arguments)
+def run_round(*arguments):
+    return subprocess.run(
+        [*PROGRAM, *arguments],
+        cwd=CHECKOUT,
+        env={**os.environ, "COLUMNS": "200"},
+        capture_output=True,
+        text=True,
+        timeout=END_S,
+        check=False,
+    )
 
 
 @pytest.fixture(scope="module")
 def told():
-    return run_blind("--seed", "3")
+    return run_round("--seed", "3")
 
 
 def test_it_tells_what_was_hidden_last_of_all(told):
@@ -30,7 +43,7 @@ def test_nothing_but_the_answer_is_said_when_piped(told):
 
 
 def test_json_is_scored_too():
-    answer = run_blind("--seed", "5", "--size", "14", "--effects", "2", "--json")
+    answer = run_round("--seed", "5", "--size", "14", "--effects", "2", "--json")
     assert answer.returncode == 0, answer.stderr
     found = json.loads(answer.stdout)
     assert found["seed"] == 5
@@ -41,13 +54,13 @@ def test_json_is_scored_too():
 
 
 def test_nothing_hidden_is_an_answer():
-    found = json.loads(run_blind("--seed", "1", "--effects", "0", "--json").stdout)
+    found = json.loads(run_round("--seed", "1", "--effects", "0", "--json").stdout)
     assert found["hidden"] == []
     assert found["in_words"] in ("right: nothing was hidden", "a false alarm")
 
 
 def test_a_folder_gets_campaign_truth_and_report(tmp_path):
-    answer = run_blind("--seed", "3", "--outside", "--out", str(tmp_path / "round"))
+    answer = run_round("--seed", "3", "--outside", "--out", str(tmp_path / "round"))
     assert answer.returncode == 0, answer.stderr
     written = {
         str(path.relative_to(tmp_path / "round"))
@@ -62,10 +75,10 @@ def test_a_folder_gets_campaign_truth_and_report(tmp_path):
 
 
 def test_a_missing_arm_file_is_refused(tmp_path):
-    answer = run_blind("--seed", "1", "--arm", str(tmp_path / "none.toml"))
+    answer = run_round("--seed", "1", "--arm", str(tmp_path / "none.toml"))
     assert answer.returncode == 2
     assert "none.toml" in answer.stderr
 
 
 def test_a_seed_is_needed():
-    assert run_blind().returncode == 2
+    assert run_round().returncode == 2

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from benchmarks.blind.score import TrueTerm, deviations, pooled_gap, scored_terms
 from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.lab.diagnosis.model.candidate import BankName, Candidate
 from traverse.lab.diagnosis.model.result import Alternative, Estimate, Term
-from traverse.lab.diagnosis.score import TrueTerm, deviations, pooled_gap, scored_terms
 
 J3_ECCENTRICITY = ("encoder_eccentricity", "J3", None, None, None)
 J3_RUNOUT = ("axis_runout", "J3", 2, "radial", None)

@@ -1,22 +1,34 @@
-"""`traverse blind`: hide an effect, let diagnosis find it, tell what was hidden."""
+"""One round of the blind test: hide an effect, diagnose, reveal what was hidden."""
 
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import Annotated, NoReturn
 
 import typer
 
-if TYPE_CHECKING:
-    from traverse.cli.blind_round import Case
-    from traverse.kinematics.arm_file.arm import Arm
-    from traverse.lab.diagnosis.model.result import Diagnosis
+from benchmarks.blind.round import Case, Scenario, find, hide
+from benchmarks.blind.score import scored
+from benchmarks.blind.words import hidden_table, round_json, round_lines
+from benchmarks.proofs.campaigns import demo_arm
+from traverse.kinematics.arm_file.arm import Arm, FileError, read_arm
+from traverse.lab.diagnosis.model.result import Diagnosis
+from traverse.lab.diagnosis.report.files import write_diagnosis
+from traverse.simulator.campaigns import UnreachableError, write_campaign
+from traverse.strict_toml.writing import write_atomically
 
 REFUSED = 2
 _MOST_EFFECTS = 3
 
+app = typer.Typer(
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
 
-def blind(
+
+@app.command()
+def single_round(
     *,
     seed: Annotated[int, typer.Option(help="Of everything that is drawn.", min=0)],
     size: Annotated[
@@ -46,23 +58,15 @@ def blind(
 ) -> None:
     """Hide an effect in a simulated campaign, let diagnosis find it, and score it.
 
-    What was hidden is told only at the end. Exit status 0, whatever was found.
+    What was hidden is revealed only at the end. Exit status 0, whatever was found.
     """
     given = _arm(arm)
-    try:
-        from traverse.cli.blind_round import Scenario, find, hide  # noqa: PLC0415
-        from traverse.cli.blind_words import round_json, round_lines  # noqa: PLC0415
-        from traverse.lab.diagnosis.score import scored  # noqa: PLC0415
-    except ImportError as error:
-        _refuse(f"{error}; install the extra 'lab': pip install 'traverse-cmm[lab]'")
-    from traverse.simulator.campaigns import UnreachableError  # noqa: PLC0415
-
     scenario = Scenario("blind", effects, size, outside=outside)
     try:
         case = hide(given, scenario, seed)
     except UnreachableError as error:
         _refuse(f"this arm cannot touch what is measured: {error}")
-    progress = _told if sys.stderr.isatty() else None
+    progress = _show_progress if sys.stderr.isatty() else None
     diagnosis = find(case, progress, details=out is not None)
     score = scored(case.truths, diagnosis)
     if out is not None:
@@ -73,22 +77,15 @@ def blind(
         typer.echo("\n".join(round_lines(case, diagnosis, score)))
 
 
-def _arm(path: Path | None) -> "Arm":
-    from traverse.kinematics.arm_file.arm import FileError, read_arm  # noqa: PLC0415
-
+def _arm(path: Path | None) -> Arm:
     try:
-        return read_arm(path or Path(__file__).parent / "demo_data" / "arm.toml")
+        return demo_arm() if path is None else read_arm(path)
     except FileError as error:
         _refuse(str(error))
 
 
-def _write(case: "Case", diagnosis: "Diagnosis", out: Path) -> None:
+def _write(case: Case, diagnosis: Diagnosis, out: Path) -> None:
     """Write the campaign, the truth beside it, and the diagnosis."""
-    from traverse.cli.blind_words import hidden_table  # noqa: PLC0415
-    from traverse.lab.diagnosis.report.files import write_diagnosis  # noqa: PLC0415
-    from traverse.simulator.campaigns import write_campaign  # noqa: PLC0415
-    from traverse.strict_toml.writing import write_atomically  # noqa: PLC0415
-
     folder = out / "campaign"
     write_campaign(folder, case.simulated, case.arm)
     text = json.dumps({"hidden": hidden_table(case)}, indent=1) + "\n"
@@ -96,10 +93,14 @@ def _write(case: "Case", diagnosis: "Diagnosis", out: Path) -> None:
     write_diagnosis(out, diagnosis, folder / "arm.toml")
 
 
-def _told(what: str, share: float) -> None:
+def _show_progress(what: str, share: float) -> None:
     typer.echo(f"{share:4.0%} {what}", err=True)
 
 
 def _refuse(message: str) -> NoReturn:
     typer.echo(message, err=True)
     raise typer.Exit(REFUSED)
+
+
+if __name__ == "__main__":
+    app(prog_name="python -m benchmarks.blind.single_round")
