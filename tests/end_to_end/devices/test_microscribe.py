@@ -130,14 +130,20 @@ def truth_of(bench: Workbench, listener: Listener) -> list[dict[str, Any]]:
     ]
 
 
-def assert_true(bench: Workbench, listener: Listener) -> None:
-    """Points are where the ball was when the packet was latched."""
+def assert_true(bench: Workbench, listener: Listener, held_back_s: float = 0.0) -> None:
+    """Points are where the ball was when the packet was latched.
+
+    Args:
+        bench: Of the run.
+        listener: What it published.
+        held_back_s: How long the line may keep back the packet that shows a press.
+    """
     presses = truth_of(bench, listener)
     assert [point.seq for point in listener.points] == list(range(len(presses)))
     assert {point.trigger for point in listener.points} == {"button"}
     assert all(point.quality.ok for point in listener.points)
     delays = delays_s(listener.points, presses)
-    assert np.ptp(delays) < 1e-2, delays
+    assert np.ptp(delays) < held_back_s + 1e-2, delays
     rounding_mm = MatrixArm(bench.arm_file).resolution_mm()
     assert rounding_mm < 5.0
     for point, edge in zip(listener.points, presses, strict=True):
@@ -159,7 +165,9 @@ async def test_reports_of_motion_bring_points_with_the_counts_of_their_packets(
 
 async def test_a_bad_line_costs_samples_and_invents_nothing(bench: Workbench) -> None:
     listener = await measured(bench, FAULTS)
-    assert_true(bench, listener)
+    # The next packet is asked for when a late one has come (0.15 s), or after the time
+    # limit of one that was cut: a press in the meantime is in that next one.
+    assert_true(bench, listener, held_back_s=0.2)
     assert listener.told("device.samples_lost")
     assert listener.told("device.restarted")
 
