@@ -50,7 +50,7 @@ ln -s fd/2 /dev/stderr
 cd {folder}
 {command}
 """
-CLONE = "/root/traverse"
+CLONE = "/srv/traverse"
 FAILED, NOT_HERE = 1, 2
 
 
