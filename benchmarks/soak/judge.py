@@ -6,6 +6,7 @@ import sqlite3
 import tomllib
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -44,14 +45,14 @@ def lines(path: Path) -> Iterator[dict[str, Any]]:
 
 def outbox_points(path: Path) -> list[Point]:
     """What the daemon has on disk, in the order in which it came there."""
-    with sqlite3.connect(f"file:{path}?mode=ro", uri=True) as database:
+    with closing(sqlite3.connect(f"file:{path}?mode=ro", uri=True)) as database:
         rows = database.execute("SELECT payload FROM messages ORDER BY number")
         return [decode(Point, payload) for (payload,) in rows]
 
 
 def stored(path: Path) -> list[tuple[str, str, int]]:
     """Id, session and number of the consumer's points as they arrived."""
-    with sqlite3.connect(path) as database:
+    with closing(sqlite3.connect(path)) as database:
         rows = database.execute("SELECT id, session, seq FROM points ORDER BY arrival")
         return rows.fetchall()
 
@@ -191,7 +192,7 @@ def _key(counts: Sequence[int], turns: tuple[int, ...]) -> tuple[int, ...]:
 def _figures(folder: Path) -> Counter[str]:
     """The consumer's counters, over all its lives."""
     total: Counter[str] = Counter()
-    with sqlite3.connect(folder / "store.db") as database:
+    with closing(sqlite3.connect(folder / "store.db")) as database:
         for (text,) in database.execute("SELECT text FROM figures"):
             total.update(json.loads(text))
     return total
