@@ -106,7 +106,7 @@ class TakeMean(MeasurementCommand[PointFuture], recorded_name="take_mean"):
 
 @dataclass(frozen=True)
 class AwaitLatch(MeasurementCommand[PointFuture], recorded_name="await_latch"):
-    """Take a point of the latch with this token, which a device has been asked for."""
+    """Take a point of the latch with this token, requested from a device."""
 
     token: int
 

@@ -160,7 +160,7 @@ class ManualAckConnection(ConfiguredClient):
             await super().__aexit__(kind, error, trace)
         finally:
             if self._disconnected.done() and not self._disconnected.cancelled():
-                self._disconnected.exception()  # it has been heard
+                self._disconnected.exception()  # mark it as retrieved
 
     async def _while_connected(self, work: Coroutine[Any, Any, T]) -> T:
         """Do this, or stop at once when the connection goes: aiomqtt waits on."""

@@ -115,7 +115,7 @@ class PointStream:
             return
         last = item.seq if isinstance(item, Point) else item.to_seq
         if last is not None:
-            self._next_seqs.pop(item.session, None)  # the newest stands last
+            self._next_seqs.pop(item.session, None)  # the newest is last
             self._next_seqs[item.session] = last + 1
             if len(self._next_seqs) > MAX_PLACES:
                 del self._next_seqs[next(iter(self._next_seqs))]

@@ -102,7 +102,7 @@ MAX_PRIORITY = 98  # 99 is the kernel's own threads'
 
 
 class RealtimeSection(StrictModel):
-    """What the system is asked for; what it refuses is told and does without."""
+    """Requests to the system; what it refuses is reported, and left out."""
 
     priority: int = Field(default=0, ge=0, le=MAX_PRIORITY)
     lock_memory: bool = False
@@ -339,7 +339,7 @@ def _cross_check(raw: Mapping[str, Any]) -> Iterator[Problem]:
 
 
 def _gesture_problems(index: int, table: Mapping[str, Any]) -> Iterator[Problem]:
-    """Gestures of one input that cannot be told apart, or make no sense."""
+    """Find gestures of one input that are ambiguous or make no sense."""
     where = f"capture.inputs[{index}]"
     if "hold" in table and "long" in table:
         text = "is given beside hold; both begin with a press that goes on, take one"

@@ -95,7 +95,7 @@ class GestureDetector:
         return decided
 
     def passed(self, time_ns: int) -> list[GestureDecision]:
-        """All edges until some time, itself included, have been told."""
+        """All edges up to and including this time have been reported."""
         due_ns = self.due_ns
         if due_ns is None or time_ns < due_ns:
             return []
@@ -150,7 +150,7 @@ class ButtonTracker:
 
     @property
     def all_decided(self) -> bool:
-        """No press waits to be told apart, and no hold for its end."""
+        """No press is still ambiguous, and no hold is still open."""
         return not self._open and not self._held
 
     def down(self, which: Input, time_ns: int) -> Press:

@@ -202,7 +202,7 @@ class ManualRecording:
         self._messages += 1
 
     def record_gap(self) -> None:
-        """Something is missing from here on, which is told in the file."""
+        """Report in the file that something is missing from here on."""
         self._gaps += 1
 
     def attach(self, name: str, content: bytes) -> None:
@@ -232,5 +232,5 @@ class ManualRecording:
 def recording_head(
     about: Mapping[str, str], files: Mapping[str, bytes], **more: str
 ) -> RunHead:
-    """What stands at the beginning of a recording with a name."""
+    """Content of the beginning of a named recording."""
     return RunHead({**about, **more, "cause": "asked"}, files)
