@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.kinematics.model.forward import probe_centre
 from traverse.kinematics.model.geometry import geometry_from_arm
@@ -26,8 +26,6 @@ from traverse.lab.daily_check.figures import (
     daily_check_figures,
 )
 from traverse.lab.measured_points.measurement import ArtefactTouches, Measurement
-
-Floats = NDArray[np.float64]
 
 ARM = Path(__file__).parent.parent / "cli" / "demo_data" / "arm.toml"
 YEARS = 600

@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.peers.installed import check_agreement, installed_peers
-from benchmarks.peers.peer import Floats, Peer
+from benchmarks.peers.peer import Peer
 from benchmarks.tools.rounds import Table, Task, load, one_core, timed, write
+from traverse.arrays import Floats
 from traverse.kinematics.kernel.choice import KERNELS
 from traverse.kinematics.kernel.single_pose import PlainChain
 from traverse.kinematics.model.derivatives import numpy_derivatives

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.daemon.acquisition.device import Device
 from traverse.daemon.acquisition.joint_devices import JointDevices
 from traverse.daemon.acquisition.monitors import (
@@ -343,7 +343,7 @@ class Measurement:
             self._measure(assembled.samples, assembled.error_bounds_counts)
 
     def _measure(
-        self, samples: CountSamples, error_bounds_counts: NDArray[np.float64] | None
+        self, samples: CountSamples, error_bounds_counts: Floats | None
     ) -> None:
         """Pass samples of the whole arm down the pipeline."""
         model, temperature_c = self.pipeline.model, self.joint_devices.temperature_c
@@ -368,7 +368,7 @@ class Measurement:
         self,
         live: Live,
         poses: PoseBlock,
-        error_bounds_counts: NDArray[np.float64] | None,
+        error_bounds_counts: Floats | None,
     ) -> Live:
         """The live pose of a block's last pose, with its covariance."""
         time_ns, angles_rad = int(poses.sample_time_ns[-1]), poses.angles_rad[-1]

@@ -23,6 +23,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from traverse.arrays import Integers
+
 DIFFERENCES_CODE = 2
 """Code of the MessagePack extension type."""
 
@@ -88,7 +90,7 @@ def bytes_to_differences(content: bytes) -> NDArray[Any]:
     return array[:, 0] if dimensions == 1 else array
 
 
-def _narrowest(differences: NDArray[np.int64]) -> np.dtype[Any]:
+def _narrowest(differences: Integers) -> np.dtype[Any]:
     least, most = int(differences.min()), int(differences.max())
     for kind in _WIDTHS:
         limits = np.iinfo(kind)

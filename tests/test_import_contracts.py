@@ -218,7 +218,7 @@ def test_only_what_speaks_mqtt_may_use_the_way_in_at_a_broker() -> None:
 def test_every_package_has_a_layer() -> None:
     (layers,) = (c["layers"] for c in CONTRACTS if c.get("containers") == ["traverse"])
     named = [name for layer in layers for name in layer.split(" | ")]
-    assert sorted(named) == sorted(["__main__", *PACKAGES])
+    assert sorted(named) == sorted(["__main__", "arrays", *PACKAGES])
 
 
 def test_every_contract_has_a_violation_that_is_planted_here() -> None:

@@ -57,7 +57,12 @@ def test_every_package_is_linked() -> None:
 
 def test_the_root_has_nothing_else() -> None:
     others = {one.name for one in ROOT.iterdir() if not one.is_symlink()}
-    assert others - {"__pycache__"} == {"__init__.py", "__main__.py", "py.typed"}
+    assert others - {"__pycache__"} == {
+        "__init__.py",
+        "__main__.py",
+        "arrays.py",
+        "py.typed",
+    }
 
 
 def test_every_folder_of_modules_is_a_package() -> None:

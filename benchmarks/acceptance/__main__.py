@@ -29,9 +29,8 @@ from benchmarks.acceptance.arms import (
     limits_of,
     tested_arm,
 )
+from traverse.arrays import Floats
 from traverse.lab.acceptance.conformity.decision import decision_of
-
-Floats = NDArray[np.float64]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from traverse.kinematics.arm_file.arm import Arm, read_arm
 from traverse.kinematics.model.forward import probe_centre
@@ -37,8 +36,6 @@ from traverse.simulator.campaigns.acceptance.poses import (
 )
 from traverse.simulator.campaigns.campaign import SimulatedCampaign, StatedArtefact
 from traverse.simulator.campaigns.pose_set import PoseSet
-
-Floats = NDArray[np.float64]
 
 ARM = Path(__file__).parent.parent.parent / "cli" / "demo_data" / "arm.toml"
 STANDARD = "iso10360-12"

@@ -17,12 +17,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.alignment.degenerate import NO_FLAG, REFUSED, degenerate
 from benchmarks.alignment.point_distributions import Outcome, outcome
-
-Floats = NDArray[np.float64]
+from traverse.arrays import Floats
 
 N_DEGENERATE = 200
 LOW, HIGH = 0.95, 1.05

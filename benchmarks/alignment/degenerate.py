@@ -4,7 +4,6 @@ from collections import Counter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.alignment.point_distributions import STD_MM, drawn_rotation
 from traverse.kinematics.helmert.adjustment import HelmertError
@@ -13,8 +12,6 @@ from traverse.kinematics.helmert.volume import Box
 from traverse.lab.alignment.best_fit import best_fit_alignment
 from traverse.lab.alignment.common_points import CommonPoints, Place
 from traverse.lab.alignment.volume import fixed_volume
-
-Floats = NDArray[np.float64]
 
 VOLUME = Box(np.array([-500.0, -300.0, -200.0]), np.array([500.0, 300.0, 200.0]))
 KINDS = {

@@ -3,16 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.helmert.adjustment import HelmertError
 from traverse.kinematics.helmert.transformation import Helmert, rotation_matrix
 from traverse.kinematics.helmert.volume import Box, disposition_index
 from traverse.lab.alignment.best_fit import best_fit_alignment
 from traverse.lab.alignment.common_points import CommonPoints, Place
 from traverse.lab.alignment.volume import fixed_volume
-
-Floats = NDArray[np.float64]
 
 STD_MM = 0.03
 N_DRAWS = 100

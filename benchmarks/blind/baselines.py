@@ -10,16 +10,15 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import (  # type: ignore[import-untyped] # scipy ships no types
     chi2,
     f,
 )
 
+from traverse.arrays import Floats
 from traverse.lab.diagnosis.model.candidate import Bank
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 
-Floats = NDArray[np.float64]
 Identity = tuple[str, str | None, int | None, str | None, str | None]
 
 _LEVEL = 0.01

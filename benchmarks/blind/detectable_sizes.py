@@ -9,10 +9,10 @@ standard deviations. No code of the effect itself takes part in that.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.blind.score import Identity
 from benchmarks.tools.handover import campaign_from_simulation
+from traverse.arrays import Booleans, Floats
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.candidates.aliases import ALIAS
@@ -33,9 +33,6 @@ from traverse.lab.identification.solve.options import Options
 from traverse.simulator.campaigns import Campaign as Columns
 from traverse.simulator.campaigns import NoiseTable, PoseSet, draw_noise
 from traverse.simulator.campaigns.blind.hidden import Hidden, played
-
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 # Beyond so many plausible sizes nobody would believe an effect.
 MOST_PLAUSIBLE = 30.0

@@ -19,7 +19,6 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.drivers.bar_devices import BY_NAME, Make
 from benchmarks.drivers.bar_simulator import DISTANCE_MM, Stage, staged
@@ -31,6 +30,7 @@ from benchmarks.tools.virtual_time import (
     lines_through,
     played,
 )
+from traverse.arrays import Floats
 from traverse.daemon.acquisition.resampler import Resampler
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.schema import AssemblySection
@@ -54,8 +54,6 @@ from traverse.simulator.pacing import MonotonicClock
 UP_S = 20.0  # until a device has been found
 LEAD_S = 0.3  # from there to the begin of the motion
 VIRTUAL_LEAD_S = 2.0
-
-Floats = NDArray[np.float64]
 
 
 class Taker:

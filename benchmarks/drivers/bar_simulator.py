@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.drivers.bar_devices import Make
+from traverse.arrays import Floats
 from traverse.simulator.arm.physics import probe_pose
 from traverse.simulator.config import SimulatorConfig
 from traverse.simulator.devices.device import (
@@ -87,7 +87,7 @@ class Stage:
     touched_mm: float
 
     @property
-    def presses_s(self) -> NDArray[np.float64]:
+    def presses_s(self) -> Floats:
         """Presses of the button, from the begin of the script."""
         return np.array([e.time_s for e in self.script.events if e.level])
 
@@ -96,7 +96,7 @@ class Stage:
         begun_s = self.begun.begin_s + self.presses_s
         return [origin_ns + round(1e9 * at_s) for at_s in begun_s.tolist()]
 
-    def jacobians_mm(self) -> NDArray[np.float64]:
+    def jacobians_mm(self) -> Floats:
         """By how much the ball moves with each joint at the presses, (n, 3, n_joints).
 
         By differences of the simulator's own physics.

@@ -9,8 +9,8 @@ one can tell it from an offset: it is 0.1 ms here and taken off. Virtual time, s
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.drivers.timing.device_clock import WRAP, DeviceClock
 
 RATE_HZ = 100.0
@@ -20,7 +20,7 @@ TICK_RATE_HZ = 1_000_000
 LEAST_NS = 100_000
 BLOCK = 2  # samples that come in one read
 
-Delays = Callable[[np.random.Generator, int], NDArray[np.float64]]
+Delays = Callable[[np.random.Generator, int], Floats]
 
 
 def even(most_ms: float) -> Delays:
@@ -36,7 +36,7 @@ def tailed(mean_ms: float) -> Delays:
 def stalled(most_ms: float, stall_ms: float) -> Delays:
     """As `even`, and for a second in ten the host is busy for much longer."""
 
-    def delays(rng: np.random.Generator, n: int) -> NDArray[np.float64]:
+    def delays(rng: np.random.Generator, n: int) -> Floats:
         drawn = rng.uniform(0.0, most_ms * 1e6, n)
         busy = np.arange(n) % int(10 * RATE_HZ) < RATE_HZ
         return np.asarray(drawn + busy * rng.uniform(0.0, stall_ms * 1e6, n))
@@ -54,7 +54,7 @@ CASES: dict[str, Delays] = {
 }
 
 
-def errors_ns(ppm: float, delays: Delays, seed: int = 1) -> NDArray[np.float64]:
+def errors_ns(ppm: float, delays: Delays, seed: int = 1) -> Floats:
     """How far each latch is mapped from its true time, as it arrives, (n,)."""
     rng = np.random.default_rng(seed)
     clock = DeviceClock(TICK_RATE_HZ)

@@ -16,12 +16,12 @@ import numpy as np
 
 from benchmarks.drivers.moving_arm import (
     Case,
-    Floats,
     Moving,
     moving,
     read_really,
     read_virtually,
 )
+from traverse.arrays import Floats
 from traverse.daemon.acquisition.resampler import Resampler
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.schema import AssemblySection

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.tools.virtual_time import (
     FIRST_NS,
@@ -21,6 +20,7 @@ from benchmarks.tools.virtual_time import (
     lines_through,
     played,
 )
+from traverse.arrays import Floats
 from traverse.daemon.pose.arm_model import ArmModel, read_model
 from traverse.drivers.amt21.driver import Amt21Driver
 from traverse.drivers.amt21.options import Amt21Options
@@ -41,8 +41,6 @@ from traverse.simulator.virtual_arm import build_arm
 ARM = Path(__file__).parent.parent.parent / "cli" / "demo_data" / "arm.toml"
 ADDRESSES = (0x54, 0x58, 0x5C, 0x60, 0x64, 0x68, 0x6C)
 KNOT_S = 0.02
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

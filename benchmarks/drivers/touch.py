@@ -20,10 +20,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.service.stream import ARM, order_scan
 from benchmarks.tools import rig
+from traverse.arrays import Floats, Integers
 from traverse.client.mqtt.address import BrokerAddress
 from traverse.client.mqtt.subscription import connection, received, subscribe
 from traverse.daemon.acquisition.interpolation import (
@@ -61,8 +61,6 @@ points = {points}
 """
 SWITCH = '{ source = "base/1", trigger = "switch" }'
 
-Floats = NDArray[np.float64]
-
 
 class Followed:
     """Points and the stream as they came, with the instants at which points came."""
@@ -70,8 +68,8 @@ class Followed:
     def __init__(self) -> None:
         self.points: list[Point] = []
         self.came_ns: list[int] = []
-        self.times_ns: list[NDArray[np.int64]] = []
-        self.counts: list[NDArray[np.int64]] = []
+        self.times_ns: list[Integers] = []
+        self.counts: list[Integers] = []
         self.xyz_mm: list[Floats] = []
 
     def add(self, message: object) -> None:
@@ -103,9 +101,7 @@ async def followed(port: int, rate_hz: float) -> Followed:
     return found
 
 
-def interpolated_mm(
-    model: ArmModel, found: Followed, instants_ns: NDArray[np.int64]
-) -> Floats:
+def interpolated_mm(model: ArmModel, found: Followed, instants_ns: Integers) -> Floats:
     """The daemon's interpolation of the stream at some instants, (n, 3)."""
     times_ns, first = np.unique(np.concatenate(found.times_ns), return_index=True)
     counts = np.concatenate(found.counts)[first]

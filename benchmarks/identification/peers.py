@@ -9,16 +9,15 @@ work in every iteration.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import (  # type: ignore[import-untyped] # scipy ships no types
     least_squares,
 )
 
 from benchmarks.identification.problem import Problem
+from traverse.arrays import Floats
 from traverse.kinematics.model.derivatives import derivative_chunks
 from traverse.lab.identification.equations.network import State, Station
 from traverse.lab.identification.equations.station_equations import misclosures_mm
-from traverse.lab.identification.equations.whitening import Floats
 from traverse.lab.identification.solve.system import linearise
 
 
@@ -100,7 +99,7 @@ class DensePeer:
 
     def _station_block(
         self, at: int, station: Station, state: State, own: slice
-    ) -> NDArray[np.float64]:
+    ) -> Floats:
         poses = self._network.campaign.poses
         parameters = self._network.parameters
         angles_rad = poses.angles_rad[station.poses]

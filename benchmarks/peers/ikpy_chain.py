@@ -6,7 +6,8 @@ import numpy as np
 from ikpy.chain import Chain
 from ikpy.link import OriginLink, URDFLink
 
-from benchmarks.peers.peer import Floats, Peer, offsets_mm
+from benchmarks.peers.peer import Peer, offsets_mm
+from traverse.arrays import Floats
 from traverse.kinematics.model.geometry import Geometry
 
 

@@ -4,7 +4,8 @@ from importlib import import_module
 
 import numpy as np
 
-from benchmarks.peers.peer import Floats, Peer
+from benchmarks.peers.peer import Peer
+from traverse.arrays import Floats
 from traverse.kinematics.model.derivatives import numpy_derivatives
 from traverse.kinematics.model.forward import numpy_centre
 from traverse.kinematics.model.geometry import Geometry

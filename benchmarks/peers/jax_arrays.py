@@ -4,7 +4,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from benchmarks.peers.peer import Floats, Peer, offsets_mm
+from benchmarks.peers.peer import Peer, offsets_mm
+from traverse.arrays import Floats
 from traverse.kinematics.model.geometry import Geometry
 
 

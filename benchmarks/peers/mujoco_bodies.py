@@ -5,7 +5,8 @@ from collections.abc import Iterator
 import mujoco as mj
 import numpy as np
 
-from benchmarks.peers.peer import Floats, Peer, offsets_mm
+from benchmarks.peers.peer import Peer, offsets_mm
+from traverse.arrays import Floats
 from traverse.kinematics.model.geometry import Geometry
 
 

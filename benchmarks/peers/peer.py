@@ -5,11 +5,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.model.geometry import Geometry
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

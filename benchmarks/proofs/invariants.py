@@ -9,15 +9,13 @@ derivatives of distances are differences of distances, not the adjustment's own.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.model.forward import probe_centre
 from traverse.lab.identification.equations.parameters import ArmValues
 from traverse.lab.identification.results.result import Identification
 from traverse.simulator.arm.physics import probe_pose
 from traverse.simulator.campaigns import PoseSet
-
-Floats = NDArray[np.float64]
 
 # More than there are parameters, so that every combination of them is looked at.
 N_PAIRS = 60

@@ -11,9 +11,9 @@ are off by what the unknowns explain, and their chi-square is foreseen likewise.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.tools.handover import campaign_from_simulation
+from traverse.arrays import Floats
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.identification.equations.network import Station
 from traverse.lab.identification.equations.station_equations import (
@@ -24,8 +24,6 @@ from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.solve.system import certified
 from traverse.simulator.campaigns import PoseSet, SimulatedCampaign, draw_noise
 from traverse.simulator.campaigns.spec import NoiseTable
-
-Floats = NDArray[np.float64]
 
 # Below this part of the largest, a singular value of scaled columns is zero.
 _RANK = 1e-9

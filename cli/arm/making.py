@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from traverse.arrays import Floats
 from traverse.cli.arm.options import integers_of, numbers_of, posture_of
 from traverse.kinematics.arm_file.arm import Arm, FileError, Problem
 from traverse.kinematics.importers.arm_values import (
@@ -21,7 +22,7 @@ from traverse.kinematics.importers.dh_file import (
     read_dh_file,
 )
 from traverse.kinematics.importers.dh_rows import Units
-from traverse.kinematics.importers.urdf import Body, Floats, arm_from_chain, transform
+from traverse.kinematics.importers.urdf import Body, arm_from_chain, transform
 from traverse.kinematics.importers.urdf_chain import chain_of
 from traverse.kinematics.importers.urdf_file import read_urdf
 

@@ -9,18 +9,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm, FileError, Problem
 from traverse.kinematics.importers.arm_values import (
     JointParts,
     ProbeParts,
     assemble_arm,
 )
-from traverse.kinematics.importers.dh import (
-    DHTable,
-    Floats,
-    geometry_from_dh,
-    probe_transforms,
-)
+from traverse.kinematics.importers.dh import DHTable, geometry_from_dh, probe_transforms
 from traverse.kinematics.model.geometry import Geometry, unit_vectors
 from traverse.kinematics.model.quaternion import rotate, turn
 from traverse.protocol.microscribe.session import Kinematics

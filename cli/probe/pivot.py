@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.daemon.pose.probe_library import LibraryProbe, ProbeLibrary, with_probe
 from traverse.kinematics.arm_file.arm import Arm, FileError, Problem
 from traverse.kinematics.effects.arm_effects import ArmEffects, effects_from_arm
@@ -21,8 +21,6 @@ from traverse.lab.campaign.campaign import Campaign, read_campaign
 from traverse.lab.identification.equations.effect_model import block_of
 from traverse.lab.identification.equations.plausible_sizes import campaign_start
 from traverse.strict_toml.writing import arm_text, write_atomically
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,8 +5,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Integers
 from traverse.protocol.messages import Event, Health, Live, Point, Scan, Status
 
 MAX_POINTS = 5000  # shown; all of them are in the arm's outbox
@@ -53,7 +53,7 @@ class ArmSight:
     points: dict[str, Point] = field(default_factory=dict)
     alarms: dict[tuple[str, str], Event] = field(default_factory=dict)
     events: deque[Event] = field(default_factory=lambda: deque(maxlen=MAX_EVENTS))
-    coverage: NDArray[np.int64] | None = None
+    coverage: Integers | None = None
     scan: Scan | None = None
     is_linked: bool = False
     link_reason: str = "not connected yet"

@@ -1,7 +1,8 @@
 """A cloud of scanned points for display: thinned to a budget, never beyond."""
 
 import numpy as np
-from numpy.typing import NDArray
+
+from traverse.arrays import Floats
 
 BUDGET = 1_000_000
 
@@ -32,7 +33,7 @@ class Cloud:
         self.n_seen = 0
         self.every = 1
 
-    def add(self, xyz_mm: NDArray[np.float64]) -> None:
+    def add(self, xyz_mm: Floats) -> None:
         """Points have come, (n, 3)."""
         while len(xyz_mm):
             # Those whose number is a multiple of `every` are kept.
@@ -49,7 +50,7 @@ class Cloud:
         kept = self._places_mm[start : self.n_kept]
         return kept.astype("<f4", copy=False).tobytes()
 
-    def _keep(self, places_mm: NDArray[np.float64]) -> None:
+    def _keep(self, places_mm: Floats) -> None:
         end = self.n_kept + len(places_mm)
         if end > len(self._places_mm):
             size = min(self._budget, max(end, 2 * len(self._places_mm)))

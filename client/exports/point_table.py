@@ -7,9 +7,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from traverse.arrays import Floats, Integers
 from traverse.protocol.messages import Point, QualityFlag
 
-Floats = NDArray[np.float64]
 Coordinates = Literal["centre", "surface", "part"]
 
 COORDINATES: tuple[Coordinates, ...] = ("centre", "surface", "part")
@@ -30,8 +30,8 @@ class PointTable:
         quality: bits of the table of quality flags, (n,).
     """
 
-    seq: NDArray[np.int64]
-    time_ns: NDArray[np.int64]
+    seq: Integers
+    time_ns: Integers
     xyz_mm: Floats
     ijk: Floats
     std_mm: Floats

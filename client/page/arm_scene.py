@@ -3,8 +3,8 @@
 import numpy as np
 from nicegui import ui
 from nicegui.element import Element
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.protocol.messages import Live, Point
 
 # Its module is where three.js comes from.
@@ -23,7 +23,7 @@ class ArmScene(Element, component="arm_scene.js", default_classes="arm-scene-box
     def __init__(self, cloud_url: str) -> None:
         super().__init__()
         self._props["cloudUrl"] = cloud_url
-        self._shown: tuple[NDArray[np.float64], float] | None = None
+        self._shown: tuple[Floats, float] | None = None
 
     def show_pose(self, live: Live) -> None:
         """The arm is now like this.

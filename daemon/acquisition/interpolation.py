@@ -17,15 +17,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from traverse.arrays import Booleans, Floats, Integers
 from traverse.drivers.base.values import (
     STATUS_ERROR,
     STATUS_INTERPOLATED,
     STATUS_LATE,
     STATUS_MISSING,
 )
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,7 +78,7 @@ class InterpolationLimits:
     jitter_ns: int
 
 
-def are_valid(status: NDArray[np.uint8]) -> NDArray[np.bool_]:
+def are_valid(status: NDArray[np.uint8]) -> Booleans:
     """Which readings are counts at all."""
     return np.asarray((status & (STATUS_ERROR | STATUS_MISSING)) == 0)
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from traverse.arrays import Booleans, Floats, Indices, Integers
 from traverse.daemon.acquisition.interpolation import (
     EncoderReadings,
-    Integers,
     InterpolationLimits,
     are_valid,
     interpolate,
@@ -52,7 +52,7 @@ class ReadingBuffer:
             last one's.
     """
 
-    def __init__(self, channels: NDArray[np.intp], counts_per_turn: Integers) -> None:
+    def __init__(self, channels: Indices, counts_per_turn: Integers) -> None:
         self._channels = channels
         self._turns = counts_per_turn
         self.n_out_of_order = 0
@@ -134,7 +134,7 @@ class ReadingBuffer:
         self._next_number = int(numbers[-1]) + 1
         return numbers
 
-    def _ordered(self, times_ns: Integers) -> NDArray[np.bool_]:
+    def _ordered(self, times_ns: Integers) -> Booleans:
         """Which rows come after all before them."""
         if int((times_ns[0] - self._times_ns).min()) < -CLOCK_RESET_NS:
             self._blocks.clear()
@@ -146,7 +146,7 @@ class ReadingBuffer:
         return np.asarray((times_ns > running_ns).all(axis=1))
 
     def _unwrapped(
-        self, raw: Integers, times_ns: Integers, valid: NDArray[np.bool_]
+        self, raw: Integers, times_ns: Integers, valid: Booleans
     ) -> Integers:
         """Counts over all turns; those that are not valid repeat the last that was."""
         rows = np.where(valid, np.arange(len(raw))[:, np.newaxis], -1)
@@ -180,9 +180,9 @@ class JointColumns:
     """
 
     counts: Integers
-    fractions: NDArray[np.float64]
+    fractions: Floats
     status: NDArray[np.uint8]
-    error_bounds_counts: NDArray[np.float64]
+    error_bounds_counts: Floats
 
 
 class JointStream:
@@ -203,8 +203,8 @@ class JointStream:
 
     def __init__(
         self,
-        joints: NDArray[np.intp],
-        channels: NDArray[np.intp],
+        joints: Indices,
+        channels: Indices,
         counts_per_turn: Integers,
         wait_ns: int,
     ) -> None:

@@ -16,6 +16,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from traverse.arrays import Booleans, Floats
 from traverse.daemon.acquisition.joint_stream import NEVER_NS, JointColumns, JointStream
 from traverse.daemon.config.schema import AssemblySection
 from traverse.daemon.pose.arm_model import ArmModel
@@ -30,8 +31,6 @@ from traverse.drivers.base.values import (
     CountSamples,
     LatchedCounts,
 )
-
-Floats = NDArray[np.float64]
 
 
 class Resampler:
@@ -208,9 +207,7 @@ class Resampler:
             np.concatenate([c.error_bounds_counts for c in columns], axis=1)[:, order],
         )
 
-    def _count_shortfalls(
-        self, device: str, status: NDArray[np.uint8]
-    ) -> NDArray[np.bool_]:
+    def _count_shortfalls(self, device: str, status: NDArray[np.uint8]) -> Booleans:
         """Count a device's shortfalls; tell which samples (n,) are to be passed on."""
         joined = np.bitwise_or.reduce(status, axis=1)
         missing = (joined & STATUS_MISSING) != 0

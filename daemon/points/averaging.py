@@ -8,14 +8,12 @@ samples; a tremble about one place has none, but a spread.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.pose.poses import LatchedPose, PoseBlock
 from traverse.kinematics.effects.base.block import Block
 from traverse.protocol.messages import QualityFlag
-
-Floats = NDArray[np.float64]
 
 MAX_AVERAGING_NS = 60_000_000_000
 SPEED_NS = 20_000_000  # over less, noise would be taken for a speed

@@ -5,9 +5,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from traverse.arrays import Floats
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.schema import CaptureSection
 from traverse.daemon.errors import CaptureRefusedError
@@ -100,8 +98,8 @@ class PointMeasurement:
     covariance_mm2: Covariance | None = None
     samples: int = 1
     spread_mm: float | None = None
-    before_mm: NDArray[np.float64] | None = None
-    surface_mm: NDArray[np.float64] | None = None
+    before_mm: Floats | None = None
+    surface_mm: Floats | None = None
     compensation: Compensation = "none"
 
 

@@ -8,8 +8,8 @@ not known, the point says so.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.daemon.config.schema import CaptureSection
 from traverse.daemon.points.capture import PointMeasurement
 from traverse.daemon.pose.poses import PoseBlock
@@ -17,8 +17,6 @@ from traverse.daemon.pose.trajectory import TrajectoryBuffer, first_sample_beyon
 from traverse.kinematics.effects.pose import contact_shifts, pose_flags
 from traverse.kinematics.probing.compensation import surface_point, towards_material
 from traverse.protocol.messages import QualityFlag
-
-Floats = NDArray[np.float64]
 
 UNKNOWN = QualityFlag.SURFACE_UNKNOWN.value
 

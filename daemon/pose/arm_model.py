@@ -10,8 +10,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats, Indices
 from traverse.daemon.pose.probe_library import LibraryProbe, with_probe
 from traverse.drivers.base.values import Identity
 from traverse.kinematics.arm_file.arm import (
@@ -77,7 +77,7 @@ def covariance_with_probe(
     known: ArmCovariance | None,
     arm: Arm,
     inline_effects: ArmEffects,
-    covariance_mm2: NDArray[np.float64] | None,
+    covariance_mm2: Floats | None,
 ) -> ArmCovariance | None:
     """What is known with a probe that was not identified together with the arm.
 
@@ -185,7 +185,7 @@ class ArmModel:
     reference_temperature_c: float
     encoders: Encoders
     joint_devices: tuple[str, ...]
-    channels: NDArray[np.intp]
+    channels: Indices
     probe_radius_mm: float
     arm: Arm
     covariance: ArmCovariance | None = None
@@ -197,7 +197,7 @@ class ArmModel:
         return tuple(dict.fromkeys(self.joint_devices))
 
     @property
-    def per_count_rad(self) -> NDArray[np.float64]:
+    def per_count_rad(self) -> Floats:
         """By how much a count changes each reading, (n_joints,)."""
         encoders = self.encoders
         return encoders.signs * (2.0 * np.pi / encoders.counts_per_turn)

@@ -5,17 +5,14 @@ makes it do least (no motion, the reference temperature) and the sample is flagg
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Bits, Floats, Integers
 from traverse.daemon.clock import HostClock
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.joint_motion import JointMotionTracker, Motion
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.covariate import Covariate
 from traverse.protocol.messages import QualityFlag
-
-Floats = NDArray[np.float64]
-Bits = NDArray[np.uint32]
 
 APPROACH_BAND_RAD = 5e-5  # more than hands that rest tremble, less than any approach
 APPROACH_BAND_COUNTS = 2  # a count may flicker without a motion
@@ -57,7 +54,7 @@ class CovariateBuilder:
 
     def block(
         self,
-        times_ns: NDArray[np.int64],
+        times_ns: Integers,
         angles_rad: Floats,
         temperature_c: float | None,
         quality: Bits,
@@ -107,7 +104,7 @@ class CovariateBuilder:
 
     def _block(
         self,
-        times_ns: NDArray[np.int64],
+        times_ns: Integers,
         angles_rad: Floats,
         temperature_c: float | None,
         quality: Bits,

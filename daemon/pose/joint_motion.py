@@ -23,8 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Times = NDArray[np.int64]
+from traverse.arrays import Booleans, Floats, Integers
 
 SPEED_NS = 1_000_000
 GAP_NS = 250_000_000  # the slowest stream has a sample every 100 ms
@@ -42,7 +41,7 @@ class Motion:
     """
 
     speeds_rad_s: Floats
-    are_speeds_known: NDArray[np.bool_]
+    are_speeds_known: Booleans
     approaches: Floats
 
 
@@ -50,7 +49,7 @@ class Motion:
 class _MotionSegment:
     """Samples gone by: times (n,); readings, pointers, senses (n, n_joints)."""
 
-    times_ns: Times
+    times_ns: Integers
     angles_rad: Floats
     pointers_rad: Floats
     approaches: Floats
@@ -72,7 +71,7 @@ class JointMotionTracker:
         n_joints = len(self._half_bands_rad)
         self._past: deque[_MotionSegment] = deque()
         # The samples that the next speeds may count from.
-        self._times_ns: Times = np.empty(0, np.int64)
+        self._times_ns: Integers = np.empty(0, np.int64)
         self._angles_rad: Floats = np.empty((0, n_joints))
 
     @property
@@ -97,7 +96,7 @@ class JointMotionTracker:
             self._times_ns, self._angles_rad = last.times_ns, last.angles_rad
 
     def add(
-        self, times_ns: Times, angles_rad: Floats, are_valid: NDArray[np.bool_]
+        self, times_ns: Integers, angles_rad: Floats, are_valid: Booleans
     ) -> Motion:
         """Continue by a block.
 
@@ -153,7 +152,7 @@ class JointMotionTracker:
             speeds_rad_s[np.newaxis], np.ones(1, np.bool_), approaches[np.newaxis]
         )
 
-    def _run(self, times_ns: Times, angles_rad: Floats) -> Motion:
+    def _run(self, times_ns: Integers, angles_rad: Floats) -> Motion:
         """Continue by samples without a gap."""
         speeds_rad_s, are_known = self._speeds(times_ns, angles_rad)
         pointers_rad, approaches = self._approaches(angles_rad)
@@ -165,8 +164,8 @@ class JointMotionTracker:
         return Motion(speeds_rad_s, are_known, approaches)
 
     def _speeds(
-        self, times_ns: Times, angles_rad: Floats
-    ) -> tuple[Floats, NDArray[np.bool_]]:
+        self, times_ns: Integers, angles_rad: Floats
+    ) -> tuple[Floats, Booleans]:
         n_before = len(self._times_ns)
         at = np.arange(n_before, n_before + len(times_ns))
         times_ns = np.concatenate([self._times_ns, times_ns])

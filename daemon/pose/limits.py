@@ -6,15 +6,12 @@ reach, so its limit is a share of that.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Bits, Booleans, Floats, Integers
 from traverse.daemon.config.schema import QualitySection
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.protocol.messages import QualityFlag
-
-Floats = NDArray[np.float64]
-Bits = NDArray[np.uint32]
 
 SPEED_NS = 5_000_000  # over less the encoders' noise would be more than the speed
 GAP_NS = 250_000_000  # the slowest stream has a sample every 100 ms
@@ -92,7 +89,7 @@ class SpeedTracker:
         self._times_ns = np.empty(0, np.int64)
         self._xyz_mm = np.empty((0, 3))
 
-    def speeds_mm_s(self, times_ns: NDArray[np.int64], xyz_mm: Floats) -> Floats:
+    def speeds_mm_s(self, times_ns: Integers, xyz_mm: Floats) -> Floats:
         """Continue by a block, not empty; NaN where a speed is not known, (n,)."""
         if len(self._times_ns) and times_ns[0] < self._times_ns[-1]:
             self.forget()
@@ -111,7 +108,7 @@ class SpeedTracker:
         return np.where(known, speeds, np.nan)
 
 
-def _is_below(moves: Floats, limit: float) -> NDArray[np.bool_]:
+def _is_below(moves: Floats, limit: float) -> Booleans:
     """Whether the smallest singular value of each (n, 3, n_joints) is below a limit.
 
     J Jᵀ - limit² is then not positive definite (Sylvester's criterion).

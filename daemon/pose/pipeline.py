@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from traverse.arrays import Bits, Floats
 from traverse.daemon.clock import HostClock
 from traverse.daemon.pose.arm_model import ArmModel
-from traverse.daemon.pose.covariates import Bits, CovariateBuilder
+from traverse.daemon.pose.covariates import CovariateBuilder
 from traverse.daemon.pose.poses import JointCounts, LatchedPose, PoseBlock
 from traverse.drivers.base.values import (
     STATUS_ERROR,
@@ -177,7 +178,7 @@ class Pipeline:
         )
 
     def block_at(
-        self, time_ns: int, angles_rad: NDArray[np.float64], temperature_c: float | None
+        self, time_ns: int, angles_rad: Floats, temperature_c: float | None
     ) -> Block:
         """One sample of the stream (n_joints,) again, with what the effects need."""
         quality = np.zeros(1, np.uint32)
@@ -186,9 +187,7 @@ class Pipeline:
         )
         return block
 
-    def _corrected(
-        self, block: Block, quality: Bits
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], Bits]:
+    def _corrected(self, block: Block, quality: Bits) -> tuple[Floats, Floats, Bits]:
         """Poses with the arm's effects, and what to say about each."""
         model = self.model
         xyz_mm, ijk, flags = corrected_pose(model.geometry, model.effects, block)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from traverse.arrays import Booleans, Floats, Integers
 from traverse.drivers.base.values import CountSamples
 from traverse.kinematics.effects.base.block import Block
 
@@ -25,7 +26,7 @@ class JointCounts:
     sample_time_ns: int
     counts: NDArray[np.uint32]
     status: NDArray[np.uint8]
-    fractions: NDArray[np.float64] | None = None
+    fractions: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,7 +40,7 @@ class ResampledBlock:
     """
 
     samples: CountSamples
-    error_bounds_counts: NDArray[np.float64]
+    error_bounds_counts: Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +48,7 @@ class ResampledCounts:
     """One instant of the whole arm, as `ResampledBlock`; error bounds (n_joints, 2)."""
 
     counts: JointCounts
-    error_bounds_counts: NDArray[np.float64]
+    error_bounds_counts: Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,21 +67,21 @@ class PoseBlock:
     """
 
     stream: int
-    seq: NDArray[np.int64]
-    sample_time_ns: NDArray[np.int64]
+    seq: Integers
+    sample_time_ns: Integers
     received_ns: int
     inputs: NDArray[np.uint8]
-    counts: NDArray[np.int64]
-    angles_rad: NDArray[np.float64]
-    xyz_mm: NDArray[np.float64]
-    ijk: NDArray[np.float64]
+    counts: Integers
+    angles_rad: Floats
+    xyz_mm: Floats
+    ijk: Floats
     quality: NDArray[np.uint32]
 
-    def rows(self, which: NDArray[np.bool_] | slice) -> "PoseBlock":
+    def rows(self, which: Booleans | slice) -> "PoseBlock":
         """The poses of some of the samples."""
         return replace(self, **{name: getattr(self, name)[which] for name in _ARRAYS})
 
-    def numbered(self, seq: NDArray[np.int64]) -> "PoseBlock":
+    def numbered(self, seq: Integers) -> "PoseBlock":
         """The same poses under other numbers."""
         return replace(self, seq=seq)
 
@@ -119,10 +120,10 @@ class LatchedPose:
     """
 
     sample_time_ns: int
-    counts: NDArray[np.int64]
-    angles_rad: NDArray[np.float64]
-    xyz_mm: NDArray[np.float64]
-    ijk: NDArray[np.float64]
+    counts: Integers
+    angles_rad: Floats
+    xyz_mm: Floats
+    ijk: Floats
     quality: int
     block: Block
-    error_bounds_counts: NDArray[np.float64] | None = None
+    error_bounds_counts: Floats | None = None

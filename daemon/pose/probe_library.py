@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import (
     Arm,
     Moment,
@@ -37,7 +37,7 @@ class LibraryProbe(StrictModel):
     vector_covariance_mm2: Covariance | None = None
 
     @property
-    def covariance_mm2(self) -> NDArray[np.float64] | None:
+    def covariance_mm2(self) -> Floats | None:
         """Of the vector, (3, 3); None where it is not known."""
         if self.vector_covariance_mm2 is None:
             return None
@@ -106,7 +106,7 @@ def _cross_check(raw: Mapping[str, Any]) -> Iterator[Problem]:
                 yield Problem(f"{where}.vector_covariance_mm2", text)
 
 
-def full_covariance(six: Sequence[float]) -> NDArray[np.float64]:
+def full_covariance(six: Sequence[float]) -> Floats:
     """The matrix of xx, xy, xz, yy, yz, zz, (3, 3)."""
     xx, xy, xz, yy, yz, zz = six
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

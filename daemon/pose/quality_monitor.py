@@ -6,13 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from traverse.arrays import Floats
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.filters import flag_bits
 from traverse.daemon.config.schema import QualitySection
 from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.pose.arm_model import ArmModel
-from traverse.daemon.pose.limits import Floats, PoseLimits, SpeedTracker
+from traverse.daemon.pose.limits import PoseLimits, SpeedTracker
 from traverse.daemon.pose.poses import LatchedPose, PoseBlock
 from traverse.protocol.messages import FLAG_MEANINGS, QualityFlag
 from traverse.protocol.messages.quality import flag_names

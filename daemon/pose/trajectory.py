@@ -8,12 +8,10 @@ from collections import deque
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Booleans, Floats
 from traverse.daemon.pose.poses import PoseBlock
 from traverse.protocol.messages import QualityFlag
-
-Floats = NDArray[np.float64]
 
 KEPT_NS = 3_000_000_000
 SLOW_NS = 30_000_000  # over which it is told whether the ball rests
@@ -140,7 +138,7 @@ def _last_until(block: PoseBlock, time_ns: int) -> int:
     return bisect_right(times_ns, time_ns) - 1
 
 
-def _away(block: PoseBlock, from_mm: Floats, distance_mm: float) -> NDArray[np.bool_]:
+def _away(block: PoseBlock, from_mm: Floats, distance_mm: float) -> Booleans:
     """Which samples are good and so far away, (n,)."""
     away = np.linalg.norm(block.xyz_mm - from_mm, axis=1) >= distance_mm
     return np.asarray(away & ((block.quality & INVALID_FLAGS) == 0))

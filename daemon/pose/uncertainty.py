@@ -20,8 +20,8 @@ off by some time t either way, spread evenly within, hence t^2/3.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.daemon.config.schema import UncertaintySection
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.poses import LatchedPose, PoseBlock
@@ -33,8 +33,6 @@ from traverse.kinematics.uncertainty.point_covariance import (
 )
 from traverse.protocol.messages import QualityFlag
 from traverse.protocol.messages.point import Covariance
-
-Floats = NDArray[np.float64]
 
 
 class SkewMonitor:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from traverse.arrays import Indices
 from traverse.protocol.messages import Point, Scan
 
 ULPS = 4
@@ -174,9 +175,7 @@ class ScanComparison:
             self._compare(then[is_there], now, rows_in[is_there])
         return missing
 
-    def _compare(
-        self, then: NDArray[np.void], now: list[Scan], rows: NDArray[np.intp]
-    ) -> None:
+    def _compare(self, then: NDArray[np.void], now: list[Scan], rows: Indices) -> None:
         xyz_mm = np.concatenate([s.xyz_mm for s in now])[rows]
         ijk = np.concatenate([s.ijk for s in now])[rows]
         quality = np.concatenate([s.quality for s in now])[rows]

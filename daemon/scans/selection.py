@@ -13,8 +13,8 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Booleans, Integers
 from traverse.daemon.scans.plan import ScanPlan
 from traverse.kinematics.filters import FilterChain, PointBlock
 from traverse.protocol.messages import QualityFlag
@@ -46,7 +46,7 @@ class ButtonGate:
         if len(edges) > MAX_EDGES:
             edges.popleft()
 
-    def held(self, times_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def held(self, times_ns: Integers) -> Booleans:
         """At which times (n,), not decreasing, any button was held.
 
         The instant of a press is held, that of a release is not.
@@ -140,7 +140,7 @@ class ScanSelection:
             self._was_held = bool(held[start])
         return PointBlock.joined(pieces)
 
-    def _lost_until(self, instants: PointBlock) -> NDArray[np.int64] | None:
+    def _lost_until(self, instants: PointBlock) -> Integers | None:
         """How many instants that count were lost since the last block, before each.
 
         Returns:

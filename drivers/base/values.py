@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from traverse.arrays import Booleans, Floats, Integers
+
 STATUS_ERROR, STATUS_WARNING, STATUS_LATE, STATUS_STALE = 1, 2, 4, 8
 STATUS_MISSING, STATUS_INTERPOLATED = 16, 32
 """Bits of a channel's status; missing: no answer, the count is the last known one.
@@ -63,15 +65,15 @@ class CountSamples:
 
     device: str
     stream: int
-    seq: NDArray[np.int64]
-    device_ticks: NDArray[np.int64]
+    seq: Integers
+    device_ticks: Integers
     received_ns: int
-    sample_time_ns: NDArray[np.int64]
+    sample_time_ns: Integers
     inputs: NDArray[np.uint8]
     counts: NDArray[np.uint32]
     status: NDArray[np.uint8]
     skew_ns: NDArray[np.int32] | None = None
-    fractions: NDArray[np.float64] | None = None
+    fractions: Floats | None = None
 
     @classmethod
     def joined(cls, blocks: Sequence["CountSamples"]) -> "CountSamples":
@@ -92,7 +94,7 @@ class CountSamples:
             _joined_if_any([block.fractions for block in blocks]),
         )
 
-    def rows(self, which: slice | NDArray[np.bool_]) -> "CountSamples":
+    def rows(self, which: slice | Booleans) -> "CountSamples":
         """Some of the samples."""
         return replace(
             self,

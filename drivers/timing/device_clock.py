@@ -16,6 +16,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from traverse.arrays import Integers
+
 WRAP = 1 << 32
 BIN_S = 0.5
 BINS = 64  # half a minute: long against jitter, short against temperature
@@ -55,7 +57,7 @@ class DeviceClock:
         """How much faster than nominal the device's counter runs."""
         return -self._slope * 1e6
 
-    def unwrap(self, ticks: NDArray[np.uint32]) -> NDArray[np.int64]:
+    def unwrap(self, ticks: NDArray[np.uint32]) -> Integers:
         """Ticks without wraps, (n,) int64, relative to the last ones seen."""
         unwrapped = ticks.astype(np.int64)
         if self._last is None:
@@ -111,7 +113,7 @@ class DeviceClock:
         )
         return self._anchor_ns + round(elapsed_ns + correction_ns)
 
-    def to_ns_array(self, ticks: NDArray[np.int64]) -> NDArray[np.int64]:
+    def to_ns_array(self, ticks: Integers) -> Integers:
         """Host monotonic times, (n,) int64 [ns], of unwrapped ticks (n,)."""
         elapsed = ticks - self._anchor_ticks
         elapsed_ns = elapsed * self._ns_per_tick

@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from traverse.arrays import Booleans, Integers
+
 WRAP = 1 << 32
 MAX_JUMP = 1 << 20  # a hundred seconds at 10 kHz: no gap of a living stream
 
@@ -15,7 +17,7 @@ class StreamSequence:
 
     def accept(
         self, seq: NDArray[np.uint32]
-    ) -> tuple[NDArray[np.int64], NDArray[np.bool_] | None, int, int]:
+    ) -> tuple[Integers, Booleans | None, int, int]:
         """Judge the numbers (n,) of a block.
 
         Returns:

@@ -6,8 +6,8 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.effects import EFFECTS
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.bodies import Bodies, bodies_from_arm
@@ -26,8 +26,6 @@ from traverse.kinematics.effects.base.covariate import Covariate, Need
 
 if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Arm, Effect
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,8 +15,8 @@ are of the second order, some 1e-4 of a column at amplitudes of 1e-4 rad.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.effects.arm_effects import ArmEffects
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.bodies import cross
@@ -33,8 +33,6 @@ from traverse.kinematics.effects.deflection import Deflection, deflection, total
 from traverse.kinematics.effects.pose import checked, chunks, undeflected_posture
 from traverse.kinematics.model.geometry import Geometry
 from traverse.kinematics.model.quaternion import rotate
-
-Floats = NDArray[np.float64]
 
 _CHUNK_SAMPLES = 512
 

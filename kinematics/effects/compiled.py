@@ -8,9 +8,7 @@ from dataclasses import fields, replace
 from functools import lru_cache
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from traverse.arrays import Floats
 from traverse.kinematics.effects.arm_effects import ArmEffects
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.kernel.choice import KERNEL, aligned_floats, compiled_chain
@@ -19,7 +17,6 @@ from traverse.kinematics.model.geometry import Geometry
 if KERNEL != "numpy":
     from traverse.kinematics.kernel.compiled import DeflectedChain
 
-Floats = NDArray[np.float64]
 
 _KG_M_PER_KG_MM = 1e-3
 

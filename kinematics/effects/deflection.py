@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.effects.base.correction import BodyCorrection, Target
 from traverse.kinematics.effects.base.posture import Posture
 from traverse.kinematics.model.batched_quaternions import (
@@ -26,8 +26,6 @@ from traverse.kinematics.model.batched_quaternions import (
 )
 from traverse.kinematics.model.geometry import Geometry
 from traverse.kinematics.model.quaternion import turn
-
-Floats = NDArray[np.float64]
 
 _VECTORS = (Target.TILT, Target.SHIFT)
 _WHOLE = (Target.MOUNT, Target.BASE)

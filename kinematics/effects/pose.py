@@ -17,8 +17,8 @@ depend on the block it comes in, bit for bit.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Booleans, Floats
 from traverse.kinematics.effects.arm_effects import ArmEffects
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.contact import contact_seen
@@ -29,9 +29,6 @@ from traverse.kinematics.effects.deflection import Deflection, deflection, total
 from traverse.kinematics.model.batched_quaternions import rotated
 from traverse.kinematics.model.forward import numpy_pose, probe_pose
 from traverse.kinematics.model.geometry import Geometry
-
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 # Samples computed at a time, so that the intermediate arrays stay in the cache.
 _CHUNK_SAMPLES = 256

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from traverse.kinematics.filters.point_filter import Mask, Selection
+from traverse.arrays import Booleans, Floats
+from traverse.kinematics.filters.point_filter import Selection
 from traverse.kinematics.filters.points import PointBlock
 
 
@@ -25,7 +25,7 @@ class Speed(Selection):
     kind: ClassVar[str] = "speed"
     max_mm_s: float = math.inf
     min_mm_s: float = 0.0
-    _before: tuple[int, NDArray[np.float64]] | None = field(default=None, init=False)
+    _before: tuple[int, Floats] | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.min_mm_s <= self.max_mm_s:
@@ -34,7 +34,7 @@ class Speed(Selection):
                 "0 <= min_mm_s <= max_mm_s"
             )
 
-    def keeps(self, block: PointBlock) -> Mask:
+    def keeps(self, block: PointBlock) -> Booleans:
         """Which points pass, (n,)."""
         if not len(block):
             return np.zeros(0, dtype=np.bool_)
@@ -50,7 +50,7 @@ class Speed(Selection):
             if math.isinf(self.max_mm_s)
             else length_mm <= self.max_mm_s * step_s
         )
-        kept: Mask = slow & (length_mm >= self.min_mm_s * step_s)
+        kept: Booleans = slow & (length_mm >= self.min_mm_s * step_s)
         return kept
 
     def restart(self) -> None:
@@ -69,7 +69,7 @@ class Unflagged(Selection):
     kind: ClassVar[str] = "quality"
     allowed: int = 0
 
-    def keeps(self, block: PointBlock) -> Mask:
+    def keeps(self, block: PointBlock) -> Booleans:
         """Which points pass, (n,)."""
-        kept: Mask = block.quality & ~np.uint32(self.allowed) == 0
+        kept: Booleans = block.quality & ~np.uint32(self.allowed) == 0
         return kept

@@ -5,8 +5,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from traverse.kinematics.filters.point_filter import Mask, PointFilter, check_positive
-from traverse.kinematics.filters.points import Floats, PointBlock
+from traverse.arrays import Booleans, Floats
+from traverse.kinematics.filters.point_filter import (
+    PointFilter,
+    check_positive,
+)
+from traverse.kinematics.filters.points import PointBlock
 
 FIRST_LOOK, LONGEST_LOOK = 32, 4096
 
@@ -61,7 +65,7 @@ def first_beyond(points_mm: Floats, centre_mm: Floats, limit_mm2: float) -> int:
     row, look = 0, FIRST_LOOK
     while row < len(points_mm):
         away_mm = points_mm[row : row + look] - centre_mm
-        far: Mask = np.einsum("ij,ij->i", away_mm, away_mm) >= limit_mm2
+        far: Booleans = np.einsum("ij,ij->i", away_mm, away_mm) >= limit_mm2
         found = int(far.argmax())
         if far[found]:
             return row + found

@@ -5,12 +5,11 @@ from abc import ABC, abstractmethod
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Booleans, Floats
 from traverse.kinematics.filters.points import PointBlock
 
 Vector = tuple[float, float, float]
-Mask = NDArray[np.bool_]
 
 
 class PointFilter(ABC):
@@ -43,7 +42,7 @@ class Selection(PointFilter):
         return block if kept.all() else block.rows(kept)
 
     @abstractmethod
-    def keeps(self, block: PointBlock) -> Mask:
+    def keeps(self, block: PointBlock) -> Booleans:
         """Which points pass, (n,)."""
 
 
@@ -57,7 +56,7 @@ def check_positive(value: float, key: str) -> None:
         raise ValueError(f"{key} is {value:g}; expected a finite number above 0")
 
 
-def unit(vector: Vector, key: str) -> NDArray[np.float64]:
+def unit(vector: Vector, key: str) -> Floats:
     """The direction of a vector of any length above 0, (3,).
 
     Raises:

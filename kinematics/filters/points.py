@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from traverse.arrays import Booleans, Floats, Indices, Integers
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,18 +23,18 @@ class PointBlock:
         quality: (n,) uint32, bits of whoever made the points; filters keep them.
     """
 
-    seq: NDArray[np.int64]
-    time_ns: NDArray[np.int64]
+    seq: Integers
+    time_ns: Integers
     xyz_mm: Floats
     ijk: Floats
     angles_rad: Floats
-    counts: NDArray[np.int64]
+    counts: Integers
     quality: NDArray[np.uint32]
 
     def __len__(self) -> int:
         return len(self.seq)
 
-    def rows(self, which: NDArray[np.bool_] | NDArray[np.intp] | slice) -> "PointBlock":
+    def rows(self, which: Booleans | Indices | slice) -> "PointBlock":
         """Some of the points."""
         return replace(self, **{name: getattr(self, name)[which] for name in _COLUMNS})
 
@@ -42,7 +42,7 @@ class PointBlock:
         """These points with those of ``before`` in front of them."""
         return self if before is None else PointBlock.joined([before, self])
 
-    def between(self, rows: NDArray[np.intp], shares: Floats) -> "PointBlock":
+    def between(self, rows: Indices, shares: Floats) -> "PointBlock":
         """Points on the way from each of ``rows`` to the one after it.
 
         Args:

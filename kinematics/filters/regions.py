@@ -5,8 +5,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from traverse.arrays import Booleans
 from traverse.kinematics.filters.point_filter import (
-    Mask,
     Selection,
     Vector,
     check_positive,
@@ -36,11 +36,11 @@ class Box(Selection):
                 f"{list(self.high_mm)} in every component; exchange them"
             )
 
-    def keeps(self, block: PointBlock) -> Mask:
+    def keeps(self, block: PointBlock) -> Booleans:
         """Which points pass, (n,)."""
         low, high = np.array(self.low_mm), np.array(self.high_mm)
         within = (block.xyz_mm >= low) & (block.xyz_mm <= high)
-        inside: Mask = np.asarray(within.all(axis=1))
+        inside: Booleans = np.asarray(within.all(axis=1))
         return _side(inside, block, self.outside)
 
 
@@ -60,10 +60,10 @@ class Ball(Selection):
     def __post_init__(self) -> None:
         check_positive(self.radius_mm, "radius_mm")
 
-    def keeps(self, block: PointBlock) -> Mask:
+    def keeps(self, block: PointBlock) -> Booleans:
         """Which points pass, (n,)."""
         away_mm = block.xyz_mm - np.array(self.centre_mm)
-        inside: Mask = np.einsum("ij,ij->i", away_mm, away_mm) <= self.radius_mm**2
+        inside: Booleans = np.einsum("ij,ij->i", away_mm, away_mm) <= self.radius_mm**2
         return _side(inside, block, self.outside)
 
 
@@ -90,16 +90,16 @@ class Slab(Selection):
                 f"from_mm {self.from_mm:g} is not below to_mm {self.to_mm:g}"
             )
 
-    def keeps(self, block: PointBlock) -> Mask:
+    def keeps(self, block: PointBlock) -> Booleans:
         """Which points pass, (n,)."""
         height_mm = block.xyz_mm @ unit(self.normal, "normal")
         inside = (height_mm >= self.from_mm) & (height_mm <= self.to_mm)
         return _side(inside, block, self.outside)
 
 
-def _side(inside: Mask, block: PointBlock, outside: bool) -> Mask:
+def _side(inside: Booleans, block: PointBlock, outside: bool) -> Booleans:
     """The wanted side; a point without a place is on neither."""
     if not outside:
         return inside
-    known: Mask = np.asarray(np.isfinite(block.xyz_mm).all(axis=1))
+    known: Booleans = np.asarray(np.isfinite(block.xyz_mm).all(axis=1))
     return known & ~inside

@@ -4,15 +4,15 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats, Indices, Integers
 from traverse.kinematics.filters.point_filter import (
     PointFilter,
     Vector,
     check_positive,
     unit,
 )
-from traverse.kinematics.filters.points import Floats, PointBlock
+from traverse.kinematics.filters.points import PointBlock
 
 
 @dataclass(slots=True)
@@ -67,8 +67,8 @@ class Sections(PointFilter):
         self._before, self._plane, self._away = None, None, 0.0
 
     def _crossings(
-        self, heights: Floats, time_ns: NDArray[np.int64]
-    ) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
+        self, heights: Floats, time_ns: Integers
+    ) -> tuple[Indices, Integers]:
         """Steps (m,) of the path that cross planes, and these planes' numbers (m,)."""
         usable = np.isfinite(heights[:-1]) & np.isfinite(heights[1:])
         usable &= np.diff(time_ns) <= self.max_gap_s * 1e9
@@ -82,7 +82,7 @@ class Sections(PointFilter):
         return steps, planes
 
     def _first_ones(
-        self, heights: Floats, steps: NDArray[np.intp], planes: NDArray[np.int64]
+        self, heights: Floats, steps: Indices, planes: Integers
     ) -> list[int]:
         """Which crossings count, and what to remember of the rest of the path."""
         clearance = (self.clearance_mm or 0.1 * self.spacing_mm) / self.spacing_mm

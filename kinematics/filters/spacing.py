@@ -11,11 +11,11 @@ from itertools import product
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats, Indices, Integers
 from traverse.kinematics.filters.distance import first_beyond
 from traverse.kinematics.filters.point_filter import PointFilter, check_positive
-from traverse.kinematics.filters.points import Floats, PointBlock
+from traverse.kinematics.filters.points import PointBlock
 
 BITS = 21  # of a cell's number along one axis
 WRAP = 1 << BITS
@@ -106,7 +106,7 @@ class BallSpacing(PointFilter):
         """Forget all points so far."""
         self._young, self._old = {}, {}
 
-    def _blocking(self, point_mm: Floats, cell: NDArray[np.int64]) -> Floats | None:
+    def _blocking(self, point_mm: Floats, cell: Integers) -> Floats | None:
         """A point that passed before and is too near; None if there is none."""
         x, y, z = point_mm.tolist()
         limit = self.spacing_mm**2
@@ -133,24 +133,20 @@ _AROUND = np.array(
 )
 
 
-def _cells(xyz_mm: Floats, edge_mm: float) -> NDArray[np.int64]:
+def _cells(xyz_mm: Floats, edge_mm: float) -> Integers:
     """Cell (n, 3) of each point; that of a point without a place means nothing."""
     scaled = np.floor(xyz_mm / edge_mm)
     return np.where(np.isfinite(scaled), scaled, 0.0).astype(np.int64)
 
 
-def _keys(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+def _keys(cells: Integers) -> Integers:
     """One number a cell (n,); cells 2^21 edges apart along an axis share theirs."""
     wrapped = cells & (WRAP - 1)
-    keys: NDArray[np.int64] = (
-        wrapped[:, 0] << 2 * BITS | wrapped[:, 1] << BITS | wrapped[:, 2]
-    )
+    keys: Integers = wrapped[:, 0] << 2 * BITS | wrapped[:, 1] << BITS | wrapped[:, 2]
     return keys
 
 
-def _first_of_cells(
-    xyz_mm: Floats, edge_mm: float
-) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
+def _first_of_cells(xyz_mm: Floats, edge_mm: float) -> tuple[Indices, Integers]:
     """Rows, ascending, of the first point in each cell of a block, with its key."""
     placed = np.flatnonzero(np.isfinite(xyz_mm).all(axis=1))
     keys = _keys(_cells(xyz_mm[placed], edge_mm))

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from traverse.arrays import Floats
 
 _MOST_STEPS = 200
 # Steps, in extents of the points: below the first, sums of squares are equal but for

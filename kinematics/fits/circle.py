@@ -8,12 +8,10 @@ circle are fitted together. (Some programs fit a plane first and a circle in it 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.fits.adjustment import Precision, adjusted, inverse_normal
 from traverse.kinematics.fits.cloud import across, cloud_of
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from traverse.arrays import Floats
 
 # Least ratio of singular values of centred points: below, rounding decides the fit.
 FLAT = 1e-9

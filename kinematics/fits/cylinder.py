@@ -9,12 +9,10 @@ of Gauss-Newton steps, and the lowest end counts.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.fits.adjustment import Precision, adjusted, inverse_normal
 from traverse.kinematics.fits.cloud import FLAT, Cloud, across, cloud_of, frames_across
-
-Floats = NDArray[np.float64]
 
 _N_DIRECTIONS = 400
 _N_STARTS = 6

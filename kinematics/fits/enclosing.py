@@ -11,11 +11,9 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.fits.cloud import checked_points
-
-Floats = NDArray[np.float64]
 
 _ROUNDING = 1e-12  # of the extent of the points
 _DEPENDENT = 1e-10

@@ -7,12 +7,11 @@ Gauss-Newton steps on the distances.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.fits.adjustment import Precision, adjusted, inverse_normal
 from traverse.kinematics.fits.cloud import Cloud, cloud_of
 
-Floats = NDArray[np.float64]
 _State = tuple[Floats, float]
 
 

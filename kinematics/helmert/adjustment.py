@@ -14,8 +14,8 @@ vanishes exactly where that sum is least (total least squares, no bias by S).
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.helmert.closed_form import closed_helmert
 from traverse.kinematics.helmert.shape import (
     Shape,
@@ -29,8 +29,6 @@ from traverse.kinematics.helmert.transformation import (
     motions,
     turned_by,
 )
-
-Floats = NDArray[np.float64]
 
 _MOST_STEPS = 100
 _SMALL_STEP = 1e-12  # of the points' extent

@@ -7,11 +7,9 @@ eigenvalue. Scale and shift follow. Exact for errors that are alike in all direc
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.helmert.transformation import Helmert, rotation_matrix
-
-Floats = NDArray[np.float64]
 
 
 def closed_helmert(

@@ -8,11 +8,9 @@ see stays in the transformation: it moves by Q J' P e.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.helmert.adjustment import AdjustedHelmert
-
-Floats = NDArray[np.float64]
 
 # Of the weight of a point: eigenvalues of B below are rounding.
 _UNSEEN = 1e-9

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from traverse.arrays import Floats
+
 Kind = Literal["none", "one place", "line", "plane", "space"]
 
 # Parts of the longest extent: below the first, rounding decides.

@@ -10,11 +10,9 @@ that volume, whatever the residuals are: in the spirit of Benciolini, Vitti and 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.helmert.transformation import N_RIGID, cross_matrices, motions
-
-Floats = NDArray[np.float64]
 
 _HALVINGS = 200
 _ROUNDING = 1e-14

@@ -4,8 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm, parse_arm
-from traverse.kinematics.importers.urdf import Body, Floats
+from traverse.kinematics.importers.urdf import Body
 from traverse.kinematics.model.geometry import Geometry
 from traverse.strict_toml.writing import arm_text
 

@@ -14,12 +14,11 @@ from dataclasses import dataclass, fields, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Booleans, Floats
 from traverse.kinematics.model.forward import probe_pose
 from traverse.kinematics.model.geometry import Geometry, unit_vectors
 
-Floats = NDArray[np.float64]
 Convention = Literal["classic", "modified"]
 
 # A shank within this of the last hinge is taken as parallel to it; the tool transform
@@ -85,7 +84,7 @@ class NearestTable:
 
     table: DHTable
     between_rad: Floats
-    parallel: NDArray[np.bool_]
+    parallel: Booleans
     slide_mm_rad: Floats
 
 

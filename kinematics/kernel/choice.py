@@ -8,8 +8,8 @@ import os
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.model.geometry import Geometry
 
 try:
@@ -55,7 +55,7 @@ def compiled_chain(geometry: Geometry) -> "Chain | None":
     return _chain(geometry)
 
 
-def aligned_floats(angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+def aligned_floats(angles_rad: Floats) -> Floats:
     """Give what the kernel reads, copied only where numbers lie or are otherwise."""
     floats = np.asarray(angles_rad, dtype=np.float64)
     return floats if floats.flags.aligned else floats.copy()

@@ -7,9 +7,7 @@ one of its operations, so here it has no part.
 from collections.abc import Callable, Sequence
 from math import cos, nan, sin
 
-import numpy as np
-from numpy.typing import NDArray
-
+from traverse.arrays import Floats
 from traverse.kinematics.kernel.choice import compiled_chain
 from traverse.kinematics.model.geometry import Geometry
 
@@ -20,7 +18,7 @@ _NOWHERE: Vector = (nan, nan, nan)
 
 def pose_function(
     geometry: Geometry,
-) -> Callable[[Sequence[float] | NDArray[np.float64]], Pose]:
+) -> Callable[[Sequence[float] | Floats], Pose]:
     """Make the function that turns one sample's readings into centre and direction.
 
     Args:
@@ -53,7 +51,7 @@ class PlainChain:
         self._origin_mm: list[float] = geometry.origin_mm.tolist()
         self._direction: list[float] = geometry.probe_direction.tolist()
 
-    def pose(self, angles_rad: Sequence[float] | NDArray[np.float64]) -> Pose:
+    def pose(self, angles_rad: Sequence[float] | Floats) -> Pose:
         """Compute the centre and the direction, three floats each.
 
         v <- R(u_k, theta_k) (r_k + v) with R(u, a) w = w cos a + (u x w) sin a

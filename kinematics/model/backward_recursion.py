@@ -11,9 +11,8 @@ new ones costs as much as the arithmetic.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from traverse.arrays import Floats
 
 
 class JointRotations:

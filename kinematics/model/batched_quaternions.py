@@ -7,9 +7,8 @@ that of `quaternion.multiply` and `quaternion.rotate`.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from traverse.arrays import Floats
 
 # p q = sum over i of p_i times these components of q with these signs.
 _COMPONENTS = np.array([[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]])

@@ -17,13 +17,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.kernel.choice import aligned_floats, compiled_chain
 from traverse.kinematics.model.geometry import Geometry
 from traverse.kinematics.model.quaternion import multiply, rotate, turn
-
-Floats = NDArray[np.float64]
 
 # Samples computed at a time: 1.3 kB each for seven joints.
 _CHUNK_SAMPLES = 2048

@@ -12,8 +12,8 @@ needs no P_k; the skeleton goes outwards with P_k as quaternions.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.kernel.choice import aligned_floats, compiled_chain
 from traverse.kinematics.model.backward_recursion import (
     BackwardRecursion,
@@ -21,8 +21,6 @@ from traverse.kinematics.model.backward_recursion import (
 )
 from traverse.kinematics.model.geometry import Geometry
 from traverse.kinematics.model.quaternion import multiply, rotate, turn
-
-Floats = NDArray[np.float64]
 
 # Samples computed at a time: so many that calling NumPy costs less than its arithmetic,
 # so few that 0.25 kB each stay in the cache.

@@ -4,7 +4,9 @@ from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from traverse.arrays import Floats
 
 if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Arm
@@ -23,12 +25,12 @@ class Geometry:
         probe_direction: The shank, unit vector towards the ball, (3,).
     """
 
-    origin_mm: NDArray[np.float64]
-    axes: NDArray[np.float64]
-    links_mm: NDArray[np.float64]
-    zeros_rad: NDArray[np.float64]
-    probe_vector_mm: NDArray[np.float64]
-    probe_direction: NDArray[np.float64]
+    origin_mm: Floats
+    axes: Floats
+    links_mm: Floats
+    zeros_rad: Floats
+    probe_vector_mm: Floats
+    probe_direction: Floats
 
     def __post_init__(self) -> None:
         axes = np.array(self.axes, dtype=np.float64)
@@ -66,7 +68,7 @@ class Geometry:
         return len(self.zeros_rad)
 
 
-def unit_vectors(vectors: ArrayLike) -> NDArray[np.float64]:
+def unit_vectors(vectors: ArrayLike) -> Floats:
     """Scale vectors to length 1, however long or short they are.
 
     Args:
@@ -83,7 +85,7 @@ def unit_vectors(vectors: ArrayLike) -> NDArray[np.float64]:
         )
     # Scaled twice, so that squares neither overflow nor vanish.
     array = array / largest
-    units: NDArray[np.float64] = array / np.linalg.norm(array, axis=-1, keepdims=True)
+    units: Floats = array / np.linalg.norm(array, axis=-1, keepdims=True)
     return units
 
 

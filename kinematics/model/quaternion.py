@@ -6,9 +6,8 @@ so that a sample's result does not depend on the samples beside it, bit for bit.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from traverse.arrays import Floats
 
 
 def turn(axis: Floats, angles_rad: Floats) -> Floats:

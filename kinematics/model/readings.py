@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from traverse.arrays import Booleans, Floats, Integers
+
 if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Arm
 
@@ -19,7 +21,7 @@ _LARGEST_COUNTS_PER_TURN = 2**32
 # Above, a float no longer holds every count.
 _LARGEST_COUNTS = 2**53
 
-Counts = NDArray[np.int64] | NDArray[np.uint32]
+Counts = Integers | NDArray[np.uint32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,9 +34,9 @@ class Encoders:
         zeros_rad: Readings in the base posture, (n_joints,).
     """
 
-    counts_per_turn: NDArray[np.int64]
-    signs: NDArray[np.int64]
-    zeros_rad: NDArray[np.float64]
+    counts_per_turn: Integers
+    signs: Integers
+    zeros_rad: Floats
 
     def __post_init__(self) -> None:
         counts_per_turn = np.array(self.counts_per_turn, dtype=np.int64)
@@ -109,7 +111,7 @@ class Unwrapper:
         self._last = np.zeros(encoders.n_joints, dtype=np.int64)
         self._fresh = np.ones(encoders.n_joints, dtype=np.bool_)
 
-    def unwrap(self, counts: Counts) -> NDArray[np.int64]:
+    def unwrap(self, counts: Counts) -> Integers:
         """Continue the stream by a block.
 
         Args:
@@ -129,7 +131,7 @@ class Unwrapper:
         self._fresh[:] = False
         return unwrapped
 
-    def near(self, counts: Counts) -> NDArray[np.int64]:
+    def near(self, counts: Counts) -> Integers:
         """Unwrap counts latched at an event, leaving the stream where it is.
 
         Args:
@@ -141,14 +143,14 @@ class Unwrapper:
         return self._nearest(self._checked(counts, dimensions=1))
 
     @property
-    def turns(self) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    def turns(self) -> tuple[Integers, Booleans]:
         """The last sample over all turns, and which joints have had none, (n_joints,).
 
         `resume` takes them; a stream goes on as if it had never been left.
         """
         return self._last.copy(), self._fresh.copy()
 
-    def resume(self, last: NDArray[np.int64], fresh: NDArray[np.bool_]) -> None:
+    def resume(self, last: Integers, fresh: Booleans) -> None:
         """Go on from the `turns` of another time."""
         shape = self._last.shape
         if last.shape != shape or fresh.shape != shape:
@@ -157,7 +159,7 @@ class Unwrapper:
             )
         self._last, self._fresh = last.astype(np.int64), fresh.astype(np.bool_)
 
-    def reset(self, joints: NDArray[np.bool_] | None = None) -> None:
+    def reset(self, joints: Booleans | None = None) -> None:
         """Forget turns: the next sample is a first one.
 
         Args:
@@ -165,7 +167,7 @@ class Unwrapper:
         """
         self._fresh |= True if joints is None else joints
 
-    def _nearest(self, raw: NDArray[np.int64]) -> NDArray[np.int64]:
+    def _nearest(self, raw: Integers) -> Integers:
         near_last = self._last + self._shortest(raw - self._last)
         if not self._fresh.any():
             return near_last
@@ -173,12 +175,12 @@ class Unwrapper:
         near_zero = raw + turns.astype(np.int64) * self._counts_per_turn
         return np.where(self._fresh, near_zero, near_last)
 
-    def _shortest(self, differences: NDArray[np.int64]) -> NDArray[np.int64]:
+    def _shortest(self, differences: Integers) -> Integers:
         """Reduce differences to -counts_per_turn/2 <= d < counts_per_turn/2."""
         half = self._counts_per_turn // 2
         return (differences + half) % self._counts_per_turn - half
 
-    def _checked(self, counts: Counts, dimensions: int) -> NDArray[np.int64]:
+    def _checked(self, counts: Counts, dimensions: int) -> Integers:
         n_joints = len(self._counts_per_turn)
         if counts.ndim != dimensions or counts.shape[-1] != n_joints:
             expected = "(n_samples, n_joints)" if dimensions == 2 else "(n_joints,)"
@@ -189,9 +191,7 @@ class Unwrapper:
         return counts.astype(np.int64) % self._counts_per_turn
 
 
-def counts_to_angles(
-    encoders: Encoders, unwrapped_counts: NDArray[np.int64]
-) -> NDArray[np.float64]:
+def counts_to_angles(encoders: Encoders, unwrapped_counts: Integers) -> Floats:
     """Turn counts over all turns into readings in rad, (n_samples, n_joints)."""
     per_count_rad = encoders.signs * (2.0 * np.pi / encoders.counts_per_turn)
     return unwrapped_counts * per_count_rad

@@ -11,9 +11,8 @@ from a point in its middle (`outside`, `inside`).
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from traverse.arrays import Floats
 
 _SHORTEST_MM = 0.1  # below, noise and tremble would choose the direction
 

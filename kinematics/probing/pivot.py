@@ -11,9 +11,8 @@ linear in p and c, and with the arm as it is known.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from traverse.arrays import Floats
 
 _LEAST_POSES = 4
 # Of the smallest singular value to the largest: below, the poses hardly differ.

@@ -13,16 +13,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.effects.arm_effects import ArmEffects
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.columns import columns
 from traverse.kinematics.effects.pose import angle_corrections
 from traverse.kinematics.model.derivatives import ProbeDerivatives, probe_derivatives
 from traverse.kinematics.model.geometry import Geometry
-
-Floats = NDArray[np.float64]
 
 _ROUNDING = 1e-9  # of the largest variance: below, a negative one is rounding
 

@@ -24,8 +24,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.effects.arm_effects import ArmEffects
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.pose import angle_corrections
@@ -35,8 +35,6 @@ from traverse.kinematics.uncertainty.arm_covariance import (
     ArmCovariance,
     parameter_columns,
 )
-
-Floats = NDArray[np.float64]
 
 _ORDERS = 256  # without noise the rest of the series is 0.2 % of it
 

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.helmert.adjustment import (
     AdjustedHelmert,
     HelmertError,
@@ -34,8 +34,6 @@ from traverse.lab.alignment.statistics import (
     point_p_value,
 )
 from traverse.lab.alignment.volume import VolumeFunction
-
-Floats = NDArray[np.float64]
 
 _MIRRORED = 0.1
 

@@ -4,13 +4,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.helmert.transformation import N_RIGID, moved_centre
 from traverse.kinematics.helmert.volume import Ball, place_covariances, volume_error
 from traverse.lab.alignment.files import transformation_of
-
-Floats = NDArray[np.float64]
 
 
 def chained_values(

@@ -3,15 +3,13 @@
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.helmert.shape import Shape, direction_text
 from traverse.kinematics.helmert.volume import VolumeError
 from traverse.lab.alignment.common_points import CommonPoints
 from traverse.lab.alignment.result import AlignmentWarning, PointResult
 from traverse.lab.alignment.statistics import GlobalTest
-
-Floats = NDArray[np.float64]
 
 # A rotation known no better than that is not known: 0.1 rad, a tenth of any distance.
 UNKNOWN_RAD = 0.1

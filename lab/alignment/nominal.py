@@ -4,9 +4,9 @@ from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import (
     FileError,
     Problem,
@@ -16,7 +16,6 @@ from traverse.kinematics.arm_file.arm import (
 from traverse.kinematics.helmert.volume import Ball, Box, Volume
 from traverse.lab.alignment.touches import read_touch_table
 
-Floats = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 _PARALLEL = 1e-6

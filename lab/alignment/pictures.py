@@ -6,11 +6,9 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from traverse.lab.report.figures import BLUE, GREY, ORANGE, VERMILION
 
-Floats = NDArray[np.float64]
 Paint = Callable[[Figure], None]
 
 _VIEWS = ((0, 1), (0, 2), (1, 2))

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.helmert.shape import shape_of
 from traverse.kinematics.helmert.volume import Volume, VolumeError, mean_motions
 from traverse.kinematics.helmert.volume import volume_error as error_in
@@ -35,9 +35,6 @@ from traverse.lab.alignment.touch_results import (
 )
 from traverse.lab.alignment.touches import Touch
 from traverse.lab.alignment.volume import VolumeFunction
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _SIDE = 0.3  # mean cosine of shanks and normal, from which on they tell its side
 

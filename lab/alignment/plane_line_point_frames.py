@@ -9,13 +9,11 @@ plane leaves out 3 freedoms, the line 2 of what is left, the point the last.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats, Integers
 from traverse.kinematics.fits import fit_plane
 from traverse.kinematics.helmert.transformation import N_RIGID, Helmert
 from traverse.lab.alignment.nominal import Nominal
-
-Floats = NDArray[np.float64]
 
 _STRAIGHT = 1e-9
 
@@ -140,7 +138,7 @@ def transformation_between(measured: PartFrame, nominal: PartFrame) -> Helmert:
 
 def local_heights(
     touched: PlaneLinePointTouches, frame: PartFrame
-) -> tuple[Floats, NDArray[np.int64], Floats]:
+) -> tuple[Floats, Integers, Floats]:
     """Say what of every touch is fitted.
 
     Returns:
@@ -153,7 +151,7 @@ def local_heights(
     return local_mm, axis, local_mm[np.arange(len(axis)), axis]
 
 
-def sensitivity(local_mm: Floats, axis: NDArray[np.int64]) -> Floats:
+def sensitivity(local_mm: Floats, axis: Integers) -> Floats:
     """Say how errors of touches move the transformation.
 
     Args:
@@ -187,7 +185,7 @@ def sensitivity(local_mm: Floats, axis: NDArray[np.int64]) -> Floats:
     return moves
 
 
-def redundancy_shares(local_mm: Floats, axis: NDArray[np.int64]) -> Floats:
+def redundancy_shares(local_mm: Floats, axis: Integers) -> Floats:
     """Say how much of the error of every touch its residual shows, (n,)."""
     shares = np.empty(len(axis))
     for which, columns in ((2, (0, 1)), (1, (0,)), (0, ())):

@@ -3,14 +3,10 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from traverse.arrays import Floats
 from traverse.kinematics.helmert.transformation import Helmert
 from traverse.kinematics.helmert.volume import Ball, Volume, VolumeError, volume_error
 from traverse.lab.alignment.statistics import GlobalTest
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

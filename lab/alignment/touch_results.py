@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats, Integers
 from traverse.kinematics.helmert.shape import direction_text, shape_of
 from traverse.kinematics.helmert.volume import VolumeError
 from traverse.lab.alignment.flags import POOR_INDEX, STRAIGHT
@@ -14,9 +14,6 @@ from traverse.lab.alignment.plane_line_point_frames import PlaneLinePointTouches
 from traverse.lab.alignment.result import AlignmentWarning, PointResult
 from traverse.lab.alignment.statistics import FOUND, point_p_value
 from traverse.lab.alignment.touches import Touch
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _AXES = ("along the line", "across the line", "off the plane")
 

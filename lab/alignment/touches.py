@@ -7,13 +7,12 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import FileError, Problem
 from traverse.protocol.messages import Point
 from traverse.strict_toml.problems import shown
 
-Floats = NDArray[np.float64]
 Coordinates = Literal["centre", "surface"]
 
 _PLACES = {

@@ -4,8 +4,8 @@ from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.helmert.transformation import PARAMETERS
 from traverse.kinematics.helmert.volume import Volume, place_covariances
 from traverse.lab.alignment.result import (
@@ -14,8 +14,6 @@ from traverse.lab.alignment.result import (
     volume_values,
 )
 from traverse.lab.alignment.statistics import POINT_LEVEL, POWER
-
-Floats = NDArray[np.float64]
 
 SCHEMA = "traverse/alignment/1"
 

@@ -7,14 +7,13 @@ errors are told in that of the part.
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.helmert.transformation import Helmert
 from traverse.kinematics.helmert.volume import Ball, Box, Volume
 from traverse.lab.measured_points.measurement import reach_of
 
-Floats = NDArray[np.float64]
 VolumeFunction = Callable[[Helmert], Volume]
 
 REACH = "reach"

@@ -11,13 +11,10 @@ from abc import abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
+from traverse.arrays import Floats, Integers
 from traverse.kinematics.arm_file.arm import StrictModel
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 # Standard deviation of a certified length whose uncertainty is not given: a
 # nanometre, which is as good as exact and still an ordinary observation.

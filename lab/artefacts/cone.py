@@ -7,12 +7,8 @@ from typing import Literal
 
 import numpy as np
 
-from traverse.lab.artefacts.artefact import (
-    Artefact,
-    Equations,
-    Floats,
-    Touches,
-)
+from traverse.arrays import Floats
+from traverse.lab.artefacts.artefact import Artefact, Equations, Touches
 
 # Nobody needs a seat that is known to a metre only.
 _PLACE_SCALE_MM = 1000.0

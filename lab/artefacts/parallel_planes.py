@@ -12,13 +12,13 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from traverse.arrays import Floats
 from traverse.lab.artefacts.artefact import (
     EXACT_MM,
     REFERENCE_TEMPERATURE_C,
     Artefact,
     Certificate,
     Equations,
-    Floats,
     Length,
     Touches,
 )

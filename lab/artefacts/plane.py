@@ -10,12 +10,8 @@ from typing import Literal
 
 import numpy as np
 
-from traverse.lab.artefacts.artefact import (
-    Artefact,
-    Equations,
-    Floats,
-    Touches,
-)
+from traverse.arrays import Floats
+from traverse.lab.artefacts.artefact import Artefact, Equations, Touches
 from traverse.lab.artefacts.planes import (
     ATTITUDE_SCALE_RAD,
     HEIGHT_SCALE_MM,

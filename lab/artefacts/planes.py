@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from traverse.lab.artefacts.artefact import Floats
+from traverse.arrays import Floats
 
 ATTITUDE_SCALE_RAD = 1.0
 HEIGHT_SCALE_MM = 1000.0

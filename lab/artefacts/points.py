@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from traverse.arrays import Floats
 from traverse.kinematics.effect_table import Vector
 from traverse.kinematics.model.quaternion import multiply, rotate
 from traverse.lab.artefacts.artefact import (
@@ -20,7 +21,6 @@ from traverse.lab.artefacts.artefact import (
     Artefact,
     Certificate,
     Equations,
-    Floats,
     Touches,
 )
 

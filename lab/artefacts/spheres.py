@@ -5,7 +5,7 @@ w = |x - c| - (R + r) outside, |x - c| - (R - r) inside
 
 import numpy as np
 
-from traverse.lab.artefacts.artefact import Floats
+from traverse.arrays import Floats
 
 PLACE_SCALE_MM = 1000.0
 RADIUS_SCALE_MM = 1000.0

@@ -8,16 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Booleans, Floats, Integers
 from traverse.lab.artefacts.artefact import Artefact, Touches
 from traverse.lab.artefacts.points import Points
 from traverse.lab.campaign.campaign_file import CampaignFile, read_campaign_file
 from traverse.lab.campaign.pose_table import PoseTable, read_pose_table
 from traverse.lab.campaign.stream_table import SUFFIX, read_stream_table
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _CHUNK_BYTES = 1 << 20
 
@@ -56,7 +53,7 @@ class Poses:
     def __len__(self) -> int:
         return len(self.time_s)
 
-    def part(self, rows: NDArray[np.bool_] | Integers | slice) -> "Poses":
+    def part(self, rows: Booleans | Integers | slice) -> "Poses":
         """Take some of the poses."""
         taken: dict[str, Any] = {}
         for field in fields(self):
@@ -95,7 +92,7 @@ class Campaign:
     is_stream: bool = False
     notes: tuple[str, ...] = ()
 
-    def part(self, rows: NDArray[np.bool_] | Integers | slice) -> "Campaign":
+    def part(self, rows: Booleans | Integers | slice) -> "Campaign":
         """Take some of the poses; all artefacts stay."""
         return replace(self, poses=self.poses.part(rows))
 

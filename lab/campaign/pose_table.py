@@ -12,14 +12,11 @@ from itertools import islice
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats, Integers
 from traverse.kinematics.arm_file.arm import FileError, Problem
 from traverse.lab.campaign.pose_columns import PoseColumns, columns_from_header
 from traverse.lab.campaign.pose_problems import row_problems
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _BLOCK_ROWS = 20_000
 # More problems than anybody reads; the rest is counted.

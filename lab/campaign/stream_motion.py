@@ -1,10 +1,8 @@
 """How joints move in a stream of readings: stretches, speeds, senses of motion."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from traverse.arrays import Floats, Integers
 
 # A longer step of time than this many usual ones is a gap.
 _GAP = 1.5

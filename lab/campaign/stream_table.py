@@ -11,8 +11,8 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats, Integers
 from traverse.kinematics.arm_file.arm import Arm, FileError, Problem, parse_arm
 from traverse.kinematics.model.readings import (
     Unwrapper,
@@ -24,9 +24,6 @@ from traverse.lab.campaign.stream_motion import senses_of, speeds_of, stretches_
 from traverse.recording.reader import read_recording
 from traverse.recording.values import Recording
 from traverse.strict_toml.problems import unknown_name_message
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 SUFFIX = ".mcap"
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)

@@ -7,13 +7,11 @@ show a bad touch at once, they are no identification.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats, Integers
 from traverse.kinematics.fits import fit_sphere, spread_about_mean
 from traverse.lab.artefacts.ball_bar import BallBar
 from traverse.lab.collection.collection import CollectedTouch, Collection
-
-Floats = NDArray[np.float64]
 
 SECTORS = 36
 _HEIGHTS = " ▁▂▃▄▅▆▇█"
@@ -58,7 +56,7 @@ def agreement(collection: Collection, artefact: str, kind: str) -> str:
         return ""  # too few touches for a figure
 
 
-def coverage(touches: Sequence[CollectedTouch], n_joints: int) -> NDArray[np.int64]:
+def coverage(touches: Sequence[CollectedTouch], n_joints: int) -> Integers:
     """Touches in each of 36 sectors of a turn from reading 0 on, (n_joints, 36)."""
     counts = np.zeros((n_joints, SECTORS), dtype=np.int64)
     for touch in touches:
@@ -68,7 +66,7 @@ def coverage(touches: Sequence[CollectedTouch], n_joints: int) -> NDArray[np.int
     return counts
 
 
-def picture(counts: NDArray[np.int64]) -> str:
+def picture(counts: Integers) -> str:
     """One joint's sectors (36,) as a row of blocks, the fullest one highest."""
     largest = max(1, int(counts.max()))
     heights = -(-counts * (len(_HEIGHTS) - 1) // largest)

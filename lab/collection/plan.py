@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from traverse.arrays import Floats, Integers
 from traverse.kinematics.arm_file.arm import StrictModel, read_strict
 from traverse.kinematics.effect_table import Vector
 
@@ -69,7 +69,7 @@ def volume_picture(
     return lines
 
 
-def volume_counts(places_mm: NDArray[np.float64], plan: PlanFile) -> NDArray[np.int64]:
+def volume_counts(places_mm: Floats, plan: PlanFile) -> Integers:
     """Count places (n, 3) in shells and octants, (3, 8)."""
     from_middle_mm = places_mm - np.array(plan.centre_mm)
     away = np.linalg.norm(from_middle_mm, axis=1) / (plan.reach_mm or 1.0)

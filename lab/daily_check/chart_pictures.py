@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from traverse.arrays import Integers
 from traverse.lab.daily_check.control_chart import ChartPoint
 from traverse.lab.daily_check.false_alarm_rates import EWMA_LIMIT
 from traverse.lab.daily_check.report import DailyCheckReport, FigureChart
@@ -88,7 +88,7 @@ def chart_lines(chart: FigureChart, width: int = SHOWN) -> list[str]:
     ]
 
 
-def _paint_values(cell: Axes, chart: FigureChart, numbers: NDArray[np.int64]) -> None:
+def _paint_values(cell: Axes, chart: FigureChart, numbers: Integers) -> None:
     points = chart.points
     values = [_UM * p.value for p in points]
     cell.plot(numbers, values, color=GREY, linewidth=0.8)
@@ -116,7 +116,7 @@ def _paint_values(cell: Axes, chart: FigureChart, numbers: NDArray[np.int64]) ->
 
 def _paint(
     cell: Axes,
-    numbers: NDArray[np.int64],
+    numbers: Integers,
     values: list[float | None],
     chart: FigureChart,
 ) -> None:
@@ -127,7 +127,7 @@ def _paint(
 
 def _mark(
     cell: Axes,
-    numbers: NDArray[np.int64],
+    numbers: Integers,
     values: list[float],
     points: tuple[ChartPoint, ...],
 ) -> None:

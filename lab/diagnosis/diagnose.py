@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from time import perf_counter
 
 import numpy as np
-from numpy.typing import NDArray
 
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
@@ -36,8 +35,6 @@ from traverse.lab.diagnosis.search.forward_search import Progress, refitted
 from traverse.lab.diagnosis.search.naming import NamedTerm
 
 __all__ = ["DiagnosisOptions", "diagnose"]
-
-Booleans = NDArray[np.bool_]
 
 
 def diagnose(

@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Booleans
 from traverse.kinematics.effects.readings.empirical import Empirical
 from traverse.lab.diagnosis.advice.experiments import separate_by
 from traverse.lab.diagnosis.advice.minimal_detectable import detectable
@@ -25,8 +25,6 @@ from traverse.lab.diagnosis.search.decision import Decision
 from traverse.lab.diagnosis.search.forward_search import SearchState
 from traverse.lab.diagnosis.search.naming import NamedTerm
 from traverse.lab.diagnosis.search.selection import ScoredCandidate, ranked
-
-Booleans = NDArray[np.bool_]
 
 _LOG_10 = float(np.log(10.0))
 # The weakest first.

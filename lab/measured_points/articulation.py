@@ -3,11 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.lab.measured_points.measurement import ArtefactTouches
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

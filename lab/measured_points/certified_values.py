@@ -1,7 +1,6 @@
 """What the certificates of artefacts say, as acceptance needs it."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from traverse.lab.artefacts import Artefact
 from traverse.lab.artefacts.ball_bar import BallBar
@@ -9,8 +8,6 @@ from traverse.lab.artefacts.parallel_planes import ParallelPlanes
 from traverse.lab.artefacts.points import Points
 from traverse.lab.artefacts.sphere import Sphere
 from traverse.lab.measured_points.measurement import ArtefactTouches
-
-Floats = NDArray[np.float64]
 
 
 class IncompleteError(ValueError):

@@ -3,14 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.fits import Sphere, fit_sphere, fit_sphere_of_radius
 from traverse.lab.artefacts.sphere import Sphere as TestSphere
 from traverse.lab.measured_points.certified_values import IncompleteError, growth
 from traverse.lab.measured_points.measurement import ArtefactTouches
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

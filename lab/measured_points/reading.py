@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import tomlkit
-from numpy.typing import NDArray
 
+from traverse.arrays import Integers
 from traverse.kinematics.arm_file.arm import Arm, Effect, FileError, Problem, parse_arm
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.arm_effects import effects_of
@@ -30,8 +30,6 @@ from traverse.lab.identification.equations.plausible_sizes import (
 from traverse.lab.measured_points.measurement import Measurement, measurement_of_touches
 from traverse.lab.measured_points.points_table import is_point_table, read_points_table
 from traverse.recording.reader import read_recording
-
-Floats = NDArray[np.float64]
 
 
 def read_measured(data: Path, arm: Arm) -> Measurement:
@@ -158,7 +156,7 @@ def _flag_notes(flags: PoseFlags) -> Iterator[str]:
 
 
 def _runs(
-    lines: NDArray[np.int64], artefacts: Sequence[str], features: Sequence[str]
+    lines: Integers, artefacts: Sequence[str], features: Sequence[str]
 ) -> list[list[int]]:
     """Group samples that follow one another on the same feature: one touch each."""
     groups: list[list[int]] = []

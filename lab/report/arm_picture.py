@@ -14,13 +14,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.model.forward import joint_positions
 from traverse.kinematics.model.geometry import Geometry, geometry_from_arm
-
-Floats = NDArray[np.float64]
 
 _BASE, _LINK, _HINGE, _PROBE = "#2b3136", "#5b6770", "#c8472b", "#1f6fb2"
 _FAINT = "#b9c0c6"

@@ -1,10 +1,9 @@
 """Tails of distributions: the only place of the package that meets scipy."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
-Floats = NDArray[np.float64]
+from traverse.arrays import Floats
 
 
 def chi_square_p_value(statistic: float, degrees: float) -> float:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from traverse.arrays import Floats, Integers
 from traverse.protocol.messages.array_field import ArrayField
 from traverse.protocol.messages.fields import (
     ArmName,
@@ -18,10 +19,10 @@ from traverse.protocol.messages.fields import (
 )
 
 ScanMode = Literal["time", "distance", "planes"]
-Coordinates = Annotated[NDArray[np.float64], ArrayField("float64", ("n", 3))]
-JointAngles = Annotated[NDArray[np.float64], ArrayField("float64", ("n", "joints"))]
-JointCounts = Annotated[NDArray[np.int64], ArrayField("int64", ("n", "joints"))]
-Offsets = Annotated[NDArray[np.int64], ArrayField("int64", ("n",))]
+Coordinates = Annotated[Floats, ArrayField("float64", ("n", 3))]
+JointAngles = Annotated[Floats, ArrayField("float64", ("n", "joints"))]
+JointCounts = Annotated[Integers, ArrayField("int64", ("n", "joints"))]
+Offsets = Annotated[Integers, ArrayField("int64", ("n",))]
 Bits = Annotated[NDArray[np.uint32], ArrayField("uint32", ("n",))]
 
 

@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from traverse.simulator.arm.physics import Floats
+from traverse.arrays import Floats, Integers
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,15 +19,13 @@ class EncoderSet:
         noise_rad: Standard deviation of a reading.
     """
 
-    joints: NDArray[np.int64]
-    counts_per_turn: NDArray[np.int64]
-    signs: NDArray[np.int64]
-    moduli: NDArray[np.int64]
+    joints: Integers
+    counts_per_turn: Integers
+    signs: Integers
+    moduli: Integers
     noise_rad: float
 
-    def counts(
-        self, readings_rad: Floats, noise: np.random.Generator
-    ) -> NDArray[np.int64]:
+    def counts(self, readings_rad: Floats, noise: np.random.Generator) -> Integers:
         """Quantise readings (n, n_joints) to counts (n, n_channels) below the moduli.
 
         The generator is drawn from row by row, so that cutting a stream into blocks

@@ -12,9 +12,9 @@ Nakamura and Hanafusa (1986), J. Dyn. Sys. Meas. Control 108.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from traverse.simulator.arm.physics import Floats, Mechanism, probe_pose, probe_rates
+from traverse.arrays import Booleans, Floats
+from traverse.simulator.arm.physics import Mechanism, probe_pose, probe_rates
 
 N_SEARCH_STEPS = 40
 N_EXACT_STEPS = 6
@@ -42,7 +42,7 @@ class Reach:
 
     def postures(
         self, targets_mm: Floats, shanks: Floats, tilt_rad: float
-    ) -> tuple[Floats, NDArray[np.bool_]]:
+    ) -> tuple[Floats, Booleans]:
         """Find a posture for every target, each from a random start.
 
         Args:

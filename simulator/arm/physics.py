@@ -12,9 +12,8 @@ Sastry, A Mathematical Introduction to Robotic Manipulation (1994), chapter 3.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from traverse.arrays import Floats
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,9 +3,8 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from traverse.simulator.arm.physics import Floats
+from traverse.arrays import Floats, Indices
 
 STANDING_RAD_S = 1e-9  # slower is no motion
 NEARLY_OVER = 1.0 - 1e-3  # of a piece, where those that end at rest still move
@@ -73,7 +72,7 @@ class Trajectory:
             senses[piece + 1] = np.where(moving, np.sign(rate), senses[piece])
         return senses
 
-    def _rates(self, piece: NDArray[np.intp], u: Floats) -> Floats:
+    def _rates(self, piece: Indices, u: Floats) -> Floats:
         """Derivatives by u, (n, n_joints)."""
         terms = self.coefficients[piece]
         rates = 5.0 * terms[:, 5]
@@ -81,7 +80,7 @@ class Trajectory:
             rates = rates * u + power * terms[:, power]
         return rates
 
-    def _places(self, times_s: Floats) -> tuple[NDArray[np.intp], Floats, Floats]:
+    def _places(self, times_s: Floats) -> tuple[Indices, Floats, Floats]:
         """Pieces (n,), where in them (n, 1) and how long they are (n, 1)."""
         at = np.clip(times_s, 0.0, self.breaks_s[-1])
         piece = np.searchsorted(self.breaks_s, at, side="right") - 1

@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
-from traverse.simulator.arm.physics import Floats, Mechanism
+from traverse.simulator.arm.physics import Mechanism
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from traverse.simulator.arm.physics import Floats, probe_rates
-from traverse.simulator.campaigns.artefacts.artefact import Indices
+from traverse.arrays import Floats, Indices
+from traverse.simulator.arm.physics import probe_rates
 from traverse.simulator.campaigns.campaign import Blunder, Names
 from traverse.simulator.campaigns.noise import contact_stds, encoder_stds
 from traverse.simulator.campaigns.pose_set import PoseSet

@@ -6,8 +6,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Effect
-from traverse.simulator.arm.physics import Floats, probe_pose
+from traverse.simulator.arm.physics import probe_pose
 from traverse.simulator.arm.truth import TrueArm
 from traverse.simulator.campaigns.pose_set import PlacedArtefact
 from traverse.simulator.campaigns.spec import BlunderKind

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.simulator.arm.physics import Floats
+from traverse.arrays import Floats
 from traverse.simulator.campaigns.spec import ConditionTable
 
 JITTER = 0.4  # of the interval from pose to pose, either way

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
-from traverse.simulator.arm.physics import Floats
 from traverse.simulator.campaigns.artefacts.artefact import Table
 from traverse.simulator.campaigns.blunders import spoilt_poses
 from traverse.simulator.campaigns.campaign import (

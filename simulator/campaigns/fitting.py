@@ -4,8 +4,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm, Problem
-from traverse.simulator.arm.physics import Floats, Mechanism, probe_pose
+from traverse.simulator.arm.physics import Mechanism, probe_pose
 from traverse.simulator.campaigns.artefacts import Artefact
 from traverse.simulator.campaigns.mixes import mix_artefacts
 from traverse.simulator.campaigns.postures import drawn_turns

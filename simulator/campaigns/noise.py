@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from traverse.simulator.arm.physics import Floats
+from traverse.arrays import Floats
 from traverse.simulator.campaigns.pose_set import PoseSet
 from traverse.simulator.campaigns.spec import NoiseTable
 

@@ -5,11 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from traverse.arrays import Floats, Indices
 from traverse.kinematics.arm_file.arm import Arm, Effect
-from traverse.simulator.arm.physics import Floats
 from traverse.simulator.arm.truth import TrueArm
 from traverse.simulator.campaigns.artefacts import Artefact
-from traverse.simulator.campaigns.artefacts.artefact import Indices
 from traverse.simulator.campaigns.artefacts.placement import Placement
 from traverse.simulator.campaigns.conditions import Conditions
 from traverse.simulator.campaigns.spec import CampaignSpec

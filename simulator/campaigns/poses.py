@@ -3,17 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats, Indices
 from traverse.kinematics.arm_file.arm import Arm, FileError
-from traverse.simulator.arm.physics import Floats, probe_pose
+from traverse.simulator.arm.physics import probe_pose
 from traverse.simulator.arm.truth import Deviations, TrueArm, true_arm
 from traverse.simulator.campaigns.artefacts import Artefact
-from traverse.simulator.campaigns.artefacts.artefact import (
-    REFERENCE_C,
-    Contacts,
-    Indices,
-)
+from traverse.simulator.campaigns.artefacts.artefact import REFERENCE_C, Contacts
 from traverse.simulator.campaigns.conditions import Conditions, drawn_conditions
 from traverse.simulator.campaigns.fitting import misfits, spec_artefacts
 from traverse.simulator.campaigns.pose_set import PlacedArtefact, PoseSet
@@ -129,7 +125,7 @@ class _Touching:
         n_poses = len(self.artefact_index)
         turns_rad = np.empty((n_poses, self.truth.mechanism.n_joints))
         towards = np.empty((n_poses, 3))
-        missing: NDArray[np.intp] = np.arange(n_poses)
+        missing: Indices = np.arange(n_poses)
         for _ in range(N_REDRAWS):
             contacts = self._contacts(missing, rng)
             found, reached = reaching_postures(

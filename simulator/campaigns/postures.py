@@ -6,11 +6,9 @@ so that postures vary.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-from traverse.simulator.arm.physics import Floats, Mechanism, probe_pose, probe_rates
-
-Flags = NDArray[np.bool_]
+from traverse.arrays import Booleans, Floats
+from traverse.simulator.arm.physics import Mechanism, probe_pose, probe_rates
 
 TOLERANCE_MM = 3e-10
 N_STEPS = 14  # a new start then costs less than more of them
@@ -28,7 +26,7 @@ def reaching_postures(
     targets_mm: Floats,
     rng: np.random.Generator,
     n_rounds: int = 10,
-) -> tuple[Floats, Flags]:
+) -> tuple[Floats, Booleans]:
     """Find a posture for every target.
 
     Args:
@@ -114,7 +112,7 @@ def contact_rates(mechanism: Mechanism, turns_rad: Floats) -> Floats:
 
 def _solved(
     mechanism: Mechanism, limits_rad: Floats, targets_mm: Floats, starts_rad: Floats
-) -> tuple[Floats, Flags]:
+) -> tuple[Floats, Booleans]:
     """Go from starts (n, n_joints) to targets (n, 3); rows leave when they arrive."""
     low, high = limits_rad.T
     turns_rad = starts_rad

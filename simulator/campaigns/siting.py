@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from traverse.simulator.arm.physics import Floats, Mechanism, probe_pose
+from traverse.arrays import Floats
+from traverse.simulator.arm.physics import Mechanism, probe_pose
 from traverse.simulator.campaigns.artefacts import Artefact
 from traverse.simulator.campaigns.artefacts.placement import Placement, drawn_rotation
 from traverse.simulator.campaigns.postures import drawn_turns, reaching_postures

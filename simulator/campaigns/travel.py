@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
-from traverse.simulator.arm.physics import Floats, Mechanism
+from traverse.arrays import Booleans, Floats
+from traverse.simulator.arm.physics import Mechanism
 
 # Largest turns of rolls and of hinges, in degrees.
 TRAVELS_DEG: Mapping[str, tuple[float, float]] = {
@@ -26,7 +26,7 @@ def travel_limits(mechanism: Mechanism, travel: str) -> Floats:
     return np.stack([-largest, largest], axis=1)
 
 
-def _rolls(mechanism: Mechanism) -> NDArray[np.bool_]:
+def _rolls(mechanism: Mechanism) -> Booleans:
     """Which joints (n_joints,) are rolls; an element of no length does not tell."""
     ends_mm = np.vstack([mechanism.origins_mm[1:], mechanism.probe_mm])
     rolls = np.zeros(mechanism.n_joints, dtype=bool)

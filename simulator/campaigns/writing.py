@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm, Joint, write_arm
-from traverse.simulator.arm.physics import Floats
 from traverse.simulator.arm.truth import TrueArm
 from traverse.simulator.campaigns.campaign import (
     Campaign,

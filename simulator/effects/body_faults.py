@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from traverse.simulator.arm.physics import Floats
+from traverse.arrays import Floats
 from traverse.simulator.effects.fault import BodyFault
 from traverse.simulator.effects.posture import Posture
 from traverse.simulator.effects.yielding import Deflection

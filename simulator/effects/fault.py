@@ -6,7 +6,7 @@ Any fault of one of them can be played, whether an arm file can name it or not.
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
-from traverse.simulator.arm.physics import Floats
+from traverse.arrays import Floats
 from traverse.simulator.effects.posture import Build, Posture
 from traverse.simulator.effects.surroundings import Surroundings
 from traverse.simulator.effects.yielding import Deflection

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
-from traverse.simulator.arm.physics import Floats, Mechanism, probe_rates
+from traverse.simulator.arm.physics import Mechanism, probe_rates
 from traverse.simulator.effects.fault import (
     BodyFault,
     Fault,

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm, Effect, FileError, Problem
-from traverse.simulator.arm.physics import Floats
 from traverse.simulator.effects.empirical_fault import OF_ARM, OF_JOINT
 from traverse.simulator.effects.fault import Fault
 from traverse.simulator.effects.makers import MAKERS, EffectEntry, covariate_of

@@ -5,8 +5,9 @@ from functools import cached_property
 
 import numpy as np
 
+from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
-from traverse.simulator.arm.physics import Floats, Mechanism, body_motions
+from traverse.simulator.arm.physics import Mechanism, body_motions
 from traverse.simulator.effects.surroundings import Surroundings
 
 M_PER_MM = 1e-3

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from traverse.simulator.arm.physics import Floats, turn_matrices
+from traverse.arrays import Floats
+from traverse.simulator.arm.physics import turn_matrices
 from traverse.simulator.effects.posture import Build
 
 

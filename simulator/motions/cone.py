@@ -3,8 +3,9 @@
 import numpy as np
 from pydantic import Field
 
+from traverse.arrays import Floats
 from traverse.simulator.arm.inverse import TOLERANCE_MM
-from traverse.simulator.arm.physics import Floats, probe_pose
+from traverse.simulator.arm.physics import probe_pose
 from traverse.simulator.arm.trajectory import spline_pieces
 from traverse.simulator.motions.motion import Direction, Motion, Vector
 from traverse.simulator.motions.spread import unit

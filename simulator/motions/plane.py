@@ -1,10 +1,9 @@
 """Plane: a grid of points on a flat surface is touched."""
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
-from traverse.simulator.arm.physics import Floats
+from traverse.arrays import Booleans, Floats
 from traverse.simulator.motions.motion import Direction, Motion, Vector
 from traverse.simulator.motions.spread import crossed, unit
 from traverse.simulator.motions.stage import CourseBuilder
@@ -36,7 +35,7 @@ class Plane(Motion):
                     Contact(self.artefact, self.feature, surface_mm, normal)
                 )
 
-        def is_clear(places_mm: Floats, ball_mm: float) -> NDArray[np.bool_]:
+        def is_clear(places_mm: Floats, ball_mm: float) -> Booleans:
             heights: Floats = (places_mm - centre_mm) @ normal
             return heights > ball_mm
 

@@ -3,10 +3,9 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
-from traverse.simulator.arm.physics import Floats
+from traverse.arrays import Booleans, Floats
 from traverse.simulator.motions.motion import Direction, Motion, Vector
 from traverse.simulator.motions.spread import cap_directions, unit
 from traverse.simulator.motions.stage import CourseBuilder
@@ -39,7 +38,7 @@ def sphere_contacts(
     centre_mm: Floats,
     radius_mm: float,
     cap: tuple[Floats, float, int],
-) -> tuple[list[Contact], Callable[[Floats, float], NDArray[np.bool_]]]:
+) -> tuple[list[Contact], Callable[[Floats, float], Booleans]]:
     """Contacts over a cap of a sphere.
 
     Args:
@@ -52,7 +51,7 @@ def sphere_contacts(
         The contacts, and whether balls at places (n, 3) of some radius are outside.
     """
 
-    def is_clear(places_mm: Floats, ball_mm: float) -> NDArray[np.bool_]:
+    def is_clear(places_mm: Floats, ball_mm: float) -> Booleans:
         distances_mm: Floats = np.linalg.norm(places_mm - centre_mm, axis=1)
         return distances_mm > radius_mm + ball_mm
 

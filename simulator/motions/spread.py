@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from traverse.simulator.arm.physics import Floats
+from traverse.arrays import Floats
 
 
 def crossed(normal: Floats) -> tuple[Floats, Floats]:

@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Booleans, Floats
 from traverse.simulator.arm.inverse import Reach
-from traverse.simulator.arm.physics import Floats, probe_pose
+from traverse.simulator.arm.physics import probe_pose
 from traverse.simulator.arm.trajectory import (
     Trajectory,
     move_pieces,
@@ -17,7 +17,7 @@ from traverse.simulator.arm.trajectory import (
 )
 from traverse.simulator.scenario.script import ScriptEvent
 
-IsClear = Callable[[Floats, float], NDArray[np.bool_]]
+IsClear = Callable[[Floats, float], Booleans]
 N_DETOURS = 40
 
 

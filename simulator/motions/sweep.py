@@ -5,7 +5,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from traverse.simulator.arm.physics import Floats
+from traverse.arrays import Floats
 from traverse.simulator.motions.motion import Direction, Motion, Vector
 from traverse.simulator.motions.spread import crossed, unit
 from traverse.simulator.motions.stage import CourseBuilder

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import Field
 
+from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import StrictModel
-from traverse.simulator.arm.physics import Floats, probe_pose
+from traverse.simulator.arm.physics import probe_pose
 from traverse.simulator.effects import FaultyArm, Surroundings
 from traverse.simulator.scenario.script import Script, ScriptEvent
 

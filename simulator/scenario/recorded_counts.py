@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats, Integers
 from traverse.kinematics.arm_file.arm import FileError, Problem
-from traverse.simulator.arm.physics import Floats
 
 INPUTS = ("button", "switch")
 
@@ -27,7 +26,7 @@ class Recording:
     """
 
     times_s: Floats
-    columns: Mapping[str, NDArray[np.int64]]
+    columns: Mapping[str, Integers]
 
     @property
     def duration_s(self) -> float:
@@ -59,22 +58,22 @@ class RecordedCounts:
 
     times_s: Floats
     unwrapped: Floats
-    moduli: NDArray[np.int64]
+    moduli: Integers
     repeat: bool
 
-    def counts(self, script_s: Floats, noise: np.random.Generator) -> NDArray[np.int64]:
+    def counts(self, script_s: Floats, noise: np.random.Generator) -> Integers:
         """Counts (n, n_channels) at times (n,) of the script."""
         del noise  # a recording has its own
         if self.repeat:
             script_s = script_s % self.times_s[-1]
         between = [np.interp(script_s, self.times_s, c) for c in self.unwrapped.T]
         counts = np.rint(np.stack(between, axis=1)).astype(np.int64)
-        wrapped: NDArray[np.int64] = counts % self.moduli
+        wrapped: Integers = counts % self.moduli
         return wrapped
 
 
 def recorded_counts(
-    recording: Recording, names: list[str], moduli: NDArray[np.int64], repeat: bool
+    recording: Recording, names: list[str], moduli: Integers, repeat: bool
 ) -> RecordedCounts:
     """Take the channels of one device; differences are taken nearest zero."""
     wrapped = np.stack([recording.columns[name] for name in names], axis=1)

@@ -6,6 +6,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from traverse.arrays import Floats
+
 
 @dataclass(frozen=True, slots=True)
 class InputChange:
@@ -50,7 +52,7 @@ class LatchSource(Protocol):
     """What the board is wired to."""
 
     def latch(
-        self, times_s: NDArray[np.float64], edge: bool
+        self, times_s: Floats, edge: bool
     ) -> tuple[NDArray[np.uint32], NDArray[np.uint8]]:
         """Counts and status (n, n_channels) at times (n,)."""
 

@@ -7,8 +7,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from traverse.arrays import Booleans, Floats, Integers
 from traverse.simulator.arm.encoder import EncoderSet
-from traverse.simulator.arm.physics import Floats
 from traverse.simulator.scenario.course import Course
 from traverse.simulator.scenario.faults import EncoderFault, JumpFault, StatusFault
 from traverse.simulator.scenario.script import Script, ScriptEvent
@@ -18,7 +18,7 @@ from traverse.simulator.scenario.signals import AlarmChange, InputChange
 class CountSource(Protocol):
     """Where counts come from."""
 
-    def counts(self, script_s: Floats, noise: np.random.Generator) -> NDArray[np.int64]:
+    def counts(self, script_s: Floats, noise: np.random.Generator) -> Integers:
         """Counts (n, n_channels) at times (n,) of the script."""
 
 
@@ -29,7 +29,7 @@ class ScriptedCounts:
     course: Course
     encoders: EncoderSet
 
-    def counts(self, script_s: Floats, noise: np.random.Generator) -> NDArray[np.int64]:
+    def counts(self, script_s: Floats, noise: np.random.Generator) -> Integers:
         """Counts (n, n_channels) at times (n,) of the script."""
         return self.encoders.counts(self.course.readings_rad(script_s), noise)
 
@@ -76,7 +76,7 @@ class Wiring:
         *,
         inputs: Sequence[str],
         faults: Sequence[EncoderFault],
-        moduli: NDArray[np.int64],
+        moduli: Integers,
         seed: Sequence[int],
         from_script_s: float = 0.0,
     ) -> None:
@@ -168,8 +168,8 @@ class Wiring:
     def _spoil(
         self,
         fault: EncoderFault,
-        struck: NDArray[np.bool_],
-        counts: NDArray[np.int64],
+        struck: Booleans,
+        counts: Integers,
         status: NDArray[np.uint8],
     ) -> None:
         channel = fault.channel

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from traverse.arrays import Floats, Integers
 from traverse.kinematics.effects.base.covariate import Covariate, Need
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +39,7 @@ class Block:
     approaches: Floats | None = None
     temperature_c: Floats | None = None
     joint_temperatures_c: Floats | None = None
-    utc_ns: NDArray[np.int64] | None = None
+    utc_ns: Integers | None = None
     campaign_s: Floats | None = None
     directions: Floats | None = None
     force_n: Floats | None = None

@@ -5,15 +5,14 @@ from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Booleans, Floats
 from traverse.kinematics.model.batched_quaternions import rotated
 from traverse.kinematics.model.geometry import Geometry
 
 if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Arm
 
-Floats = NDArray[np.float64]
 
 _M_PER_MM = 1e-3
 
@@ -35,7 +34,7 @@ class Bodies:
     probe_mass_kg: float
 
     @cached_property
-    def are_known_beyond(self) -> NDArray[np.bool_]:
+    def are_known_beyond(self) -> Booleans:
         """Whether any mass is known from each joint outwards, (n_joints,)."""
         known = np.isfinite(self.masses_kg)
         known[-1] |= np.isfinite(self.probe_mass_kg)

@@ -8,15 +8,13 @@ shank s, both in the base posture and carried along by P_n.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.bodies import dot
 from traverse.kinematics.effects.mechanics.axis_motion import across
 from traverse.kinematics.model.batched_quaternions import rotated
 from traverse.kinematics.model.geometry import Geometry
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

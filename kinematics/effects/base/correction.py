@@ -16,8 +16,8 @@ from enum import Enum, auto
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Booleans, Floats
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.covariate import Need
@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from traverse.kinematics.effects.base.contact import Contact
     from traverse.kinematics.effects.base.posture import Posture
 
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 FlagName = Literal["stale_effect", "surface_unknown", "empirical", "beyond_knots"]
 
 

@@ -4,11 +4,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Booleans, Floats, Integers
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.context import EffectContext
-from traverse.kinematics.effects.base.correction import Booleans, Floats
 from traverse.kinematics.kernel.terms import Quantity, Source
 
 if TYPE_CHECKING:
@@ -82,7 +81,7 @@ class StepTime:
         return Quantity(Source.STEP, reference=self.at_s, span_ns=span_ns)
 
 
-def _utc_ns(block: Block) -> NDArray[np.int64]:
+def _utc_ns(block: Block) -> Integers:
     if block.utc_ns is None:
         raise ValueError("block: utc_ns is absent, expected one value a sample")
     return block.utc_ns

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.bodies import Bodies, gravity_moments_nm
 from traverse.kinematics.model.batched_quaternions import (
@@ -19,8 +19,6 @@ from traverse.kinematics.model.batched_quaternions import (
 )
 from traverse.kinematics.model.geometry import Geometry
 from traverse.kinematics.model.quaternion import turn
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

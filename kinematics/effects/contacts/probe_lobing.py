@@ -12,8 +12,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from traverse.arrays import Floats
 from traverse.kinematics.effects.base.contact import Contact
-from traverse.kinematics.effects.base.correction import Floats
 from traverse.kinematics.effects.contacts.touching import Touching
 
 

@@ -10,8 +10,8 @@ radius_error_mm.
 from dataclasses import dataclass
 from typing import ClassVar
 
+from traverse.arrays import Floats
 from traverse.kinematics.effects.base.contact import Contact
-from traverse.kinematics.effects.base.correction import Floats
 from traverse.kinematics.effects.contacts.touching import Touching
 
 

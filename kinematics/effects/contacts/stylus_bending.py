@@ -11,9 +11,9 @@ with d the direction towards the material and s the shank. An unknown force is 1
 from dataclasses import dataclass
 from typing import ClassVar
 
+from traverse.arrays import Floats
 from traverse.kinematics.effects.base.bodies import dot
 from traverse.kinematics.effects.base.contact import Contact
-from traverse.kinematics.effects.base.correction import Floats
 from traverse.kinematics.effects.contacts.touching import Touching
 
 

@@ -6,13 +6,10 @@ from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
+from traverse.arrays import Booleans
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.context import EffectContext
-from traverse.kinematics.effects.base.correction import (
-    Booleans,
-    ContactCorrection,
-    FlagName,
-)
+from traverse.kinematics.effects.base.correction import ContactCorrection, FlagName
 
 if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Effect

@@ -8,7 +8,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from traverse.kinematics.effects.base.correction import BodyCorrection, Floats
+from traverse.arrays import Floats
+from traverse.kinematics.effects.base.correction import BodyCorrection
 from traverse.kinematics.effects.base.posture import Posture
 from traverse.kinematics.kernel.terms import Form, Term
 from traverse.kinematics.model.geometry import Geometry

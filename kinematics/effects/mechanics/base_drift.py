@@ -8,9 +8,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
+from traverse.arrays import Booleans, Floats
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.context import EffectContext
-from traverse.kinematics.effects.base.correction import Booleans, FlagName, Floats
+from traverse.kinematics.effects.base.correction import FlagName
 from traverse.kinematics.effects.base.epochs import DriftTime
 from traverse.kinematics.effects.mechanics.base_motion import BaseMotion
 

@@ -6,8 +6,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from traverse.arrays import Floats
 from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.effects.base.correction import BodyCorrection, Floats, Target
+from traverse.kinematics.effects.base.correction import BodyCorrection, Target
 from traverse.kinematics.effects.base.covariate import Covariate, Need
 from traverse.kinematics.effects.base.epochs import DriftTime, StepTime
 from traverse.kinematics.effects.base.posture import Posture

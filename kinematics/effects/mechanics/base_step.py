@@ -6,9 +6,9 @@ The moment is not a parameter: nothing can be differentiated for it. It is scann
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
+from traverse.arrays import Floats
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.context import EffectContext
-from traverse.kinematics.effects.base.correction import Floats
 from traverse.kinematics.effects.base.epochs import StepTime
 from traverse.kinematics.effects.mechanics.base_motion import BaseMotion
 

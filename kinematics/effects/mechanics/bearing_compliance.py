@@ -8,8 +8,9 @@ The body carried by the joint turns by w about the joint's origin.
 from dataclasses import dataclass
 from typing import ClassVar
 
+from traverse.arrays import Floats
 from traverse.kinematics.effects.base.bodies import dot
-from traverse.kinematics.effects.base.correction import Floats, Target
+from traverse.kinematics.effects.base.correction import Target
 from traverse.kinematics.effects.base.posture import Posture
 from traverse.kinematics.effects.mechanics.compliance import Compliance
 from traverse.kinematics.kernel.terms import Form

@@ -8,8 +8,9 @@ a_k the axis, M_k the moment about the joint's origin of all weights beyond it.
 from dataclasses import dataclass
 from typing import ClassVar
 
+from traverse.arrays import Floats
 from traverse.kinematics.effects.base.bodies import dot
-from traverse.kinematics.effects.base.correction import Floats, Target
+from traverse.kinematics.effects.base.correction import Target
 from traverse.kinematics.effects.base.posture import Posture
 from traverse.kinematics.effects.mechanics.compliance import Compliance
 from traverse.kinematics.kernel.terms import Form

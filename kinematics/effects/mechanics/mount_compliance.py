@@ -9,8 +9,9 @@ gravity: it has no part along it, and all of it counts as across.
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
+from traverse.arrays import Floats
 from traverse.kinematics.effects.base.context import EffectContext
-from traverse.kinematics.effects.base.correction import Floats, Target
+from traverse.kinematics.effects.base.correction import Target
 from traverse.kinematics.effects.base.posture import Posture
 from traverse.kinematics.effects.mechanics.compliance import Compliance
 from traverse.kinematics.kernel.terms import Form

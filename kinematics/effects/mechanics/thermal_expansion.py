@@ -9,8 +9,9 @@ is no element: it does not grow.
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
+from traverse.arrays import Floats
 from traverse.kinematics.effects.base.context import EffectContext
-from traverse.kinematics.effects.base.correction import BodyCorrection, Floats, Target
+from traverse.kinematics.effects.base.correction import BodyCorrection, Target
 from traverse.kinematics.effects.base.covariate import Covariate, Need, needs_of
 from traverse.kinematics.effects.base.posture import Posture
 from traverse.kinematics.kernel.terms import Form, Quantity, Source, Term

@@ -10,8 +10,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from traverse.arrays import Floats
 from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.effects.base.correction import Floats
 from traverse.kinematics.effects.base.covariate import Covariate, Need
 from traverse.kinematics.effects.readings.single_rate import SingleRate
 from traverse.kinematics.kernel.terms import Quantity, Source

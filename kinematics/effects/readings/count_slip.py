@@ -8,9 +8,9 @@ The moment is not a parameter: nothing can be differentiated for it. It is scann
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
+from traverse.arrays import Floats
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.context import EffectContext
-from traverse.kinematics.effects.base.correction import Floats
 from traverse.kinematics.effects.base.covariate import Covariate, Need
 from traverse.kinematics.effects.base.epochs import StepTime
 from traverse.kinematics.effects.readings.single_rate import SingleRate

@@ -12,14 +12,10 @@ from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
+from traverse.arrays import Booleans, Floats
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.context import EffectContext
-from traverse.kinematics.effects.base.correction import (
-    Booleans,
-    FlagName,
-    Floats,
-    ReadingCorrection,
-)
+from traverse.kinematics.effects.base.correction import FlagName, ReadingCorrection
 from traverse.kinematics.effects.base.covariate import Covariate, Need
 from traverse.kinematics.effects.readings.spline import spline_amounts, spline_numbers
 from traverse.kinematics.kernel.terms import Form, Quantity, Source, Term

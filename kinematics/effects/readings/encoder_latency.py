@@ -8,8 +8,8 @@ Without a joint it is the same for all of them: a clock, not a filter.
 from dataclasses import dataclass
 from typing import ClassVar
 
+from traverse.arrays import Floats
 from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.effects.base.correction import Floats
 from traverse.kinematics.effects.base.covariate import Covariate, Need, needs_of
 from traverse.kinematics.effects.readings.single_rate import SingleRate
 from traverse.kinematics.kernel.terms import Quantity, Source

@@ -8,9 +8,9 @@ T is the joint's own temperature where it is known, else the arm's.
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
+from traverse.arrays import Floats
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.context import EffectContext
-from traverse.kinematics.effects.base.correction import Floats
 from traverse.kinematics.effects.base.covariate import Covariate, Need
 from traverse.kinematics.effects.readings.single_rate import SingleRate
 from traverse.kinematics.kernel.terms import Quantity, Source

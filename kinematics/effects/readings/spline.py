@@ -11,9 +11,8 @@ m is linear in the values, so s is a sum of value times a spline that is 1 at it
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from traverse.arrays import Floats
 
 
 def spline_amounts(knots: tuple[float, ...], at: Floats) -> Floats:

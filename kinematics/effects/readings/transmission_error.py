@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
+from traverse.arrays import Floats
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.context import EffectContext
-from traverse.kinematics.effects.base.correction import Floats, ReadingCorrection
+from traverse.kinematics.effects.base.correction import ReadingCorrection
 from traverse.kinematics.kernel.terms import Form, Term
 from traverse.kinematics.model.geometry import Geometry
 

@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from traverse.lab.acceptance.conformity.figure import (
     Figure,
@@ -20,8 +19,6 @@ from traverse.lab.acceptance.procedures.probing import decided, exactly
 from traverse.lab.measured_points.articulation import articulation_of
 from traverse.lab.measured_points.certified_values import IncompleteError
 from traverse.lab.measured_points.measurement import Measurement
-
-Floats = NDArray[np.float64]
 
 ZONES = {"near": (0.0, 0.2), "middle": (0.2, 0.8), "far": (0.8, 1.0)}
 N_BARS = 20

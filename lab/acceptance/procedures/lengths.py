@@ -13,7 +13,6 @@ other, in the order of time; of two seats the r-th touches of both belong togeth
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from traverse.lab.acceptance.conformity.figure import LengthError
 from traverse.lab.acceptance.conformity.limits import Limits
@@ -30,8 +29,6 @@ from traverse.lab.measured_points.certified_values import (
 )
 from traverse.lab.measured_points.fitted_sphere import fitted
 from traverse.lab.measured_points.measurement import ArtefactTouches, Measurement
-
-Floats = NDArray[np.float64]
 
 _LEAST_PER_PLANE = 3
 SET = 3

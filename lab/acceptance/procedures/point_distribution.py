@@ -3,11 +3,9 @@
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.lab.measured_points.measurement import ArtefactTouches, Measurement
-
-Floats = NDArray[np.float64]
 
 _LEAST_FROM_POLE = 75.0  # degrees; the pattern goes to 90
 _LARGEST_HOLE = 50.0  # degrees from a spot on the half sphere to the nearest touch

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.lab.campaign.campaign import Campaign
@@ -15,8 +15,6 @@ from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 from traverse.lab.diagnosis.model.result import Alternative
 from traverse.lab.diagnosis.search.naming import NamedTerm
-
-Floats = NDArray[np.float64]
 
 # Evidence that takes a name out of the printed set, as natural logarithm.
 _SETTLED = float(np.log(100.0))

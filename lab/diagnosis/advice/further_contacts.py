@@ -4,8 +4,8 @@ from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.model.forward import probe_centre
 from traverse.lab.campaign.campaign import Poses
 from traverse.lab.diagnosis.model.observation_equations import (
@@ -15,9 +15,6 @@ from traverse.lab.diagnosis.model.observation_equations import (
 from traverse.lab.identification.design.artefact_postures import reached
 from traverse.lab.identification.equations.network import State, stations
 from traverse.lab.identification.solve.adjustment import Adjustment, adjust
-
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 
 def further_contacts(

@@ -1,15 +1,12 @@
 """Why an effect cannot be seen at all, in words."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from traverse.kinematics.effect_table import EFFECT_KINDS, EffectKind, Family
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.lab.diagnosis.candidates.scoring import LEAST_SINGULAR_VALUE
 from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
-
-Floats = NDArray[np.float64]
 
 # An axis within that of the direction of gravity is vertical.
 _VERTICAL = 0.02

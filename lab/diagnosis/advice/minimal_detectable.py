@@ -14,9 +14,9 @@ its move of the probe, less what the estimated arm takes of it (external reliabi
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
+from traverse.arrays import Floats
 from traverse.kinematics.effect_table import key_unit
 from traverse.kinematics.model.forward import probe_centre
 from traverse.lab.diagnosis.advice.invisibility import reason
@@ -24,8 +24,6 @@ from traverse.lab.diagnosis.candidates.scoring import ProjectedCandidate, projec
 from traverse.lab.diagnosis.model.candidate import Bank, Candidate
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 from traverse.lab.diagnosis.model.result import Detectable
-
-Floats = NDArray[np.float64]
 
 POWER = 0.95
 # Of the bank of all names: its share of the level of a diagnosis.

@@ -14,9 +14,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
+from traverse.arrays import Floats, Integers
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Poses
 from traverse.lab.diagnosis.advice.further_contacts import (
@@ -30,9 +30,6 @@ from traverse.lab.diagnosis.candidates.steps import step_columns
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 from traverse.lab.diagnosis.model.terms import rows_without
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _SEED = 7
 _MOST_CONTACTS = 360

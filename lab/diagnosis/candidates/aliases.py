@@ -4,11 +4,9 @@ Correlations are those of the blocks as the data see them, the unknowns projecte
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.lab.diagnosis.candidates.scoring import ProjectedCandidate
-
-Floats = NDArray[np.float64]
 
 # Two blocks that explain a finding equally well to this part are one.
 ALIAS = 0.9995

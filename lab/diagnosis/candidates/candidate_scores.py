@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.diagnosis.candidates.curves import generic_bank
@@ -25,8 +24,6 @@ from traverse.lab.diagnosis.candidates.scoring import (
 from traverse.lab.diagnosis.candidates.steps import StepScan, scan_steps, step_bank
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

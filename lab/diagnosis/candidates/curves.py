@@ -6,8 +6,8 @@ nothing of itself behind. Knots are at quantiles of the covariate: each has its 
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.effects.mechanics.axis_motion import across
 from traverse.kinematics.effects.readings.empirical import Empirical
 from traverse.kinematics.effects.readings.spline import spline_amounts
@@ -20,8 +20,6 @@ from traverse.lab.diagnosis.model.covariates import (
     used_poses,
 )
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
-
-Floats = NDArray[np.float64]
 
 N_KNOTS = 10
 # Of a joint's angle over its own reading also so many: a fault of the encoder may be

@@ -5,7 +5,6 @@ too; whoever judges the bank sees that in how alike they are.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.readings.encoder_eccentricity import (
@@ -17,8 +16,6 @@ from traverse.lab.diagnosis.candidates.effect_factory import parameter_names
 from traverse.lab.diagnosis.candidates.priors import column_scales
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
-
-Floats = NDArray[np.float64]
 
 HIGHEST_ORDER = 60
 

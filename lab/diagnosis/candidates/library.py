@@ -9,7 +9,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.effect_table import EFFECT_KINDS, EffectKind
@@ -29,8 +28,6 @@ from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
 from traverse.lab.diagnosis.model.covariates import course, used_poses, varies
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 from traverse.lab.identification.equations.plausible_sizes import campaign_span
-
-Floats = NDArray[np.float64]
 
 # Higher orders of the encoders are found by the bank of harmonics.
 HIGHEST_ORDER = 4

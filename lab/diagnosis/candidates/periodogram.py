@@ -9,8 +9,8 @@ has an order in the bank of harmonics, is left to the encoder.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.readings.transmission_error import TransmissionError
 from traverse.lab.diagnosis.candidates.effect_factory import parameter_names
@@ -20,8 +20,6 @@ from traverse.lab.diagnosis.candidates.scoring import log_evidences
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
 from traverse.lab.diagnosis.model.covariates import used_poses
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
-
-Floats = NDArray[np.float64]
 
 MOST_CYCLES = EFFECT_KINDS[TransmissionError.kind].most["cycles"]
 _SIZE_RAD = EFFECT_KINDS[TransmissionError.kind].size

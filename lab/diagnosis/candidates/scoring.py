@@ -14,14 +14,11 @@ after Teunissen; evidence after Jeffreys and Zellner).
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
+from traverse.arrays import Floats, Integers
 from traverse.lab.diagnosis.model.candidate import Bank, Candidate
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 # Factors of the plausible size that are tried, and what an unusual one costs.
 _FACTORS = 10.0 ** np.linspace(-1.5, 1.5, 31)

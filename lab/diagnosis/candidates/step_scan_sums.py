@@ -9,16 +9,13 @@ L^-T v takes the place of v, and c^T R^-1 c is a running sum over pairs of poses
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import (  # type: ignore[import-untyped] # scipy ships no types
     solve_triangular,
 )
 
+from traverse.arrays import Floats, Integers
 from traverse.lab.diagnosis.model.covariates import used_poses
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

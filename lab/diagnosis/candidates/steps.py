@@ -7,8 +7,8 @@ mean over all gaps: a moment that had to be looked for counts for less.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.mechanics.base_step import BaseStep
 from traverse.kinematics.effects.readings.count_slip import CountSlip
@@ -21,8 +21,6 @@ from traverse.lab.diagnosis.candidates.scoring import (
 from traverse.lab.diagnosis.candidates.step_scan_sums import StepSums, step_sums_of
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
-
-Floats = NDArray[np.float64]
 
 # Of the squared singular values: what differences of large sums leave of nothing.
 _ROUNDING = 1e-9

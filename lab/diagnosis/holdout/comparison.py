@@ -12,9 +12,9 @@ noise of the better one.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
+from traverse.arrays import Booleans, Floats
 from traverse.lab.diagnosis.holdout.prediction import predicted, with_noise
 from traverse.lab.diagnosis.model.result import HoldoutResult
 from traverse.lab.identification.equations.noise import Noise
@@ -23,9 +23,6 @@ from traverse.lab.identification.solve.options import Options
 from traverse.lab.identification.solve.pose_statistics import PoseStatistics
 from traverse.lab.identification.solve.snooping import robust_scale
 from traverse.lab.statistics.distributions import normal_quantile
-
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 # A gap below that many standard deviations of S is none to speak of.
 _LEAST_GAP = 3.0

@@ -8,13 +8,9 @@ would be predicted too well.
 from zlib import crc32
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Booleans, Integers
 from traverse.lab.campaign.campaign import Campaign
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
 
 PART = 0.3
 # Poses of a group, and how many groups an artefact is cut into where it has enough.

@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Booleans, Floats
 from traverse.lab.identification.equations.datum import scale_direction
 from traverse.lab.identification.equations.network import Station, has_length, stations
 from traverse.lab.identification.equations.noise import Noise
@@ -20,9 +20,6 @@ from traverse.lab.identification.solve.pose_statistics import (
 from traverse.lab.identification.solve.rank import split
 from traverse.lab.identification.solve.system import certified, linearise
 from traverse.lab.statistics.distributions import equivalent_normal
-
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 _STEPS = 8
 

@@ -10,11 +10,9 @@ from enum import Enum, auto
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.effect_table import EFFECT_KINDS, Family
-
-Floats = NDArray[np.float64]
 
 
 class BankName(Enum):

@@ -4,13 +4,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats, Integers
 from traverse.kinematics.effects.base.covariate import Covariate, Need
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 # Of the largest value: a spread below that is rounding.
 _ROUNDING = 1e-9

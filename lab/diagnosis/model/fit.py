@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from glob import escape
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Booleans
 from traverse.kinematics.arm_file.arm import Arm, Effect
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.identification.equations.effect_model import effect_model
@@ -17,9 +17,6 @@ from traverse.lab.identification.solve.adjustment import Adjustment
 from traverse.lab.identification.solve.iterative_adjustment import IterativeAdjustment
 from traverse.lab.identification.solve.options import Options
 from traverse.lab.identification.solve.pose_statistics import PoseStatistics
-
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import (  # type: ignore[import-untyped] # scipy ships no types
     solve_triangular,
 )
 
+from traverse.arrays import Floats, Integers
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.context import utc_ns
 from traverse.kinematics.model.derivatives import probe_derivatives
@@ -28,9 +28,6 @@ from traverse.lab.identification.equations.plausible_sizes import campaign_start
 from traverse.lab.identification.equations.station_equations import white_rows
 from traverse.lab.identification.solve.adjustment import Adjustment
 from traverse.lab.identification.solve.system import certified
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 # Combinations of unknowns, in units of what is plausible, that move the data by less
 # than this part of their noise do not count as estimated.

@@ -4,17 +4,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
+from traverse.arrays import Booleans
 from traverse.kinematics.arm_file.arm import Arm, Effect
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.candidate import BankName, Candidate
 from traverse.lab.diagnosis.model.outlier_clusters import Cluster
 from traverse.lab.identification.solve.adjustment import Adjustment
 
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 Status = Literal["named", "tentative", "unknown"]
 Verdict = Literal["clean", "named", "tentative", "unknown"]
 

@@ -13,15 +13,12 @@ takes it for drifts.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats, Integers
 from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
     decorrelated_equations,
 )
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _MOST_LAG = 25
 _TEST_PHI = 0.9

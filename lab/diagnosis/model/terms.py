@@ -3,8 +3,8 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.effect_table import EFFECT_KINDS, key_unit
 from traverse.kinematics.effects.base.correction import Correction
 from traverse.lab.diagnosis.model.candidate import BankName, Candidate
@@ -14,8 +14,6 @@ from traverse.lab.diagnosis.model.observation_equations import (
     orthonormal_basis,
 )
 from traverse.lab.diagnosis.model.result import Estimate
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

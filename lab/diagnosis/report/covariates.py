@@ -3,13 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.effect_table import EFFECT_KINDS, Family
 from traverse.lab.campaign.campaign import Campaign, Poses
 from traverse.lab.diagnosis.model.result import Term
-
-Floats = NDArray[np.float64]
 
 # Waves that repeat more often are drawn one upon the other.
 _MOST_PERIODS = 6

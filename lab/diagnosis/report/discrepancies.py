@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Booleans, Floats
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.identification.equations.network import Station, stations
 from traverse.lab.identification.equations.noise import Noise
@@ -26,9 +26,6 @@ from traverse.lab.identification.equations.station_equations import (
     white_rows,
 )
 from traverse.lab.identification.solve.adjustment import Adjustment
-
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from traverse.arrays import Booleans, Floats
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.report.binning import binned
 from traverse.lab.diagnosis.report.discrepancies import Discrepancies
@@ -21,9 +21,6 @@ from traverse.lab.report.figures import (
     thinned,
     zero_line,
 )
-
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 _SEED = 3
 _PER_LINE = 3

@@ -3,8 +3,8 @@
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from traverse.arrays import Booleans, Floats
 from traverse.lab.diagnosis.model.result import Diagnosis
 from traverse.lab.diagnosis.report.binning import Bins, binned
 from traverse.lab.diagnosis.report.names import candidate_label, step_names
@@ -21,9 +21,6 @@ from traverse.lab.report.figures import (
     thinned,
     zero_line,
 )
-
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 # Poses that say so much less than usual are no dots; means weigh all.
 _NOISY = 3.0

@@ -2,9 +2,7 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from traverse.arrays import Booleans
 from traverse.lab.diagnosis.holdout.comparison import uncontradicted
 from traverse.lab.diagnosis.model.result import Diagnosis
 from traverse.lab.diagnosis.report.discrepancies import Discrepancies, discrepancies
@@ -30,7 +28,7 @@ class Plots:
 
     before: Discrepancies
     after: Discrepancies
-    contradicting: NDArray[np.bool_]
+    contradicting: Booleans
     ledger: bytes
     terms: tuple[bytes | None, ...]
     artefacts: bytes
@@ -52,7 +50,7 @@ class Plots:
         return found
 
 
-def contradicting_held_out(diagnosis: Diagnosis) -> NDArray[np.bool_]:
+def contradicting_held_out(diagnosis: Diagnosis) -> Booleans:
     """Find held-out poses that contradict the final model: blunders, (n_poses,)."""
     radius_mm = diagnosis.arm.probe.radius_mm
     held_out = diagnosis.held_out

@@ -1,12 +1,10 @@
 """The covariance of a term's values, for the band about its curve."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.effects.arm_effects import ArmEffects
 from traverse.lab.diagnosis.model.result import Diagnosis, Term
-
-Floats = NDArray[np.float64]
 
 
 def value_covariance(diagnosis: Diagnosis, term: Term, effects: ArmEffects) -> Floats:

@@ -8,8 +8,8 @@ again is the discrepancy that is left plus the term's own amount.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm, Effect
 from traverse.kinematics.effect_table import EFFECT_KINDS, Family
 from traverse.kinematics.effects.arm_effects import ArmEffects, effects_of
@@ -27,8 +27,6 @@ from traverse.lab.identification.equations.plausible_sizes import (
     campaign_span,
     campaign_start,
 )
-
-Floats = NDArray[np.float64]
 
 # A move smaller than this part of the largest has no direction worth naming.
 _LEAST_MOVE = 1e-3

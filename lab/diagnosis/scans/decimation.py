@@ -10,8 +10,8 @@ sample is kept.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats, Integers
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.fit import fitted
@@ -19,9 +19,6 @@ from traverse.lab.diagnosis.scans.directions import with_surface_directions
 from traverse.lab.identification.equations.network import Network, State, stations
 from traverse.lab.identification.equations.station_equations import misclosures_mm
 from traverse.lab.identification.solve.adjustment import Adjustment
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 MOST_POSES = 2000
 _FIRST_POSES = 800

@@ -17,8 +17,8 @@ joints and the orders nearby says.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.candidates.candidate_scores import is_beyond_library
 from traverse.lab.diagnosis.candidates.harmonics import HIGHEST_ORDER, harmonic_bank
@@ -31,8 +31,6 @@ from traverse.lab.identification.equations.station_equations import (
     white_rows,
 )
 from traverse.lab.identification.solve.system import certified
-
-Floats = NDArray[np.float64]
 
 # Combinations of unknowns that move the thinned data by less do not count.
 _LEAST_EFFECT = 0.02

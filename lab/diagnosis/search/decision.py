@@ -2,9 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from traverse.arrays import Booleans
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.fit import Fit, fitted
@@ -26,8 +24,6 @@ from traverse.lab.diagnosis.search.forward_search import (
 from traverse.lab.diagnosis.search.naming import NamedTerm, name_terms
 from traverse.lab.diagnosis.search.selection import ScoredCandidate
 from traverse.lab.diagnosis.search.thresholds import noise_draws
-
-Booleans = NDArray[np.bool_]
 
 # Another name must be better by this much to take a term's place.
 _BETTER = 1.0

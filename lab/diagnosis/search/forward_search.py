@@ -3,9 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from traverse.arrays import Booleans
 from traverse.kinematics.arm_file.arm import Effect
 from traverse.lab.diagnosis.candidates.candidate_scores import (
     CandidateScores,
@@ -33,8 +31,6 @@ from traverse.lab.diagnosis.search.selection import (
 )
 from traverse.lab.diagnosis.search.thresholds import log_p_threshold, noise_draws
 
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 Progress = Callable[[str, float], None]
 
 # How the probability of a false alarm is shared out.

@@ -11,13 +11,9 @@ where c^2 is the statistic at which a single pose is left out.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Booleans, Floats, Integers
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
 
 _MOST_ROUNDS = 12
 # Poses leave together when their statistic is above this part of the worst one's.

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.lab.diagnosis.candidates.aliases import ALIAS
 from traverse.lab.diagnosis.candidates.candidate_scores import CandidateScores, judged
@@ -21,8 +21,6 @@ from traverse.lab.diagnosis.search.selection import (
     fit_any_curve_together,
     ranked,
 )
-
-Floats = NDArray[np.float64]
 
 # Whoever is within this of the best belongs to the printed set.
 _SET = float(np.log(100.0))

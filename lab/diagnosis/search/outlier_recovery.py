@@ -14,9 +14,9 @@ from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
+from traverse.arrays import Booleans
 from traverse.lab.diagnosis.candidates.curves import generic_bank
 from traverse.lab.diagnosis.candidates.scoring import (
     ProjectedCandidate,
@@ -37,9 +37,6 @@ from traverse.lab.diagnosis.search.selection import has_own_curve
 from traverse.lab.identification.equations.network import stations
 from traverse.lab.identification.solve.options import Options
 from traverse.lab.identification.solve.snooping import robust_scale
-
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 
 def recover_outliers(

@@ -4,8 +4,8 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.effect_table import EFFECT_KINDS, Family
 from traverse.lab.diagnosis.candidates.candidate_scores import (
     CandidateScores,
@@ -14,8 +14,6 @@ from traverse.lab.diagnosis.candidates.candidate_scores import (
 )
 from traverse.lab.diagnosis.candidates.scoring import ProjectedCandidate
 from traverse.lab.diagnosis.model.candidate import BankName, Candidate
-
-Floats = NDArray[np.float64]
 
 # Evidence that decides between two explanations: 20 to 1.
 DECIDED = float(np.log(20.0))

@@ -9,12 +9,10 @@ point of the draws, which is known well, and the slope.
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.lab.diagnosis.candidates.scoring import ProjectedCandidate, log_p_values
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
-
-Floats = NDArray[np.float64]
 
 # Takes draws (n_rows, n_draws); returns per draw the largest T and its degrees.
 Scan = Callable[[Floats], tuple[Floats, int]]

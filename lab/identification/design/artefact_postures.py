@@ -6,14 +6,12 @@ With A the derivatives of w by the joints, a step is -A' (A A' + s I)^-1 w.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Booleans, Floats
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.kinematics.model.forward import probe_centre
 from traverse.kinematics.model.geometry import Geometry
 from traverse.lab.artefacts.artefact import Artefact, Equations, Touches
-
-Floats = NDArray[np.float64]
 
 _STEPS = 15
 _LARGEST_STEP_RAD = 0.5
@@ -34,7 +32,7 @@ class TouchingPostures:
 
     angles_rad: Floats
     equations: Equations
-    is_touching: NDArray[np.bool_]
+    is_touching: Booleans
 
 
 def reached(

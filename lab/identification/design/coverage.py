@@ -3,11 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Integers
 from traverse.lab.campaign.campaign import Campaign
-
-Floats = NDArray[np.float64]
 
 _N_SECTORS = 36
 # Below this travel a joint is blamed for what cannot be told.
@@ -28,7 +26,7 @@ class JointCoverage:
     joint: str
     least_rad: float
     largest_rad: float
-    sectors: NDArray[np.int64]
+    sectors: Integers
 
     @property
     def travel_rad(self) -> float:
@@ -46,9 +44,7 @@ class JointCoverage:
         return float(np.count_nonzero(self.sectors)) / _N_SECTORS
 
 
-def joint_coverage(
-    campaign: Campaign, poses: NDArray[np.int64]
-) -> tuple[JointCoverage, ...]:
+def joint_coverage(campaign: Campaign, poses: Integers) -> tuple[JointCoverage, ...]:
     """Say where every joint has been in some poses."""
     found = []
     for k, name in enumerate(campaign.joint_names):

@@ -9,8 +9,8 @@ that lower the mean variance of the probe over the travelled volume most.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.lab.artefacts.artefact import Touches
 from traverse.lab.identification.design.artefact_postures import reached
@@ -19,8 +19,6 @@ from traverse.lab.identification.equations.network import Network
 from traverse.lab.identification.equations.probe_effect import posture_columns
 from traverse.lab.identification.equations.whitening import whiteners
 from traverse.lab.identification.solve.adjustment import Adjustment
-
-Floats = NDArray[np.float64]
 
 _SEED = 3
 _TRIES_AN_ARTEFACT = 60

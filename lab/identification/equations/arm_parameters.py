@@ -4,13 +4,11 @@ from collections.abc import Sequence
 from fnmatch import fnmatchcase
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Booleans
 from traverse.kinematics.model.geometry import Geometry
 from traverse.lab.identification.equations.effect_model import EffectModel
 from traverse.lab.identification.equations.parameters import Parameters
-
-Booleans = NDArray[np.bool_]
 
 # Plausible deviations from the design, which are the units of rank decisions.
 AXIS_TOLERANCE_RAD = 0.02

@@ -9,12 +9,10 @@ whatever the arm looks like.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Booleans, Floats
 from traverse.kinematics.model.geometry import Geometry
-from traverse.lab.identification.equations.parameters import Booleans, Parameters
-
-Floats = NDArray[np.float64]
+from traverse.lab.identification.equations.parameters import Parameters
 
 _NULL = 1e-9
 

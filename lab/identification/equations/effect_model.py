@@ -8,8 +8,8 @@ one called u.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm, Effect
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.arm_effects import ArmEffects, effects_of
@@ -27,8 +27,6 @@ from traverse.lab.identification.equations.plausible_sizes import (
     effect_units,
     plausible_values,
 )
-
-Floats = NDArray[np.float64]
 
 # A direction that a campaign knows worse than so many plausible sizes is held.
 _HOPELESS = 50.0

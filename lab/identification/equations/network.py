@@ -3,15 +3,12 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Booleans, Floats, Integers
 from traverse.lab.artefacts.artefact import Artefact, Touches
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.identification.equations.noise import Noise
 from traverse.lab.identification.equations.parameters import ArmValues, Parameters
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,7 +81,7 @@ class Network:
 
 
 def stations(
-    campaign: Campaign, radius_mm: float, included: NDArray[np.bool_]
+    campaign: Campaign, radius_mm: float, included: Booleans
 ) -> tuple[Station, ...]:
     """Sort the included poses by artefact; artefacts without any are left out."""
     order = np.argsort(campaign.poses.artefacts, kind="stable")

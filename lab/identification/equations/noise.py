@@ -3,11 +3,9 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.lab.campaign.campaign import Campaign
-
-Floats = NDArray[np.float64]
 
 DEFAULT_ENCODER_RAD = 5e-6
 DEFAULT_CONTACT_MM = 0.005

@@ -8,15 +8,12 @@ is left alone, because x does not change when a hinge slides along its own axis.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Booleans, Floats
 from traverse.kinematics.model.derivatives import ProbeDerivatives
 from traverse.kinematics.model.geometry import Geometry, unit_vectors
 from traverse.lab.campaign.campaign import Poses
 from traverse.lab.identification.equations.effect_model import EffectModel
-
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

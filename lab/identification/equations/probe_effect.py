@@ -1,13 +1,11 @@
 """What changes of parameters mean at the probe, in mm."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.lab.identification.equations.network import Network
 from traverse.lab.identification.equations.parameters import ArmValues
-
-Floats = NDArray[np.float64]
 
 _N_POSTURES = 300
 _LEAST_RANGE_RAD = np.radians(120.0)

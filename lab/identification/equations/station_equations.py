@@ -4,16 +4,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats, Integers
 from traverse.kinematics.model.derivatives import ProbeDerivatives, probe_derivatives
 from traverse.kinematics.model.forward import probe_centre
 from traverse.lab.identification.equations.network import Network, State, Station
 from traverse.lab.identification.equations.parameters import ArmValues
 from traverse.lab.identification.equations.whitening import whiteners
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _CHUNK_POSES = 2048
 _START_POSES = 2000

@@ -1,9 +1,8 @@
 """Whitening: L^-1 of the dispersion B Q B^T = L L^T of each pose's misclosures."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from traverse.arrays import Floats
 
 
 def whiteners(by_readings: Floats, by_contact: Floats) -> Floats:

@@ -3,6 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
+from traverse.arrays import Floats
 from traverse.lab.identification.volume.uncertainty_map import UncertaintyMap
 from traverse.lab.report.figures import picture, shown_unit
 
@@ -53,6 +54,6 @@ def _paint(figure: Figure, found: UncertaintyMap) -> None:
     bar.set_label(f"standard deviation of the distance [{unit}]")
 
 
-def _edges(middles: np.typing.NDArray[np.float64]) -> np.typing.NDArray[np.float64]:
+def _edges(middles: Floats) -> Floats:
     half = 0.5 * (middles[1] - middles[0])
     return np.append(middles - half, middles[-1] + half)

@@ -3,8 +3,8 @@
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.lab.identification.results.result import Identification
 from traverse.lab.report.figures import (
     BLUE,
@@ -19,9 +19,6 @@ from traverse.lab.report.figures import (
     zero_line,
 )
 from traverse.lab.statistics.distributions import equivalent_normal, normal_quantile
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _SEED = 2
 _BINS = 24

@@ -3,12 +3,10 @@
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.lab.identification.equations.probe_effect import probe_effects_mm
 from traverse.lab.identification.results.result import Identification
-
-Floats = NDArray[np.float64]
 
 
 def undetermined_effects_mm(result: Identification) -> Floats:

@@ -7,13 +7,11 @@ because it depends on the datum only. What is left is how differently they measu
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.model.forward import probe_centre
 from traverse.kinematics.model.geometry import geometry_from_arm
-
-Floats = NDArray[np.float64]
 
 _SEED = 20_171_101
 _N_POSTURES = 5000

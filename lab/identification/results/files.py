@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm, write_arm
 from traverse.kinematics.arm_file.arm import Identification as Provenance
 from traverse.lab.identification.results.result import (
@@ -191,6 +192,6 @@ def _write_residuals(result: Identification, path: Path) -> None:
             )
 
 
-def _texts(numbers: np.typing.NDArray[np.float64]) -> list[str]:
+def _texts(numbers: Floats) -> list[str]:
     """Write numbers in six digits; empty where there is none."""
     return ["" if np.isnan(number) else f"{number:.6g}" for number in numbers]

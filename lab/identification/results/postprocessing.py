@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm, Probe
 from traverse.lab.artefacts.artefact import Length
 from traverse.lab.identification.equations.misfit import rms_mm
@@ -32,7 +32,6 @@ __all__ = [
     "variance_factor",
 ]
 
-Floats = NDArray[np.float64]
 
 _LEVEL = 0.05
 # Redundancy of a certificate below which nothing else says what it says.

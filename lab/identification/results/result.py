@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Booleans, Floats
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.identification.design.coverage import JointCoverage
@@ -14,9 +14,6 @@ from traverse.lab.identification.results.undetermined import Undetermined, Weak
 from traverse.lab.identification.solve.adjustment import Adjustment, Iteration
 from traverse.lab.identification.solve.pose_statistics import PoseStatistics
 from traverse.lab.identification.solve.serial_noise import SerialNoise
-
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)

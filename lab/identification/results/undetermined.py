@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats, Integers
 from traverse.kinematics.model.geometry import Geometry
 from traverse.lab.identification.design.coverage import JointCoverage, joint_coverage
 from traverse.lab.identification.equations.datum import scale_direction
@@ -17,8 +17,6 @@ from traverse.lab.identification.equations.network import Network, has_length
 from traverse.lab.identification.equations.parameters import Parameters
 from traverse.lab.identification.equations.probe_effect import probe_effects_mm
 from traverse.lab.identification.solve.adjustment import Adjustment
-
-Floats = NDArray[np.float64]
 
 # Components smaller than this part of the largest are not named.
 _NAMED = 0.1
@@ -119,7 +117,7 @@ def weak_directions(adjustment: Adjustment, factor: float) -> tuple[Weak, ...]:
     )
 
 
-def _poses(network: Network) -> NDArray[np.int64]:
+def _poses(network: Network) -> Integers:
     return np.concatenate([station.poses for station in network.stations])
 
 

@@ -15,8 +15,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.lab.identification.equations.datum import scale_direction
 from traverse.lab.identification.equations.network import Network, State, has_length
 from traverse.lab.identification.equations.parameters import ArmValues
@@ -27,8 +27,6 @@ from traverse.lab.identification.solve.system import (
     linearise,
     sum_of_squares,
 )
-
-Floats = NDArray[np.float64]
 
 _MOST_ITERATIONS = 50
 _MOST_HALVINGS = 12

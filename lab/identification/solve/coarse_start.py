@@ -9,8 +9,8 @@ not move.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.identification.equations.network import Network, State, stations
 from traverse.lab.identification.equations.noise import Noise
@@ -20,8 +20,6 @@ from traverse.lab.identification.equations.station_equations import (
     start_state,
 )
 from traverse.lab.identification.solve.adjustment import adjust
-
-Floats = NDArray[np.float64]
 
 # A design that fits better than this needs no search.
 _GOOD_ENOUGH_MM = 20.0

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from traverse.arrays import Booleans
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.identification.equations.network import Network, State, stations
 from traverse.lab.identification.equations.noise import Noise
-from traverse.lab.identification.equations.parameters import ArmValues, Booleans
+from traverse.lab.identification.equations.parameters import ArmValues
 from traverse.lab.identification.equations.station_equations import start_state
 from traverse.lab.identification.solve.adjustment import (
     Adjustment,

@@ -16,9 +16,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from traverse.lab.artefacts.artefact import Integers
+from traverse.arrays import Floats, Integers
 from traverse.lab.identification.equations.network import Network, Station
 from traverse.lab.identification.equations.station_equations import (
     WhiteRows,
@@ -27,8 +26,6 @@ from traverse.lab.identification.equations.station_equations import (
 from traverse.lab.identification.solve.adjustment import Adjustment
 from traverse.lab.identification.solve.sequential_qr import Elimination
 from traverse.lab.statistics.distributions import equivalent_normal
-
-Floats = NDArray[np.float64]
 
 # Non-centrality for a level of 0.1 % and a power of 80 %.
 DETECTABLE = 4.13

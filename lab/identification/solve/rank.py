@@ -14,9 +14,8 @@ information about it, and the arm would shrink to nothing.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from traverse.arrays import Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)

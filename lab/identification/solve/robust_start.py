@@ -7,14 +7,12 @@ standard deviations, until the poses that contradict the others hardly count.
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Booleans, Floats
 from traverse.lab.identification.equations.network import Network, State
 from traverse.lab.identification.equations.parameters import ArmValues
 from traverse.lab.identification.equations.station_equations import white_rows
 from traverse.lab.identification.solve.adjustment import adjust
-
-Floats = NDArray[np.float64]
 
 _ROUNDS = 8
 _STEPS_A_ROUND = 2
@@ -26,7 +24,7 @@ _FAR = 5.0
 
 def robust_state(
     network: Network, start: State, design: ArmValues
-) -> tuple[State, NDArray[np.bool_]]:
+) -> tuple[State, Booleans]:
     """Find estimates that blunders hardly touch.
 
     Args:

@@ -15,14 +15,11 @@ is three times tau (Sokal's window): beyond there is only chance.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats, Integers
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.identification.equations.station_equations import white_rows
 from traverse.lab.identification.solve.adjustment import Adjustment
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _WINDOW = 3.0
 _MOST_LAGS = 4096

@@ -8,8 +8,8 @@ estimates of the rest is taken back.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Booleans, Floats
 from traverse.lab.identification.equations.network import stations
 from traverse.lab.identification.solve.adjustment import Adjustment
 from traverse.lab.identification.solve.pose_statistics import (
@@ -21,9 +21,6 @@ from traverse.lab.statistics.distributions import (
     normal_quantile,
     tau_critical,
 )
-
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 # Poses leave together when their |w| is above this part of the worst one's.
 _NEAR_THE_WORST = 0.4

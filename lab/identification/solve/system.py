@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.lab.identification.equations.network import Network, State, Station
 from traverse.lab.identification.equations.parameters import ArmValues
 from traverse.lab.identification.equations.station_equations import (
@@ -16,8 +16,6 @@ from traverse.lab.identification.solve.sequential_qr import (
     eliminate_unknowns,
     sequential_qr,
 )
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,13 +14,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats, Integers
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.identification.equations.noise import Noise
 from traverse.lab.identification.solve.pose_statistics import VarianceSums
-
-Floats = NDArray[np.float64]
 
 EncoderGroups = Literal["held", "pooled", "each"]
 ContactGroups = Literal["held", "pooled", "by_kind"]
@@ -82,7 +80,7 @@ def better_noise(
     return noise.scaled(factors[:n_joints], factors[n_joints:]), change
 
 
-def _groups(n_joints: int, kinds: list[str], model: VarianceModel) -> NDArray[np.int64]:
+def _groups(n_joints: int, kinds: list[str], model: VarianceModel) -> Integers:
     """Number the groups of joints and then artefacts; -1: held."""
     joints = {
         "held": [-1] * n_joints,

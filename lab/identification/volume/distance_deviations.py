@@ -12,14 +12,12 @@ depend on the datum.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.kinematics.model.geometry import Geometry
 from traverse.lab.campaign.campaign import Poses
 from traverse.lab.identification.equations.parameters import ArmValues, Parameters
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

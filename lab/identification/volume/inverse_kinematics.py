@@ -3,14 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Booleans, Floats
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.kinematics.model.forward import probe_centre
 from traverse.kinematics.model.geometry import Geometry
-
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 _N_SAMPLES = 4000
 _SEED = 20_170_112

@@ -11,8 +11,8 @@ height about that axis only, and distances lie along the three directions there.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.lab.identification.volume.distance_deviations import (
     ArmUncertainty,
     distance_deviations_mm,
@@ -22,8 +22,6 @@ from traverse.lab.identification.volume.inverse_kinematics import (
     reach,
     sample_postures,
 )
-
-Floats = NDArray[np.float64]
 
 DIRECTIONS = ("radial", "tangential", "axial")
 

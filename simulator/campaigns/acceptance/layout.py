@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from traverse.simulator.arm.physics import Floats
+from traverse.arrays import Floats
 from traverse.simulator.campaigns.acceptance.standards import (
     CalibratedSphere,
     SeatBar,

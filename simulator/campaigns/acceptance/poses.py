@@ -9,8 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
-from traverse.simulator.arm.physics import Floats, Mechanism, probe_pose
+from traverse.simulator.arm.physics import Mechanism, probe_pose
 from traverse.simulator.arm.truth import Deviations, TrueArm, true_arm
 from traverse.simulator.campaigns.acceptance.layout import PlacedStandard, layout_of
 from traverse.simulator.campaigns.artefacts.placement import Placement

@@ -4,7 +4,7 @@ from typing import Literal
 
 import numpy as np
 
-from traverse.simulator.arm.physics import Floats
+from traverse.arrays import Floats
 from traverse.simulator.campaigns.artefacts import Cone, Points, Sphere
 from traverse.simulator.campaigns.artefacts.artefact import Table
 from traverse.simulator.campaigns.artefacts.placement import Placement

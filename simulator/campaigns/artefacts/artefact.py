@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import (
     BeforeValidator,
     ConfigDict,
@@ -14,11 +13,10 @@ from pydantic import (
     field_validator,
 )
 
+from traverse.arrays import Floats, Indices
 from traverse.kinematics.arm_file.arm import StrictModel
-from traverse.simulator.arm.physics import Floats
 from traverse.simulator.campaigns.artefacts.placement import Placement
 
-Indices = NDArray[np.intp]
 Table = dict[str, Any]  # what a campaign.toml or truth.json says of an artefact
 
 REFERENCE_C = 20.0  # where the standards have their lengths

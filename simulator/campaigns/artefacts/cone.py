@@ -4,11 +4,10 @@ from typing import Literal
 
 import numpy as np
 
-from traverse.simulator.arm.physics import Floats
+from traverse.arrays import Floats, Indices
 from traverse.simulator.campaigns.artefacts.artefact import (
     Artefact,
     Contacts,
-    Indices,
     Table,
     no_directions,
 )

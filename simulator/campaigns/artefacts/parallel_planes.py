@@ -5,11 +5,10 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from traverse.simulator.arm.physics import Floats
+from traverse.arrays import Floats, Indices
 from traverse.simulator.campaigns.artefacts.artefact import (
     Artefact,
     Contacts,
-    Indices,
     Table,
     stated_expansion,
     stated_length,

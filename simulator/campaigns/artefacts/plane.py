@@ -5,13 +5,8 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from traverse.simulator.arm.physics import Floats
-from traverse.simulator.campaigns.artefacts.artefact import (
-    Artefact,
-    Contacts,
-    Indices,
-    Table,
-)
+from traverse.arrays import Floats, Indices
+from traverse.simulator.campaigns.artefacts.artefact import Artefact, Contacts, Table
 from traverse.simulator.campaigns.artefacts.placement import Placement
 
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import FileError, Problem
-from traverse.simulator.arm.physics import Floats, Mechanism, probe_pose
+from traverse.simulator.arm.physics import Mechanism, probe_pose
 from traverse.simulator.campaigns.artefacts import Cone, Sphere
 from traverse.simulator.campaigns.artefacts.placement import Placement
 from traverse.simulator.campaigns.dense.spec import ScanTable

@@ -6,8 +6,8 @@ from datetime import UTC, datetime
 import numpy as np
 from numpy.typing import NDArray
 
+from traverse.arrays import Floats, Integers
 from traverse.kinematics.arm_file.arm import Arm, Problem
-from traverse.simulator.arm.physics import Floats
 from traverse.simulator.arm.truth import Deviations, TrueArm, true_arm
 from traverse.simulator.campaigns.artefacts import Cone, Sphere
 from traverse.simulator.campaigns.campaign import StatedArtefact
@@ -62,7 +62,7 @@ class DenseScan:
     start_utc: datetime
     time_s: Floats
     counts: NDArray[np.uint32]
-    touched: NDArray[np.int64]
+    touched: Integers
     temperature_c: Floats
     force_n: Floats
     truth: TrueArm
@@ -136,7 +136,7 @@ def _order(counts: list[int]) -> list[int]:
     ]
 
 
-def _joined(drags: list[Drag], file: DenseFile) -> tuple[Floats, NDArray[np.int64]]:
+def _joined(drags: list[Drag], file: DenseFile) -> tuple[Floats, Integers]:
     """All turns (n, n_joints) in the order of time, and whose drag (n,) each is."""
     n_moving = max(round(file.scan.move_seconds * file.scan.rate_hz), 2)
     parts, numbers = [drags[0].turns_rad], [np.zeros(len(drags[0].turns_rad), int)]
@@ -150,7 +150,7 @@ def _joined(drags: list[Drag], file: DenseFile) -> tuple[Floats, NDArray[np.int6
 def _surroundings(
     file: DenseFile,
     drags: list[Drag],
-    drag_of: NDArray[np.int64],
+    drag_of: Integers,
     turns_rad: Floats,
     seed: int,
 ) -> Surroundings:
@@ -195,7 +195,7 @@ def _readings(
     file: DenseFile,
     faulty: FaultyArm,
     drags: list[Drag],
-    motion: tuple[Floats, NDArray[np.int64]],
+    motion: tuple[Floats, Integers],
     around: Surroundings,
     *,
     seed: int,
@@ -232,7 +232,7 @@ def _readings(
     return readings_rad
 
 
-def _part(around: Surroundings, rows: slice | NDArray[np.int64]) -> Surroundings:
+def _part(around: Surroundings, rows: slice | Integers) -> Surroundings:
     utc_s = around.utc_s
     return Surroundings(
         time_s=around.time_s[rows],

@@ -1,8 +1,8 @@
 """Latches encoders: for the stream, for LATCH, for edges."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Floats, Integers
 from traverse.simulator.devices.latch_board import wire
 from traverse.simulator.devices.latch_board.inputs import InputLevels
 from traverse.simulator.devices.latch_board.stream import Stream
@@ -94,9 +94,9 @@ class Sampler:
     def _frames(
         self,
         cause_and_request: tuple[int, int],
-        seqs: NDArray[np.int64],
-        ticks: NDArray[np.int64],
-        times_s: NDArray[np.float64],
+        seqs: Integers,
+        ticks: Integers,
+        times_s: Floats,
     ) -> list[OutgoingFrame]:
         counts, status = self._latched.latch(times_s, edge=False)
         shown = (ticks + self._ticks.first_ticks) & 0xFFFFFFFF

@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from traverse.arrays import Integers
 
 
 @dataclass(slots=True)
@@ -28,7 +29,7 @@ class Stream:
         """Tick of the next sample."""
         return self.first_tick + self._offset(self.next_seq)
 
-    def take_until(self, tick: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def take_until(self, tick: int) -> tuple[Integers, Integers]:
         """Take the samples up to and including a tick.
 
         From round(k a / b) <= d follows k <= (b (2 d + 1) - 1) // (2 a).
@@ -47,7 +48,7 @@ class Stream:
     def _offset(self, seq: int) -> int:
         return int(self._offsets(seq, 1)[0])
 
-    def _offsets(self, first_seq: int, n_samples: int) -> NDArray[np.int64]:
+    def _offsets(self, first_seq: int, n_samples: int) -> Integers:
         # After rate_millihz samples exactly 1000 tick_rate_hz ticks have passed;
         # counting from there keeps the products below 2^63 for ever.
         span = 1000 * self.tick_rate_hz

@@ -3,8 +3,7 @@
 import math
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
+from traverse.arrays import Floats, Integers
 
 ROUNDING = 1e-6  # of a tick: `at` of `time_s` must be the same tick again
 
@@ -36,7 +35,7 @@ class TickCounter:
         """True time of a tick."""
         return self.power_up_s + ticks / self._true_rate_hz
 
-    def times_s(self, ticks: NDArray[np.int64]) -> NDArray[np.float64]:
+    def times_s(self, ticks: Integers) -> Floats:
         """True times (n,) of ticks (n,)."""
         return self.power_up_s + ticks / self._true_rate_hz
 
