@@ -24,7 +24,7 @@ def check(
     Says everything that is wrong with it, at once. Exit status 2 if anything is.
     """
     from traverse.daemon.inputs import StartupError  # noqa: PLC0415 - keeps --help quick
-    from traverse.kinematics.arm_file.arm import FileError  # noqa: PLC0415
+    from traverse.strict_toml.problems import FileError  # noqa: PLC0415
 
     if (file / "campaign.toml").is_file():
         file /= "campaign.toml"
@@ -68,8 +68,8 @@ def _reader(file: Path) -> tuple[str, Callable[[Path], object]]:
 
 
 def _read_simulator(path: Path) -> object:
-    from traverse.kinematics.arm_file.arm import read_strict  # noqa: PLC0415
     from traverse.simulator.config import SimulatorConfig, config_problems  # noqa: PLC0415
+    from traverse.strict_toml.reader import read_strict  # noqa: PLC0415
 
     return read_strict(path, SimulatorConfig, config_problems)
 

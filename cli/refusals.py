@@ -62,7 +62,7 @@ def refuse(command: str, text: str) -> NoReturn:
 @contextmanager
 def refusals(command: str) -> Iterator[None]:
     """End with exit status 2 where something is refused, missing or not writable."""
-    from traverse.kinematics.arm_file.arm import FileError  # noqa: PLC0415 - keeps --help quick
+    from traverse.strict_toml.problems import FileError  # noqa: PLC0415
 
     try:
         yield

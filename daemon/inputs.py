@@ -9,7 +9,7 @@ from traverse.daemon.config.schema import Configuration, read_configuration
 from traverse.daemon.mqtt.credentials import credentials_problems
 from traverse.daemon.pose.arm_model import ArmModel, read_model
 from traverse.daemon.pose.probe_library import read_probes
-from traverse.kinematics.arm_file.arm import FileError, Problem
+from traverse.strict_toml.problems import FileError, Problem
 
 DEVICES_ANSWER_S = 8.0
 

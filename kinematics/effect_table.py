@@ -82,7 +82,7 @@ class EffectKind:
     minimum_order: int = 1
     components: Mapping[str, int] = field(default_factory=dict)
     most: Mapping[str, float] = field(default_factory=dict)
-    size_by_order: Mapping[int, float] = field(default_factory=dict)
+    size_by_order: Mapping[float, float] = field(default_factory=dict)
     is_size_of_campaign: bool = False
     phase: str | None = None
     log_prior: float = 0.0
@@ -134,7 +134,7 @@ class EffectKind:
         """Say the least order, of a component where there are some."""
         return self.components.get(str(component), self.minimum_order)
 
-    def plausible_size(self, order: int | None = None) -> float:
+    def plausible_size(self, order: float | None = None) -> float:
         """Say how large a parameter plausibly is, in the unit of its key."""
         if order is None:
             return self.size

@@ -5,11 +5,12 @@ from typing import Any, Literal
 
 from pydantic import AwareDatetime, Field
 
-from traverse.kinematics.arm_file.arm import Problem, StrictModel
 from traverse.simulator.devices.table import AnyDevice
 from traverse.simulator.motions import AnyMotion
 from traverse.simulator.scenario.course import ClimateTable
 from traverse.simulator.scenario.faults import AnyFault
+from traverse.strict_toml.problems import Problem
+from traverse.strict_toml.reader import StrictModel
 
 
 class DeviationTable(StrictModel):

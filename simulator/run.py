@@ -9,7 +9,6 @@ from pathlib import Path
 from threading import Event
 from types import FrameType
 
-from traverse.kinematics.arm_file.arm import FileError, Problem, read_strict
 from traverse.simulator.config import SimulatorConfig, config_problems
 from traverse.simulator.devices.device import DeviceContext, make_device
 from traverse.simulator.motions import ReplayMotion
@@ -23,6 +22,8 @@ from traverse.simulator.virtual_arm import (
     build_script,
     build_sources,
 )
+from traverse.strict_toml.problems import FileError, Problem
+from traverse.strict_toml.reader import read_strict
 
 DONE, REFUSED = 0, 2
 PR_SET_TIMERSLACK = 29  # of linux/prctl.h

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from traverse.kinematics.arm_file.arm import Arm, FileError, Problem, read_arm
+from traverse.kinematics.arm_file.arm import Arm, read_arm
 from traverse.simulator.arm.encoder import EncoderSet
 from traverse.simulator.arm.inverse import Reach
 from traverse.simulator.arm.truth import Deviations, TrueArm, true_arm
@@ -27,6 +27,7 @@ from traverse.simulator.scenario.course import Course
 from traverse.simulator.scenario.recorded_counts import read_recording, recorded_counts
 from traverse.simulator.scenario.script import Script
 from traverse.simulator.scenario.wiring import CountSource, ScriptedCounts
+from traverse.strict_toml.problems import FileError, Problem
 
 LIMIT_RAD = 2.9  # of every turn, where the configuration gives none
 WIDEST_WORD = 2**32

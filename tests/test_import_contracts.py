@@ -109,6 +109,17 @@ PLANTED = {
     "folders of kinematics": [
         ("kinematics/arm_file/arm.py", "traverse.kinematics.model.forward"),
         ("kinematics/effect_table.py", "traverse.kinematics.effects"),
+        ("kinematics/kernel/choice.py", "traverse.kinematics.model.geometry"),
+    ],
+    "folders of the effects": [
+        (
+            "kinematics/effects/base/contact.py",
+            "traverse.kinematics.effects.mechanics.axis_motion",
+        ),
+        (
+            "kinematics/effects/readings/planted.py",
+            "traverse.kinematics.effects.contacts.touching",
+        ),
     ],
     "only readers of files in kinematics": [
         ("kinematics/model/forward.py", "pydantic"),
@@ -154,6 +165,10 @@ PLANTED = {
     "strict files are read": [
         ("strict_toml/planted.py", "traverse.kinematics.model.geometry"),
         ("strict_toml/problems.py", "traverse.protocol.topics"),
+    ],
+    "one module of strict files": [
+        ("strict_toml/problems.py", "pydantic"),
+        ("strict_toml/reader.py", "tomlkit"),
     ],
     "protocol is bytes and values only": [
         ("protocol/latch_board/framing.py", "time"),

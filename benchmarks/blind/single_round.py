@@ -11,10 +11,11 @@ from benchmarks.blind.round import Case, Scenario, find, hide
 from benchmarks.blind.score import scored
 from benchmarks.blind.words import hidden_table, round_json, round_lines
 from benchmarks.proofs.campaigns import demo_arm
-from traverse.kinematics.arm_file.arm import Arm, FileError, read_arm
+from traverse.kinematics.arm_file.arm import Arm, read_arm
 from traverse.lab.diagnosis.model.result import Diagnosis
 from traverse.lab.diagnosis.report.files import write_diagnosis
 from traverse.simulator.campaigns import UnreachableError, write_campaign
+from traverse.strict_toml.problems import FileError
 from traverse.strict_toml.writing import write_atomically
 
 REFUSED = 2

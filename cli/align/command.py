@@ -145,7 +145,7 @@ def _read(file: Path, *, send: bool) -> dict[str, Any]:
 
 def _computed(options: Any) -> dict[str, Any]:  # noqa: ANN401 - imported late
     from traverse.cli.align.computing import compute_alignment  # noqa: PLC0415
-    from traverse.kinematics.arm_file.arm import FileError  # noqa: PLC0415
+    from traverse.strict_toml.problems import FileError  # noqa: PLC0415
 
     try:
         return compute_alignment(options)

@@ -6,7 +6,7 @@ from typing import Literal
 
 from traverse.cli.export.sources import points_of
 from traverse.client.exports.point_table import standing
-from traverse.kinematics.arm_file.arm import Arm, FileError, Problem
+from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.alignment.touches import (
     Touch,
     names_of,
@@ -14,6 +14,7 @@ from traverse.lab.alignment.touches import (
     touches_of_points,
 )
 from traverse.lab.measured_points.reading import read_measured
+from traverse.strict_toml.problems import FileError, Problem
 
 
 def read_touches(

@@ -8,7 +8,7 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.cli.arm.options import integers_of, numbers_of, posture_of
-from traverse.kinematics.arm_file.arm import Arm, FileError, Problem
+from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.importers.arm_values import (
     JointParts,
     ProbeParts,
@@ -25,6 +25,7 @@ from traverse.kinematics.importers.dh_rows import Units
 from traverse.kinematics.importers.urdf import Body, arm_from_chain, transform
 from traverse.kinematics.importers.urdf_chain import chain_of
 from traverse.kinematics.importers.urdf_file import read_urdf
+from traverse.strict_toml.problems import FileError, Problem
 
 
 @dataclass(frozen=True, slots=True)

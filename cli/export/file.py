@@ -14,9 +14,9 @@ from traverse.client.exports.formats import FORMATS
 from traverse.client.exports.point_table import Coordinates, PointTable
 from traverse.client.exports.sink import Sink
 from traverse.daemon.config.filters import AnyFilter, filter_chain
-from traverse.kinematics.arm_file.arm import StrictModel, read_strict
 from traverse.kinematics.filters import FilterChain, PointBlock
 from traverse.protocol.messages import Point, QualityFlag
+from traverse.strict_toml.reader import StrictModel, read_strict
 
 BITS = {flag.name.lower(): flag.value for flag in QualityFlag if flag.name}
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.kinematics.arm_file.arm import Arm, FileError, Problem
+from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.importers.arm_values import (
     JointParts,
     ProbeParts,
@@ -20,6 +20,7 @@ from traverse.kinematics.importers.dh import DHTable, geometry_from_dh, probe_tr
 from traverse.kinematics.model.geometry import Geometry, unit_vectors
 from traverse.kinematics.model.quaternion import rotate, turn
 from traverse.protocol.microscribe.session import Kinematics
+from traverse.strict_toml.problems import FileError, Problem
 
 N_ROWS = 6
 _BETA_JOINT = 3

@@ -14,8 +14,8 @@ from traverse.drivers.microscribe.identification import (
 )
 from traverse.drivers.microscribe.line import MicroscribeLine
 from traverse.drivers.microscribe.session import BAUD_RATES, sign_on_at_any_rate
-from traverse.kinematics.arm_file.arm import FileError, Problem
 from traverse.protocol.microscribe.session import DH_FORMAT, kinematics_of
+from traverse.strict_toml.problems import FileError, Problem
 
 
 def query_microscribe(

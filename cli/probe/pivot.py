@@ -10,7 +10,7 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.daemon.pose.probe_library import LibraryProbe, ProbeLibrary, with_probe
-from traverse.kinematics.arm_file.arm import Arm, FileError, Problem
+from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.effects.arm_effects import ArmEffects, effects_from_arm
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.context import utc_ns
@@ -20,6 +20,7 @@ from traverse.kinematics.probing.pivot import Pivot, fit_pivot
 from traverse.lab.campaign.campaign import Campaign, read_campaign
 from traverse.lab.identification.equations.effect_model import block_of
 from traverse.lab.identification.equations.plausible_sizes import campaign_start
+from traverse.strict_toml.problems import FileError, Problem
 from traverse.strict_toml.writing import arm_text, write_atomically
 
 

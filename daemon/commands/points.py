@@ -24,7 +24,6 @@ from traverse.daemon.measurement import Measurement
 from traverse.daemon.points.averaging import MAX_AVERAGING_NS
 from traverse.daemon.pose.probe_library import read_probes
 from traverse.drivers.base.values import DeviceError
-from traverse.kinematics.arm_file.arm import FileError
 from traverse.protocol.messages import (
     AlignArgs,
     LabelArgs,
@@ -34,6 +33,7 @@ from traverse.protocol.messages import (
     SessionArgs,
     UndoArgs,
 )
+from traverse.strict_toml.problems import FileError
 
 LATCH_TIMEOUT_S = 2.0
 

@@ -15,8 +15,8 @@ from pydantic import (
 
 from traverse.drivers.base.options import DriverOptions
 from traverse.drivers.base.registry import DRIVERS, DriverUnavailableError, driver_class
-from traverse.kinematics.arm_file.arm import StrictModel
 from traverse.strict_toml.problems import unknown_name_message
+from traverse.strict_toml.reader import StrictModel
 
 
 class DeviceSection(DriverOptions, StrictModel):

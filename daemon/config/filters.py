@@ -17,10 +17,10 @@ from pydantic import (
     model_validator,
 )
 
-from traverse.kinematics.arm_file.arm import StrictModel
 from traverse.kinematics.filters import FILTERS, FilterChain, PointFilter
 from traverse.protocol.messages import QualityFlag
 from traverse.strict_toml.problems import unknown_name_message
+from traverse.strict_toml.reader import StrictModel
 
 FLAGS = {flag.name.lower(): flag for flag in QualityFlag if flag.name}
 """The quality flags by the names that they have in files and messages."""

@@ -12,10 +12,11 @@ from pydantic import Field, field_validator, model_validator
 
 from traverse.daemon.config.devices import AnyDevice
 from traverse.daemon.config.filters import AnyFilter, flag_bits
-from traverse.kinematics.arm_file.arm import Problem, StrictModel, read_strict
 from traverse.protocol import topics
 from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages.point import Compensation
+from traverse.strict_toml.problems import Problem
+from traverse.strict_toml.reader import StrictModel, read_strict
 
 TLS_PORT = 8883
 

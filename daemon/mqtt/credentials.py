@@ -16,7 +16,7 @@ from pathlib import Path
 
 from traverse.broker.tls import tls_context
 from traverse.daemon.config.schema import BrokerSection
-from traverse.kinematics.arm_file.arm import Problem
+from traverse.strict_toml.problems import Problem
 
 CREDENTIAL = "credential:"
 MAX_FILE_BYTES = 1 << 20

@@ -14,13 +14,7 @@ import numpy as np
 from traverse.arrays import Floats, Indices
 from traverse.daemon.pose.probe_library import LibraryProbe, with_probe
 from traverse.drivers.base.values import Identity
-from traverse.kinematics.arm_file.arm import (
-    Arm,
-    FileError,
-    Problem,
-    arm_digest,
-    read_arm,
-)
+from traverse.kinematics.arm_file.arm import Arm, arm_digest, read_arm
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.arm_effects import ArmEffects, effects_from_arm
 from traverse.kinematics.effects.base.covariate import Covariate
@@ -32,6 +26,7 @@ from traverse.kinematics.uncertainty.arm_covariance import (
     read_arm_covariance,
 )
 from traverse.protocol.messages.point import Compensation
+from traverse.strict_toml.problems import FileError, Problem
 
 log = logging.getLogger("traverse.daemon.service")
 

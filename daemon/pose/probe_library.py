@@ -11,14 +11,9 @@ import numpy as np
 from pydantic import Field
 
 from traverse.arrays import Floats
-from traverse.kinematics.arm_file.arm import (
-    Arm,
-    Moment,
-    Probe,
-    Problem,
-    StrictModel,
-    read_strict,
-)
+from traverse.kinematics.arm_file.arm import Arm, Moment, Probe
+from traverse.strict_toml.problems import Problem
+from traverse.strict_toml.reader import StrictModel, read_strict
 
 Vector = tuple[float, float, float]
 Covariance = tuple[float, float, float, float, float, float]

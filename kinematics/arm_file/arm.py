@@ -1,23 +1,17 @@
-"""Arm files: strict reading, and writing that keeps every number bit for bit.
-
-The only module of the package that knows pydantic. `parse_strict` and
-`StrictModel` serve other packages for their own TOML files too.
-"""
+"""Arm files: strict reading, and writing that keeps every number bit for bit."""
 
 import hashlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from datetime import date, datetime
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
 from pydantic import (
     AwareDatetime,
-    BaseModel,
     BeforeValidator,
     ConfigDict,
     Field,
     SerializeAsAny,
-    ValidationError,
     create_model,
     field_validator,
 )
@@ -27,53 +21,16 @@ from traverse.kinematics.effect_table import EFFECT_KINDS, EffectKind, Vector
 from traverse.strict_toml.problems import (
     FileError,
     Problem,
-    in_file_order,
-    toml_table,
     toml_text,
     unknown_name_message,
 )
-from traverse.strict_toml.validation import model_problems, tuples_for_lists
+from traverse.strict_toml.reader import (
+    StrictModel,
+    parse_strict,
+    read_strict,
+    tuples_for_lists,
+)
 from traverse.strict_toml.writing import arm_text, canonical_text, write_atomically
-
-__all__ = [
-    "EFFECT_KINDS",
-    "Arm",
-    "Effect",
-    "Encoder",
-    "FileError",
-    "Identification",
-    "Joint",
-    "Probe",
-    "Problem",
-    "Reference",
-    "StrictModel",
-    "arm_digest",
-    "effect_from_table",
-    "parse_arm",
-    "parse_strict",
-    "read_arm",
-    "read_strict",
-    "write_arm",
-]
-
-Model = TypeVar("Model", bound=BaseModel)
-CrossCheck = Callable[[Mapping[str, Any]], Iterable[Problem]]
-
-
-class StrictModel(BaseModel):
-    """A frozen table of a file: no unknown keys, no conversions, no NaN.
-
-    Integers are taken for floats; lists of a file become tuples.
-    """
-
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", strict=True, allow_inf_nan=False
-    )
-
-    @classmethod
-    def variant(cls, table: object) -> type["StrictModel"]:
-        """Say which class a table belongs to; a child with kinds overrides it."""
-        return cls
 
 
 class Encoder(StrictModel):
@@ -229,41 +186,6 @@ def read_arm(path: str | Path) -> Arm:
         FileError: With everything that is wrong.
     """
     return read_strict(path, Arm, arm_problems)
-
-
-def read_strict(
-    path: str | Path, model: type[Model], cross_check: CrossCheck | None = None
-) -> Model:
-    """Read a TOML file into a model; see `parse_strict`."""
-    return parse_strict(toml_text(Path(path)), str(path), model, cross_check)
-
-
-def parse_strict(
-    text: str, source: str, model: type[Model], cross_check: CrossCheck | None = None
-) -> Model:
-    """Parse TOML text into a model and report all mistakes at once.
-
-    Args:
-        text: TOML.
-        source: What to call the file in errors.
-        model: Usually a child of `StrictModel`. Lists arrive as tuples.
-        cross_check: Yields what is wrong between keys, from the raw table, whether or
-            not single keys are wrong; its word precedes ours on the same key.
-
-    Raises:
-        FileError: With everything that is wrong.
-    """
-    raw = toml_table(text, source)
-    problems = list(cross_check(raw)) if cross_check else []
-    try:
-        value = model.model_validate(tuples_for_lists(raw))
-    except ValidationError as error:
-        errors = error.errors(include_url=False)
-        problems = [*problems, *model_problems(model, raw, errors, problems)]
-        raise FileError(source, in_file_order(problems, raw)) from error
-    if problems:
-        raise FileError(source, in_file_order(problems, raw))
-    return value
 
 
 def write_arm(path: str | Path, arm: Arm) -> None:

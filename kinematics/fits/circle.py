@@ -11,7 +11,8 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.fits.adjustment import Precision, adjusted, inverse_normal
-from traverse.kinematics.fits.cloud import across, cloud_of
+from traverse.kinematics.fits.cloud import cloud_of
+from traverse.kinematics.model.geometry import across
 
 
 @dataclass(frozen=True, slots=True, eq=False)

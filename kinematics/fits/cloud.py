@@ -97,12 +97,6 @@ def cloud_of(points_mm: Floats, at_least: int) -> Cloud:
     return Cloud(local_mm / extent_mm, mean_mm, extent_mm, axes, sizes_mm / extent_mm)
 
 
-def across(direction: Floats) -> tuple[Floats, Floats]:
-    """Find two unit vectors across a unit vector (3,), and across each other."""
-    frame = frames_across(direction[np.newaxis])[0]
-    return frame[:, 0], frame[:, 1]
-
-
 def frames_across(directions: Floats) -> Floats:
     """Find two unit vectors across each of many, (n, 3), as columns: (n, 3, 2)."""
     least = np.eye(3)[np.argmin(np.abs(directions), axis=1)]

@@ -12,7 +12,8 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.fits.adjustment import Precision, adjusted, inverse_normal
-from traverse.kinematics.fits.cloud import FLAT, Cloud, across, cloud_of, frames_across
+from traverse.kinematics.fits.cloud import FLAT, Cloud, cloud_of, frames_across
+from traverse.kinematics.model.geometry import across
 
 _N_DIRECTIONS = 400
 _N_STARTS = 6

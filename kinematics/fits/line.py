@@ -6,7 +6,8 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.fits.adjustment import Precision, inverse_normal
-from traverse.kinematics.fits.cloud import FLAT, across, cloud_of
+from traverse.kinematics.fits.cloud import FLAT, cloud_of
+from traverse.kinematics.model.geometry import across
 
 
 @dataclass(frozen=True, slots=True, eq=False)

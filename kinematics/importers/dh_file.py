@@ -9,18 +9,13 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field
 
-from traverse.kinematics.arm_file.arm import (
-    FileError,
-    Problem,
-    StrictModel,
-    parse_strict,
-)
 from traverse.kinematics.effect_table import Vector
 from traverse.kinematics.importers.dh import DHTable
 from traverse.kinematics.importers.dh_rows import DHRow, Units, columns_of, row_of
 from traverse.kinematics.importers.urdf import roll_pitch_yaw
-from traverse.strict_toml.problems import toml_text
+from traverse.strict_toml.problems import FileError, Problem, toml_text
 from traverse.strict_toml.raw_values import tables_in
+from traverse.strict_toml.reader import StrictModel, parse_strict
 from traverse.strict_toml.writing import arm_text
 
 Convention = Literal["classic", "modified"]

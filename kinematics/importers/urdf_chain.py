@@ -5,10 +5,14 @@ from typing import NoReturn
 
 import numpy as np
 
-from traverse.kinematics.arm_file.arm import FileError, Problem
 from traverse.kinematics.importers.urdf import Body, ChainJoint, moved_body
 from traverse.kinematics.importers.urdf_file import Robot, UrdfJoint
-from traverse.strict_toml.problems import shown, unknown_name_message
+from traverse.strict_toml.problems import (
+    FileError,
+    Problem,
+    shown,
+    unknown_name_message,
+)
 
 _TURNING = ("revolute", "continuous")
 _WHY_NOT = {

@@ -14,9 +14,8 @@ from xml.parsers import expat
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.kinematics.arm_file.arm import FileError, Problem
 from traverse.kinematics.importers.urdf import Body, moved_body, transform
-from traverse.strict_toml.problems import shown
+from traverse.strict_toml.problems import FileError, Problem, shown
 
 _LARGEST_BYTES = 2_000_000
 _DEEPEST = 50

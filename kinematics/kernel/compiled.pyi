@@ -5,9 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.kernel.arrays import ArmArrays, BlockArrays
 from traverse.kinematics.kernel.terms import Term
-from traverse.kinematics.model.geometry import Geometry
 
 Floats = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -17,7 +16,7 @@ LARGEST_N_JOINTS: int
 def runnable_variants() -> tuple[str, ...]: ...
 
 class Chain:
-    def __init__(self, geometry: Geometry, variant: str) -> None: ...
+    def __init__(self, geometry: ArmArrays, variant: str) -> None: ...
     @property
     def variant(self) -> str: ...
     def poses(
@@ -45,7 +44,7 @@ class Chain:
 class DeflectedChain:
     def __init__(
         self,
-        geometry: Geometry,
+        geometry: ArmArrays,
         variant: str,
         terms: Sequence[Term],
         levers_kg_m: Floats,
@@ -54,7 +53,7 @@ class DeflectedChain:
     def variant(self) -> str: ...
     def poses(
         self,
-        block: Block,
+        block: BlockArrays,
         gravity_m_s2: Sequence[float],
         centres_mm: Floats | None = None,
         directions: Floats | None = None,

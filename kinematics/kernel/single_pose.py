@@ -8,8 +8,8 @@ from collections.abc import Callable, Sequence
 from math import cos, nan, sin
 
 from traverse.arrays import Floats
+from traverse.kinematics.kernel.arrays import ArmArrays
 from traverse.kinematics.kernel.choice import compiled_chain
-from traverse.kinematics.model.geometry import Geometry
 
 Vector = tuple[float, float, float]
 Pose = tuple[Vector, Vector]
@@ -17,7 +17,7 @@ _NOWHERE: Vector = (nan, nan, nan)
 
 
 def pose_function(
-    geometry: Geometry,
+    geometry: ArmArrays,
 ) -> Callable[[Sequence[float] | Floats], Pose]:
     """Make the function that turns one sample's readings into centre and direction.
 
@@ -35,7 +35,7 @@ def pose_function(
 class PlainChain:
     """An arm for one sample at a time, in plain floats."""
 
-    def __init__(self, geometry: Geometry) -> None:
+    def __init__(self, geometry: ArmArrays) -> None:
         links_mm = geometry.links_mm.copy()
         links_mm[-1] += geometry.probe_vector_mm
         # From the tip inwards, as `pose` goes.

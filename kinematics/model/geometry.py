@@ -89,6 +89,20 @@ def unit_vectors(vectors: ArrayLike) -> Floats:
     return units
 
 
+def across(
+    axis: Floats,
+) -> tuple[Floats, Floats]:
+    """Span the plane across a unit vector.
+
+    v = normalise(e - (e . u) u) with e the unit vector of the smallest component of
+    u, and w = u x v; each (3,).
+    """
+    smallest = np.eye(3)[np.argmin(np.abs(axis))]
+    rest = smallest - float(smallest @ axis) * axis
+    first = rest / np.linalg.norm(rest)
+    return first, np.cross(axis, first)
+
+
 def geometry_from_arm(arm: "Arm") -> Geometry:
     """Take the geometry out of an arm file's values.
 

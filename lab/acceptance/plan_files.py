@@ -4,10 +4,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from traverse.kinematics.arm_file.arm import FileError, Problem
 from traverse.lab.acceptance.plan import Plan
 from traverse.lab.campaign.campaign_file import read_campaign_file
 from traverse.lab.collection.plan import PLAN, read_plan
+from traverse.strict_toml.problems import FileError, Problem
 from traverse.strict_toml.writing import write_atomically
 
 CAMPAIGN = "campaign.toml"

@@ -7,14 +7,10 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from traverse.arrays import Floats
-from traverse.kinematics.arm_file.arm import (
-    FileError,
-    Problem,
-    StrictModel,
-    read_strict,
-)
 from traverse.kinematics.helmert.volume import Ball, Box, Volume
 from traverse.lab.alignment.touches import read_touch_table
+from traverse.strict_toml.problems import FileError, Problem
+from traverse.strict_toml.reader import StrictModel, read_strict
 
 Vector = tuple[float, float, float]
 

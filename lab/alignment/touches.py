@@ -9,9 +9,8 @@ from typing import Literal
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.kinematics.arm_file.arm import FileError, Problem
 from traverse.protocol.messages import Point
-from traverse.strict_toml.problems import shown
+from traverse.strict_toml.problems import FileError, Problem, shown
 
 Coordinates = Literal["centre", "surface"]
 

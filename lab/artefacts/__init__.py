@@ -4,7 +4,6 @@ from collections.abc import Mapping
 
 from pydantic import ConfigDict, field_validator
 
-from traverse.kinematics.arm_file.arm import StrictModel
 from traverse.lab.artefacts.artefact import Artefact
 from traverse.lab.artefacts.ball_bar import BallBar
 from traverse.lab.artefacts.cone import Cone
@@ -13,7 +12,7 @@ from traverse.lab.artefacts.plane import Plane
 from traverse.lab.artefacts.points import Points
 from traverse.lab.artefacts.sphere import Sphere
 from traverse.strict_toml.problems import unknown_name_message
-from traverse.strict_toml.validation import tuples_for_lists
+from traverse.strict_toml.reader import StrictModel, tuples_for_lists
 
 __all__ = ["ARTEFACT_KINDS", "Artefact", "ArtefactTable", "artefact_from_table"]
 

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from traverse.arrays import Floats, Integers
-from traverse.kinematics.arm_file.arm import StrictModel
+from traverse.strict_toml.reader import StrictModel
 
 # Standard deviation of a certified length whose uncertainty is not given: a
 # nanometre, which is as good as exact and still an ordinary observation.

@@ -11,12 +11,6 @@ from pydantic import (
     PlainValidator,
 )
 
-from traverse.kinematics.arm_file.arm import (
-    FileError,
-    Problem,
-    StrictModel,
-    read_strict,
-)
 from traverse.kinematics.effect_table import Vector
 from traverse.lab.artefacts import (
     Artefact,
@@ -24,8 +18,9 @@ from traverse.lab.artefacts import (
     artefact_from_table,
 )
 from traverse.lab.artefacts.points import Points
-from traverse.strict_toml.problems import shown
+from traverse.strict_toml.problems import FileError, Problem, shown
 from traverse.strict_toml.raw_values import tables_in
+from traverse.strict_toml.reader import StrictModel, read_strict
 
 _POINT_COLUMNS = ["feature", "x_mm", "y_mm", "z_mm"]
 

@@ -3,8 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from traverse.kinematics.arm_file.arm import Problem
-from traverse.strict_toml.problems import unknown_name_message
+from traverse.strict_toml.problems import Problem, unknown_name_message
 
 _DIRECTION = ("direction_x", "direction_y", "direction_z")
 

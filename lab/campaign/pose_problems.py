@@ -3,9 +3,8 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
-from traverse.kinematics.arm_file.arm import Problem
 from traverse.lab.campaign.pose_columns import PoseColumns
-from traverse.strict_toml.problems import shown, unknown_name_message
+from traverse.strict_toml.problems import Problem, shown, unknown_name_message
 
 
 def row_problems(

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from traverse.arrays import Floats, Integers
-from traverse.kinematics.arm_file.arm import FileError, Problem
 from traverse.lab.campaign.pose_columns import PoseColumns, columns_from_header
 from traverse.lab.campaign.pose_problems import row_problems
+from traverse.strict_toml.problems import FileError, Problem
 
 _BLOCK_ROWS = 20_000
 # More problems than anybody reads; the rest is counted.

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from traverse.arrays import Floats, Integers
-from traverse.kinematics.arm_file.arm import Arm, FileError, Problem, parse_arm
+from traverse.kinematics.arm_file.arm import Arm, parse_arm
 from traverse.kinematics.model.readings import (
     Unwrapper,
     counts_to_angles,
@@ -23,7 +23,7 @@ from traverse.lab.campaign.pose_table import PoseTable
 from traverse.lab.campaign.stream_motion import senses_of, speeds_of, stretches_of
 from traverse.recording.reader import read_recording
 from traverse.recording.values import Recording
-from traverse.strict_toml.problems import unknown_name_message
+from traverse.strict_toml.problems import FileError, Problem, unknown_name_message
 
 SUFFIX = ".mcap"
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)

@@ -8,8 +8,8 @@ import numpy as np
 from pydantic import Field
 
 from traverse.arrays import Floats, Integers
-from traverse.kinematics.arm_file.arm import StrictModel, read_strict
 from traverse.kinematics.effect_table import Vector
+from traverse.strict_toml.reader import StrictModel, read_strict
 
 PLAN = "plan.toml"
 SHELLS = 3

@@ -3,10 +3,9 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from traverse.kinematics.arm_file.arm import FileError, Problem
 from traverse.lab.campaign.campaign_file import CampaignFile
 from traverse.lab.collection.plan import PlanFile
-from traverse.strict_toml.problems import unknown_name_message
+from traverse.strict_toml.problems import FileError, Problem, unknown_name_message
 
 
 @dataclass(frozen=True, slots=True)

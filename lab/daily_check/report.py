@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from traverse.kinematics.arm_file.arm import FileError, Problem
 from traverse.lab.acceptance.certificate.values import SCHEMA as CERTIFICATE
 from traverse.lab.acceptance.conformity.limits import NO_LIMITS, Limits
 from traverse.lab.daily_check.control_chart import ChartPoint, charted, rules
 from traverse.lab.daily_check.figures import KINDS, FigureKind
 from traverse.lab.daily_check.history import Check, since_base
+from traverse.strict_toml.problems import FileError, Problem
 
 SCHEMA = "traverse/interim/1"
 

@@ -10,7 +10,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from traverse.kinematics.arm_file.arm import StrictModel, read_strict
+from traverse.strict_toml.reader import StrictModel, read_strict
 
 
 class Masks(StrictModel):

@@ -5,10 +5,15 @@ from pathlib import Path
 
 import numpy as np
 
-from traverse.kinematics.arm_file.arm import Arm, FileError, Problem
+from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign_file import CampaignFile
 from traverse.lab.measured_points.measurement import Measurement, measurement_of_touches
-from traverse.strict_toml.problems import shown, unknown_name_message
+from traverse.strict_toml.problems import (
+    FileError,
+    Problem,
+    shown,
+    unknown_name_message,
+)
 
 _PLACE = ("x_mm", "y_mm", "z_mm")
 _COLUMNS = ("artefact", "feature", *_PLACE)

@@ -13,7 +13,7 @@ import numpy as np
 import tomlkit
 
 from traverse.arrays import Integers
-from traverse.kinematics.arm_file.arm import Arm, Effect, FileError, Problem, parse_arm
+from traverse.kinematics.arm_file.arm import Arm, Effect, parse_arm
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.arm_effects import effects_of
 from traverse.kinematics.effects.base.context import utc_ns
@@ -30,6 +30,7 @@ from traverse.lab.identification.equations.plausible_sizes import (
 from traverse.lab.measured_points.measurement import Measurement, measurement_of_touches
 from traverse.lab.measured_points.points_table import is_point_table, read_points_table
 from traverse.recording.reader import read_recording
+from traverse.strict_toml.problems import FileError, Problem
 
 
 def read_measured(data: Path, arm: Arm) -> Measurement:

@@ -7,11 +7,12 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from traverse.kinematics.arm_file.arm import read_arm, read_strict
+from traverse.kinematics.arm_file.arm import read_arm
 from traverse.simulator.campaigns.command import run_command
 from traverse.simulator.campaigns.drawing import simulate_campaign
 from traverse.simulator.campaigns.spec import CampaignFile, spec_problems
 from traverse.simulator.campaigns.writing import write_campaign
+from traverse.strict_toml.reader import read_strict
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

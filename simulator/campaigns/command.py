@@ -5,8 +5,8 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from traverse.kinematics.arm_file.arm import FileError
 from traverse.simulator.campaigns.siting import UnreachableError
+from traverse.strict_toml.problems import FileError
 
 DONE, REFUSED = 0, 2
 

@@ -5,13 +5,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.kinematics.arm_file.arm import Arm, Problem
+from traverse.kinematics.arm_file.arm import Arm
 from traverse.simulator.arm.physics import Mechanism, probe_pose
 from traverse.simulator.campaigns.artefacts import Artefact
 from traverse.simulator.campaigns.mixes import mix_artefacts
 from traverse.simulator.campaigns.postures import drawn_turns
 from traverse.simulator.campaigns.spec import CampaignSpec, spec_problems
 from traverse.simulator.campaigns.streams import stream
+from traverse.strict_toml.problems import Problem
 
 N_LOOKS = 1000  # postures that tell how wide the working volume is
 

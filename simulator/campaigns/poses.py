@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from traverse.arrays import Floats, Indices
-from traverse.kinematics.arm_file.arm import Arm, FileError
+from traverse.kinematics.arm_file.arm import Arm
 from traverse.simulator.arm.physics import probe_pose
 from traverse.simulator.arm.truth import Deviations, TrueArm, true_arm
 from traverse.simulator.campaigns.artefacts import Artefact
@@ -20,6 +20,7 @@ from traverse.simulator.campaigns.streams import stream
 from traverse.simulator.campaigns.travel import travel_limits
 from traverse.simulator.campaigns.with_effects import with_effects
 from traverse.simulator.effects.faulty_arm import faulty_arm
+from traverse.strict_toml.problems import FileError
 
 __all__ = ["PlacedArtefact", "PoseSet", "make_poses"]
 

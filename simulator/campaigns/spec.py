@@ -9,10 +9,11 @@ from typing import Any, Literal
 
 from pydantic import AwareDatetime, Field, field_validator
 
-from traverse.kinematics.arm_file.arm import Problem, StrictModel
 from traverse.simulator.campaigns.artefacts import AnyArtefact
 from traverse.simulator.campaigns.mixes import MIXES
 from traverse.simulator.config import DeviationTable
+from traverse.strict_toml.problems import Problem
+from traverse.strict_toml.reader import StrictModel
 
 Column = Literal["temperature", "approach", "speed", "direction", "force"]
 COLUMNS: tuple[Column, ...] = (

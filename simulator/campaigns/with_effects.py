@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from traverse.kinematics.arm_file.arm import Effect, FileError, Problem
+from traverse.kinematics.arm_file.arm import Effect
 from traverse.simulator.campaigns.pose_set import PoseSet
 from traverse.simulator.effects import Fault, faults_from_effects, on_true_axes
 from traverse.simulator.effects.faulty_arm import faulty_arm
 from traverse.simulator.effects.from_arm import TIMED
+from traverse.strict_toml.problems import FileError, Problem
 
 
 def with_effects(

@@ -11,8 +11,8 @@ from pydantic import (
     field_validator,
 )
 
-from traverse.kinematics.arm_file.arm import StrictModel
 from traverse.simulator.devices.kinds import DEFAULT, KINDS, class_named
+from traverse.strict_toml.reader import StrictModel
 
 
 class DeviceTable(StrictModel):

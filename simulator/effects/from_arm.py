@@ -5,10 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.kinematics.arm_file.arm import Arm, Effect, FileError, Problem
+from traverse.kinematics.arm_file.arm import Arm, Effect
 from traverse.simulator.effects.empirical_fault import OF_ARM, OF_JOINT
 from traverse.simulator.effects.fault import Fault
 from traverse.simulator.effects.makers import MAKERS, EffectEntry, covariate_of
+from traverse.strict_toml.problems import FileError, Problem
 
 TIMED = {"encoder_drift", "count_slip", "base_drift", "base_step"}
 WEIGHED = {"joint_compliance", "bearing_compliance", "mount_compliance"}

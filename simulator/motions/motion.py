@@ -11,8 +11,8 @@ from pydantic import (
     field_validator,
 )
 
-from traverse.kinematics.arm_file.arm import StrictModel
 from traverse.simulator.motions.stage import CourseBuilder
+from traverse.strict_toml.reader import StrictModel
 
 Vector = tuple[float, float, float]
 

@@ -13,10 +13,10 @@ import numpy as np
 from pydantic import Field
 
 from traverse.arrays import Floats
-from traverse.kinematics.arm_file.arm import StrictModel
 from traverse.simulator.arm.physics import probe_pose
 from traverse.simulator.effects import FaultyArm, Surroundings
 from traverse.simulator.scenario.script import Script, ScriptEvent
+from traverse.strict_toml.reader import StrictModel
 
 HOLD_S = 0.1  # before and after a change of an input the direction stands
 SHARE = 0.25  # of the time to the next change, at most

@@ -12,7 +12,7 @@ from pydantic import (
     field_validator,
 )
 
-from traverse.kinematics.arm_file.arm import StrictModel
+from traverse.strict_toml.reader import StrictModel
 
 
 class Fault(StrictModel):

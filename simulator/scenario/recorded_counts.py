@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from traverse.arrays import Floats, Integers
-from traverse.kinematics.arm_file.arm import FileError, Problem
+from traverse.strict_toml.problems import FileError, Problem
 
 INPUTS = ("button", "switch")
 

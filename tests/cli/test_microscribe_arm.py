@@ -14,10 +14,11 @@ from traverse.cli.microscribe.arm_values import (
     MicroscribeDescription,
     arm_from_microscribe,
 )
-from traverse.kinematics.arm_file.arm import FileError, read_arm, write_arm
+from traverse.kinematics.arm_file.arm import read_arm, write_arm
 from traverse.kinematics.model.forward import probe_pose
 from traverse.kinematics.model.geometry import geometry_from_arm
 from traverse.protocol.microscribe.session import Kinematics, kinematics_of
+from traverse.strict_toml.problems import FileError
 
 MAXES = (7999, 16383, 8191, 3999, 3999, 1023)
 words = st.integers(-32768, 32767)

@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 
 from tests.docs.pages import CHECKOUT, text_of
 from traverse.cli.__main__ import app
-from traverse.kinematics.arm_file.arm import read_strict
 from traverse.lab.alignment.nominal import Nominal
+from traverse.strict_toml.reader import read_strict
 
 PAGE = "docs/alignment.md"
 LEFT_OUT = ("", "CDF", "CDEF")  # of each of the three outputs

@@ -18,8 +18,9 @@ from tests.docs.pages import CHECKOUT, examples, kinds_of_examples, text_of
 from tests.mosquitto import Mosquitto
 from tests.protocol.message_examples import GOLDEN
 from traverse.daemon.config.schema import read_configuration
-from traverse.kinematics.arm_file.arm import parse_arm, read_strict
+from traverse.kinematics.arm_file.arm import parse_arm
 from traverse.simulator.config import SimulatorConfig, config_problems
+from traverse.strict_toml.reader import read_strict
 
 END_S = 30.0
 

@@ -25,7 +25,7 @@ from traverse.daemon.config.schema import (
 from traverse.daemon.pose import probe_library
 from traverse.drivers.base.registry import DRIVERS, driver_class
 from traverse.kinematics.arm_file import arm
-from traverse.kinematics.arm_file.arm import EFFECT_KINDS
+from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.filters import FILTERS
 
 SECTIONS: dict[str, list[tuple[str, type[BaseModel]]]] = {

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from traverse.kinematics.arm_file.arm import parse_strict
 from traverse.simulator.arm.physics import Mechanism
 from traverse.simulator.config import SimulatorConfig, config_problems
 from traverse.simulator.scenario.script import Script
 from traverse.simulator.virtual_arm import VirtualArm, build_arm, build_script
+from traverse.strict_toml.reader import parse_strict
 
 AXES = ["0, 0, 1", "0, 1, 0", "1, 0, 0", "0, 1, 0", "1, 0, 0", "0, 1, 0", "0, 0, -1"]
 LINKS = ["0, 0, 250", "60, 0, 0", "400, 0, 0", "50, 0, 0", "330, 0, 0", "0, 0, -50"]

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from tests.simulator.conftest import arm_text, config_text
-from traverse.kinematics.arm_file.arm import FileError, parse_strict
 from traverse.simulator.config import SimulatorConfig, config_problems
 from traverse.simulator.run import run_simulator
 from traverse.simulator.scenario.recorded_counts import read_recording, recorded_counts
 from traverse.simulator.virtual_arm import build_arm, build_script
+from traverse.strict_toml.problems import FileError
+from traverse.strict_toml.reader import parse_strict
 
 REST = '[[motion]]\nkind = "rest"\nduration_s = 0.01\n'
 

@@ -2,12 +2,8 @@
 
 import pytest
 
-from traverse.kinematics.arm_file.arm import (
-    FileError,
-    Problem,
-    StrictModel,
-    parse_strict,
-)
+from traverse.strict_toml.problems import FileError, Problem
+from traverse.strict_toml.reader import StrictModel, parse_strict
 
 
 class Device(StrictModel):

@@ -12,9 +12,8 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.bodies import dot
-from traverse.kinematics.effects.mechanics.axis_motion import across
 from traverse.kinematics.model.batched_quaternions import rotated
-from traverse.kinematics.model.geometry import Geometry
+from traverse.kinematics.model.geometry import Geometry, across
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,7 +12,7 @@ from traverse.arrays import Floats
 from traverse.kinematics.effects.base.correction import BodyCorrection
 from traverse.kinematics.effects.base.posture import Posture
 from traverse.kinematics.kernel.terms import Form, Term
-from traverse.kinematics.model.geometry import Geometry
+from traverse.kinematics.model.geometry import Geometry, across
 
 _COMPONENTS = ("x", "y", "z")
 
@@ -74,15 +74,3 @@ class AxisMotion(BodyCorrection):
     def _waves(self, posture: Posture) -> tuple[Floats, Floats]:
         phases_rad = self.order * posture.turns_rad[self.joints.start]
         return np.cos(phases_rad), np.sin(phases_rad)
-
-
-def across(axis: Floats) -> tuple[Floats, Floats]:
-    """Span the plane across a unit vector.
-
-    v = normalise(e - (e . u) u) with e the unit vector of the smallest component of
-    u, and w = u x v; each (3,).
-    """
-    smallest = np.eye(3)[np.argmin(np.abs(axis))]
-    rest = smallest - float(smallest @ axis) * axis
-    first = rest / np.linalg.norm(rest)
-    return first, np.cross(axis, first)

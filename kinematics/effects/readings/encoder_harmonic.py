@@ -23,9 +23,10 @@ if TYPE_CHECKING:
 class EncoderHarmonic(ReadingCorrection):
     """So many periods a turn of the reading."""
 
-    order: int
+    order: float  # periods a turn
 
     kind: ClassVar[str] = "encoder_harmonic"
+    key: ClassVar[str] = "order"
 
     @classmethod
     def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
@@ -34,7 +35,7 @@ class EncoderHarmonic(ReadingCorrection):
         return cls(
             joints=setting.joints(effect),
             values=(values["cos_rad"], values["sin_rad"]),
-            order=values.get("order", 1),
+            order=values.get(cls.key, 1),
         )
 
     @property
@@ -56,12 +57,8 @@ class EncoderHarmonic(ReadingCorrection):
     @property
     def terms(self) -> tuple[Term, ...]:
         """One wave for every joint."""
+        wave = Form.READING_WAVE
         return tuple(
-            Term(
-                form=Form.READING_WAVE,
-                joint=joint,
-                order=self.order,
-                values=self.values,
-            )
+            Term(form=wave, joint=joint, order=self.order, values=self.values)
             for joint in self.affected
         )

@@ -6,11 +6,12 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from traverse.kinematics.arm_file.arm import FileError, Problem, read_arm
+from traverse.kinematics.arm_file.arm import read_arm
 from traverse.lab.acceptance.certificate.values import SCHEMA, digest_values
 from traverse.lab.acceptance.conformity.limits import NO_LIMITS, read_limits
 from traverse.lab.acceptance.standards import STANDARDS, verified
 from traverse.lab.measured_points.reading import read_measured
+from traverse.strict_toml.problems import FileError, Problem
 
 _SAME_MM = 1e-9
 ARM, LIMITS = "arm.toml", "limits.toml"

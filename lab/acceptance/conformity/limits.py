@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, PlainValidator
 
-from traverse.kinematics.arm_file.arm import StrictModel, read_strict
+from traverse.strict_toml.reader import StrictModel, read_strict
 
 # ISO 14253-1:2017: 95 % for one limit needs 1.65 standard uncertainties.
 GUARD_FACTOR = 1.65

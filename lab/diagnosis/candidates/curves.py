@@ -8,10 +8,10 @@ nothing of itself behind. Knots are at quantiles of the covariate: each has its 
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.kinematics.effects.mechanics.axis_motion import across
 from traverse.kinematics.effects.readings.empirical import Empirical
 from traverse.kinematics.effects.readings.spline import spline_amounts
 from traverse.kinematics.model.derivatives import probe_derivatives
+from traverse.kinematics.model.geometry import across
 from traverse.lab.diagnosis.candidates.priors import CURVE_MM, CURVE_RAD
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
 from traverse.lab.diagnosis.model.covariates import (

@@ -7,7 +7,7 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Effect, effect_from_table
 from traverse.kinematics.effect_table import EFFECT_KINDS, EffectKind, Vector
-from traverse.kinematics.effects.mechanics.axis_motion import across
+from traverse.kinematics.model.geometry import across
 from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 from traverse.lab.identification.equations.plausible_sizes import campaign_start

@@ -3,7 +3,7 @@
 from datetime import UTC, datetime
 from pathlib import Path
 
-from traverse.kinematics.arm_file.arm import Arm, FileError, Problem, parse_arm
+from traverse.kinematics.arm_file.arm import Arm, parse_arm
 from traverse.kinematics.arm_file.arm import Identification as Provenance
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.arm_effects import effects_of
@@ -12,6 +12,7 @@ from traverse.lab.identification.equations.plausible_sizes import (
     campaign_span,
     campaign_start,
 )
+from traverse.strict_toml.problems import FileError, Problem
 from traverse.strict_toml.writing import arm_text, write_atomically
 
 

@@ -14,8 +14,8 @@ from pydantic import (
 )
 
 from traverse.arrays import Floats, Indices
-from traverse.kinematics.arm_file.arm import StrictModel
 from traverse.simulator.campaigns.artefacts.placement import Placement
+from traverse.strict_toml.reader import StrictModel
 
 Table = dict[str, Any]  # what a campaign.toml or truth.json says of an artefact
 

@@ -9,11 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from traverse.kinematics.arm_file.arm import read_arm, read_strict
+from traverse.kinematics.arm_file.arm import read_arm
 from traverse.simulator.campaigns.command import run_command
 from traverse.simulator.campaigns.dense.scan import NOTHING, simulate_scan
 from traverse.simulator.campaigns.dense.spec import DenseFile, dense_problems
 from traverse.simulator.campaigns.dense.writing import write_scan
+from traverse.strict_toml.reader import read_strict
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.kinematics.arm_file.arm import FileError, Problem
 from traverse.simulator.arm.physics import Mechanism, probe_pose
 from traverse.simulator.campaigns.artefacts import Cone, Sphere
 from traverse.simulator.campaigns.artefacts.placement import Placement
 from traverse.simulator.campaigns.dense.spec import ScanTable
 from traverse.simulator.campaigns.postures import reaching_postures, shifted_postures
 from traverse.simulator.campaigns.siting import UnreachableError
+from traverse.strict_toml.problems import FileError, Problem
 
 KNOT_S = 0.05
 PULL = 0.05  # of what a posture is away from the wished one, per knot

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.arrays import Floats, Integers
-from traverse.kinematics.arm_file.arm import Arm, Problem
+from traverse.kinematics.arm_file.arm import Arm
 from traverse.simulator.arm.truth import Deviations, TrueArm, true_arm
 from traverse.simulator.campaigns.artefacts import Cone, Sphere
 from traverse.simulator.campaigns.campaign import StatedArtefact
@@ -31,6 +31,7 @@ from traverse.simulator.effects import (
     on_true_axes,
 )
 from traverse.simulator.effects.faulty_arm import faulty_arm
+from traverse.strict_toml.problems import Problem
 
 START = datetime(2026, 11, 20, 9, tzinfo=UTC)
 CHUNK = 20_000

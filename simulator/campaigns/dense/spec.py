@@ -5,9 +5,10 @@ from typing import Any
 
 from pydantic import Field
 
-from traverse.kinematics.arm_file.arm import Problem, StrictModel
 from traverse.simulator.campaigns.artefacts import Cone, Sphere
 from traverse.simulator.campaigns.spec import CampaignFile, spec_problems
+from traverse.strict_toml.problems import Problem
+from traverse.strict_toml.reader import StrictModel
 
 
 class ScanTable(StrictModel):

@@ -13,11 +13,11 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from traverse.kinematics.arm_file.arm import StrictModel
 from traverse.simulator.devices.device import DeviceContext
 from traverse.simulator.devices.microscribe import box as wire
 from traverse.simulator.devices.serial_device import SerialDevice, SerialTable
 from traverse.simulator.scenario.signals import InputChange, LatchedEdge
+from traverse.strict_toml.reader import StrictModel
 
 MOST_COUNTS = 16384
 Six = tuple[int, int, int, int, int, int]

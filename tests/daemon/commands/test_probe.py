@@ -15,9 +15,10 @@ from traverse.daemon.config.schema import CaptureSection
 from traverse.daemon.errors import RequestRefusedError
 from traverse.daemon.pose.arm_model import model_with_probe, read_model
 from traverse.daemon.pose.probe_library import read_probes
-from traverse.kinematics.arm_file.arm import FileError, arm_digest, parse_arm
+from traverse.kinematics.arm_file.arm import arm_digest, parse_arm
 from traverse.kinematics.model.forward import probe_centre
 from traverse.protocol.messages import PointArgs, ProbeArgs
+from traverse.strict_toml.problems import FileError
 
 LIBRARY = """\
 schema = "traverse/probes/1"

@@ -5,9 +5,10 @@ from pydantic import ValidationError
 
 from traverse.daemon.config.filters import filter_of, flag_bits
 from traverse.daemon.config.schema import ScanSection
-from traverse.kinematics.arm_file.arm import FileError, parse_strict
 from traverse.kinematics.filters.regions import Box
 from traverse.protocol.messages import QualityFlag
+from traverse.strict_toml.problems import FileError
+from traverse.strict_toml.reader import parse_strict
 
 
 def section(text):

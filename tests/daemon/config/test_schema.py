@@ -4,7 +4,7 @@ from traverse.daemon.config.devices import section_class
 from traverse.daemon.config.schema import read_configuration
 from traverse.drivers.base.registry import DRIVERS
 from traverse.drivers.latch_board.options import LatchBoardOptions
-from traverse.kinematics.arm_file.arm import FileError
+from traverse.strict_toml.problems import FileError
 
 GOOD = """\
 [arm]

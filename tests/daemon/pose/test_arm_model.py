@@ -4,7 +4,8 @@ import pytest
 from tests.daemon.values import ARM, MODULI, arm_file, arm_model
 from traverse.daemon.pose.arm_model import read_model
 from traverse.drivers.base.values import Identity
-from traverse.kinematics.arm_file.arm import FileError, arm_digest, read_arm
+from traverse.kinematics.arm_file.arm import arm_digest, read_arm
+from traverse.strict_toml.problems import FileError
 
 
 def device(moduli_counts, counts_per_turn=()):

@@ -11,9 +11,9 @@ from traverse.daemon.inputs import StartupError, read_inputs
 from traverse.daemon.pose.arm_model import read_model
 from traverse.daemon.pose.uncertainty import CovarianceEvaluator, CovarianceInput
 from traverse.drivers.base.values import DeviceUp
-from traverse.kinematics.arm_file.arm import FileError
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.model.forward import probe_centre
+from traverse.strict_toml.problems import FileError
 
 ANGLES_RAD = np.array([1.5, -0.2, 0.9])
 COVARIANCE_FILE = 'covariance_file = "arm.cov.npz"'

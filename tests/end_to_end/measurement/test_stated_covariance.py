@@ -17,12 +17,7 @@ from tests.end_to_end.measurement.effect_loop import Daemon
 from tests.end_to_end.workbench import DEMO_ARM, SWEEP
 from traverse.daemon.config.schema import UncertaintySection
 from traverse.drivers.base.values import CountSamples, LatchedCounts
-from traverse.kinematics.arm_file.arm import (
-    Identification,
-    read_arm,
-    read_strict,
-    write_arm,
-)
+from traverse.kinematics.arm_file.arm import Identification, read_arm, write_arm
 from traverse.kinematics.uncertainty.arm_covariance import parameter_names
 from traverse.simulator.config import SimulatorConfig, config_problems
 from traverse.simulator.virtual_arm import (
@@ -31,6 +26,7 @@ from traverse.simulator.virtual_arm import (
     build_script,
     encoders_of,
 )
+from traverse.strict_toml.reader import read_strict
 
 N = 1000
 CHI2_95_OF_3 = 7.814727903251179  # published quantile

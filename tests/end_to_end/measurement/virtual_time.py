@@ -18,7 +18,6 @@ from traverse.drivers.base.values import Delivery, DeviceLost, DeviceTemperature
 from traverse.drivers.io.serial_port import SerialPort
 from traverse.drivers.latch_board.driver import LatchBoardDriver
 from traverse.drivers.latch_board.options import LatchBoardOptions
-from traverse.kinematics.arm_file.arm import read_strict
 from traverse.simulator.config import SimulatorConfig, config_problems
 from traverse.simulator.devices.device import DeviceContext
 from traverse.simulator.devices.latch_board.device import (
@@ -35,6 +34,7 @@ from traverse.simulator.virtual_arm import (
     build_script,
     build_sources,
 )
+from traverse.strict_toml.reader import read_strict
 
 FIRST_NS = 10**12
 BLOCK_S = 0.05  # samples that the board sends together

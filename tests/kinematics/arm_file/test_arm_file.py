@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 from tests.kinematics.arms import ARM_TEXT
 from traverse.kinematics.arm_file.arm import (
     Arm,
-    FileError,
     arm_digest,
     effect_from_table,
     parse_arm,
     read_arm,
     write_arm,
 )
+from traverse.strict_toml.problems import FileError
 
 EVERYTHING = (
     ARM_TEXT

@@ -7,7 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.kinematics.arms import ARM_TEXT
-from traverse.kinematics.arm_file.arm import FileError, parse_arm, read_arm
+from traverse.kinematics.arm_file.arm import parse_arm, read_arm
+from traverse.strict_toml.problems import FileError
 
 EVERYTHING_WRONG = """\
 schema = "traverse/arm/2"

@@ -1,7 +1,9 @@
 import pytest
 
 from tests.kinematics.arms import ARM_TEXT
-from traverse.kinematics.arm_file.arm import EFFECT_KINDS, FileError, parse_arm
+from traverse.kinematics.arm_file.arm import parse_arm
+from traverse.kinematics.effect_table import EFFECT_KINDS
+from traverse.strict_toml.problems import FileError
 
 EPOCH = "epoch_utc = 2026-11-20T09:00:00Z\n"
 # Written by hand from the table of the contract: class, keys of a good effect.

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.docs.pages import CHECKOUT
-from traverse.kinematics.arm_file.arm import FileError, read_arm
+from traverse.kinematics.arm_file.arm import read_arm
 from traverse.lab.acceptance.certificate.check import certificate_problems
 from traverse.lab.acceptance.certificate.files import write_certificate
 from traverse.lab.acceptance.certificate.values import sealed
@@ -21,6 +21,7 @@ from traverse.simulator.campaigns.acceptance.poses import (
     acceptance_poses,
     drawn_acceptance,
 )
+from traverse.strict_toml.problems import FileError
 
 ARM = CHECKOUT / "cli" / "demo_data" / "arm.toml"
 LIMITS = """\

@@ -5,9 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.lab.measurements import limits
-from traverse.kinematics.arm_file.arm import FileError
 from traverse.lab.acceptance.conformity.decision import decision_of, worst
 from traverse.lab.acceptance.conformity.limits import NO_LIMITS, read_limits
+from traverse.strict_toml.problems import FileError
 
 # Limit 10 um, u = 2 um: the guard band of 1.65 u is 3.3 um wide.
 CASES = [

@@ -10,7 +10,6 @@ from tests.lab.alignment.aligned import (
     common,
     transformation,
 )
-from traverse.kinematics.arm_file.arm import FileError
 from traverse.kinematics.helmert.volume import Ball
 from traverse.lab.alignment.best_fit import best_fit_alignment
 from traverse.lab.alignment.common_points import (
@@ -22,6 +21,7 @@ from traverse.lab.alignment.common_points import (
 from traverse.lab.alignment.nominal import Nominal, read_nominal
 from traverse.lab.alignment.touches import Touch, read_touch_table
 from traverse.lab.alignment.volume import fixed_volume, volume_from_text
+from traverse.strict_toml.problems import FileError
 
 
 def touch(name, place, **more):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from traverse.kinematics.arm_file.arm import FileError
 from traverse.lab.campaign.campaign import read_campaign
+from traverse.strict_toml.problems import FileError
 
 CAMPAIGN = """\
 schema = "traverse/campaign/1"

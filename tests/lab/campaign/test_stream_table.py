@@ -5,11 +5,11 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from traverse.kinematics.arm_file.arm import FileError
 from traverse.lab.campaign.campaign import read_campaign
 from traverse.lab.campaign.stream_motion import senses_of, speeds_of, stretches_of
 from traverse.recording.values import Conditions, Samples, Touching
 from traverse.recording.writer import RecordingWriter
+from traverse.strict_toml.problems import FileError
 
 PER_TURN = 4096
 JOINTS = ("J1", "J2")

@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from traverse.kinematics.arm_file.arm import FileError
 from traverse.lab.campaign.campaign import read_campaign
 from traverse.lab.campaign.campaign_file import read_campaign_file
 from traverse.lab.collection.collection import JOURNAL, CollectedTouch, Collection
 from traverse.lab.collection.figures import agreement, coverage, picture
 from traverse.lab.collection.targets import targets_of
+from traverse.strict_toml.problems import FileError
 
 CAMPAIGN = """\
 schema = "traverse/campaign/1"

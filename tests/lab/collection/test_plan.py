@@ -5,11 +5,11 @@ import pytest
 
 from tests.lab.collection.test_collection import CAMPAIGN, NAMES, touch
 from traverse.cli.collect.view import instruction, summary
-from traverse.kinematics.arm_file.arm import FileError
 from traverse.lab.campaign.campaign_file import read_campaign_file
 from traverse.lab.collection.collection import Collection
 from traverse.lab.collection.plan import read_plan, volume_counts
 from traverse.lab.collection.targets import planned_targets
+from traverse.strict_toml.problems import FileError
 
 PLAN = """\
 schema = "traverse/collection-plan/1"

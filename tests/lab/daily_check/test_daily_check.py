@@ -15,7 +15,6 @@ from tests.lab.measurements import (
     on_a_ball,
     touches,
 )
-from traverse.kinematics.arm_file.arm import FileError
 from traverse.lab.daily_check.chart_pictures import (
     chart_lines,
     chart_png,
@@ -34,6 +33,7 @@ from traverse.lab.daily_check.report import (
     report_values,
 )
 from traverse.lab.measured_points.certified_values import IncompleteError
+from traverse.strict_toml.problems import FileError
 
 RADIUS_MM = 12.7
 # Around the mean: two touches 0.03 away along each axis; s^2 = 6 * 0.03^2 / 5.

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tests.simulator.campaigns.arms import seven_joint_arm
-from traverse.kinematics.arm_file.arm import EFFECT_KINDS as CONTRACT_KINDS
 from traverse.kinematics.arm_file.arm import parse_arm
+from traverse.kinematics.effect_table import EFFECT_KINDS as CONTRACT_KINDS
 from traverse.simulator.campaigns.blind.effects import EFFECT_KINDS, drawn_effect
 from traverse.simulator.campaigns.blind.faults import CURVE, FAULT_KINDS, drawn_fault
 from traverse.simulator.campaigns.blind.poses import pose_set, weighed

@@ -4,10 +4,10 @@ from pathlib import Path
 import pytest
 
 from tests.simulator.conftest import arm_text
-from traverse.kinematics.arm_file.arm import parse_strict
 from traverse.simulator.campaigns import CampaignFile
 from traverse.simulator.campaigns.__main__ import main
 from traverse.simulator.campaigns.spec import spec_problems
+from traverse.strict_toml.reader import parse_strict
 
 FILE = """
 schema = "traverse/simulated-campaign/1"

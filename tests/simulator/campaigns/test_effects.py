@@ -7,7 +7,7 @@ import pytest
 
 from tests.simulator.campaigns.arms import seven_joint_arm
 from tests.simulator.effects.examples import example, heavy_arm, spec_of
-from traverse.kinematics.arm_file.arm import FileError, read_arm
+from traverse.kinematics.arm_file.arm import read_arm
 from traverse.simulator.campaigns import (
     BallBar,
     CampaignSpec,
@@ -20,6 +20,7 @@ from traverse.simulator.campaigns import (
     write_campaign,
 )
 from traverse.simulator.effects import MissedContactError, Sawtooth
+from traverse.strict_toml.problems import FileError
 
 ARM = heavy_arm()
 SPEC = spec_of(

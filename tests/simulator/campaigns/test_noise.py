@@ -3,7 +3,6 @@ import pytest
 from scipy import stats
 
 from tests.simulator.campaigns.arms import ball_centres_mm, seven_joint_arm
-from traverse.kinematics.arm_file.arm import FileError
 from traverse.simulator.campaigns import (
     BallBar,
     CampaignSpec,
@@ -17,6 +16,7 @@ from traverse.simulator.campaigns import (
     simulate_campaign,
     true_arm_file,
 )
+from traverse.strict_toml.problems import FileError
 
 ARM = seven_joint_arm()
 QUIET = NoiseTable(encoder_rad=0.0, contact_mm=0.0)

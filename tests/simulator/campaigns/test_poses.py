@@ -6,7 +6,6 @@ from tests.simulator.campaigns.arms import (
     seven_joint_arm,
     six_joint_arm,
 )
-from traverse.kinematics.arm_file.arm import FileError
 from traverse.simulator.arm.truth import Deviations, true_arm
 from traverse.simulator.campaigns import (
     MIXES,
@@ -23,6 +22,7 @@ from traverse.simulator.campaigns import (
     make_poses,
     true_arm_file,
 )
+from traverse.strict_toml.problems import FileError
 
 ARM = seven_joint_arm()
 BALL_MM = ARM.probe.radius_mm

@@ -15,7 +15,8 @@ from tests.simulator.effects.examples import (
     heavy_arm,
     spec_of,
 )
-from traverse.kinematics.arm_file.arm import EFFECT_KINDS, Arm, Effect
+from traverse.kinematics.arm_file.arm import Arm, Effect
+from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.arm_effects import effects_of
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.context import utc_ns

@@ -10,7 +10,7 @@ import pytest
 
 from tests.simulator.conftest import config_text
 from tests.simulator.effects.examples import START, example, heavy_arm
-from traverse.kinematics.arm_file.arm import Arm, parse_strict, write_arm
+from traverse.kinematics.arm_file.arm import Arm, write_arm
 from traverse.kinematics.effects.arm_effects import effects_of
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.context import utc_ns
@@ -32,6 +32,7 @@ from traverse.simulator.virtual_arm import (
     build_script,
     build_sources,
 )
+from traverse.strict_toml.reader import parse_strict
 
 SPHERE = """
 [[motion]]

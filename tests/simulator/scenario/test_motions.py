@@ -3,8 +3,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from traverse.kinematics.arm_file.arm import FileError
 from traverse.simulator.arm.physics import probe_pose
+from traverse.strict_toml.problems import FileError
 
 SPHERE = """
 [[motion]]

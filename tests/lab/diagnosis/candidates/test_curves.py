@@ -11,10 +11,10 @@ from scipy.interpolate import CubicSpline
 from tests.lab.diagnosis.candidates.test_library import chosen
 from tests.lab.diagnosis.fitted_rows import measured, measured_rows, serial_rows
 from traverse.kinematics.effects.arm_effects import effects_of
-from traverse.kinematics.effects.mechanics.axis_motion import across
 from traverse.kinematics.effects.pose import corrected_pose
 from traverse.kinematics.effects.readings.spline import spline_amounts
 from traverse.kinematics.model.forward import probe_centre
+from traverse.kinematics.model.geometry import across
 from traverse.lab.diagnosis.candidates.curves import (
     N_FINE_KNOTS,
     N_KNOTS,
