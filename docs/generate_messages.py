@@ -32,38 +32,43 @@ from traverse.protocol.topics import CHANNELS
 HERE = Path(__file__).parent
 REFERENCE = HERE / "reference"
 GOLDEN = HERE.parent / "tests" / "protocol" / "golden"
-EXTRA_EXAMPLES = {
+MORE_EXAMPLES = {
     "status": "status-offline",
     "point": "point-retraction",
     "reply": "reply-error",
 }
-HEX_LIMIT = 1000
+"""Of messages that have two forms; in files alone."""
 
-HEAD = f"""\
+HEAD = """\
 # MQTT messages
 
-Generated from `protocol/messages` by `make schemas`; do not edit.
-
-All topics are `traverse/<arm>/<kind>`. A payload is one MessagePack map, or one JSON
-object where the configuration says so; the first byte tells which (a JSON object begins
-with a brace). MQTT 5 payloads have the content type `application/msgpack` or
-`application/json`, which nobody needs in order to read them.
-
-- Every payload has `schema`. Another number at its end means another layout. Keys that
-  are not listed here, and keys given twice, are refused by our own reader.
-- All keys are always there, null where it says so, unless "may be left out" stands
-  beside.
-- A number is finite: NaN and infinity are refused. An integer is good where a number is
-  expected, not the reverse. Integers have at most 53 bits.
-- A *time* is nanoseconds since 1970 in UTC: an integer in MessagePack, a **string** of
-  digits in JSON, since it needs 61 bits.
-- An *array* is an [extension type](#arrays) in MessagePack, nested lists in JSON.
+Everything that Traverse measures leaves over MQTT, and every command is received over
+it. One definition, `protocol/messages`, makes this page (`make schemas`; do not
+edit), the [JSON Schemas](schemas/README.md) of all payloads and an [AsyncAPI 3
+document](asyncapi.json). How to read points in Python, JavaScript, Node-RED or a
+shell: [how-to](../how-to/read-points-in-your-program.md).
+"""
+RULES = f"""\
+- **Encoding.** A payload is one MessagePack map, or one JSON object where the
+  daemon's configuration says so (`encoding`). The first byte shows which: a JSON
+  object begins with a brace. A command may use either. The content type of MQTT 5 is
+  `application/msgpack` or `application/json`; readers need not look at it.
+- **Version.** Every payload has `schema`, the name that is given beside its topic; the
+  tables leave it out. Another number at its end means another layout. Our reader
+  refuses unknown and repeated keys.
+- **Arm.** All messages but commands and replies have `arm`, its name as in the topic.
+- **Keys** are always present, null where the type says so. Those with a default may
+  be left out.
+- **Numbers** are finite; integers have at most 53 bits, and one is accepted where a
+  number is expected. Units are in the names of the fields.
+- A **time** is nanoseconds since 1970 in UTC, which needs 61 bits: an integer in
+  MessagePack (in JavaScript decode with `useBigInt64: true`), a **string** of digits
+  in JSON.
+- An **array** is an [extension type](#arrays) in MessagePack, nested lists in JSON.
   Without points, its free dimensions are 0.
-- A *name* has 1 to 64 characters. Units are in the names of the fields.
+- A **name** has 1 to 64 characters.
 - Our reader refuses more than {MAX_BYTES} bytes, {MAX_DEPTH} levels of nesting, and
   MessagePack lists or maps of more than {MAX_ELEMENTS} elements.
-
-JSON Schemas of all payloads in JSON are [files](schemas/README.md).
 """
 SCHEMAS = """\
 Generated from `protocol/messages` by `make schemas`; do not edit. One file for every
@@ -71,14 +76,15 @@ Generated from `protocol/messages` by `make schemas`; do not edit. One file for 
 in JSON.
 """
 DELIVERY = """\
-`seq` is without gaps per `session`. A point is delivered at least once and counts once
-per `id`. A consumer that sees a gap in (session, seq), or starts late,
-asks `cmd/resend`.
+A point is delivered at least once and counts once per `id`. Within a `session`, `seq`
+has no gaps, retractions included: request missing numbers with
+[`cmd/resend`](#cmdresend). Use a point only where `quality.ok` is true.
 """
 COMMAND_HEAD = """\
-A command is answered on the MQTT 5 response topic if it has one, which has to be below
-`reply/` ([why](../security.md#answers)), else on `reply/<name>`; a repeated `request`
-gets the first answer again. What `args` holds depends on the name:
+The reply is sent to the MQTT 5 response topic if the command has one, which must be
+below `reply/` ([why](../security.md#answers)), else to `reply/<name>`. Choose a new
+`request` for each command: a repeated one gets the first reply again and is not
+carried out again. What `args` holds depends on the name:
 """
 
 
@@ -116,7 +122,13 @@ def schemas_page() -> str:
 
 def reference_page() -> str:
     """The page, in Markdown."""
-    lines = [HEAD]
+    lines = [HEAD, "| topic | payload | QoS |", "|---|---|---|"]
+    for message in MESSAGES:
+        topic, quality = _delivery(name(message))
+        first = (inspect.getdoc(message) or "").splitlines()[0]
+        link = f"[{message.__name__}](#{name(message)})"
+        lines.append(f"| `{topic}` | {link}: {first} | {quality} |")
+    lines += ["", RULES]
     for message in MESSAGES:
         lines += _message_section(message)
         if name(message) == "point":
@@ -125,6 +137,8 @@ def reference_page() -> str:
             lines += _command_sections()
     lines += [
         "## Quality flags",
+        "",
+        "The bits of `quality` in a scan, and their names in other messages.",
         "",
         "| bit | name | ok | meaning |",
         "|---|---|---|---|",
@@ -138,22 +152,22 @@ def reference_page() -> str:
     return "\n".join(lines)
 
 
-def _message_section(message: type[Message]) -> list[str]:
-    schema, key = json_schema(message), name(message)
+def _delivery(key: str) -> tuple[str, str]:
+    """Topic of a message, and its quality of service."""
     topic = {"command": "cmd"}.get(key, key)
     channel = CHANNELS[topic]
     level = "/<name>" if key in ("command", "reply") else ""
     retained = ", retained" if channel.retained else ""
+    return f"traverse/<arm>/{topic}{level}", f"{channel.qos}{retained}"
+
+
+def _message_section(message: type[Message]) -> list[str]:
+    schema, key = json_schema(message), name(message)
+    topic, quality = _delivery(key)
     lines = [f"## {message.__name__}", "", inspect.getdoc(message) or "", ""]
-    lines += [
-        f"Topic `traverse/<arm>/{topic}{level}`, QoS {channel.qos}{retained}.",
-        "",
-    ]
+    lines += [f"`{topic}`, QoS {quality}; `schema`: `{schema['$id']}`", ""]
     lines += [*field_table(schema), "", *_inner_tables(schema)]
-    if key == "command":
-        return lines
-    lines += _example(key)
-    return lines + (_example(EXTRA_EXAMPLES[key]) if key in EXTRA_EXAMPLES else [])
+    return lines if key == "command" else lines + _example(key)
 
 
 def _inner_tables(schema: Schema) -> list[str]:
@@ -170,18 +184,34 @@ def _command_sections() -> list[str]:
     lines = [COMMAND_HEAD]
     for command, args in COMMANDS.items():
         lines += [f"### cmd/{command}", "", inspect.getdoc(args) or "", ""]
-        lines += [*field_table(json_schema(args)), "", *_example(f"command-{command}")]
+        lines += [*field_table(json_schema(args)), ""]
+        if command == next(iter(COMMANDS)):
+            lines += _example(f"command-{command}")
+        else:
+            shown = json.loads(_golden(f"command-{command}.json"))["args"]
+            links = _links(f"command-{command}")
+            lines += [f"Example: `{json.dumps(shown)}` ({links})", ""]
     return lines
 
 
 def _example(key: str) -> list[str]:
-    """A golden example; of long ones the bytes are in the file only."""
-    lines = ["```json", (GOLDEN / f"{key}.json").read_text().rstrip(), "```", ""]
-    packed = (GOLDEN / f"{key}.msgpack.hex").read_text().rstrip()
-    if len(packed) > HEX_LIMIT:
-        link = f"../../tests/protocol/golden/{key}.msgpack.hex"
-        return [*lines, f"The same in MessagePack: [{key}.msgpack.hex]({link}).", ""]
-    return [*lines, "The same in MessagePack:", "", "```", packed, "```", ""]
+    """A golden example in JSON; its bytes, and further examples, are in files."""
+    links = f"The same in MessagePack: {_links(key)}."
+    if key in MORE_EXAMPLES:
+        more = MORE_EXAMPLES[key]
+        links += f" Another: {_links(more, 'json', 'msgpack.hex')}."
+    return ["```json", _golden(f"{key}.json"), "```", "", links, ""]
+
+
+def _golden(file: str) -> str:
+    return (GOLDEN / file).read_text().rstrip()
+
+
+def _links(key: str, *endings: str) -> str:
+    """Links to golden files, by default to the bytes."""
+    folder = "../../tests/protocol/golden"
+    files = [f"{key}.{ending}" for ending in endings or ("msgpack.hex",)]
+    return ", ".join(f"[{file}]({folder}/{file})" for file in files)
 
 
 def _word_table(title: str, words: dict[str, str]) -> list[str]:

@@ -1,42 +1,23 @@
-"""Tables of fields: name, type, unit and meaning, from a JSON Schema."""
+"""Tables of fields: name, type and meaning, from a JSON Schema."""
 
 import json
 from typing import Any
-
-UNITS = {
-    "_mm2": "mm²",
-    "_mm_s": "mm/s",
-    "_mm": "mm",
-    "_rad": "rad",
-    "_ns": "ns",
-    "_us": "µs",
-    "_s": "s",
-    "_hz": "Hz",
-    "_c": "°C",
-    "_bytes": "byte",
-}
-"""By the end of the name, longer ends first."""
 
 Schema = dict[str, Any]
 
 
 def field_table(schema: Schema) -> list[str]:
-    """A Markdown table of the properties of an object."""
-    rows = ["| field | type | unit | meaning |", "|---|---|---|---|"]
+    """A Markdown table of the properties of an object; not of its schema and arm."""
+    rows = ["| field | type | meaning |", "|---|---|---|"]
     for key, field in schema.get("properties", {}).items():
+        if key in ("schema", "arm"):
+            continue
         meaning = " ".join(str(field.get("description", "")).split())
-        if "default" in field and key != "schema":
-            meaning += f" May be left out: {_default_text(field['default'])}."
-        rows.append(f"| `{key}` | {type_text(field)} | {unit(key)} | {meaning} |")
+        kind = type_text(field)
+        if "default" in field:
+            kind += f", default {json.dumps(field['default'])}"
+        rows.append(f"| `{key}` | {kind} | {meaning} |")
     return rows if len(rows) > 2 else ["No fields."]
-
-
-def unit(key: str) -> str:
-    """The unit that a name carries."""
-    for end, text in UNITS.items():
-        if key.endswith(end):
-            return text
-    return {"counts": "count", "ijk": "1"}.get(key, "")
 
 
 def type_text(schema: Schema) -> str:
@@ -105,7 +86,3 @@ def _limits(schema: Schema) -> str:
     if "maxLength" in schema:
         texts.append(f"up to {schema['maxLength']} characters")
     return " " + " ".join(texts) if texts else ""
-
-
-def _default_text(value: object) -> str:
-    return json.dumps(value)

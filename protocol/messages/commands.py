@@ -39,9 +39,9 @@ class PointArgs(Args):
 
     command = "point"
     samples: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
-    """So many samples are averaged; null: one, or as dwell_s says."""
+    """Average so many samples; null: one, or as `dwell_s` says."""
     dwell_s: Annotated[float, Field(gt=0, le=60)] | None = None
-    """All samples of this time are averaged; not together with samples."""
+    """Average all samples of this time; not with `samples`."""
 
     @model_validator(mode="after")
     def _has_one_length(self) -> Self:
@@ -68,7 +68,7 @@ class ScanArgs(Args):
     offset_mm: float = 0.0
     """Distance of one of the planes from the origin, along the normal."""
     held: bool = False
-    """Only while the button is held."""
+    """Record only while the button is held."""
 
     @model_validator(mode="after")
     def _has_what_the_mode_needs(self) -> Self:
@@ -88,11 +88,11 @@ class UndoArgs(Args):
 
     command = "undo"
     id: Name | None = None
-    """If given, it must be that point: a guard against undoing another's."""
+    """Refused unless this is the last point; guards against undoing another."""
 
 
 class LabelArgs(Args, Label):
-    """Say what the next points are taken on; both null ends it."""
+    """Set what the next points are taken on; both null ends it."""
 
     command = "label"
 
@@ -146,32 +146,31 @@ class SessionArgs(Args):
     action: Literal["new"]
     """The only one."""
     note: Text | None = None
-    """For people; kept with the session."""
+    """For people; stored with the session."""
 
 
 class ResendArgs(Args):
-    """Send points again, from the outbox, in order, with the same ids and bytes.
+    """Send points or scan blocks again, in order, with the same ids and bytes.
 
-    They come on `point` as new ones do. The result is `{session, from_seq, to_seq,
-    points, first_seq, last_seq}`: how many will be sent, and which numbers of the
-    session are held at all, null where there are none.
+    They are sent on `point` or `scan`, to every subscriber.
 
-    With a scan, blocks come on `scan` again: those that the numbers from from_seq to
-    to_seq touch. Only scans with `delivery = "complete"` are held. The result is
-    `{scan, session, from_seq, to_seq, blocks, first_seq, last_seq, total}`: how many
-    will be sent, which points are held, and how many the scan has, null before its end.
-
-    With neither nothing is sent, and the result is `{sessions: [{session, begun_ns,
-    first_seq, last_seq}], scans: [{scan, session, begun_ns, first_seq,
-    last_block_seq}]}`, oldest first, the latest 1000 of each; the times as strings of
-    digits.
+    - With `session`: points of the outbox. Result `{session, from_seq, to_seq, points,
+      first_seq, last_seq}`: how many will be sent, and which numbers of the session are
+      stored, null where there are none.
+    - With `scan`: the blocks that hold the points from_seq to to_seq, of scans with
+      `delivery = "complete"`. Result `{scan, session, from_seq, to_seq, blocks,
+      first_seq, last_seq, total}`: how many will be sent, which points are stored, and
+      how many the scan has, null before its end.
+    - With neither: nothing is sent. Result `{sessions: [{session, begun_ns, first_seq,
+      last_seq}], scans: [{scan, session, begun_ns, first_seq, last_block_seq}]}`,
+      oldest first, the latest 1000 of each; times are strings of digits.
     """
 
     command = "resend"
     session: Name | None = None
-    """Session of the points."""
+    """Session of the points; not with `scan`."""
     scan: Name | None = None
-    """Scan of the blocks; not beside a session."""
+    """Scan of the blocks; not with `session`."""
     from_seq: Count = 0
     """First number."""
     to_seq: Count | None = None
@@ -195,9 +194,9 @@ class RecordArgs(Args):
     action: Literal["start", "stop"]
     """With "stop" all other keys are ignored."""
     name: Annotated[str, Field(pattern=RECORDING_NAME)] | None = None
-    """Of the file, without its ending; needed to start, and not used before."""
+    """Of the file, without its ending; needed to start, and new."""
     note: Text | None = None
-    """For people; kept in the file."""
+    """For people; stored in the file."""
 
     @model_validator(mode="after")
     def _has_a_name(self) -> Self:
@@ -215,7 +214,7 @@ class Command(Message):
     )
     """Name and version of this message."""
     request: Name
-    """Chosen by the sender, unique for it; repeated, it gets the first answer again."""
+    """Chosen by the sender, unique for it; repeated, it gets the first reply again."""
     args: PlainMap
     """The arguments of the command that the topic names."""
 

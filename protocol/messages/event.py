@@ -23,7 +23,7 @@ EventCode = Annotated[
 class Event(Message):
     """A button, alarm, fault, limit or label.
 
-    Repetitions of one `code` from one `source` may be told together: `count` of them
+    Repetitions of one `code` from one `source` may be one message: `count` of them
     between `first_ns` and `last_ns`. A lasting condition is raised and later cleared by
     two events of the same `code` and `source`.
     """

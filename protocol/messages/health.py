@@ -18,22 +18,22 @@ from traverse.protocol.messages.fields import (
 from traverse.protocol.messages.recording_health import RecordingHealth
 
 COUNTERS = {
-    "samples_received": "sets of counts that came from the devices",
+    "samples_received": "sets of counts received from the devices",
     "samples_lost": "sets of counts missing in the devices' numbering",
     "samples_dropped": "sets of counts dropped because a queue was full",
-    "edges_received": "input edges that came from the devices",
+    "edges_received": "input edges received from the devices",
     "edges_lost": "input edges missing in the devices' numbering",
-    "frames_received": "whole frames that came from the devices",
+    "frames_received": "whole frames received from the devices",
     "frames_rejected": "frames dropped for a wrong checksum, length or type",
     "points_captured": "points, retractions not counted",
     "points_retracted": "points taken back",
-    "points_refused": "triggers that gave no point; an event tells why",
+    "points_refused": "triggers that made no point; see the event",
     "points_published": "points acknowledged by the broker, retractions included",
-    "points_resent": "points acknowledged that somebody had wanted again",
+    "points_resent": "points acknowledged that were requested again",
     "scan_points_published": "points of scans handed to the broker",
     "scan_points_dropped": "points of scans dropped because a queue was full",
-    "scan_blocks_kept": "blocks of scans kept on the disk before they were sent",
-    "scan_blocks_unkept": "blocks of scans sent without that: the disk refused them",
+    "scan_blocks_kept": "blocks of scans stored on the disk before they were sent",
+    "scan_blocks_unkept": "blocks of scans sent without that, as the disk failed",
     "scan_blocks_dropped": "blocks of scans dropped because a queue or the spool was "
     "full",
     "scan_filter_n_kind": "points of scans held back by filter n of that kind",
@@ -41,11 +41,11 @@ COUNTERS = {
     "live_thinned": "live poses left out to keep to the display rate",
     "events_published": "events handed to the broker",
     "events_dropped": "events dropped because a queue was full",
-    "commands_received": "commands that arrived, whatever they said",
+    "commands_received": "commands received, valid or not",
     "commands_refused": "commands answered with an error",
-    "samples_late": "sets of counts for which a device's last readings had to do",
+    "samples_late": "sets of counts completed with a device's last readings",
     "samples_incomplete": "sets of counts that lack readings of a device",
-    "samples_held_back": "sets of counts not used for want of a device's readings",
+    "samples_held_back": "sets of counts not used: readings of a device lacked",
     "reconnects": "times that a device or the broker came back",
 }
 """Names of counters since the daemon's start, or a device's opening."""
@@ -123,9 +123,9 @@ class OutboxHealth(Value):
     """The points on the daemon's disk."""
 
     state: Literal["ready", "failed"]
-    """"failed": no point can be kept, so none is taken; an event tells why."""
+    """"failed": no point can be stored, so none is taken; see the event."""
     points: Count
-    """Points kept, retractions included."""
+    """Points stored, retractions included."""
     unsent: Count
     """Those of them that the broker has not acknowledged yet."""
     bytes: Count
@@ -138,9 +138,9 @@ class SpoolHealth(Value):
     """The scans on the daemon's disk."""
 
     state: Literal["ready", "failed"]
-    """"failed": blocks are sent without having been kept; an event tells why."""
+    """"failed": blocks are sent without being stored; see the event."""
     blocks: Count
-    """Blocks kept."""
+    """Blocks stored."""
     unsent: Count
     """Those of them that the broker has not acknowledged yet."""
     bytes: Count
@@ -157,7 +157,7 @@ class DeviceHealth(Value):
     rate_hz: NotNegative
     """Samples received per second since the previous health message."""
     age_s: NotNegative | None
-    """Time since the device was last heard; null if never."""
+    """Time since the last bytes of the device; null if never."""
     queued: Count
     """Items waiting between the reader thread and the pipeline."""
     queue_limit: Count
@@ -205,7 +205,7 @@ class Health(Message):
     outbox: OutboxHealth
     """The points on disk."""
     spool: SpoolHealth | None
-    """The scans on disk; null while none has been kept there."""
+    """The scans on disk; null while none has been stored."""
     recording: RecordingHealth
     """Recordings on disk."""
     devices: Annotated[tuple[DeviceHealth, ...], Field(max_length=64, fail_fast=True)]

@@ -28,7 +28,7 @@ class Label(Value):
     """What a point was taken on, as in a campaign's poses."""
 
     artefact: Name | None = None
-    """Identifier of the artefact; null: nobody has said."""
+    """Identifier of the artefact; null: not stated."""
     feature: Name | None = None
     """Feature of the artefact; null where it has only one."""
 
@@ -54,13 +54,13 @@ class Point(Message):
     id: Name
     """Unique for ever; a point delivered twice has the same."""
     retracts: Name | None
-    """Null for a capture; else the `id` of the point that is taken back by this."""
+    """Null for a capture; else the `id` of the point that this takes back."""
     arm: ArmName
     """Name of the arm."""
     model: Digest
     """Digest of the arm file that the coordinates were computed with."""
     trigger: Trigger
-    """What asked for this point."""
+    """What requested this point."""
     time_ns: TimeNs
     """Instant of the measurement; of the undo in a retraction. [UTC]"""
     xyz_mm: Vector

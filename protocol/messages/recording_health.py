@@ -9,9 +9,9 @@ class RecordingHealth(Value):
     """Recordings on the daemon's disk."""
 
     state: Literal["off", "flight", "recording", "failed"]
-    """"flight": the last minutes alone; "failed": not even these; an event says why."""
+    """"flight": the last minutes alone; "failed": not even these, see the event."""
     name: Name | None
-    """Of the recording that somebody has asked for; null without one."""
+    """Name of the requested recording; null without one."""
     bytes: Count
     """Length of its file so far."""
     flight_bytes: Count
@@ -19,8 +19,8 @@ class RecordingHealth(Value):
     queued: Count
     """Items waiting to be written."""
     dropped: Count
-    """Items not recorded for want of room in the queue."""
+    """Items not recorded because the queue was full."""
     kept: Count
     """Files kept after faults since the daemon's start."""
     kept_dropped: Count
-    """Older such files dropped for them."""
+    """Older such files deleted for them."""

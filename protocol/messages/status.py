@@ -27,9 +27,9 @@ class DriverStatus(Value):
     port: Text
     """Port or bus, as configured."""
     state: Literal["starting", "ready", "lost", "failed", "stopped"]
-    """"lost": was there and is looked for again; "failed": cannot be used as it is."""
+    """"lost": the daemon tries to find it again; "failed": cannot be used as it is."""
     identity: PlainMap
-    """What the device says of itself (board, firmware, serial numbers); else empty."""
+    """What the device reports of itself (board, firmware, serial numbers), or empty."""
 
 
 class Status(Message):
@@ -42,7 +42,7 @@ class Status(Message):
     online: bool
     """False in the last will and after an orderly stop."""
     state: Literal["starting", "ready", "degraded", "stopping", "offline"]
-    """"degraded": something configured is missing; `drivers` and events tell what."""
+    """"degraded": something configured is missing; `see `drivers` and events."""
     arm: ArmName
     """Name of the arm, as in the topic."""
     model: Digest | None
