@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 import typer.main
 from pydantic import BaseModel
+from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from tests.docs.pages import code_words, tables, text_of
@@ -41,7 +42,6 @@ SECTIONS: dict[str, list[tuple[str, type[BaseModel]]]] = {
         ("`[[capture.inputs]]`", schema.InputSection),
         ("`[uncertainty]`", schema.UncertaintySection),
         ("`[scan]`", schema.ScanSection),
-        *((f'`kind = "{kind}"`', section_class(kind)) for kind in FILTERS),
         ("`[quality]`", schema.QualitySection),
         ("`[[quality.end_stops]]`", EndStopSection),
         ("`[health]`", schema.HealthSection),
@@ -60,7 +60,7 @@ SECTIONS: dict[str, list[tuple[str, type[BaseModel]]]] = {
         ("`[identification]`", arm.Identification),
     ],
 }
-DEFAULT_COLUMN = 3
+DEFAULT_COLUMN = 1
 
 
 def commands(command: Any, name: str = "traverse") -> dict[str, Any]:
@@ -87,8 +87,30 @@ def test_every_key_stands_there_with_its_default(
     assert set(rows) == set(fields)
     for name, field in fields.items():
         said = shown_default(rows[name][DEFAULT_COLUMN])
-        default = "required" if field.default is PydanticUndefined else field.default
-        assert said == (None if default == () else default), name
+        assert said == default_of(field), name
+
+
+def test_every_key_of_a_filter_stands_there_with_its_default() -> None:
+    found = tables("docs/reference/configuration.md")
+    assert {code_words(row[0])[0] for row in found["`[[scan.filters]]`"]} == {*FILTERS}
+    said = {
+        tuple(code_words(row[0])): shown_default(row[DEFAULT_COLUMN])
+        for row in found["Keys of the filters"]
+    }
+    expected: dict[tuple[str, ...], Any] = {}
+    for kind in FILTERS:
+        fields = dict(section_class(kind).model_fields)
+        assert fields.pop("kind").default is PydanticUndefined
+        for name, field in fields.items():
+            expected[kind, name] = default_of(field)
+    assert said == expected
+
+
+def default_of(field: FieldInfo) -> Any:
+    """The default of a key, as `shown_default` gives it."""
+    if field.default is PydanticUndefined:
+        return "required"
+    return None if field.default == () else field.default
 
 
 def shown_default(cell: str) -> Any:
