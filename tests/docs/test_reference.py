@@ -159,10 +159,10 @@ def test_every_command_has_a_section() -> None:
     assert set(sections) == set(COMMANDS)
 
 
-def test_bounds_named_in_the_architecture_hold() -> None:
+def test_bounds_on_their_page_hold() -> None:
     heading = "Every bound, and what happens at it"
     checked = 0
-    for _, bound, where, _ in tables("docs/explanation/architecture.md")[heading]:
+    for _, bound, where, _ in tables("docs/reference/bounds.md")[heading]:
         named = re.fullmatch(r"`([a-z_.]+)\.([A-Z_]+)`", where)
         if named:
             value = getattr(import_module(named[1]), named[2])
