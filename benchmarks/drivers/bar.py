@@ -255,7 +255,7 @@ def rounding(
 
 
 def main() -> None:
-    """Print the table of docs/drivers.md."""
+    """Print the table of docs/performance.md."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.drivers.bar")
     parser.add_argument("names", nargs="*", help="of drivers; all if none is given")
     parser.add_argument("--points", type=int, default=10, help="on each sphere")
