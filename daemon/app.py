@@ -21,7 +21,7 @@ async def run_service(
 
     Args:
         path: configuration file.
-        embedded: bring an own broker on loopback.
+        embedded: start an own broker on loopback.
         embedded_port: its port; 0 takes a free one.
         keep_trying: begin without a device or broker that cannot be reached.
 

@@ -19,10 +19,10 @@ class HostClock:
         return monotonic_ns + self.utc_offset_ns()
 
     def step(self) -> int:
-        """Go on to the present, where time goes step by step; gives it [ns]."""
+        """Advance to the present, where time is stepped; return it [ns]."""
         return self.monotonic_ns()
 
     @property
     def running(self) -> "HostClock":
-        """The clock that goes by itself, for what takes how long."""
+        """The running clock, for durations."""
         return self

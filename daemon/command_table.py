@@ -23,7 +23,7 @@ class CommandTable:
         embedded: the daemon has its own broker.
         measurement: that measures.
         output: where points, scans and recordings are kept.
-        notifier: told of reloads.
+        notifier: notified of reloads.
         use: puts new inputs into force, in one go.
 
     Attributes:

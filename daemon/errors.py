@@ -1,4 +1,4 @@
-"""Refusals that reach whoever sent a request, and what requests result in."""
+"""Refusals that are returned to requesters, and results of requests."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -16,7 +16,7 @@ class RequestRefusedError(Exception):
 
 
 class CaptureRefusedError(RequestRefusedError):
-    """No point was captured, or none retracted; the text says why."""
+    """No point was captured, or none retracted, with the reason."""
 
     def __init__(self, text: str, remedy: str, code: str = "capture.refused") -> None:
         super().__init__(code, text, remedy)

@@ -126,7 +126,7 @@ class AwaitLatch(MeasurementCommand[PointFuture], recorded_name="await_latch"):
 
 @dataclass(frozen=True)
 class GiveUpLatch(MeasurementCommand[None], recorded_name="give_up_latch"):
-    """Take no point of that latch any more; nobody waits for it."""
+    """Take no point of that latch any more; its requester has given up."""
 
     token: int
 

@@ -1,7 +1,7 @@
-"""Time for measuring: it stands while a step is taken, so that steps can be repeated.
+"""Time for measuring: frozen during a step, so that steps can be repeated.
 
 Whatever is decided by the time, within one step, is decided by the same time. The
-relation to UTC stands too; it is looked at now and then, and taken over where it has
+relation to UTC is frozen too; it is checked regularly, and adopted where it has
 changed by more than jitter.
 """
 
@@ -14,13 +14,13 @@ JITTER_NS = 50_000
 
 
 class FrozenClock(HostClock):
-    """Goes on when it is told to.
+    """A clock that advances on request.
 
     Args:
         host: where it gets the time from.
 
     Attributes:
-        related: told (now_ns, utc_offset_ns) when the relation to UTC changes.
+        related: called with (now_ns, utc_offset_ns) when the relation to UTC changes.
     """
 
     def __init__(self, host: HostClock) -> None:
@@ -32,7 +32,7 @@ class FrozenClock(HostClock):
 
     @property
     def running(self) -> HostClock:
-        """The clock that goes by itself."""
+        """The running clock."""
         return self._host
 
     def step(self) -> int:

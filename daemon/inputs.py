@@ -1,4 +1,4 @@
-"""Start-up: everything that is missing is told together, in one readable tree."""
+"""Start-up: report everything that is missing together, in one readable tree."""
 
 import asyncio
 from collections.abc import Iterable, Sequence

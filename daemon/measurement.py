@@ -133,7 +133,7 @@ class Measurement:
     _keeps_readings: bool = False
 
     def __post_init__(self) -> None:
-        # Points come out of the stream where nothing latches all joints for them.
+        # Points are made from the stream where nothing latches all joints for them.
         self._keeps_readings = not self.triggers.devices <= set(self.model.devices)
         self._set_batch_window()
 

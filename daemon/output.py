@@ -29,7 +29,7 @@ class Output:
         encoding: of all payloads.
         clock: the host's.
         steps: the same, as steps of the measuring are recorded.
-        health: told how long points took.
+        health: receives the durations of points.
         session: gives the id of the running session.
         status_changed: called when points can be kept again, or cannot any more.
 

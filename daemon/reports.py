@@ -1,4 +1,4 @@
-"""What the daemon says of itself: its state, and its figures."""
+"""Status and health: the daemon's state and figures."""
 
 from importlib.metadata import version
 
@@ -19,15 +19,15 @@ class Reports:
 
     Args:
         arm: name of the arm.
-        encoding: of all payloads, which a status tells.
+        encoding: of all payloads, which a status states.
         clock: the host's.
         measurement: that measures.
-        output: where it all goes.
-        commands: that come in.
+        output: receives all messages.
+        commands: received.
         health: the figures collected.
 
     Attributes:
-        publisher: to be set before figures are asked for; it needs a status itself.
+        publisher: to be set before figures are requested; it needs a status itself.
     """
 
     publisher: BrokerConnection

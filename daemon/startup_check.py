@@ -1,7 +1,7 @@
-"""Devices and broker at the start: all are there, or their absence is told.
+"""Devices and broker at the start: all are there, or their absence is reported.
 
-By hand a daemon that lacks one of them says so and ends. As a service it is better to
-begin without: it says so all the same, goes on trying, and what is there is at work.
+By hand a daemon that lacks one of them reports it and ends. As a service it
+starts without: it reports it all the same, keeps trying, and uses what is there.
 """
 
 import asyncio
@@ -30,7 +30,7 @@ class StartupCheck:
     Args:
         devices: all of the configuration, their drivers started.
         publisher: of the broker.
-        events: where an absence is told.
+        events: receives reports of absent devices.
         keep_trying: begin without what cannot be reached.
 
     Attributes:
@@ -57,15 +57,15 @@ class StartupCheck:
         return DEVICES_ANSWER_S * len(self._devices) + BROKER_ANSWER_S
 
     async def wait(self, stopping: asyncio.Event) -> None:
-        """Wait, or leave it when the daemon is told to end meanwhile.
+        """Wait, or stop when the daemon is requested to end.
 
         Raises:
-            StartupError: something is missing, or does not fit; says all that is.
+            StartupError: something is missing or does not match; lists all.
         """
         await _unless(stopping, self._check())
 
     async def broker(self, stopping: asyncio.Event) -> None:
-        """Wait until the connection for good is there, or its failure has been told."""
+        """Wait for the permanent connection, or for the report of its failure."""
         await _unless(stopping, self._told())
 
     async def _told(self) -> None:
@@ -76,7 +76,7 @@ class StartupCheck:
         reason = await self._publisher.probe()
         if reason is not None:
             where = self._publisher.address
-            # What is more than its absence comes with a remedy of its own.
+            # What is more than its absence has a remedy of its own.
             remedy = "" if ";" in reason else "; start it, or correct [broker]"
             failures.append((UNREACHABLE, f"broker {where}: {reason}{remedy}"))
         if not failures:
@@ -101,7 +101,7 @@ class StartupCheck:
 
 
 async def _unless(stopping: asyncio.Event, work: Coroutine[Any, Any, None]) -> None:
-    """Do this, or leave it when the daemon is told to end meanwhile."""
+    """Await this, or cancel it when the daemon is requested to end."""
     working = asyncio.ensure_future(work)
     ending = asyncio.ensure_future(stopping.wait())
     await asyncio.wait((working, ending), return_when=asyncio.FIRST_COMPLETED)

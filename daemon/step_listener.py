@@ -1,4 +1,4 @@
-"""What is told of everything that measuring does, in order; this one forgets it.
+"""No-op base class for listeners to the steps of measuring, in order.
 
 A step is a delivery, the passing of time, or a command: with its instant, the steps
 are all that points depend on. `traverse.daemon.recorder.recorder.Recorder` keeps them.
@@ -11,7 +11,7 @@ from traverse.protocol.messages import Message
 
 
 class StepListener:
-    """Takes what it is told, on the event loop, and never waits."""
+    """Receive notifications on the event loop, without waiting."""
 
     def delivered(self, now_ns: int, delivery: Delivery) -> None:
         """A device has delivered something."""
@@ -20,7 +20,7 @@ class StepListener:
         """Time has passed."""
 
     def asked(self, now_ns: int, what: str, values: Mapping[str, object]) -> None:
-        """Somebody has asked for something."""
+        """A request was executed."""
 
     def related(self, now_ns: int, utc_offset_ns: int) -> None:
         """UTC is so much more than host monotonic time from now on."""

@@ -23,9 +23,9 @@ class Device:
 
     Attributes:
         answered: set once the device has answered or been given up for the first time.
-        last_ns: host monotonic time when it was last heard; 0 for never.
+        last_ns: host monotonic time of the last byte from it; 0 for never.
         up_ns: since when it is there.
-        temperatures_c: of its sensors; empty until it has told them.
+        temperatures_c: of its sensors; empty until the first report.
     """
 
     section: DeviceSection
@@ -49,7 +49,7 @@ class Device:
         return next((c for c in self.temperatures_c if c is not None), None)
 
     def status(self) -> DriverStatus:
-        """As it stands in the status message."""
+        """Its entry in the status message."""
         identity: dict[str, Any] = {}
         if self.identity is not None:
             identity = {"name": self.identity.name, "firmware": self.identity.firmware}
@@ -64,7 +64,7 @@ class Device:
     def health(
         self, rate_hz: float, now_ns: int, lacks: Mapping[str, int]
     ) -> DeviceHealth:
-        """As it stands in the health message, with what the arm lacked of it."""
+        """Its entry in the health message, with what the arm lacked of it."""
         return DeviceHealth(
             id=self.section.id,
             state=self.state,
@@ -82,7 +82,7 @@ class Device:
 
 
 def open_device(section: DeviceSection, loop: asyncio.AbstractEventLoop) -> Device:
-    """The device that a configuration asks for; its driver is not yet started."""
+    """The configured device; its driver is not yet started."""
     delivery_queue = DeliveryQueue(loop)
     driver = driver_class(section.driver)(section.id, section.options, delivery_queue)
     return Device(section, delivery_queue, driver)

@@ -51,8 +51,8 @@ class Interpolated:
         counts: (m,) over all turns, rounded; ``fractions``: (m,) what rounding left.
         status: (m,) bits of all readings that were used or could not be, with
             ``STATUS_INTERPOLATED`` where it was, ``STATUS_LATE`` where the last
-            reading was taken for want of a later one, and ``STATUS_MISSING`` where
-            readings are lacking around the instant.
+            reading was used because a later one is missing, and ``STATUS_MISSING``
+            where readings are lacking around the instant.
         error_bounds_counts: (m, 2) how far the count may be off, see above: by the
             motion, at most; by the instants, as likely one way as the other.
     """
@@ -88,7 +88,7 @@ def interpolate(
 ) -> Interpolated:
     """Interpolate readings, at least one, at instants (m,)."""
     valid = np.flatnonzero(are_valid(readings.status))
-    if not len(valid):  # what stands there is the last count that was
+    if not len(valid):  # else the last valid count
         return _last_known(readings, len(instants_ns))
     t, x = readings.times_ns[valid], readings.counts[valid]
     numbers, status = readings.numbers[valid], readings.status[valid]
@@ -159,7 +159,7 @@ def _error_bounds(
         * run_ns
         * (t[right] - t[left] - run_ns)
     )
-    # Beyond the last reading the joint may have gone on as it did.
+    # Beyond the last reading the joint may have continued its motion.
     beyond = (
         speed * run_ns + second_differences[-2] * run_ns.astype(np.float64) ** 2 / 2.0
     )

@@ -7,7 +7,7 @@ from traverse.daemon.config.schema import CaptureSection
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.drivers.base.delivery_queue import BATCH_WINDOW_NS
 
-WAITING_BATCH_NS = 20_000_000  # longer would be felt: a point is told so much later
+WAITING_BATCH_NS = 20_000_000  # longer would noticeably delay points
 
 
 class JointDevices:
@@ -51,15 +51,15 @@ class JointDevices:
 
     @property
     def temperature_c(self) -> float | None:
-        """Of the arm: what the first of them tells that has a sensor."""
+        """Of the arm: the first reading of a sensor."""
         temperatures_c = (device.temperature_c for device in self.devices)
         return next((c for c in temperatures_c if c is not None), None)
 
     def set_batch_window(self, settings: CaptureSection, *, may_wait: bool) -> None:
-        """Let samples come together, as long as nobody who looks at them waits.
+        """Set the batch window: collect samples as long as no consumer waits.
 
         Args:
-            settings: how often blocks of scans and live poses are wanted.
+            settings: intervals of scan blocks and live poses.
             may_wait: points wait for samples.
         """
         # A little longer, or a block that lacks a sample would wait for as much again.
@@ -69,7 +69,7 @@ class JointDevices:
             device.delivery_queue.batch_window_ns = min(longest_ns, int(gather_s * 1e9))
 
     def request_stream(self, rate_hz: float) -> None:
-        """Let all of them be read at a rate, or as fast as each can be."""
+        """Read all of them at a rate, or each as fast as possible."""
         for device in self.devices:
             fastest_hz = device.identity.max_rate_hz if device.identity else rate_hz
             device.driver.request_stream(min(rate_hz, fastest_hz))

@@ -135,7 +135,7 @@ class ReadingBuffer:
         return numbers
 
     def _ordered(self, times_ns: Integers) -> Booleans:
-        """Which rows come after all before them."""
+        """Which rows are later than all before them."""
         if int((times_ns[0] - self._times_ns).min()) < -CLOCK_RESET_NS:
             self._blocks.clear()
             self._size = 0

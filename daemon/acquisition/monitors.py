@@ -21,7 +21,7 @@ class DeviceStateTracker:
         clock: the host's.
         devices: that read the arm's joints.
         pipeline: restarted where turns are no longer known.
-        resampler: told which devices are connected.
+        resampler: notified of connected devices.
         events: where all this is reported.
         changed: called when a device's state has changed.
     """
@@ -44,7 +44,7 @@ class DeviceStateTracker:
         self._changed = changed
 
     def on_up(self, device: Device, up: DeviceUp) -> None:
-        """The device answered; it may not be what the arm file says."""
+        """The device answered; it may not be the one of the arm file."""
         name = device.section.id
         device.identity = up.identity
         device.up_ns = self._clock.monotonic_ns()
@@ -85,7 +85,7 @@ class DeviceStateTracker:
         self._changed()
 
     def on_lost(self, device: Device, lost: DeviceLost) -> None:
-        """The device is gone."""
+        """The device was lost."""
         device.last_loss = lost
         if device in self._devices:
             self._resampler.on_lost(device.section.id)
@@ -118,7 +118,7 @@ class DeviceStateTracker:
         )
 
     def on_fault(self, device: Device, fault: DeviceFault) -> None:
-        """Something went wrong that the driver survived."""
+        """The driver reports a fault that it survived."""
         self._events.report(
             "warning",
             f"device.{fault.code}",
@@ -203,7 +203,7 @@ class LateReadingMonitor:
         )
 
 
-PATIENCE_NS = 5_000_000_000  # boards tell the temperature every 2 s
+PATIENCE_NS = 5_000_000_000  # boards report the temperature every 2 s
 
 
 class TemperatureMonitor:
@@ -225,7 +225,7 @@ class TemperatureMonitor:
         is_missing = devices.temperature_c is None
         up_ns = max(device.up_ns for device in devices.devices)
         if is_missing and self._clock.monotonic_ns() - up_ns < PATIENCE_NS:
-            return  # it has just come, its first message is on the way
+            return  # it has just connected, its first message is on the way
         names = ", ".join(model.devices)
         missing = (
             f"{names} has no temperature for the arm's effects; the reference of "

@@ -4,9 +4,9 @@ The instants are those of one device's samples, the clock device. Readings of al
 others, and its own where it reads one encoder after the other, are interpolated
 linearly in time (see `traverse.daemon.acquisition.interpolation`). For a later reading
 to interpolate to it waits, but not for ever; then the last one has to do, and the
-sample says so.
+sample is flagged.
 
-Nothing here knows a clock or an event: what is late is counted and returned.
+No clock and no events here: late readings are counted and returned.
 """
 
 from collections import Counter, deque
@@ -43,7 +43,7 @@ class Resampler:
     Attributes:
         late: per device, samples for which its last readings had to do.
         incomplete: per device, samples that lack readings of it.
-        dropped: per device, samples not passed on for want of its readings.
+        dropped: per device, samples not passed on because its readings are missing.
     """
 
     def __init__(self, model: ArmModel, settings: AssemblySection) -> None:
@@ -208,7 +208,7 @@ class Resampler:
         )
 
     def _count_shortfalls(self, device: str, status: NDArray[np.uint8]) -> Booleans:
-        """Count a device's shortfalls; tell which samples (n,) are to be passed on."""
+        """Count a device's shortfalls; return which samples (n,) to pass on."""
         joined = np.bitwise_or.reduce(status, axis=1)
         missing = (joined & STATUS_MISSING) != 0
         late = ((joined & STATUS_LATE) != 0) & ~missing

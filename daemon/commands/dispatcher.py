@@ -1,7 +1,7 @@
-"""Commands from outside: checked, carried out once, answered always.
+"""Validate commands, execute each request once, always reply.
 
-A command with the `request` of an earlier one is not carried out again: it gets the
-first answer. Retained commands are ignored, since they say nothing about now. What is
+A command with the `request` of an earlier one is not executed again: it gets the
+first answer. Retained commands are ignored, since they are out of date. What is
 beyond the limits is answered so, or dropped and counted; see docs/security.md.
 """
 
@@ -42,7 +42,7 @@ class CommandDispatcher:
         offer: hands an answer to the outgoing queue.
         carry_out: what carries out each command that this daemon has, by name;
             called with the command's typed arguments.
-        events: where floods and retained commands are told.
+        events: receives floods and retained commands.
         clock: the host's.
         response_topics: filters of topics that answers may go to; see [broker].
     """
@@ -93,7 +93,7 @@ class CommandDispatcher:
         return 0.0
 
     def check_flood_end(self) -> None:
-        """Tell the end of a flood, and what had no line; call it now and then."""
+        """Report the end of a flood, and unlogged refusals; call regularly."""
         self._limits.check_flood_end()
         self._refusals.write_rest()
 
@@ -171,7 +171,7 @@ class CommandDispatcher:
     def _problem_of_the_way_back(
         self, incoming: IncomingCommand
     ) -> RequestRefusedError | None:
-        """Why the answer cannot go where the sender wants it."""
+        """Why the answer cannot be sent to the requested topic."""
         topic, correlation = incoming.response_topic, incoming.correlation
         if topic is not None and not is_response_topic(
             topic, self._arm, self._response_topics
@@ -203,7 +203,7 @@ class CommandDispatcher:
         )
 
     def _refuse(self, text: str) -> None:
-        """Count a command that was not carried out; senders write no log at will."""
+        """Count a command that was not executed; senders cannot flood the log."""
         self.refused += 1
         self._refusals.write(text)
 

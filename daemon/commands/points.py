@@ -88,7 +88,7 @@ class PointCommands:
         }
 
     async def label(self, args: LabelArgs) -> Result:
-        """Say what the next points are taken on."""
+        """Set the label of the next points."""
         command = SetLabel(args.artefact, args.feature)
         label = await execute(self._measurement, command)
         return {"label": label.model_dump()}

@@ -1,6 +1,6 @@
 """How many commands are taken: so many in a second, of all and of each kind.
 
-MQTT does not tell who has sent a command, so these hold for all senders together.
+MQTT does not identify senders, so these hold for all senders together.
 """
 
 from collections.abc import Callable, Mapping
@@ -62,7 +62,7 @@ class TokenBucket:
 
 
 class CommandRateLimiter:
-    """The buckets of all commands, and what came of those beyond them.
+    """The buckets of all commands, and the counts of those beyond them.
 
     Args:
         clock: the host's.
@@ -88,7 +88,7 @@ class CommandRateLimiter:
         self._second_ns = clock.monotonic_ns()
         self._in_second = 0
         self.dropped = 0
-        """In the flood that goes on, or the last one."""
+        """In the current flood, or the last one."""
 
     def admit(self) -> bool:
         """Whether a command may be looked at; else it is one of those dropped."""
@@ -101,7 +101,7 @@ class CommandRateLimiter:
         return False
 
     def admit_kind(self, name: str) -> bool:
-        """Whether one of a kind may be carried out."""
+        """Whether one of a kind may be executed."""
         return self._of_kind.get(name, self._unknown).take()
 
     @property
@@ -110,7 +110,7 @@ class CommandRateLimiter:
         return self._in_second >= FLOOD
 
     def check_flood_end(self) -> None:
-        """Tell the end of a flood; call it now and then."""
+        """Report the end of a flood; call regularly."""
         if self._last_ns is None:
             return
         if self._clock.monotonic_ns() - self._last_ns >= FLOOD_END_S * NS:

@@ -26,10 +26,10 @@ def recorder_of(
     clock: FrozenClock,
     events: EventLog,
 ) -> Recorder:
-    """The recorder that a configuration asks for.
+    """Make the configured recorder.
 
     Raises:
-        StartupError: a file has gone since it was read.
+        StartupError: a file has disappeared since it was read.
     """
     try:
         files = recorded_files(path, configuration)

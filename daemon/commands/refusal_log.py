@@ -22,7 +22,7 @@ class RefusalLog:
         self._last_ns = 0
 
     def write(self, text: str) -> None:
-        """A command was refused; says so, or counts it for the next line."""
+        """Log a refused command, or count it for the next line."""
         self._last_ns = self._clock.monotonic_ns()
         if not self._lines.take():
             self._untold += 1
@@ -32,12 +32,12 @@ class RefusalLog:
         log.warning("%s%s", single_line(text), before)
 
     def write_rest(self) -> None:
-        """Say how many had no line, a second after the last; call it now and then."""
+        """Log how many had no line, a second after the last; call regularly."""
         if self._untold and self._clock.monotonic_ns() - self._last_ns >= NS:
             log.warning("%d more commands refused", self._untold)
             self._untold = 0
 
 
 def single_line(text: str) -> str:
-    """A text of anybody's as it may stand in a log."""
+    """Make a foreign text safe for a log."""
     return "".join(c if c.isprintable() else " " for c in text)[:1000]

@@ -1,8 +1,8 @@
 """The command `reload`: arm file and configuration anew, between two samples.
 
-What is new is read and checked whole before anything changes. It comes into force in a
+The new files are read and checked completely before anything changes. They apply in a
 moment in which no point is being taken, so that each point is of one arm and one set of
-rules. What was there goes on if the new is refused.
+rules. If they are refused, the old ones continue.
 """
 
 import asyncio
@@ -40,8 +40,8 @@ class Reload:
         inputs: those in force.
         measurement: what must be quiet for a change.
         use: puts new inputs into force, in one go.
-        events: where it is told.
-        notifier: tells the service manager.
+        events: receives the report.
+        notifier: notifies the service manager.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class Reload:
         """Reload; gives the new model and what has changed.
 
         Raises:
-            RequestRefusedError: the old goes on; says why.
+            RequestRefusedError: with the reason; the old ones continue.
         """
         del args  # it has none
         async with self._turn:
@@ -85,7 +85,7 @@ class Reload:
                 )
                 raise
             finally:
-                self._notifier.ready()  # with the new, or the old that goes on
+                self._notifier.ready()  # with the new one or with the old one
         model = self._inputs.model
         self._events.report(
             "info",
@@ -97,7 +97,7 @@ class Reload:
         return {"model": model.digest, "changed": changed}
 
     async def on_sighup(self) -> None:
-        """Reload because of SIGHUP; what went wrong is told by an event."""
+        """Reload because of SIGHUP; failures are reported by an event."""
         try:
             await self.carry_out(ReloadArgs())
         except RequestRefusedError:
@@ -137,7 +137,7 @@ class Reload:
             )
         changed = changes(old, new)
         await self._quiet()
-        self._use(new)  # no `await` since it became quiet: nothing comes between
+        self._use(new)  # no `await` since it became quiet: nothing can intervene
         self._inputs = new
         return changed
 

@@ -1,4 +1,4 @@
-"""Answers to commands, kept for those who ask again: bounded in number and in bytes."""
+"""Answers to commands, stored for repeated requests: bounded in number and bytes."""
 
 import asyncio
 from collections import OrderedDict
@@ -12,7 +12,7 @@ MAX_REMEMBERED_BYTES = 4_194_304
 class Answers:
     """The first answer to each request, by the command's name and the request.
 
-    An answer that is still being worked on is never forgotten.
+    A pending answer is never dropped.
     """
 
     def __init__(self) -> None:

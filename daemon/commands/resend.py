@@ -23,7 +23,7 @@ class ResendCommands:
         self._scans = scans
 
     async def carry_out(self, args: ResendArgs) -> Result:
-        """Begin to send a range again, or tell what is held.
+        """Begin to send a range again, or return what is held.
 
         Raises:
             RequestRefusedError: too many ranges wait, or a database cannot be read.

@@ -27,7 +27,7 @@ class DeviceSection(DriverOptions, StrictModel):
 
     @classmethod
     def variant(cls, table: object) -> "type[DeviceSection]":
-        """Say the class of a table by its driver."""
+        """Select the class of a table by its driver."""
         name = table.get("driver") if isinstance(table, Mapping) else None
         return section_class(str(name))
 
@@ -67,7 +67,7 @@ def section_class(driver: str) -> type[DeviceSection]:
 
 
 def section_of(table: object) -> DeviceSection:
-    """A table as its driver wants it.
+    """Validate a table for its driver.
 
     Raises:
         pydantic.ValidationError: with everything that is wrong with it.

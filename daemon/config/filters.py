@@ -47,7 +47,7 @@ class FilterSection(StrictModel):
 
     @classmethod
     def variant(cls, table: object) -> "type[FilterSection]":
-        """Say the class of a table by its kind."""
+        """Select the class of a table by its kind."""
         name = table.get("kind") if isinstance(table, Mapping) else None
         return section_class(str(name))
 
@@ -112,7 +112,7 @@ def section_class(kind: str) -> type[FilterSection]:
 
 
 def filter_of(table: object) -> FilterSection:
-    """A table as its kind wants it.
+    """Validate a table for its kind.
 
     Raises:
         pydantic.ValidationError: with everything that is wrong with it.

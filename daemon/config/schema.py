@@ -73,7 +73,7 @@ def broker_table_problems(raw: object) -> Iterator[Problem]:
 
 
 def _filter_problems(filters: Any) -> Iterator[Problem]:  # noqa: ANN401 - of a file
-    """Filters that are none, or that would let answers into topics of arms."""
+    """Invalid filters, and those that would allow answers in topics of arms."""
     if not isinstance(filters, list):
         return
     for index, one in enumerate(filters):
@@ -264,7 +264,7 @@ class AssemblySection(StrictModel):
 
 
 class UncertaintySection(StrictModel):
-    """Standard deviations that no other file tells."""
+    """Standard deviations that no other file states."""
 
     encoder_rad: float = Field(default=5e-6, ge=0.0, le=0.01)
     contact_mm: float = Field(default=0.005, ge=0.0, le=10.0)
@@ -272,7 +272,7 @@ class UncertaintySection(StrictModel):
 
 
 class HealthSection(StrictModel):
-    """How often the daemon says how it is."""
+    """Interval of health messages."""
 
     period_s: float = Field(default=2.0, ge=0.2, le=3600.0)
 

@@ -1,9 +1,9 @@
 """Events: logged, and published without flooding.
 
-The first of its kind goes out at once; what repeats within a second is counted and
-told once. Of those that are distinct, such as presses of a button, it is the first
-twenty in a second. A lasting condition is raised once and cleared once; one that comes
-and goes all the time is told once a second, as it then is, with how often it changed.
+The first of its kind is sent at once; what repeats within a second is counted and
+reported once. Of those that are distinct, such as presses of a button, the first
+twenty in a second are sent. A lasting condition is raised once and cleared once; one
+that flickers is reported once a second, with its state and number of changes.
 """
 
 import logging
@@ -17,7 +17,9 @@ log = logging.getLogger("traverse.daemon.events")
 
 QUIET_NS = 1_000_000_000
 MAX_DISTINCT = 20  # in a second: more than hands can do, less than a broken button
-MAX_CHANGES = 6  # of a lasting condition, in `CALM_NS`, before they are told together
+MAX_CHANGES = (
+    6  # of a lasting condition, in `CALM_NS`, before they are reported together
+)
 CALM_NS = 10_000_000_000
 MAX_KINDS = 256
 LEVELS = {"info": logging.INFO, "warning": logging.WARNING, "error": logging.ERROR}
@@ -77,8 +79,8 @@ class EventLog:
     ) -> None:
         """Something momentary happened ``count`` times.
 
-        With ``distinct`` every one is told by itself, as for buttons, unless there are
-        too many; the other arguments are those of the message.
+        With ``distinct`` every one is reported by itself, as for buttons, unless
+        there are too many; the other arguments are those of the message.
         """
         now_ns = first_ns = self._clock.monotonic_ns()
         key = (code, source)
@@ -120,9 +122,9 @@ class EventLog:
         remedy: str = "",
         data: Mapping[str, int | float | str] | None = None,
     ) -> None:
-        """A lasting condition begins or ends; told once each way.
+        """A lasting condition begins or ends; reported once each way.
 
-        With more conditions than anybody can read it is told as a momentary one.
+        With too many conditions it is reported as a momentary one.
         """
         key = (code, source)
         if active == (key in self._active):
@@ -146,7 +148,7 @@ class EventLog:
             self._flapping[key] = change
 
     def flush(self, *, at_once: bool = False) -> None:
-        """Tell what was held back for a second; call it a few times a second.
+        """Report what was held back for a second; call a few times a second.
 
         Args:
             at_once: whatever was held back for however short, as the daemon ends.

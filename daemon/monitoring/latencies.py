@@ -29,7 +29,7 @@ class Latencies:
         self._told_counts = list(self.total_counts)
 
     def add(self, duration_ns: int) -> None:
-        """Note one duration; of the ring, the oldest is forgotten."""
+        """Record one duration; the ring drops the oldest."""
         self._values_ns[self._n % KEPT] = duration_ns
         self._n += 1
         self._largest_ns = max(self._largest_ns, duration_ns)

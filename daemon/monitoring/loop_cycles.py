@@ -1,7 +1,7 @@
 """The last thousand cycles of the event loop, and a report of them after a fault.
 
 A cycle is one delivery of a device, handled. Kept in memory at next to no cost; written
-to a JSON file when something has gone wrong, and at the end, so that afterwards it can
+to a JSON file after a fault, and at the end, so that afterwards it can
 be seen whether the loop was late, interrupted or overrun. docs/reference/service.md
 explains the file.
 """
@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 KEPT = 1000
 FILES = 10
 PATTERN = "cycles-*.json"
-REPORT_NS = 60_000_000_000  # between two reports, however much goes wrong
+REPORT_NS = 60_000_000_000  # between two reports, however many faults
 
 
 class LoopCycle(NamedTuple):
@@ -37,9 +37,9 @@ class LoopCycle(NamedTuple):
 
     Attributes:
         begun_ns: host monotonic time.
-        samples: sets of counts that it brought.
+        samples: sets of counts that it contained.
         late_ns: from the reader thread's receipt to the beginning; null where the
-            delivery tells no time.
+            delivery has no time.
         queue: samples that waited behind it.
         collection_ns: pauses of the garbage collection since the cycle before it.
     """

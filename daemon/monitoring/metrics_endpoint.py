@@ -17,7 +17,7 @@ from traverse.daemon.monitoring.prometheus import CONTENT_TYPE
 MAX_REQUEST = 8192
 MAX_CLIENTS = 8
 LIMIT_S = 5.0
-FRESH_S = 0.1  # however often somebody asks
+FRESH_S = 0.1  # however often it is requested
 PLAIN = "text/plain; charset=utf-8"
 
 
@@ -25,7 +25,7 @@ class MetricsEndpoint:
     """Answers scrapes.
 
     Args:
-        text: gives the figures of now; asked for at most once in `FRESH_S`.
+        text: gives the current figures; called at most once in `FRESH_S`.
     """
 
     def __init__(self, text: Callable[[], str]) -> None:
@@ -92,7 +92,7 @@ async def metrics_endpoint(
 ) -> AsyncIterator[None]:
     """Serve while the block lasts, if a port is configured.
 
-    A port that cannot be had is an event; measuring goes on without the endpoint.
+    A port that cannot be opened is an event; measuring continues without the endpoint.
     """
     if section.port is None:
         yield

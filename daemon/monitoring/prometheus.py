@@ -36,7 +36,7 @@ def exposition(
     """Format the page that a scrape gets.
 
     Args:
-        health: the figures of now.
+        health: the current figures.
         latencies: all since the start, by name.
         cpu_s: CPU time that the process has used.
         version: of the daemon.

@@ -1,9 +1,9 @@
-"""An MQTT client that writes at once, and hears when the broker refuses a message.
+"""An MQTT client that writes at once, and reports messages that the broker refuses.
 
-aiomqtt hands a packet to the event loop, which watches the socket, comes round again
-and writes: two wake-ups and two system calls for each message more than it takes. And
-aiomqtt 2.5 takes every PUBACK for a yes; with MQTT 5 its reason code may say no, for
-example where an access list forbids the topic. Brokers of MQTT 3.1.1 cannot say no.
+aiomqtt passes a packet to the event loop, which watches the socket and writes it one
+turn later: two wake-ups and two system calls more than necessary for each message. And
+aiomqtt 2.5 treats every PUBACK as a success; with MQTT 5 its reason code may be a
+refusal, for example by an access list. Brokers of MQTT 3.1.1 cannot refuse.
 """
 
 import asyncio
@@ -72,7 +72,7 @@ class BrokerClient(DiagnosingClient):
     Attributes:
         acknowledged: called with the number of each message that the broker has
             answered, and with its reason where it was refused.
-        received: called with each message that comes in; aiomqtt's own queue takes a
+        received: called with each message received; aiomqtt's own queue takes a
             task for each, and loses what it has no room for.
         writable: called when a socket that took no more takes bytes again.
         max_in_flight: so many messages may wait for their answers.
@@ -96,10 +96,10 @@ class BrokerClient(DiagnosingClient):
         self._own_thread = threading.current_thread()
 
     async def wait_closed(self) -> None:
-        """Wait until the connection is gone.
+        """Wait until the connection is closed.
 
         Raises:
-            aiomqtt.MqttError: always; why it went.
+            aiomqtt.MqttError: always, with the reason.
         """
         await asyncio.wait({self._disconnected})
         error = self._disconnected.exception()
@@ -149,7 +149,7 @@ class BrokerClient(DiagnosingClient):
     def _set_cork(self, wanted: bool) -> None:
         sock = self._client.socket()
         if isinstance(sock, socket.socket):
-            with contextlib.suppress(OSError):  # a dead one says so when written to
+            with contextlib.suppress(OSError):  # a dead one fails when written to
                 sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_CORK, wanted)
 
     def _watch(self) -> None:
@@ -160,7 +160,7 @@ class BrokerClient(DiagnosingClient):
     def _write(self) -> None:
         try:
             self._client.loop_write()
-        except Exception as error:  # noqa: BLE001 - as aiomqtt: the connection is gone
+        except Exception as error:  # noqa: BLE001 - as aiomqtt: the connection is closed
             if not self._disconnected.done():
                 self._disconnected.set_exception(error)
         if self.writable is not None and not self.is_congested:
@@ -191,7 +191,7 @@ class BrokerClient(DiagnosingClient):
         if self._is_sending:
             return  # it is written without watching
         if threading.current_thread() is self._own_thread:
-            # At once: what is put off could come after the writing, and then for ever.
+            # At once: a deferred one could follow the writing, and stay for ever.
             self._watch()
         else:  # while connecting
             super()._on_socket_register_write(client, userdata, sock)

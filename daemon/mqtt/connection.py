@@ -42,7 +42,7 @@ WORDING = Wording(
     use_tls="set tls = true in [broker]",
     absent="",  # an event has its remedy beside it
 )
-# Why a connection that was there has ended; paho says 128 where it was just cut.
+# Why a connection has ended; paho gives 128 where it was cut.
 _DISCONNECT_REASONS = {
     128: "the connection was cut; the broker has ended, or the network between",
     137: "the broker is too busy",
@@ -55,7 +55,7 @@ _DISCONNECT_REASONS = {
 
 
 def reason_of(error: BaseException, address: BrokerAddress) -> str:
-    """What went wrong with a connection, for people."""
+    """Describe the failure of a connection for users."""
     for one in (error, error.__cause__ or error.__context__):
         match one:
             case aiomqtt.MqttCodeError(rc=ReasonCode(packetType=of, value=code)):
@@ -76,7 +76,7 @@ CONNECTION_FAILURES = (aiomqtt.MqttError, OSError, CredentialsError)
 
 
 class BrokerConnection:
-    """Keeps a connection, has the queue sent, hands on what comes in.
+    """Keep a connection, send the queue, pass on what is received.
 
     Args:
         address: of the broker.
@@ -134,7 +134,7 @@ class BrokerConnection:
         self._renewal.set()
 
     async def run(self) -> None:
-        """Connect, send and receive; come back after every loss; until cancelled."""
+        """Connect, send and receive; reconnect after every loss; until cancelled."""
         retry_s = FIRST_RETRY_S
         connected_before = False
         last_reason = ""
@@ -153,7 +153,7 @@ class BrokerConnection:
                 if self.state == "connected" or reason != last_reason:
                     self.state, last_reason = "lost", reason
                     self._changed(False, f"broker {self.address}: {reason}")
-            # Jitter keeps a fleet from coming back all at once.
+            # Jitter prevents a fleet from reconnecting all at once.
             await asyncio.sleep(retry_s * random.uniform(0.5, 1.0))
             retry_s = min(2 * retry_s, LAST_RETRY_S)
 

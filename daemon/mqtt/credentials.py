@@ -195,7 +195,7 @@ def _load_own(
     certificate = _path("certificate_file", certificate_file, folder)
     key = _path("key_file", key_file, folder)
 
-    def refuse() -> str:  # else OpenSSL would ask at the terminal
+    def refuse() -> str:  # else OpenSSL would prompt at the terminal
         raise CredentialsError(
             "key_file",
             f"{key} is encrypted; a service has nobody to ask. Take the passphrase "

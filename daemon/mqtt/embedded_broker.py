@@ -54,7 +54,7 @@ async def embedded_broker(port: int) -> AsyncIterator[int]:
 
 
 def free_port() -> int:
-    """A port on loopback that nobody uses at this moment."""
+    """A free port on loopback."""
     with socket.socket() as probe:
         probe.bind((HOST, 0))
         return int(probe.getsockname()[1])

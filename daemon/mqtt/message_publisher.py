@@ -21,7 +21,7 @@ class MessagePublisher:
         clock: the host's.
 
     Attributes:
-        tape: told of what is queued.
+        tape: notified of what is queued.
     """
 
     def __init__(

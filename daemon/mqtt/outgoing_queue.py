@@ -3,7 +3,7 @@
 Points and spooled blocks of scans are never dropped: those for which there is no room
 here are on the disk, and are put in later. Live poses and health are only worth their
 latest. Scan blocks and events are dropped newest first, and counted. Order of sending:
-status, replies, points, events, what somebody wants again, spooled scan blocks, scan
+status, replies, points, events, requested again, spooled scan blocks, scan
 blocks, live, health.
 """
 
@@ -30,7 +30,7 @@ class OutgoingMessage:
 
     Attributes:
         sent: called once, after the broker has taken it.
-        refused: called instead where the broker does not want it; who keeps it tries
+        refused: called instead where the broker refuses it; its owner tries
             again later.
         encoding: of the payload, where it is not as configured now.
         correlation: MQTT 5 correlation data of an answer.
@@ -56,7 +56,7 @@ class OutgoingQueue:
         sent: messages that the broker has taken, by kind.
         offered: called after a message has been queued; the publisher sets it while
             it has a connection.
-        left: called after a message has gone for good; the outbox sets it.
+        left: called after a message has left for good; the outbox sets it.
     """
 
     def __init__(
@@ -153,7 +153,7 @@ class OutgoingQueue:
             gone.clear()
 
     def done(self, kind: str, message: OutgoingMessage) -> None:
-        """``message`` has been sent: forget it."""
+        """``message`` has been sent: drop it."""
         self._forget(kind, message)
         self.sent[kind] += 1
         if message.sent is not None:
@@ -162,14 +162,14 @@ class OutgoingQueue:
             self.left()
 
     def drop(self, kind: str, message: OutgoingMessage) -> None:
-        """``message`` cannot be sent: forget it and count that."""
+        """``message`` cannot be sent: drop and count it."""
         self._forget(kind, message)
         self.dropped[kind] += 1
         if self.left is not None:
             self.left()
 
     def defer(self, kind: str, message: OutgoingMessage) -> None:
-        """``message`` comes again later, by who keeps it: forget it here."""
+        """``message`` is queued again later by its owner: drop it here."""
         self._forget(kind, message)
         if message.refused is not None:
             message.refused()
@@ -184,7 +184,7 @@ class OutgoingQueue:
 
     def _forget(self, kind: str, message: OutgoingMessage) -> None:
         gone = self._on_the_way[kind]
-        if gone and gone[0] is message:  # answers come in the order of sending
+        if gone and gone[0] is message:  # answers arrive in the order of sending
             gone.popleft()
         else:
             self._on_the_way[kind] = deque(one for one in gone if one is not message)

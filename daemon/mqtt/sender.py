@@ -16,7 +16,7 @@ log = logging.getLogger("traverse.daemon.publisher")
 
 ANSWER_S = 5.0
 CHECK_S = 1.0
-REFUSED_S = 5.0  # a refused point is tried again: somebody may correct the access list
+REFUSED_S = 5.0  # a refused point is tried again: the access list may be corrected
 
 
 class PublishLoop:
@@ -108,7 +108,7 @@ class PublishLoop:
             self._queue.done(kind, message)
 
     def _answered(self, number: int, refusal: str | None) -> None:
-        """The broker has a message, or does not want it."""
+        """The broker has accepted or refused a message."""
         answered = self._in_flight.pop(number, None)
         if answered is None:
             return

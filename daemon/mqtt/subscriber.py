@@ -16,7 +16,7 @@ REFUSED_SUBSCRIPTION = 128  # and above, in MQTT 3.1.1 and 5
 
 @dataclass(frozen=True, slots=True)
 class IncomingCommand:
-    """A command as it came: topic, payload, and where its answer goes."""
+    """A received command: topic, payload, and topic of the answer."""
 
     topic: str
     payload: bytes
@@ -51,7 +51,7 @@ class CommandSubscriber:
     async def run(self, client: BrokerClient) -> None:
         """Receive commands until they are a flood; then the connection has to end.
 
-        The next one does not subscribe for a time: so the broker forgets those
+        The next one does not subscribe for a time: so the broker drops those
         that wait for us, and its answers to our points are not behind them.
         """
         if (backoff_s := self._backoff_s()) > 0.0:

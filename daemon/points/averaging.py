@@ -52,10 +52,10 @@ class SampleAverage:
     Attributes:
         n: how many there are so far.
         last_ns: the time of the last; ``begin_ns`` before the first.
-        is_complete: no further one is wanted.
+        is_complete: no further one is needed.
         is_mixed: some samples are of the arm before a change of probe.
         begin_speed_mm_s: how fast the ball moved at the beginning; None: not known.
-        before_mm: where it came from, (3,).
+        before_mm: where it was before, (3,).
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class SampleAverage:
         self._moments_mm_s = np.zeros(3)
 
     def add(self, poses: PoseBlock) -> None:
-        """Take what is wanted of a block."""
+        """Add the needed samples of a block."""
         if self.is_complete:
             return
         times_ns = poses.sample_time_ns
@@ -131,7 +131,7 @@ class SampleAverage:
 
     @property
     def speed_mm_s(self) -> float | None:
-        """Of the ball, on the whole; None where it is too early to tell."""
+        """Of the ball, on the whole; None where it is too early to know."""
         if self.n < 3 or self.last_ns - int(self._first.sample_time_ns[0]) < SPEED_NS:
             return None
         square_s2 = self._squares_s2 - self._times_s**2 / self.n
@@ -157,7 +157,7 @@ class SampleAverage:
         """Refuse what is no mean of one place.
 
         Raises:
-            CaptureRefusedError: says what was wrong, with its size.
+            CaptureRefusedError: with the reason and its size.
         """
         if not self.n:
             return
@@ -207,7 +207,7 @@ class SampleAverage:
         )
 
     def refuse_if_over_time(self, now_ns: int, wait_ns: int) -> None:
-        """Refuse where samples do not come, or take too long.
+        """Refuse where samples do not arrive, or take too long.
 
         Raises:
             CaptureRefusedError: with how many there were.

@@ -11,7 +11,7 @@ Gesture = Literal["click", "double", "hold", "long", "part"]
 
 @dataclass(frozen=True, slots=True)
 class GestureTimes:
-    """What tells gestures apart, in ns."""
+    """Times that distinguish gestures, in ns."""
 
     hold_ns: int
     long_ns: int
@@ -38,11 +38,11 @@ class GestureDetector:
 
     Args:
         meant: gestures that mean something.
-        times: what tells them apart.
+        times: distinguish gestures.
 
     Attributes:
         presses: how many there have been.
-        held: the press that is a hold and still goes on; None where there is none.
+        held: the press that is a hold and continues; None where there is none.
     """
 
     def __init__(self, meant: frozenset[str], times: GestureTimes) -> None:
@@ -69,7 +69,7 @@ class GestureDetector:
         return None if self._still is None else self._down_ns + self._still[1]
 
     def edge(self, active: bool, time_ns: int) -> list[GestureDecision]:
-        """The button went down or up."""
+        """The button was pressed or released."""
         decided = self.passed(time_ns - 1)
         if not active:
             self.held = None
@@ -86,7 +86,7 @@ class GestureDetector:
             if self._up_ns is not None:
                 decided.append(self._decided("double", time_ns))
                 return [*decided, GestureDecision(press, "part", time_ns)]
-            # The release between was lost: nobody knows whether it was a double, and
+            # The release between was lost: it may have been a double, and
             # a point too many is better than one too few.
             decided.append(self._decided("click", time_ns))
         self._open, self._down_ns, self._up_ns = press, time_ns, None
@@ -134,7 +134,7 @@ class ButtonTracker:
 
     Args:
         meanings: per input, what its gestures do; others capture at each press.
-        times: what tells gestures apart.
+        times: distinguish gestures.
     """
 
     def __init__(

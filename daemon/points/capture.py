@@ -24,7 +24,7 @@ class Session:
 
     Args:
         begun_ns: when it began [UTC].
-        note: what people said about it.
+        note: the user's note.
 
     Attributes:
         id: unique for ever.
@@ -85,10 +85,10 @@ class PointMeasurement:
     Attributes:
         model: the arm that it was measured with.
         pose: of one latch, or the mean of several samples.
-        temperature_c: of the arm then; None where no sensor tells it.
+        temperature_c: of the arm then; None without a sensor.
         covariance_mm2: of the ball's centre.
         samples, spread_mm: how many were averaged, and how far they lay apart.
-        before_mm: where the probe came from, (3,); None where it does not matter.
+        before_mm: where the probe was before, (3,); None where it does not matter.
         surface_mm: the touched point, (3,), by ``compensation``.
     """
 
@@ -112,7 +112,7 @@ class Capture:
         part: the alignment in use.
 
     Attributes:
-        label: what the points to come are taken on.
+        label: of the next points.
     """
 
     def __init__(
@@ -165,10 +165,10 @@ class Capture:
         return self._submit(point)
 
     def undo(self, trigger: Trigger, point_id: str | None = None) -> PendingWrite:
-        """Take the last point back that stands yet; gives the retraction on its way.
+        """Retract the last point that is not retracted; return the pending retraction.
 
         Args:
-            trigger: what asked for it.
+            trigger: its cause.
             point_id: if given, it must be that point.
 
         Raises:
@@ -194,7 +194,7 @@ class Capture:
         return self._submit(retraction)
 
     def begin_session(self, note: str = "") -> Session:
-        """Number from 0 again; what the next points are taken on is to be said anew."""
+        """Number from 0 again, without a label."""
         self.session = self._new_session(note)
         self.label = Label()
         return self.session

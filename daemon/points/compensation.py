@@ -1,8 +1,8 @@
 """From the ball's centre to the touched point, where it is known how it was touched.
 
 `traverse.kinematics.probing.compensation` has the geometry. Where the direction of the
-material is known, the effects of the contact are applied too; where it is wanted and
-not known, the point says so.
+material is known, the effects of the contact are applied too; where it is required and
+unknown, the point is flagged.
 """
 
 from dataclasses import dataclass, replace
@@ -28,8 +28,8 @@ class RetractDetector:
     Attributes:
         from_ns, from_mm: instant and place of the touch.
         distance_mm: so far away is off the surface.
-        until_ns: it must come by then.
-        place_mm: where it came; None as long as it has not.
+        until_ns: deadline.
+        place_mm: its place; None before it.
     """
 
     from_ns: int
@@ -55,7 +55,7 @@ class RetractDetector:
 
 
 class TipCompensator:
-    """Compensates for the ball as the configuration says.
+    """Compensate for the ball as configured.
 
     Args:
         settings: of the configuration.
@@ -75,7 +75,7 @@ class TipCompensator:
 
     @property
     def needs_trajectory(self) -> bool:
-        """Whether it matters where the probe came from."""
+        """Whether the place before the touch matters."""
         return self._method == "pretouch" and self.air_mm is None
 
     def set_air_point(self, place_mm: Floats) -> None:
@@ -83,7 +83,7 @@ class TipCompensator:
         self.air_mm = place_mm
 
     def before(self, time_ns: int, place_mm: Floats) -> Floats | None:
-        """Where the probe came from to a place, (3,); None where it does not matter."""
+        """Where the probe was before a place, (3,); None where it does not matter."""
         if self._method != "pretouch":
             return None
         distance_mm = self._settings.pretouch_mm
@@ -137,6 +137,6 @@ class TipCompensator:
 
 
 def without_direction(measured: PointMeasurement) -> PointMeasurement:
-    """The point marked: a direction was wanted and is not known."""
+    """Mark the point: a direction is required and unknown."""
     pose = measured.pose
     return replace(measured, pose=replace(pose, quality=pose.quality | UNKNOWN))

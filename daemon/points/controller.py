@@ -31,10 +31,10 @@ log = logging.getLogger(__name__)
 
 
 class PointEventReporter:
-    """Tells what becomes of requests.
+    """Report the results of requests.
 
     Args:
-        events: where it is told.
+        events: receives the report.
     """
 
     def __init__(self, events: EventLog) -> None:
@@ -109,12 +109,12 @@ class PointController:
         capture: numbers them and hands them on.
         triggers: what inputs are.
         settings: what presses mean.
-        events: where edges and refusals are told.
+        events: receives edges and refusals.
         latencies: where it is added how long it took.
         on_action: called with actions of buttons that are not about points.
 
     Attributes:
-        events: tells what becomes of requests.
+        events: reports the results of requests.
     """
 
     def __init__(
@@ -141,7 +141,7 @@ class PointController:
         self._answers = OrderedReplies(self._tell)
 
     def arm_changed(self) -> None:
-        """Another arm measures from now on, also what has been asked for and waits."""
+        """Use another arm from now on, also for requests that wait."""
         self._making.arm_changed()
         self._pending.look_again()
 
@@ -152,7 +152,7 @@ class PointController:
 
     @property
     def is_idle(self) -> bool:
-        """No point is being taken or kept, and no press waits to be told apart."""
+        """No point is being taken or stored, and no press is being classified."""
         return not (self._pending or self._answers) and self._buttons.all_decided
 
     def use(
@@ -180,10 +180,10 @@ class PointController:
         """Go on by a block of the arm's stream."""
         self._making.follow(poses)
 
-    # -- what asks for points -------------------------------------------------
+    # -- requests for points --------------------------------------------------
 
     def take_edge(self, device: Device, latch: LatchedCounts) -> None:
-        """Deal with an edge, and only then tell the device so."""
+        """Process an edge, and only then acknowledge it to the device."""
         name, number = device.section.id, latch.input
         request = PointRequest(
             latch.sample_time_ns,
@@ -225,7 +225,7 @@ class PointController:
         return self._asked(request)
 
     def in_order(self, act: Callable[[], Any]) -> asyncio.Future[Any]:
-        """Do this after all points that were asked for before."""
+        """Do this after all points that were requested before."""
         request = self._request_now(None)
         request.act = act
         return self._asked(request)
@@ -240,7 +240,7 @@ class PointController:
         self._pending.add(request)
         return answer
 
-    # -- what comes of it -----------------------------------------------------
+    # -- results ---------------------------------------------------------------
 
     def _look(self, request: PointRequest) -> None:
         self._making.look(request)
@@ -249,13 +249,13 @@ class PointController:
         if request.is_undecided:
             return False
         outcome: Outcome = True
-        # Whoever was told "no answer" must not find a point later.
+        # Do not create a point after its requester has timed out.
         if not request.is_cancelled:
             try:
                 outcome = self._outcome(request, is_last_chance)
             except CaptureRefusedError as error:
                 outcome = error
-            except Exception as error:  # what comes after it must not wait for ever
+            except Exception as error:  # what follows it must not wait for ever
                 log.exception("fault while a point was taken")
                 outcome = CaptureRefusedError(repr(error), REPORT_IT)
             if outcome is None:
@@ -278,11 +278,11 @@ class PointController:
         request.resolve(outcome)
         if request.device is not None and request.latch is not None:
             self.events.edge(request, request.device, request.latch)
-            # Only now may the device forget it.
+            # Only now may the device drop it.
             request.device.driver.acknowledge(request.latch.token)
 
     def _outcome(self, request: PointRequest, is_last_chance: bool) -> object:
-        """What comes of a request; None while that has to be waited for.
+        """The result of a request; None while it is pending.
 
         Raises:
             CaptureRefusedError: nothing, for a reason.

@@ -134,8 +134,8 @@ class PoseEvaluator:
         instant_ns = request.instant_ns
         found = stage.assembly.at(instant_ns, latch)
         is_waiting = stage.clock.monotonic_ns() < request.deadline_ns
-        # Motion at the instant is told by all samples before it, not by those that
-        # happen to have come already: a replay finds the same, however it is cut.
+        # Motion at the instant follows from all samples before it, not from those that
+        # happen to have arrived already: a replay finds the same, however it is cut.
         if found is None or (is_waiting and not stage.path.covers(instant_ns)):
             return None
         pose = stage.pipeline.pose_at(found.counts, temperature_c)
@@ -205,11 +205,11 @@ class PointEvaluator:
     def start_average(
         self, request: PointRequest, average: SampleAverage | None = None
     ) -> None:
-        """Let samples be averaged from the instant of a request on.
+        """Average samples from the instant of a request on.
 
         Args:
-            request: it is told.
-            average: what is wanted; None: as buttons do.
+            request: receives the result.
+            average: requested mean; None: as buttons do.
         """
         begin_ns, path = request.instant_ns, self._stage.path
         if average is None:
@@ -228,7 +228,7 @@ class PointEvaluator:
         """Remember where the ball was at a press in the air; False while it waits.
 
         Raises:
-            CaptureRefusedError: nobody knows where it was.
+            CaptureRefusedError: its place is not known.
         """
         if request.seen is None:
             if is_last_chance:

@@ -1,7 +1,7 @@
-"""Edges and commands in the order in which they came, until they have been dealt with.
+"""Edges and commands in the order of arrival, until they have been processed.
 
 Where a device latches all joints, that is at once. Else the readings after the instant
-are waited for, or the samples of a mean; what came later waits too, so that points keep
+are awaited, or the samples of a mean; later ones wait too, so that points keep
 their order and no edge is acknowledged before an earlier one.
 """
 
@@ -42,7 +42,7 @@ class PointRequest:
         latch: what a device latched at that instant.
         press: which press of a button the edge is; None for releases and switches.
         ends: the hold that ends with this release.
-        answer: who waits for what comes of a command.
+        answer: receives the result of a command.
         act: what a command does that takes no point.
         average: the samples of a mean.
         mean: of these samples, as soon as they are complete.
@@ -69,30 +69,30 @@ class PointRequest:
 
     @property
     def captures(self) -> bool:
-        """Whether it asks for a point."""
+        """Whether it requests a point."""
         if self.press is not None and self.press.action is not None:
             return self.press.action in CAPTURING
         return self.may_capture
 
     @property
     def may_capture(self) -> bool:
-        """Whether it may turn out to ask for one."""
+        """Whether it may turn out to request one."""
         if self.trigger is None or self.act is not None:
             return False
         return self.device is None or self.latch is None or self.latch.active
 
     @property
     def is_undecided(self) -> bool:
-        """It is a press of which nobody knows yet what it will have been."""
+        """It is a press that is not classified yet."""
         return self.press is not None and self.press.action is None
 
     @property
     def is_cancelled(self) -> bool:
-        """Whoever asked for it does not wait any more."""
+        """Its requester does not wait any more."""
         return self.answer is not None and self.answer.done()
 
     def resolve(self, outcome: object) -> None:
-        """Tell whoever asked what came of it, if they still wait."""
+        """Report the result to the requester, if it still waits."""
         if self.answer is None or self.answer.done():
             return
         if isinstance(outcome, Exception):
@@ -137,7 +137,7 @@ class PointRequestQueue:
         self.settle()
 
     def look_again(self) -> None:
-        """Another arm measures: what waits was asked for after the change."""
+        """Use another arm: what waits was requested after the change."""
         for request in self._requests:
             if request.may_capture:
                 request.seen = None
@@ -167,10 +167,10 @@ Outcome = object | CaptureRefusedError
 
 
 class OrderedReplies:
-    """Requests with what has come of them.
+    """Requests with their results.
 
     Args:
-        tell: called with each request and what came of it, when it may be told: a
+        tell: called with each request and its result, when it may be reported: a
             point, another result, or why there is none.
     """
 

@@ -1,6 +1,6 @@
 """The arm as the pipeline needs it: geometry, effects, encoders, covariance.
 
-An arm file that asks for what a running daemon cannot do is refused.
+An arm file that requires what a running daemon cannot do is refused.
 """
 
 import logging
@@ -45,7 +45,7 @@ def read_parameter_covariance(
 
     Args:
         path: of the arm file.
-        arm: what it says.
+        arm: the parsed arm file.
         effects: all of it.
         inline_effects: those of them that correct poses.
 
@@ -124,7 +124,7 @@ def encoder_problems(arm: Arm, device_ids: Mapping[str, object]) -> list[Problem
 
 
 def covariate_problems(effects: ArmEffects) -> list[Problem]:
-    """Effects of something that a running daemon never knows."""
+    """Effects of what a running daemon never knows."""
     return [
         Problem(
             f"effects[{index}]",
@@ -140,7 +140,7 @@ def covariate_problems(effects: ArmEffects) -> list[Problem]:
 
 
 def epoch_problems(arm: Arm) -> list[Problem]:
-    """Effects bound to moments that the nanoseconds of a sample cannot tell."""
+    """Effects bound to moments that the nanoseconds of a sample cannot express."""
     problems = []
     for index, effect in enumerate(arm.effects):
         if effect.epoch_utc is None:
@@ -167,10 +167,10 @@ class ArmModel:
             among them.
         reference_temperature_c: where the geometry holds.
         digest: of the arm file's values; every point carries it.
-        arm: as its file says it, or with another probe.
+        arm: as in its file, or with another probe.
         joint_devices: (n_joints,) id of the device that reads each joint.
         channels: (n_joints,) the channel of each joint on its device.
-        covariance: of the arm's parameters; None where no file tells it.
+        covariance: of the arm's parameters; None without a file.
     """
 
     name: str
@@ -218,7 +218,7 @@ class ArmModel:
         return [self.effects.name(effect) for effect in self.effects.corrections]
 
     def mismatches_with(self, device: str, identity: Identity) -> list[str]:
-        """What does not fit between the arm file and what a device says it has."""
+        """What does not match between the arm file and what a device reports."""
         found = []
         moduli_counts = identity.moduli_counts
         for joint, channel in enumerate(self.channels.tolist()):
@@ -250,7 +250,7 @@ def read_model(path: Path, device_ids: Mapping[str, object]) -> ArmModel:
     """Read an arm file for measuring with the given devices.
 
     Raises:
-        FileError: the file is wrong, or asks for what this daemon cannot do.
+        FileError: the file is wrong, or requires what this daemon cannot do.
     """
     arm = read_arm(path)
     problems = list(encoder_problems(arm, device_ids))
@@ -290,7 +290,7 @@ def model_with_probe(model: ArmModel, chosen: LibraryProbe) -> ArmModel:
     """The same arm with another probe.
 
     Raises:
-        ValueError: the arm cannot have it; says why.
+        ValueError: the arm cannot have it, with the reason.
     """
     weighed = [e.kind for e in model.effects.corrections if e.uses_gravity]
     if weighed and chosen.mass_kg is None:

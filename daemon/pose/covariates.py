@@ -23,7 +23,7 @@ class CovariateBuilder:
 
     Args:
         model: the arm.
-        clock: tells UTC.
+        clock: gives UTC.
 
     Attributes:
         motion_tracker: how the joints have moved.
@@ -64,8 +64,8 @@ class CovariateBuilder:
         Args:
             times_ns: host monotonic times, (n_samples,).
             angles_rad: readings, (n_samples, n_joints).
-            temperature_c: of the arm; None where no sensor tells it.
-            quality: bits of what there is to say so far, (n_samples,).
+            temperature_c: of the arm; None without a sensor.
+            quality: bits so far, (n_samples,).
 
         Returns:
             The block, and `quality` with what it lacks.

@@ -6,7 +6,7 @@ their short time would be more than the speed.
 
 The sense of approach has a hysteresis, or the encoder's noise would decide it. A
 pointer is carried along by the reading within a band of play; the sense is that in
-which the pointer was last pushed. So a joint must come back by the whole band before
+which the pointer was last pushed. So a joint must return by the whole band before
 its sense turns, however slowly it does.
 
 Both are carried over from block to block: no bit depends on how a stream is cut. After
@@ -47,7 +47,7 @@ class Motion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _MotionSegment:
-    """Samples gone by: times (n,); readings, pointers, senses (n, n_joints)."""
+    """Past samples: times (n,); readings, pointers, senses (n, n_joints)."""
 
     times_ns: Integers
     angles_rad: Floats
@@ -59,7 +59,7 @@ class JointMotionTracker:
     """Follows the joints through a stream.
 
     Args:
-        bands_rad: how far each joint must come back for its sense to turn, (n_joints,).
+        bands_rad: how far each joint must return for its sense to turn, (n_joints,).
     """
 
     def __init__(self, bands_rad: Floats) -> None:
@@ -129,7 +129,7 @@ class JointMotionTracker:
         """The motion at a latch between samples, by the samples before it.
 
         It leaves the stream where it is, and it does not matter how many samples
-        after the latch have come already.
+        after the latch have arrived already.
 
         Args:
             time_ns: of the latch.

@@ -45,7 +45,7 @@ class PoseLimits:
         return self._overspeed_mm_s is not None
 
     def flags_of_angles(self, angles_rad: Floats) -> Bits:
-        """What readings (n, n_joints) alone tell, (n,)."""
+        """Flags by readings (n, n_joints) alone, (n,)."""
         quality = np.zeros(len(angles_rad), np.uint32)
         if len(self._stopped):
             turned_rad = angles_rad[:, self._stopped]
@@ -59,7 +59,7 @@ class PoseLimits:
         return quality
 
     def flags_of_speed(self, speed_mm_s: Floats) -> Bits:
-        """What speeds (n,) tell, (n,); one that is not known is NaN."""
+        """Flags by speeds (n,), (n,); an unknown one is NaN."""
         if self._overspeed_mm_s is None:
             return np.zeros(len(speed_mm_s), np.uint32)
         fast = (speed_mm_s > self._overspeed_mm_s) * np.uint32(QualityFlag.OVERSPEED)
@@ -85,7 +85,7 @@ class SpeedTracker:
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew: what comes does not join on to what was."""
+        """Begin anew after a gap."""
         self._times_ns = np.empty(0, np.int64)
         self._xyz_mm = np.empty((0, 3))
 

@@ -3,7 +3,7 @@
     counts -> unwrapped counts -> angles -> what the effects need -> corrected poses
 
 Blocks of timed samples go to the scan and to the live view; a latch at an edge or
-on request goes to the capture. Plain calls, no queue, no waiting.
+on request is passed to the capture. Plain calls, no queue, no waiting.
 """
 
 from collections.abc import Mapping
@@ -54,7 +54,7 @@ QUALITY_OF_POSE = {
     "empirical": QualityFlag.EMPIRICAL,
     "beyond_knots": QualityFlag.BEYOND_KNOTS,
 }
-"""What the effects say of a pose, as bits of its quality."""
+"""Flags of the effects of a pose, as bits of its quality."""
 
 
 class Pipeline:
@@ -97,7 +97,7 @@ class Pipeline:
         self._covariates.motion_tracker.resume(state["motion"])
 
     def restart(self, device: str) -> None:
-        """Forget the turns counted: the device has been without power."""
+        """Reset the counted turns: the device has been without power."""
         joints = np.array(self.model.joint_devices) == device
         if joints.any():
             self._unwrapper.reset(joints)
@@ -188,7 +188,7 @@ class Pipeline:
         return block
 
     def _corrected(self, block: Block, quality: Bits) -> tuple[Floats, Floats, Bits]:
-        """Poses with the arm's effects, and what to say about each."""
+        """Poses with the arm's effects, and the flags of each."""
         model = self.model
         xyz_mm, ijk, flags = corrected_pose(model.geometry, model.effects, block)
         if model.effects.corrections:
@@ -205,7 +205,7 @@ def _same_encoders(one: Encoders, other: Encoders) -> bool:
 
 
 def _quality_of_pose(flags: PoseFlags) -> Bits:
-    """Quality bits (n,) of what the effects say."""
+    """Quality bits (n,) of the effects' flags."""
     quality = np.zeros(len(flags.stale_effect), dtype=np.uint32)
     for name, flag in QUALITY_OF_POSE.items():
         quality[getattr(flags, name)] |= np.uint32(flag)

@@ -59,7 +59,7 @@ class PoseBlock:
         stream, seq: identify the samples, see
         `traverse.drivers.base.values.CountSamples`.
         sample_time_ns: (n,) host monotonic time of the latch.
-        received_ns: host monotonic time of the read that brought them.
+        received_ns: host monotonic time of their read.
         inputs: (n,) bits of the device's inputs.
         counts: (n, n_joints) unwrapped. angles_rad: (n, n_joints) readings.
         xyz_mm: (n, 3) centre of the ball. ijk: (n, 3) the shank, from wrist to ball.

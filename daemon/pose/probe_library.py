@@ -77,7 +77,7 @@ def with_probe(arm: Arm, chosen: LibraryProbe) -> Arm:
 
 
 def _cross_check(raw: Mapping[str, Any]) -> Iterator[Problem]:
-    """Names that stand twice, directions and covariances that are none."""
+    """Duplicate names, invalid directions and covariances."""
     seen: set[str] = set()
     probes = raw.get("probes")
     for index, probe in enumerate(probes if isinstance(probes, list) else []):
@@ -108,7 +108,7 @@ def full_covariance(six: Sequence[float]) -> Floats:
 
 
 def _numbers(value: object, n: int) -> list[float] | None:
-    """So many numbers; None where there are not, which is told elsewhere."""
+    """So many numbers; None where there are not, which is reported elsewhere."""
     if not isinstance(value, list) or len(value) != n:
         return None
     return value if all(isinstance(one, int | float) for one in value) else None

@@ -88,7 +88,7 @@ class PersistentFlags:
         self._alarms = {alarm for alarm in self._alarms if alarm[0] != device}
 
     def bits(self, temperature_c: float | None) -> int:
-        """The flags of now, with the arm at this temperature; None: not known."""
+        """The current flags, with the arm at this temperature; None: unknown."""
         quality = int(QualityFlag.ENCODER_WARNING) if self._alarms else 0
         if self._is_out_of_band(temperature_c) or self._has_changed(temperature_c):
             quality |= QualityFlag.TEMPERATURE
@@ -107,7 +107,7 @@ class PersistentFlags:
         return too_cold or (high_c is not None and temperature_c > high_c)
 
     def _has_changed(self, temperature_c: float | None) -> bool:
-        """Whether it has gone up or down too much within some time."""
+        """Whether it has risen or fallen too much within some time."""
         limit_c = self._section.temperature_change_c
         if limit_c is None or temperature_c is None:
             return False
@@ -129,7 +129,7 @@ class PersistentFlags:
         if days is None:
             return False
         if self._identified_s is None:
-            return True  # nobody knows how old it is
+            return True  # its age is not known
         now_s = (self._clock.monotonic_ns() + self._clock.utc_offset_ns()) * 1e-9
         return now_s - self._identified_s > days * DAY_S
 

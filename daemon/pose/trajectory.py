@@ -1,6 +1,6 @@
-"""Where the ball was a moment ago: blocks of poses as they came, kept for a while.
+"""Where the ball was a moment ago: the last blocks of poses.
 
-Nothing is computed until somebody asks, so a stream costs no more for being remembered.
+Nothing is computed until it is needed, so storing a stream costs little.
 """
 
 from bisect import bisect_right
@@ -14,11 +14,11 @@ from traverse.daemon.pose.poses import PoseBlock
 from traverse.protocol.messages import QualityFlag
 
 KEPT_NS = 3_000_000_000
-SLOW_NS = 30_000_000  # over which it is told whether the ball rests
+SLOW_NS = 30_000_000  # interval for the decision whether the ball rests
 SPEED_NS = 5_000_000  # over less the encoders' noise would be more than the speed
 GAP_NS = 250_000_000  # the slowest stream has a sample every 100 ms
 INVALID_FLAGS = (QualityFlag.ENCODER_ERROR | QualityFlag.INCOMPLETE).value
-"""Of samples that do not tell where the ball was."""
+"""Of samples without a place of the ball."""
 
 
 class TrajectoryBuffer:
@@ -28,7 +28,7 @@ class TrajectoryBuffer:
         self._blocks: deque[PoseBlock] = deque()
 
     def forget(self) -> None:
-        """Begin anew: what came before does not join on to what comes."""
+        """Begin anew after a gap."""
         self._blocks.clear()
 
     def add(self, poses: PoseBlock) -> None:
@@ -45,7 +45,7 @@ class TrajectoryBuffer:
         return int(self._blocks[-1].sample_time_ns[-1]) if self._blocks else None
 
     def covers(self, time_ns: int) -> bool:
-        """Whether all samples until some time have come."""
+        """Whether all samples until some time have arrived."""
         return bool(self._blocks) and self._blocks[-1].sample_time_ns[-1] >= time_ns
 
     def speeds_rad_s(self, time_ns: int, angles_rad: Floats) -> Floats | None:
@@ -56,7 +56,7 @@ class TrajectoryBuffer:
             angles_rad: the readings then, (n_joints,).
 
         Returns:
-            (n_joints,); None where no good sample tells it.
+            (n_joints,); None without a valid sample.
         """
         found = self._sample(time_ns - SPEED_NS)
         if found is None:
@@ -69,10 +69,10 @@ class TrajectoryBuffer:
         return speeds
 
     def speed_mm_s(self, time_ns: int) -> float | None:
-        """How fast the ball went on the whole, a moment before some time.
+        """Net speed of the ball, a moment before some time.
 
         Returns:
-            None where too few samples tell it.
+            None with too few samples.
         """
         end = self._sample(time_ns)
         if end is None:
@@ -132,14 +132,14 @@ class TrajectoryBuffer:
 def _last_until(block: PoseBlock, time_ns: int) -> int:
     """The row of the last sample until a time; -1 where there is none."""
     times_ns = block.sample_time_ns
-    if times_ns[-1] <= time_ns:  # mostly: it is of now
+    if times_ns[-1] <= time_ns:  # mostly: it is the latest
         return len(times_ns) - 1
-    # Not NumPy's, which lets go of Python's lock: for so few that takes longer.
+    # Not NumPy's, which releases Python's lock: slower for so few.
     return bisect_right(times_ns, time_ns) - 1
 
 
 def _away(block: PoseBlock, from_mm: Floats, distance_mm: float) -> Booleans:
-    """Which samples are good and so far away, (n,)."""
+    """Which samples are valid and so far away, (n,)."""
     away = np.linalg.norm(block.xyz_mm - from_mm, axis=1) >= distance_mm
     return np.asarray(away & ((block.quality & INVALID_FLAGS) == 0))
 

@@ -93,7 +93,7 @@ def _levers_mm(model: ArmModel, angles_rad: Floats) -> Floats:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CovarianceInput:
-    """How the readings of a point came about.
+    """How the readings of a point were obtained.
 
     Attributes:
         block: one sample, with what the effects need.
@@ -115,7 +115,7 @@ class CovarianceEvaluator:
     """States covariances.
 
     Args:
-        settings: standard deviations that no file of the arm tells.
+        settings: standard deviations that no file of the arm states.
     """
 
     def __init__(self, settings: UncertaintySection) -> None:

@@ -68,7 +68,7 @@ class RecordingEncoder:
 
 @dataclass(slots=True)
 class _Segment:
-    """What came since a state: the bytes of all messages, and where each ends."""
+    """Items since a state: the bytes of all messages, and where each ends."""
 
     begun_ns: int
     content: bytearray = field(default_factory=bytearray)
@@ -114,7 +114,7 @@ class PreTriggerBuffer:
             self._drop_oldest()
 
     def clear(self) -> None:
-        """Forget all: something is missing, or the files are others."""
+        """Drop all: something is missing, or the files have changed."""
         self._segments.clear()
         self._n_bytes = 0
 
@@ -156,7 +156,7 @@ class ManualRecording:
         path: of the file; it must not be there yet.
         name: what it is called.
         section: of the configuration.
-        head: what stands at its beginning.
+        head: its first record.
         before: the seconds before it was requested.
 
     Raises:

@@ -52,7 +52,7 @@ class FlightRecorder:
     Args:
         folder: of all recordings; made where it is missing.
         section: of the configuration.
-        about: what the head of every file says.
+        about: values for the head of every file.
 
     Attributes:
         kept, dropped: files kept after faults, and older ones dropped for them.
@@ -103,7 +103,7 @@ class FlightRecorder:
         self._delete_old(utc_ns)
 
     def end_segment(self) -> None:
-        """Begin a new one with the next state, whenever that comes."""
+        """Begin a new one with the next state."""
         self._begun_ns = -SEGMENT_NS
 
     def add(self, entry: Entry) -> None:
@@ -162,7 +162,7 @@ class FlightRecorder:
         return sorted(self._segments.glob(SEGMENT))
 
     def _delete_old(self, utc_ns: int) -> None:
-        """Drop segments that are not needed for the wanted time, or are too much."""
+        """Drop segments beyond the configured time or size."""
         *older, newest = self._found()
         oldest_ns = utc_ns - int(self._section.flight_s * 1e9)
         room = (self._section.flight_mb << 20) - newest.stat().st_size
@@ -225,7 +225,7 @@ class RetryingFlightRecorder:
 
     Args:
         flight: what writes.
-        is_enabled: the configuration wants it to.
+        is_enabled: as configured.
         notify: called when it fails, and when it is tried again.
     """
 

@@ -85,7 +85,7 @@ class RecorderQueue:
         return True
 
     def wake(self) -> None:
-        """Let the thread look at once."""
+        """Wake the thread."""
         self._wake.set()
 
     def take(self) -> list[RecorderItem]:

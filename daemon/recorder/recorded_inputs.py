@@ -17,7 +17,7 @@ def recorded_files(path: Path, configuration: Configuration) -> dict[str, bytes]
 
     Args:
         path: of the configuration file.
-        configuration: what it says.
+        configuration: parsed.
 
     Raises:
         OSError: a file cannot be read any more.

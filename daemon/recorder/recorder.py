@@ -1,7 +1,7 @@
-"""The recorder: what measuring does goes to files, by way of one thread.
+"""The recorder: writes what measuring does to files, through one thread.
 
-What is told here is only handed on; nothing waits. With room for no more, items are
-dropped and counted, and the files say that something is missing.
+Notifications are only passed on; nothing waits. With room for no more, items are
+dropped and counted, and the files note that something is missing.
 """
 
 import asyncio
@@ -30,7 +30,7 @@ from traverse.protocol.messages.recording_health import RecordingHealth
 
 SOURCE = "recording"
 STATE_NS = 6_000_000_000
-PATIENCE_NS = 3_000_000_000  # a state is told of a quiet moment, if one comes
+PATIENCE_NS = 3_000_000_000  # a state is recorded in a quiet moment, if there is one
 AFTERMATH_NS = 2_000_000_000  # what follows a fault is kept with it
 CALM_NS = 30_000_000_000  # after a file was kept, none is for so long
 FAULTS = ("alarm.", "device.", "outbox.", "daemon.", "watchdog.", "realtime.")
@@ -38,14 +38,14 @@ FAULTS = ("alarm.", "device.", "outbox.", "daemon.", "watchdog.", "realtime.")
 
 
 class FaultTrigger:
-    """Notes faults, and says when to keep what was before them."""
+    """Note faults, and decide when to store what was before them."""
 
     def __init__(self) -> None:
         self._keep_at: tuple[int, str] | None = None
         self._calm_ns = 0
 
     def add(self, now_ns: int, event: Event) -> None:
-        """An event goes out."""
+        """An event is published."""
         is_fault = (
             event.severity == "error"
             and event.active is not False
@@ -55,7 +55,7 @@ class FaultTrigger:
             self._keep_at = now_ns + AFTERMATH_NS, event.code
 
     def due(self, now_ns: int) -> str | None:
-        """The code of a fault for which the time to keep has come; None: for none."""
+        """The code of a fault that is to be stored now; None: none."""
         if self._keep_at is None or now_ns < self._keep_at[0]:
             return None
         code, self._keep_at = self._keep_at[1], None
@@ -70,9 +70,9 @@ class Recorder(StepListener):
         section: of the configuration.
         folder: of all recordings.
         clock: that of the steps.
-        about: what the head of every file says.
+        about: values for the head of every file.
         files: arm file, configuration and so on.
-        events: where it is told what happens to recordings.
+        events: receives what happens to recordings.
 
     Attributes:
         measurement: whose state is recorded; to be set before the first step.
@@ -143,7 +143,7 @@ class Recorder(StepListener):
         self._put(RecorderItem("passed", now_ns))
 
     def asked(self, now_ns: int, what: str, values: Mapping[str, object]) -> None:
-        """Somebody has asked for something."""
+        """A request was executed."""
         self._look(now_ns)
         self._put(RecorderItem("asked", now_ns, what, dict(values)))
 
@@ -274,7 +274,7 @@ class Recorder(StepListener):
             self._jobs.submit(lambda: self._thread.keep(why))
 
     def _look(self, now_ns: int) -> None:
-        """Before a step: is it time to tell the state, or to keep what was?"""
+        """Before a step: write the state or store the past, if due."""
         self._keep_if_due(now_ns)
         if not self._is_on or now_ns < self._due_ns or self.measurement is None:
             return

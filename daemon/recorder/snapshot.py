@@ -1,6 +1,6 @@
 """What a recording that begins in the middle has to know of the time before.
 
-The last seconds of the stream are not part of it: whoever goes on from a state has to
+The last seconds of the stream are not part of it: who continues from a state has to
 be given some seconds more before all points are as they were (`WARM_UP_NS`).
 """
 
@@ -19,7 +19,7 @@ WARM_UP_NS = 6_000_000_000
 
 
 class DeviceSnapshot:
-    """The deliveries that together say how the devices are now."""
+    """The deliveries that together give the devices' current state."""
 
     def __init__(self) -> None:
         self._told: dict[str, dict[object, Delivery]] = {}

@@ -1,4 +1,4 @@
-"""The one thread that writes recordings; what goes wrong here never stops measuring."""
+"""The one thread that writes recordings; its faults never stop measuring."""
 
 import asyncio
 import contextlib
@@ -35,7 +35,7 @@ from traverse.recording.run_writer import Entry
 log = logging.getLogger("traverse.daemon.recorder")
 
 TURN_S = 30.0  # that a slow disk may take
-# Whoever reads a press waits until this thread lets go of the interpreter.
+# A reader with a press waits until this thread releases the interpreter.
 MAX_SLICE_S, YIELD_S = 0.0005, 0.0001
 
 T = TypeVar("T")
@@ -74,7 +74,7 @@ class ThreadJobs:
 
     def call_on_loop(self, act: Callable[[], object]) -> None:
         """Call something on the loop; for the thread."""
-        with contextlib.suppress(RuntimeError):  # the loop is closed: nobody listens
+        with contextlib.suppress(RuntimeError):  # the loop is closed
             self._loop.call_soon_threadsafe(act)
 
 
@@ -89,13 +89,13 @@ def _set_exception(answer: asyncio.Future[T], error: Exception) -> None:
 
 
 class RecorderThread:
-    """Takes items from the queue and writes them where they are wanted.
+    """Take items from the queue and write them to the open recordings.
 
     Args:
         queue: what is to be recorded.
         folder: of all recordings.
         section: of the configuration.
-        about: what the head of every file says.
+        about: values for the head of every file.
         files: arm file, configuration and so on, as they are now.
         utc_offset_ns: what to add to host monotonic time.
         notify: passes a value to the loop.
@@ -156,7 +156,7 @@ class RecorderThread:
         if self._thread.ident is not None:
             self._thread.join()
 
-    # -- jobs, carried out by the thread --------------------------------------
+    # -- jobs of the thread ----------------------------------------------------
 
     def begin(self, name: str, note: str) -> Path:
         """Begin a recording; gives its path.
@@ -313,7 +313,7 @@ class RecorderThread:
                 self._notify(RecorderNotification(stopped=(None, reason_of(error))))
 
     def _refuse_rest(self) -> None:
-        """After a fault: nobody who asks must wait for ever."""
+        """After a fault: no requester must wait for ever."""
         while not self._ended:
             for item in self._queue.take():
                 if item.kind == "job":

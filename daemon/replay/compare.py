@@ -23,7 +23,7 @@ class Tally:
 
     Attributes:
         n: compared.
-        same: equal to the last bit in all that comes from counts.
+        same: equal to the last bit in all that follows from counts.
         within: within what another kernel may differ by.
         largest_mm: the greatest difference of a coordinate.
         differing: how often each field differed.
@@ -37,7 +37,7 @@ class Tally:
 
 
 class PointComparison:
-    """Brings points together by their instants.
+    """Match points by their instants.
 
     Args:
         reach_mm: of the arm; another kernel may differ by so many ulp of it.
@@ -48,8 +48,8 @@ class PointComparison:
         early: of the first seconds of a recording that began in the middle.
         not_kept: points that the disk refused then.
         excused: interpolated points of another covariance, or with another mark of
-            skew, in other blocks: how far interpolation may be off is told by one
-            reading more, where that has come already.
+            skew, in other blocks: the error bound of interpolation is known one
+            reading more, where that has arrived already.
     """
 
     def __init__(self, reach_mm: float, *, is_recut: bool = False) -> None:
@@ -67,7 +67,7 @@ class PointComparison:
         self._match(_key(point))
 
     def is_now(self, point: Point, *, early: bool) -> None:
-        """This comes of the replay."""
+        """Add a point of the replay."""
         self._now[_key(point)].append((point, early))
         self._match(_key(point))
 
@@ -123,7 +123,7 @@ class PointComparison:
 
 
 class ScanComparison:
-    """Brings points of scans together by scan and number.
+    """Match points of scans by scan and number.
 
     Attributes:
         tally: of all of them.
@@ -143,7 +143,7 @@ class ScanComparison:
         self._then[scan].append(cloud)
 
     def is_now(self, scan: Scan) -> None:
-        """These come of the replay."""
+        """Add points of the replay."""
         self._now[scan.scan].append(scan)
 
     def begin(self, scan: str) -> None:
@@ -207,7 +207,7 @@ class ScanComparison:
 
 
 def _key(point: Point) -> Key:
-    """What is the same then and now: an undo is carried out when its turn comes."""
+    """What is the same then and now: an undo is executed in its turn."""
     if point.retracts is not None:
         return point.counts
     return (point.time_ns,)

@@ -1,7 +1,7 @@
-"""A recording goes through the same measuring path again, by its own times.
+"""Pass a recording through the same measuring path again, by its own times.
 
 Steps are taken as they were, each at its recorded instant: a point depends on nothing
-else. Blocks of samples may be cut, or joined where nothing lies between, as wanted.
+else. Blocks of samples may be cut, or joined where nothing lies between.
 """
 
 import asyncio

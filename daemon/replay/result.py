@@ -1,4 +1,4 @@
-"""What came of a replay."""
+"""Results of a replay."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from traverse.daemon.replay.compare import Tally
 
 @dataclass(frozen=True, slots=True)
 class ReplayResult:
-    """What came of a replay.
+    """Results of a replay.
 
     Attributes:
         points: that do not depend on the time before the recording.

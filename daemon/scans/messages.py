@@ -1,4 +1,4 @@
-"""Messages of one scan: numbers without holes in a block, losses told."""
+"""Messages of one scan: consecutive numbers in a block, losses stated."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ class ScanMessages:
     """Makes the messages of a scan, in order.
 
     Args:
-        clock: tells UTC.
+        clock: gives UTC.
         plan: the scan.
         session: it belongs to.
 

@@ -1,4 +1,4 @@
-"""A scan as it was asked for, and the stream that it needs."""
+"""A requested scan, and the stream that it needs."""
 
 import uuid
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from traverse.protocol.messages.scan import ScanMode
 
 @dataclass(frozen=True, slots=True)
 class ScanPlan:
-    """A scan as it was asked for.
+    """A requested scan.
 
     Attributes:
         rate_hz: instants per second that may become points; in mode "time" all do.
@@ -37,7 +37,7 @@ class ScanPlan:
 
     @property
     def device_rate_hz(self) -> float:
-        """The rate to ask the device for."""
+        """The rate to request of the device."""
         return self.rate_hz * self.every
 
     def selection(self) -> PointFilter | None:
@@ -63,12 +63,12 @@ def plan_scan(rate_hz: float, tracking_rate_hz: float) -> ScanPlan:
 def requested_scan(
     args: ScanArgs, settings: ScanSection, *, largest_hz: float, tracking_rate_hz: float
 ) -> ScanPlan:
-    """The scan that a command asks for.
+    """Make the scan that a command requests.
 
     Args:
         args: of the command.
         settings: what it leaves open.
-        largest_hz: no device may be asked for more.
+        largest_hz: largest rate of every device.
         tracking_rate_hz: the stream is at least this fast.
 
     Raises:

@@ -42,7 +42,7 @@ class Scanner:
         clock: the host's.
         offer: hands a block to the outgoing queue; False if it was dropped.
         block_s: time that a block spans.
-        settings: filters, and how late an edge of a button may be told.
+        settings: filters, and the largest delay of a button's edge.
         part: the alignment in use.
 
     Attributes:
@@ -74,7 +74,7 @@ class Scanner:
         self.chain = filter_chain(settings.filters)
 
     def start(self, plan: ScanPlan, model: ArmModel, session: str) -> None:
-        """Begin; points come as soon as the device streams at the plan's rate."""
+        """Begin; points start when the device streams at the plan's rate."""
         self.plan = plan
         self.session = session
         self._model = model
@@ -109,7 +109,7 @@ class Scanner:
             held: pressed.
 
         Returns:
-            How much too late that was told for the running scan [s]; 0 if it was not.
+            How much too late it was for the running scan [s]; 0 if it was in time.
         """
         self._gate.edge(button, time_ns, held)
         if self.plan is None or not self.plan.held:
@@ -217,7 +217,7 @@ class Scanner:
         if blocks:
             points = blocks[0] if len(blocks) == 1 else PointBlock.joined(blocks)
             # A message's numbers are consecutive: a gap begins a new message. After a
-            # stall many points come at once: no message grows beyond its bound.
+            # stall many points arrive at once: no message grows beyond its bound.
             n = len(points)
             bounds = [*range(0, n, MAX_POINTS), n]
             if int(points.seq[-1]) - int(points.seq[0]) != n - 1:
@@ -252,8 +252,8 @@ class ScanController:
 
     Args:
         scanner: makes points and blocks of them.
-        capture: knows the session.
-        events: where it is told that an edge came too late.
+        capture: has the session.
+        events: receives reports of late edges.
 
     Attributes:
         stream_started: set when the stream that the scan waits for has begun.

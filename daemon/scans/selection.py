@@ -1,7 +1,7 @@
 """From the samples of a stream to the numbered points of one scan.
 
-A sample is an instant at which there may be a point. The buttons say which instants
-count, the mode picks points from them, and the configured filters let some of these
+A sample is an instant at which there may be a point. The buttons decide which instants
+count, the mode picks points from them, and the configured filters pass some of these
 through. Points are numbered one after the other; every instant that was lost leaves out
 one number, since it might have been a point. So a gap in the numbers is a real loss, at
 most so large, and nothing else makes one.
@@ -19,7 +19,7 @@ from traverse.daemon.scans.plan import ScanPlan
 from traverse.kinematics.filters import FilterChain, PointBlock
 from traverse.protocol.messages import QualityFlag
 
-MAX_EDGES = 256  # of one button; older ones are forgotten
+MAX_EDGES = 256  # of one button; older ones are dropped
 ButtonKey = tuple[str, int]
 
 
@@ -68,7 +68,7 @@ class ScanSelection:
     Args:
         plan: the scan.
         chain: filters that its points must pass.
-        gate: tells when buttons were held; None: all instants count.
+        gate: intervals in which buttons were held; None: all instants count.
 
     Attributes:
         next_number: of the next point, if nothing is lost before it.
@@ -89,7 +89,7 @@ class ScanSelection:
 
     @property
     def next_number(self) -> int:
-        """As said above."""
+        """Number of the next point if no sample is lost."""
         return self._points + self._lost
 
     def points(self, instants: PointBlock) -> PointBlock:
@@ -114,7 +114,7 @@ class ScanSelection:
         return replace(found, seq=numbers)
 
     def break_interpolation(self) -> None:
-        """What comes does not join on to what was: nothing is interpolated between."""
+        """Begin anew after a gap: nothing is interpolated across it."""
         if self._mode is not None:
             self._mode.restart()
         for one in self._chain.filters:

@@ -24,7 +24,7 @@ DAY_NS = 86_400 * 10**9
 
 
 VERSION = 1
-APPLICATION = 0x54525650  # "TRVP", so that `file` and people can tell whose it is
+APPLICATION = 0x54525650  # "TRVP", so that `file` and people can recognise it
 
 TABLES = """
 CREATE TABLE sessions (
@@ -197,14 +197,14 @@ class MessageDatabase:
     ) -> int:
         """Remove the oldest messages that are too old, or too many; gives how many.
 
-        Never what the broker does not have yet, nor what came after that. What is too
-        old goes in the order in which it came, up to the first that is not, and never
+        Never what the broker does not have yet, nor anything after that. What is too
+        old is deleted in the order of arrival, up to the first that is not, and never
         of the running session: the clock may have been wrong.
 
         Args:
-            before_ns: what is older goes [UTC].
-            keep_bytes: while the file holds more than this, more goes.
-            running: session that goes on.
+            before_ns: older ones are deleted [UTC].
+            keep_bytes: while the file holds more than this, more are deleted.
+            running: current session.
             at_most: so many are removed in this call.
         """
         used_bytes = self._pages_bytes(free=False)

@@ -1,4 +1,4 @@
-"""The state folder as the outbox wants it: there, and nobody else's."""
+"""Create the state folder of the outbox, and lock it for this process."""
 
 import contextlib
 from collections.abc import Iterator

@@ -1,11 +1,11 @@
 """From the disk to the broker: some messages at a time, however many there are.
 
-A new message goes to the outgoing queue from memory as long as all before it are there.
-Else it stays on the disk, and is read when those before it have gone: memory holds a
+A new message enters the outgoing queue from memory as long as all before it are there.
+Else it stays on the disk, and is read when those before it were sent: memory holds a
 few hundred points, whatever the broker does.
 
-What the broker refuses, by an access list say, is tried again after some minutes, and
-all that came after it only then: a broker that takes nothing is not kept busy.
+What the broker refuses, by an access list say, is retried after some minutes, and
+all after it only then: a broker that accepts nothing is not kept busy.
 """
 
 import asyncio
@@ -48,7 +48,7 @@ MAX_RANGES = 32
 
 
 class AckBuffer:
-    """Collects numbers, as ranges: answers come nearly in order.
+    """Collect numbers, as ranges: answers arrive nearly in order.
 
     Args:
         writer: marks them in the database.
@@ -116,7 +116,7 @@ class UnsentFeeder:
         writer: reads them from the database.
         acks: collects the number of each that the broker has.
         clock: the host's.
-        latency: told how long the broker took for each.
+        latency: receives how long the broker took for each.
         kind: under which they wait in the queue.
         together: so many are read at once, when no more than that wait.
 
@@ -154,7 +154,7 @@ class UnsentFeeder:
             self.has_backlog = not self._offer(message)
 
     def look_again(self) -> None:
-        """The database may hold messages that nobody has told of."""
+        """The database may hold messages that nobody has reported."""
         self.has_backlog = True
         self.refill()
 
@@ -189,8 +189,8 @@ class UnsentFeeder:
         if self._refused is not None:
             return  # meanwhile; it is read again when that is tried again
         if not isinstance(found, Sequence):
-            return  # it cannot be read now; somebody calls `refill` again
-        # What was kept after this was read is told after it: nothing is missed.
+            return  # it cannot be read now; `refill` is called again
+        # Messages stored after this read are reported after it: nothing is missed.
         self.has_backlog = len(found) == self._together
         for message in found:
             if not self._offer(message):
@@ -277,7 +277,7 @@ class RangeResender:
         session, _, to_seq = self._ranges.popleft()
         if not isinstance(found, Sequence):
             log.warning("session %s is not sent again: %s", session, found)
-            return  # who misses the points sees a gap, and asks again
+            return  # the consumer sees a gap, and requests again
         for message in found:
             self._queue.offer("resend", outgoing(message))
         if len(found) == self._together and found[-1].seq < to_seq:
@@ -285,7 +285,7 @@ class RangeResender:
         self.refill()
 
     async def query(self, work: Callable[[MessageDatabase], T]) -> T:
-        """What comes of something done with the database.
+        """The result of a job of the database.
 
         Raises:
             RequestRefusedError: it cannot be done.
@@ -318,16 +318,16 @@ class MessageForwarder:
         path: of the database.
         clock: the host's.
         queue: of what is to be published.
-        rules: what may be forgotten.
-        kept: told the numbers of messages that are safe now, in order.
-        failed: told why nothing of what is on its way to the disk will get there.
-        changed: told how the database is, whenever that is another.
-        replaced: told in words when a new database has been begun.
-        latency: told how long the broker took for each message.
+        rules: what may be deleted.
+        kept: called with the numbers of messages that are safe now, in order.
+        failed: called with the reason why pending writes will fail.
+        changed: called with the state of the database when it changes.
+        replaced: called with a text when a new database has been begun.
+        latency: receives how long the broker took for each message.
         kind: under which new messages wait in the queue.
         name: of the thread.
         together: so many are read at once, when no more than that wait.
-        resent_together: the same of those that somebody wants again.
+        resent_together: the same of those that were requested again.
 
     Attributes:
         feed: sends what the broker does not have.

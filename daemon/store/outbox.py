@@ -1,7 +1,7 @@
-"""The outbox: a point is on the disk before anybody is told that it was taken.
+"""The outbox: a point is on the disk before it is acknowledged.
 
-On the event loop; what takes time is done by the thread. A point goes from `put` to
-the disk, then to whoever waits for it and to the broker, and is marked when the broker
+On the event loop; what takes time is done by the thread. A point passes from `put` to
+the disk, then to its requester and to the broker, and is marked when the broker
 has it. What the broker does not have is sent after a start, first and in order.
 """
 
@@ -42,12 +42,12 @@ class Outbox:
         arm: name of the arm, for the topic.
         encoding: of the payloads.
         clock: the host's.
-        section: what may be forgotten.
+        section: what may be deleted.
         limit: so many points may be on their way to the disk.
-        session: gives the id of the running session, which is never forgotten for age.
+        session: gives the id of the running session, which is never deleted for age.
         queue: of what is to be published.
-        events: where troubles are told.
-        latencies: where it is told how long points took to the disk, and from there to
+        events: receives troubles.
+        latencies: receives how long points took to the disk, and from there to
             the broker.
         changed: called when points can be kept again, or cannot any more.
 
@@ -135,7 +135,7 @@ class Outbox:
             await self._emptied.wait()
 
     def use(self, section: OutboxSection) -> None:
-        """Go by other rules of what may be forgotten."""
+        """Apply other rules of what may be deleted."""
         self._section = section
 
     def put(self, point: Point, begun_ns: int, note: str) -> PendingWrite | None:
@@ -178,7 +178,7 @@ class Outbox:
             oldest_unsent_ns=figures.oldest_unsent_ns,
         )
 
-    # -- what the thread tells ------------------------------------------------
+    # -- reports of the thread ------------------------------------------------
 
     def _kept(self, numbers: list[int]) -> None:
         now_ns, took = self._clock.monotonic_ns(), self._latencies["point_to_disk"]

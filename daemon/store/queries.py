@@ -172,7 +172,7 @@ def stored_scan_range(
     if first is None:
         return StoredScanRange()
     ((session,),) = execute("SELECT note FROM sessions WHERE session = ?", (scan,))
-    # The block before may reach into the range: how long it is, only it tells.
+    # The block before may reach into the range: only it has its length.
     from_block = from_seq
     ((before,),) = execute(
         "SELECT max(seq) FROM messages WHERE session = ? AND seq <= ?", (scan, from_seq)

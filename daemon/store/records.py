@@ -16,7 +16,7 @@ class NewMessage:
 
     Attributes:
         begun_ns: when the session began [UTC].
-        note: what people said about the session.
+        note: the user's note about the session.
         time_ns: of the point [UTC].
         encoding: of the payload.
     """
@@ -88,7 +88,7 @@ class StoredRange:
     """What the database has of a session.
 
     Attributes:
-        points: how many of the range that was asked about.
+        points: how many of the requested range.
         first_seq, last_seq: of the whole session; None where it has nothing of it.
     """
 
@@ -125,12 +125,12 @@ class StorageError:
 
 
 class StoreRefusedError(Exception):
-    """The file is one that must be left alone; the text says why and what to do."""
+    """The file must not be touched; the text states the reason and the remedy."""
 
 
 @dataclass(frozen=True, slots=True)
 class WriteJob:
-    """Keep a point; told with its number, or None where that failed.
+    """Store a point; its callback gets the number, or None on failure.
 
     Attributes:
         generation: grows whenever points have failed.
@@ -142,7 +142,7 @@ class WriteJob:
 
 @dataclass(frozen=True, slots=True)
 class QueryJob:
-    """Do something with the database; told with the result, or the exception."""
+    """Do something with the database; the callback gets the result or exception."""
 
     work: Callable[[Any], Any]
     told: Callable[[Any], None]
@@ -150,7 +150,7 @@ class QueryJob:
 
 @dataclass(frozen=True, slots=True)
 class RetentionRules:
-    """What may be forgotten."""
+    """What may be deleted."""
 
     section: OutboxSection
     running: str

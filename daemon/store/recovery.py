@@ -43,7 +43,7 @@ DATABASE_SUFFIXES = ("", "-wal", "-shm")
 
 
 def is_corruption(error: BaseException) -> bool:
-    """The file is no good any more."""
+    """The file is damaged."""
     return _code(error) in DAMAGED
 
 
@@ -126,7 +126,7 @@ def recover_unsent(path: Path) -> list[NewMessage]:
 
 
 def _is_whole(message: StoredMessage) -> bool:
-    """Whether the payload is the point, or the block of a scan, that the row says."""
+    """Whether the payload is the point, or the block of a scan, of its row."""
     told = (message.session, message.seq, message.id)
     try:
         if message.topic.endswith("/scan"):
@@ -153,12 +153,12 @@ def _entry(message: StoredMessage, begun_ns: int, note: str) -> NewMessage:
 
 
 class ResilientDatabase:
-    """Keeps points, and says why where it cannot.
+    """Store points, or report why it cannot.
 
     Args:
         path: of the database.
         replaced: called with a text when a new database has been begun for one that
-            was no good any more.
+            was damaged.
 
     Attributes:
         trouble: why points cannot be kept now; None while they can.
@@ -196,7 +196,7 @@ class ResilientDatabase:
         """Keep messages, all or none; gives their numbers. On return they are safe.
 
         Raises:
-            Exception: they are not kept; `trouble` says why.
+            Exception: they are not stored; `trouble` has the reason.
         """
         numbers = self.use(lambda store: store.add(entries))
         self.trouble = None
@@ -206,7 +206,7 @@ class ResilientDatabase:
         """Do something with the database; with a new one if it turns out damaged.
 
         Raises:
-            Exception: it cannot be done; `trouble` says why.
+            Exception: it cannot be done; `trouble` has the reason.
         """
         try:
             try:
@@ -243,7 +243,7 @@ class ResilientDatabase:
                 self.trouble = None
 
     def count(self) -> None:
-        """Bring `figures` up to date."""
+        """Update `figures`."""
         if self._store is not None:
             with contextlib.suppress(sqlite3.Error):
                 self.figures = self._store.figures()

@@ -28,7 +28,7 @@ class PointResend:
         self._ranges = ranges
 
     async def carry_out(self, args: ResendArgs) -> Result:
-        """Begin to send a range again; tells what there is.
+        """Begin to send a range again; return what there is.
 
         Raises:
             RequestRefusedError: too many ranges wait, or the database cannot be read.
@@ -55,7 +55,7 @@ class PointResend:
             lambda store: stored_range(store.connection, session, args.from_seq, to_seq)
         )
         if extent.points and extent.last_seq is not None:
-            # Not what comes later: that is sent anyway.
+            # Not later ones: they are sent anyway.
             self._ranges.send(session, args.from_seq, min(to_seq, extent.last_seq))
         return {
             "session": session,
@@ -104,7 +104,7 @@ class ScanResend:
             extent = await self._ranges.query(
                 lambda store: stored_scan_range(store.connection, scan, from_seq, end)
             )
-            if extent.blocks:  # not what comes later: that is sent anyway
+            if extent.blocks:  # not later ones: they are sent anyway
                 self._ranges.send(scan, extent.from_block, min(end, extent.last_block))
         return {
             "scan": scan,

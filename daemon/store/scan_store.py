@@ -3,7 +3,7 @@
 On the event loop; a thread of its own writes to `scans.db`, a database like the
 outbox's, so a slow disk or an absent broker delays nothing else. Blocks go to the
 broker from memory while it keeps up, else from the disk, in order; what it has taken is
-kept for some time, so that it can be asked for again.
+stored for some time, so that it can be requested again.
 
 What finds no room is dropped newest first and counted, and shows as a gap in the
 numbers: more than `MAX_WAITING` blocks on their way to the disk, or a spool full of
@@ -88,7 +88,7 @@ class PendingBlocks:
 
 
 class ScanStore:
-    """Delivers the blocks of scans, as the configuration says.
+    """Deliver the blocks of scans, as configured.
 
     Args:
         path: of the database; made when the first scan needs it.
@@ -98,10 +98,10 @@ class ScanStore:
         section: how scans are delivered, and what of them is kept.
         outlet: for blocks that are not kept.
         queue: of what is to be published.
-        events: where troubles are told.
+        events: receives troubles.
 
     Attributes:
-        again: sends blocks again, and tells what there is.
+        again: sends blocks again, and reports which exist.
         taken_back: called with a scan and a number of its points that had been accepted
             and are dropped after all; the service sets it.
         counted: blocks `kept`, `unkept` (sent without having been kept), `dropped`.
@@ -131,7 +131,7 @@ class ScanStore:
         self._starting: asyncio.Task[None] | None = None
         self._condition = StoreStatus()
         self._waiting = PendingBlocks()
-        self._kept_bytes = 0  # since the condition was told
+        self._kept_bytes = 0  # since the condition was reported
         self.counted: Counter[str] = Counter()
         self.use(section)
         self._forwarder = MessageForwarder(
@@ -286,7 +286,7 @@ class ScanStore:
         self.counted["unkept"] += 1
         return True
 
-    # -- what the thread tells ------------------------------------------------
+    # -- reports of the thread ------------------------------------------------
 
     def _kept(self, numbers: list[int]) -> None:
         kept = self._waiting.take(len(numbers))
@@ -326,7 +326,7 @@ class ScanStore:
             self._forwarder.feed.refill()
 
     def _opened(self, starting: asyncio.Task[None]) -> None:
-        """Where it was refused, nothing is kept: a running daemon goes on."""
+        """Where it was refused, nothing is stored: a running daemon continues."""
         error = None if starting.cancelled() else starting.exception()
         if error is not None:
             self._changed(StoreStatus(StorageError(str(error), "see there")))

@@ -1,4 +1,4 @@
-"""The one thread that writes to the outbox: values go in, results come back in order.
+"""The one thread that writes to the outbox: takes jobs, returns results in order.
 
 All waiting points are written in one transaction: syncing takes as long for a hundred
 as for one. Points that arrive faster than hands can press are collected for
@@ -44,16 +44,16 @@ TURN_S = 30.0  # that a slow disk may take
 
 
 class StoreWriter:
-    """Works through jobs, and tells the loop what came of them.
+    """Work through jobs, and report the results to the loop.
 
     Args:
         path: of the database.
         clock: the host's.
-        rules: what may be forgotten.
-        kept: told the numbers of points that are safe now, in order.
-        failed: told the generation of which no more points will be kept.
-        changed: told how the outbox is, whenever that is another.
-        replaced: told in words when a new database has been begun.
+        rules: what may be deleted.
+        kept: called with the numbers of points that are safe now, in order.
+        failed: called with the generation of which no more points will be stored.
+        changed: called with the state of the outbox when it changes.
+        replaced: called with a text when a new database has been begun.
         name: of the thread.
 
     Attributes:
@@ -121,7 +121,7 @@ class StoreWriter:
         self._jobs.put(QueryJob(work, on_result))
 
     def _begun(self, error: StoreRefusedError | None) -> None:
-        if self._opened.done():  # nobody waits any more
+        if self._opened.done():  # no requester waits any more
             return
         if error is None:
             self._opened.set_result(None)
@@ -198,7 +198,7 @@ class StoreWriter:
         self._kept_s = time.monotonic()
         try:
             numbers = self._database.add(entries)
-        except Exception as error:  # noqa: BLE001 - it is told as a trouble
+        except Exception as error:  # noqa: BLE001 - reported as a trouble
             self._failed_generation = generation
             trouble = self._database.trouble or StorageError(repr(error), "")
             self._tell(self._failed, generation, trouble)
@@ -232,7 +232,7 @@ class StoreWriter:
             log.debug("nothing forgotten: %s", error)
 
     def _look(self) -> None:
-        """Tell the loop how the outbox is: troubles at once, figures now and then."""
+        """Report the outbox's state: troubles at once, figures regularly."""
         trouble, now_s = self._database.trouble, time.monotonic()
         if trouble == self._told.trouble and now_s - self._told_s < FIGURES_S:
             return
@@ -245,5 +245,5 @@ class StoreWriter:
     def _tell(self, told: Callable[..., object], *values: object) -> None:
         try:
             self._loop.call_soon_threadsafe(told, *values)
-        except RuntimeError:  # the loop has ended: nobody is left to hear it
+        except RuntimeError:  # the loop has ended
             log.debug("told nobody: %s", values)

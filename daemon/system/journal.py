@@ -2,7 +2,7 @@
 
 One datagram an entry: `NAME=value` lines, or for a value with a line break the name
 alone, its length (8 bytes, little-endian) and the value. An entry too long for a
-datagram goes as a sealed file in memory whose descriptor is sent instead. See
+datagram is sent as a sealed file in memory, by its descriptor. See
 systemd's "Native Journal Protocol".
 """
 
@@ -31,8 +31,8 @@ TOO_LONG = (errno.EMSGSIZE, errno.ENOBUFS)
 class JournalHandler(logging.Handler):
     """Sends entries without ever waiting for the journal.
 
-    What it does not take, because it is busy or away, goes to standard error, with
-    the priority in front as systemd reads it there.
+    What it does not take, because it is busy or absent, is written to standard error,
+    with the priority in front as systemd reads it there.
 
     Args:
         path: of the journal's socket.

@@ -47,10 +47,10 @@ class ServiceLifecycle:
         notifier: the way to the service manager.
         clock: the host's.
         devices: all of the configuration.
-        events: where faults are told.
+        events: receives faults.
         health: collects latencies.
-        publisher: whose connection is told of.
-        figures: the health of now, without beginning anew.
+        publisher: whose connection is reported.
+        figures: the current health, without a reset.
         waiting: points that the broker does not have yet.
         heartbeats: signs of life of all threads but the readers.
     """
@@ -112,7 +112,7 @@ class ServiceLifecycle:
         self._notifier.starting(limit_s + SPARE_S)
 
     def ready(self) -> None:
-        """Everything is there, or its absence has been told."""
+        """Everything is there, or its absence has been reported."""
         readers = [device.driver.thread for device in self._devices]
         prepare(self._configuration.realtime, readers, self._events)
         self._phase = "measuring"

@@ -32,6 +32,6 @@ class JsonLines(logging.Formatter):
 
 
 def fields_of(record: logging.LogRecord) -> Mapping[str, str | int]:
-    """What an entry says beside its text: `extra={"fields": {...}}`; empty ones out."""
+    """The fields of an entry: `extra={"fields": {...}}`, without empty ones."""
     fields: Mapping[str, str | int] = getattr(record, "fields", {})
     return {name: value for name, value in fields.items() if value != ""}

@@ -1,4 +1,4 @@
-"""Where the log goes: the journal with fields, or lines on standard error.
+"""Where the log is written: the journal with fields, or lines on standard error.
 
 Nothing secret ever reaches the log: passwords and keys are read where they are used and
 are part of no message and no value that is printed.
@@ -43,7 +43,7 @@ def start_log(
     error.
 
     Args:
-        form: `AUTO` is the journal where standard error goes there anyway, else plain.
+        form: `AUTO` is the journal where standard error is connected to it, else plain.
         level: of the least important entries.
     """
     if form is LogFormat.AUTO:

@@ -6,7 +6,7 @@ this is not (one thread at a time has Python's lock):
 
 - Each thread gets an arena of its own. The reader thread allocates what the event loop
   frees, the loop what the recorder frees. So each arena is full of holes at sizes that
-  its own thread does not want, and grows by some hundred kilobytes a minute.
+  its own thread does not use, and grows by some hundred kilobytes a minute.
 - A large block is mapped by itself and given back when it is freed; but the first one
   freed raises the size that counts as large to its own, up to 32 MiB. From then on such
   blocks (a message's buffer, a chunk of a recording and what compresses it) come from
@@ -14,7 +14,7 @@ this is not (one thread at a time has Python's lock):
 
 Both are set here and not in the unit's environment, so that a daemon that is started by
 hand is the same. Holes remain: arrays of a block are larger when the computer is busy
-and more samples come at once. Their pages are given back twice a minute, which takes
+and more samples arrive at once. Their pages are returned twice a minute, which takes
 less than half a millisecond.
 """
 

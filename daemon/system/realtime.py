@@ -2,7 +2,7 @@
 
 Reader threads get a real-time priority and CPUs of their own, pages are locked in
 memory, and what the start has made is taken out of the garbage collector's sight.
-docs/explanation/real-time.md tells what each is good for and what it costs.
+docs/explanation/real-time.md explains the benefit and the cost of each.
 """
 
 import ctypes
@@ -20,7 +20,7 @@ from traverse.daemon.monitoring.events import EventLog
 MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
 CAP_IPC_LOCK = 14
 NAME_BYTES = 15  # of a thread, in the kernel
-# Python collects after 700, which comes to seven times a second, mostly while a point
+# Python collects after 700, that is seven times a second, mostly while a point
 # is made; nearly none of these objects are in cycles. This many take 2 to 4 MB.
 NET_NEW_OBJECTS = 20_000
 
@@ -33,9 +33,9 @@ def prepare(
     What is refused is one event; the daemon measures without it.
 
     Args:
-        section: what is wanted.
+        section: the configuration.
         readers: threads that read devices.
-        events: where it is told what was refused.
+        events: receives what was refused.
     """
     running = [thread for thread in readers if thread.native_id is not None]
     _set_thread_names(running)
@@ -86,13 +86,13 @@ def _schedule(
 
 
 def _lock(section: RealtimeSection) -> list[tuple[str, str]]:
-    """Lock all pages, those to come as well; what was refused, with its remedy."""
+    """Lock all present and future pages; return what was refused, with its remedy."""
     if not section.lock_memory:
         return []
     remedy = "set LimitMEMLOCK=infinity in the unit"
     limit, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
     if limit != resource.RLIM_INFINITY and not _may_lock_all():
-        # Under a limit, memory that is wanted later would be refused in its turn.
+        # Under a limit, a later request for memory would be refused.
         return [(f"locked memory without a limit (it is {limit} bytes)", remedy)]
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT):

@@ -3,10 +3,10 @@
 Lines such as `READY=1` go as one datagram to the socket that `$NOTIFY_SOCKET` names.
 Without it, as when the daemon is started by hand, nothing is sent.
 
-The watchdog is fed as long as measuring really goes on: every thread that measures,
+The watchdog is fed as long as measuring really continues: every thread that measures,
 stores or records has a `Heartbeat`, which is checked before each feeding. The event
 loop proves itself by feeding at all, and by taking what readers deliver. A stuck thread
-stops the feeding, and systemd restarts the daemon. A device that is gone is not stuck:
+stops the feeding, and systemd restarts the daemon. A lost device is not stuck:
 its reader keeps trying.
 """
 
@@ -27,7 +27,7 @@ class Notifier:
     """Connection to the service manager.
 
     Args:
-        environment: where `NOTIFY_SOCKET`, `WATCHDOG_USEC` and `WATCHDOG_PID` stand.
+        environment: has `NOTIFY_SOCKET`, `WATCHDOG_USEC` and `WATCHDOG_PID`.
     """
 
     def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
@@ -60,7 +60,7 @@ class Notifier:
         self.send("STOPPING=1", f"EXTEND_TIMEOUT_USEC={int(limit_s * 1e6)}")
 
     def starting(self, limit_s: float) -> None:
-        """Start-up goes on and takes at most ``limit_s``."""
+        """Start-up continues and takes at most ``limit_s``."""
         self.send(f"EXTEND_TIMEOUT_USEC={int(limit_s * 1e6)}")
 
     def status(self, text: str) -> None:
@@ -68,7 +68,7 @@ class Notifier:
         self.send(f"STATUS={' '.join(text.split())}")
 
     def feed(self) -> None:
-        """Everything goes on: the watchdog waits anew."""
+        """Everything runs: the watchdog waits anew."""
         self.send("WATCHDOG=1")
 
 
@@ -96,7 +96,7 @@ class StatusLine:
     """Makes the line; remembers since when something has been as it is.
 
     Args:
-        now: tells the time of day.
+        now: gives the time of day.
     """
 
     def __init__(self, now: Callable[[], str] = local_time) -> None:
@@ -130,7 +130,7 @@ class StatusLine:
         return f"{doing}: {', '.join(parts)}"
 
     def _time(self, name: str, state: str) -> str:
-        """Local time at which a state was first told."""
+        """Local time at which a state was first reported."""
         before, since = self._since.get(name, ("", ""))
         if before != state:
             since = self._now()
@@ -152,7 +152,7 @@ class Watchdog:
         notifier: to the service manager.
         devices: all of the configuration.
         heartbeats: gives the signs of life of all other threads.
-        events: where it is told who is stuck.
+        events: receives who is stuck.
     """
 
     def __init__(
