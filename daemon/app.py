@@ -7,7 +7,7 @@ from pathlib import Path
 from traverse.daemon.config.schema import BrokerSection
 from traverse.daemon.inputs import REFUSED, UNREACHABLE, StartupError, read_inputs
 from traverse.daemon.mqtt.embedded_broker import HOST, BrokerStartError, embedded_broker
-from traverse.daemon.service import Service
+from traverse.daemon.service import compose, run
 from traverse.daemon.store.records import StoreRefusedError
 from traverse.daemon.system.memory import limit_malloc_arenas
 
@@ -30,22 +30,15 @@ async def run_service(
     """
     limit_malloc_arenas()
     try:
-        configuration, model = read_inputs(path, embedded)
+        inputs = read_inputs(path, embedded)
         async with contextlib.AsyncExitStack() as stack:
-            section = configuration.broker or BrokerSection()
+            section = inputs.configuration.broker or BrokerSection()
             if embedded:
                 port = await stack.enter_async_context(embedded_broker(embedded_port))
                 section = BrokerSection(host=HOST, port=port, encoding=section.encoding)
                 log.info("embedded broker on %s:%d", HOST, port)
-            service = Service(
-                configuration,
-                section,
-                model,
-                path,
-                embedded=embedded,
-                keep_trying=keep_trying,
-            )
-            await service.run()
+            service = compose(inputs, section, path, embedded=embedded)
+            await run(service, keep_trying=keep_trying)
     except BrokerStartError as error:
         log.error("%s", StartupError([str(error)], UNREACHABLE))
         return UNREACHABLE

@@ -23,7 +23,6 @@ from traverse.protocol.messages import AlignArgs, Label, Point
 
 T = TypeVar("T")
 T_co = TypeVar("T_co", covariant=True)
-PROBE_REFUSED = "capture.probe_refused"
 
 
 class MeasurementCommand(ABC, Generic[T_co]):
@@ -57,7 +56,9 @@ class MeasurementCommand(ABC, Generic[T_co]):
 def execute(measurement: Measurement, command: MeasurementCommand[T]) -> T:
     """Execute a command now, after it has been recorded; gives its result."""
     now_ns = measurement.clock.step()
-    measurement.listener.asked(now_ns, command.recorded_name, command.to_record())
+    measurement.listener.asked(
+        now_ns, command.recorded_name, command.to_record(), measurement
+    )
     return command.apply(measurement, now_ns)
 
 
@@ -73,7 +74,7 @@ def recorded_command(name: str, values: Mapping[str, Any]) -> MeasurementCommand
 
 def stop_scan(measurement: Measurement) -> int:
     """Stop the running scan if there is one; gives how many points it has."""
-    return execute(measurement, StopScan()) if measurement.scans.is_running else 0
+    return execute(measurement, StopScan()) if measurement.scanner.is_running else 0
 
 
 # -- points ---------------------------------------------------------------------------
@@ -208,7 +209,8 @@ class StartScan(MeasurementCommand[None], recorded_name="start_scan"):
 
     def apply(self, measurement: Measurement, now_ns: int) -> None:
         """See the class."""
-        measurement.scans.start(self.plan, measurement.model)
+        session = measurement.capture.session.id
+        measurement.scanner.start(self.plan, measurement.model, session)
 
 
 @dataclass(frozen=True)
@@ -284,7 +286,6 @@ class SetProbe(MeasurementCommand["asyncio.Future[ArmModel]"], recorded_name="pr
                 raise CaptureRefusedError(
                     f"the arm cannot measure with {probe.name!r}: {error}",
                     "correct the probe library",
-                    PROBE_REFUSED,
                 ) from error
             measurement.points.events.probe(probe.name, measurement.model)
             measurement.sinks.status_changed()

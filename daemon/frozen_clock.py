@@ -18,14 +18,16 @@ class FrozenClock(HostClock):
 
     Args:
         host: where it gets the time from.
-
-    Attributes:
         related: called with (now_ns, utc_offset_ns) when the relation to UTC changes.
     """
 
-    def __init__(self, host: HostClock) -> None:
+    def __init__(
+        self,
+        host: HostClock,
+        related: Callable[[int, int], None] = lambda now_ns, utc_offset_ns: None,
+    ) -> None:
         self._host = host
-        self.related: Callable[[int, int], None] | None = None
+        self._related = related
         self._now_ns = host.monotonic_ns()
         self._utc_offset_ns = host.utc_offset_ns()
         self._looked_ns = self._now_ns
@@ -43,8 +45,7 @@ class FrozenClock(HostClock):
             offset_ns = self._host.utc_offset_ns()
             if abs(offset_ns - self._utc_offset_ns) > JITTER_NS:
                 self._utc_offset_ns = offset_ns
-                if self.related is not None:
-                    self.related(now_ns, offset_ns)
+                self._related(now_ns, offset_ns)
         return now_ns
 
     def monotonic_ns(self) -> int:

@@ -1,17 +1,14 @@
-"""Start-up: report everything that is missing together, in one readable tree."""
+"""Read the files that the daemon measures by; report all that is wrong with them."""
 
-import asyncio
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
-from traverse.daemon.acquisition.device import Device
 from traverse.daemon.config.schema import Configuration, read_configuration
 from traverse.daemon.mqtt.credentials import credentials_problems
 from traverse.daemon.pose.arm_model import ArmModel, read_model
 from traverse.daemon.pose.probe_library import read_probes
 from traverse.strict_toml.problems import FileError, Problem
-
-DEVICES_ANSWER_S = 8.0
 
 REFUSED = 2
 UNREACHABLE = 3
@@ -36,7 +33,14 @@ class StartupError(Exception):
         self.status = status
 
 
-def read_inputs(path: Path, embedded: bool) -> tuple[Configuration, ArmModel]:
+class Inputs(NamedTuple):
+    """What the daemon measures by."""
+
+    configuration: Configuration
+    model: ArmModel
+
+
+def read_inputs(path: Path, embedded: bool) -> Inputs:
     """Read the configuration and the arm file that it names.
 
     Raises:
@@ -73,15 +77,15 @@ def read_inputs(path: Path, embedded: bool) -> tuple[Configuration, ArmModel]:
             model.devices
         )
         failures.append(FileError(str(path), [Problem("assembly.clock", text)]))
-    stops = _problems_of_stops(configuration, model)
+    stops = _end_stop_problems(configuration, model)
     if stops:
         failures.append(FileError(str(path), stops))
     if failures:
         raise StartupError(failures, REFUSED)
-    return configuration, model
+    return Inputs(configuration, model)
 
 
-def _problems_of_stops(configuration: Configuration, model: ArmModel) -> list[Problem]:
+def _end_stop_problems(configuration: Configuration, model: ArmModel) -> list[Problem]:
     """End stops of joints that the arm does not have, or has once only."""
     problems, seen = [], set()
     for index, stop in enumerate(configuration.quality.end_stops):
@@ -94,22 +98,3 @@ def _problems_of_stops(configuration: Configuration, model: ArmModel) -> list[Pr
             problems.append(Problem(where, f"{stop.joint!r} is given twice"))
         seen.add(stop.joint)
     return problems
-
-
-async def check_devices(devices: Iterable[Device]) -> list[tuple[int, str]]:
-    """Wait for all devices; what is wrong with each, with its exit status."""
-    failures = []
-    for device in devices:
-        name = f"device {device.section.id}"
-        try:
-            async with asyncio.timeout(DEVICES_ANSWER_S):
-                await device.answered.wait()
-        except TimeoutError:
-            silent = f"{name}: no answer within {DEVICES_ANSWER_S:g} s"
-            failures.append((UNREACHABLE, silent))
-            continue
-        if device.state == "starting" and device.last_loss is not None:
-            lost = device.last_loss
-            failures.append((UNREACHABLE, f"{name}: {lost.reason}; {lost.remedy}"))
-        failures += [(REFUSED, f"{name}: {text}") for text in device.problems]
-    return failures

@@ -23,8 +23,9 @@ from traverse.daemon.acquisition.resampler import Resampler
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.schema import Action, Configuration
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.monitoring.latencies import Latencies
+from traverse.daemon.monitoring.latencies import Latencies, latencies_by_name
 from traverse.daemon.points.capture import (
+    ActiveSession,
     Capture,
     PointWriter,
     TriggerMap,
@@ -45,7 +46,7 @@ from traverse.daemon.pose.uncertainty import (
     CovarianceInput,
     SkewMonitor,
 )
-from traverse.daemon.scans.scanner import ScanController, Scanner
+from traverse.daemon.scans.scanner import Scanner
 from traverse.daemon.step_listener import StepListener
 from traverse.drivers.base.delivery_maps import delivery_from_map
 from traverse.drivers.base.values import (
@@ -61,7 +62,6 @@ from traverse.drivers.base.values import (
     StreamStarted,
 )
 from traverse.protocol.messages import Label, Live, Scan
-from traverse.protocol.messages.health import LATENCIES
 
 MAX_TEMPERATURES = 1000  # in a snapshot
 
@@ -85,9 +85,7 @@ class Sinks:
     offer_live: Callable[[Live], object] = lambda live: None
     on_action: Callable[[Action], object] = lambda action: None
     status_changed: Callable[[], None] = lambda: None
-    latencies: Mapping[str, Latencies] = field(
-        default_factory=lambda: {name: Latencies() for name in LATENCIES}
-    )
+    latencies: Mapping[str, Latencies] = field(default_factory=latencies_by_name)
 
 
 @dataclass(slots=True, eq=False)
@@ -122,7 +120,6 @@ class Measurement:
     stage: MeasurementContext
     points: PointController
     scanner: Scanner
-    scans: ScanController
     live: LivePoseSampler
     configuration: Configuration
     triggers: TriggerMap
@@ -171,7 +168,7 @@ class Measurement:
         self.stage = replace(self.stage, uncertainty=uncertainty)
         self.points.use(self.stage, self.triggers, capture)
         self.live.use_rate(capture.live_rate_hz)
-        self.scans.use(capture.scan_block_s, configuration.scan)
+        self.scanner.use_settings(capture.scan_block_s, configuration.scan)
         self._set_batch_window()
 
     def set_model(self, model: ArmModel) -> None:
@@ -208,7 +205,7 @@ class Measurement:
     @property
     def is_quiet(self) -> bool:
         """Nothing is under way that a snapshot does not contain."""
-        return self.is_idle and not self.scans.is_running
+        return self.is_idle and not self.scanner.is_running
 
     @property
     def probe_json(self) -> str | None:
@@ -275,7 +272,7 @@ class Measurement:
         busy moment of the loop are processed first.
         """
         now_ns = self.clock.step()
-        self.listener.passed(now_ns)
+        self.listener.passed(now_ns, self)
         self._take_assembled(now_ns)
         self.points.settle(now_ns)
         self.late_readings.check()
@@ -283,7 +280,7 @@ class Measurement:
     def dispatch(self, device: Device, delivery: Delivery) -> None:
         """Process one delivery of a device."""
         device.last_ns = self.clock.step()
-        self.listener.delivered(device.last_ns, delivery)
+        self.listener.delivered(device.last_ns, delivery, self)
         match delivery:
             case CountSamples():
                 self._take_samples(device, delivery)
@@ -355,7 +352,7 @@ class Measurement:
         self.sinks.latencies["sample_to_pose"].add(taken_ns)
         self.trajectory.add(poses)
         self.points.follow(poses)
-        self.scans.take(model, poses)
+        self.scanner.take(model, poses)
         session = self.capture.session.id
         live = self.live.message(model, poses, session, samples.device)
         if live is not None:
@@ -387,10 +384,25 @@ class Measurement:
         if latch.input is not None:
             name = device.section.id
             if self.triggers.trigger_of(name, latch.input) == "button":
-                self.scans.on_button(name, latch.input, latch)
+                self._hold_scan(name, latch.input, latch)
             self.points.take_edge(device, latch)
         elif (answer := self.latches.pop(latch.token, None)) is not None:
             self.points.add_latched(latch, answer)
+
+    def _hold_scan(self, device: str, number: int, latch: LatchedCounts) -> None:
+        """Pass the edge of a button to a scan, which may depend on it."""
+        key = device, number
+        late_s = self.scanner.edge(key, latch.sample_time_ns, latch.active)
+        if late_s:
+            self.sinks.events.report(
+                "warning",
+                "scan.edge_late",
+                f"an edge of a button came {late_s:.3f} s too late: the held scan "
+                f"{'begins' if latch.active else 'ends'} so much late here",
+                source=f"{device}/{number}",
+                remedy="raise held_wait_s of [scan], or lower the debounce time",
+                data={"late_s": late_s},
+            )
 
     def _take_stream(self, started: StreamStarted) -> None:
         model = self.pipeline.model
@@ -398,7 +410,7 @@ class Measurement:
             self.resampler.set_rate(started.device, started.rate_hz)
         if started.device == self.resampler.clock:
             self.rate_hz = started.rate_hz
-            self.scans.on_stream_started(started)
+            self.scanner.follow(started.stream, started.rate_hz)
 
 
 def build_measurement(
@@ -409,6 +421,7 @@ def build_measurement(
     listener: StepListener | None = None,
     *,
     devices: Sequence[Device],
+    session: ActiveSession | None = None,
 ) -> Measurement:
     """Compose the measuring path.
 
@@ -419,6 +432,7 @@ def build_measurement(
         clock: the time of each step.
         listener: notified of each step.
         devices: all of the configuration.
+        session: that points belong to; a new one unless given.
     """
     settings, capture_settings = configuration.assembly, configuration.capture
     events = sinks.events
@@ -426,7 +440,7 @@ def build_measurement(
     pipeline = Pipeline(model, clock)
     resampler = Resampler(model, settings)
     alignment = ActiveAlignment()
-    capture = Capture(clock, sinks.write_point, alignment)
+    capture = Capture(clock, sinks.write_point, alignment, session)
     triggers = triggers_of(capture_settings)
     stage = MeasurementContext(
         clock,
@@ -480,7 +494,6 @@ def build_measurement(
             on_action=sinks.on_action,
         ),
         scanner=scanner,
-        scans=ScanController(scanner, capture=capture, events=events),
         live=LivePoseSampler(clock, capture_settings.live_rate_hz, alignment),
         configuration=configuration,
         triggers=triggers,

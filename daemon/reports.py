@@ -1,97 +1,217 @@
-"""Status and health: the daemon's state and figures."""
+"""The messages `status` and `health`: the daemon's state, and its figures."""
 
+import resource
+import time
+from collections import Counter
+from collections.abc import Mapping
 from importlib.metadata import version
+from pathlib import Path
 
 from traverse.daemon.clock import HostClock
 from traverse.daemon.commands.dispatcher import CommandDispatcher
-from traverse.daemon.health import HealthReport
-from traverse.daemon.health_counters import broker_health, health_counters
+from traverse.daemon.config.filters import removed_counters
 from traverse.daemon.measurement import Measurement
+from traverse.daemon.monitoring.latencies import Latencies
 from traverse.daemon.mqtt.connection import BrokerConnection
-from traverse.daemon.output import Output
+from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
+from traverse.daemon.store.scan_store import ScanStore
 from traverse.kinematics.kernel.choice import KERNEL
 from traverse.protocol.encoding import Encoding
-from traverse.protocol.messages import Health, Status
+from traverse.protocol.messages import (
+    BrokerHealth,
+    Health,
+    OutboxHealth,
+    RecordingHealth,
+    SpoolHealth,
+    Status,
+)
+
+SUMMED = (
+    "samples_received",
+    "samples_lost",
+    "samples_dropped",
+    "edges_received",
+    "edges_lost",
+    "frames_received",
+    "frames_rejected",
+)
+RATES = ("samples_received", "points_captured", "scan_points_published")
+QUEUED = ("point", "event", "resend", "spooled", "scan")
 
 
-class Reports:
-    """Makes the messages `status` and `health` out of what the others know.
+def status_message(
+    measurement: Measurement,
+    clock: HostClock,
+    encoding: Encoding,
+    *,
+    keeps_points: bool,
+    online: bool = True,
+) -> Status:
+    """The state now, or that of a daemon which is not there any more.
 
     Args:
-        arm: name of the arm.
-        encoding: of all payloads, which a status states.
-        clock: the host's.
         measurement: that measures.
-        output: receives all messages.
-        commands: received.
-        health: the figures collected.
+        clock: the host's.
+        encoding: of all payloads.
+        keeps_points: points can be kept.
+        online: the daemon is there.
+    """
+    devices = measurement.devices.values()
+    ready = keeps_points and all(device.state == "ready" for device in devices)
+    return Status(
+        online=online,
+        state="offline" if not online else "ready" if ready else "degraded",
+        arm=measurement.model.name,
+        model=measurement.model.digest,
+        version=version("traverse-cmm"),
+        kernel=KERNEL,
+        encoding=encoding,
+        session=measurement.capture.session.id,
+        time_ns=clock.monotonic_ns() + clock.utc_offset_ns(),
+        drivers=tuple(device.status() for device in devices),
+    )
 
-    Attributes:
-        publisher: to be set before figures are requested; it needs a status itself.
+
+class HealthReporter:
+    """Makes health messages; remembers the figures of the last one, for rates.
+
+    Args:
+        clock: the host's.
+        latencies: by name, cleared with each period.
     """
 
-    publisher: BrokerConnection
-
-    def __init__(
-        self,
-        *,
-        arm: str,
-        encoding: Encoding,
-        clock: HostClock,
-        measurement: Measurement,
-        output: Output,
-        commands: CommandDispatcher,
-        health: HealthReport,
-    ) -> None:
-        self._arm = arm
-        self._encoding = encoding
+    def __init__(self, clock: HostClock, latencies: Mapping[str, Latencies]) -> None:
         self._clock = clock
-        self._measurement = measurement
-        self._output = output
-        self._commands = commands
-        self._health = health
+        self._latencies = latencies
+        self._start_ns = clock.monotonic_ns()
+        self._last_ns = self._start_ns
+        self._last_cpu_s = time.process_time()
+        self._last: Counter[str] = Counter()
+        self._last_samples: Counter[str] = Counter()
 
-    def status(self, *, online: bool = True) -> Status:
-        """The state now, or that of a daemon which is not there any more."""
-        devices = self._measurement.devices.values()
-        ready = self._output.outbox.is_ready and all(
-            d.state == "ready" for d in devices
-        )
-        return Status(
-            online=online,
-            state="offline" if not online else "ready" if ready else "degraded",
-            arm=self._arm,
-            model=self._measurement.model.digest,
-            version=version("traverse-cmm"),
-            kernel=KERNEL,
-            encoding=self._encoding,
-            session=self._measurement.capture.session.id,
-            time_ns=self._clock.monotonic_ns() + self._clock.utc_offset_ns(),
-            drivers=tuple(device.status() for device in devices),
-        )
+    def message(
+        self,
+        measurement: Measurement,
+        *,
+        broker: BrokerHealth,
+        outbox: OutboxHealth,
+        spool: SpoolHealth | None,
+        recording: RecordingHealth,
+        counters: Mapping[str, int],
+        anew: bool = True,
+    ) -> Health:
+        """The figures since the last call with ``anew``.
 
-    def health(self, *, anew: bool) -> Health:
-        """The figures; ``anew`` begins another period with them."""
-        measurement, output = self._measurement, self._output
-        return self._health.message(
-            anew=anew,
-            arm=self._arm,
+        Args:
+            measurement: that measures.
+            broker: the connection to it.
+            outbox: the points on disk.
+            spool: the scans on disk.
+            recording: recordings on disk.
+            counters: of everything but devices.
+            anew: begin another period with this call.
+        """
+        now_ns, cpu_s = self._clock.monotonic_ns(), time.process_time()
+        elapsed_s = max(1e-3, (now_ns - self._last_ns) * 1e-9)
+        devices = measurement.devices.values()
+        temperature_c = measurement.joint_devices.temperature_c
+        lacks = measurement.resampler.lacks()
+        totals = Counter(counters)
+        for device in devices:
+            for name in SUMMED:
+                totals[name] += device.counters[name]
+            totals["reconnects"] += device.reconnects
+            totals.update(lacks.get(device.section.id, {}))
+        message = Health(
+            arm=measurement.model.name,
             session=measurement.capture.session.id,
-            devices=list(measurement.devices.values()),
-            broker=broker_health(self.publisher, output.queue),
-            outbox=output.outbox.health(),
-            spool=output.spool.health(),
-            recording=output.recorder.health(),
-            counters=health_counters(
-                capture=measurement.capture,
-                scanner=measurement.scanner,
-                spool=output.spool,
-                live=measurement.live,
-                commands=self._commands,
-                publisher=self.publisher,
-                queue=output.queue,
-            ),
-            temperature_c=measurement.joint_devices.temperature_c,
-            lacks=measurement.resampler.lacks(),
+            time_ns=now_ns + self._clock.utc_offset_ns(),
+            uptime_s=(now_ns - self._start_ns) * 1e-9,
+            kernel=KERNEL,
+            cpu_share=(cpu_s - self._last_cpu_s) / elapsed_s,
+            rss_bytes=_resident_bytes(),
+            counters={name: max(0, value) for name, value in totals.items()},
+            rates_hz={
+                name: max(0, totals[name] - self._last[name]) / elapsed_s
+                for name in RATES
+            },
+            latencies={
+                name: figures
+                for name, latencies in self._latencies.items()
+                if (figures := latencies.figures()) is not None
+            },
+            temperatures_c={} if temperature_c is None else {"arm": temperature_c},
             skew_mm=measurement.skew.pop_largest_mm(),
+            broker=broker,
+            outbox=outbox,
+            spool=spool,
+            recording=recording,
+            devices=tuple(
+                device.health(
+                    (device.samples - self._last_samples[name]) / elapsed_s,
+                    now_ns,
+                    lacks.get(name, {}),
+                )
+                for name, device in measurement.devices.items()
+            ),
         )
+        if anew:
+            self._last_ns, self._last_cpu_s, self._last = now_ns, cpu_s, totals
+            self._last_samples = Counter({d.section.id: d.samples for d in devices})
+            for latencies in self._latencies.values():
+                latencies.clear()
+        return message
+
+
+def _resident_bytes() -> int:
+    """Resident memory; the largest so far where the system does not tell."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text("ascii").split()[1])
+    except (OSError, IndexError, ValueError):
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    return pages * resource.getpagesize()
+
+
+def broker_health(connection: BrokerConnection, queue: OutgoingQueue) -> BrokerHealth:
+    """How the connection is, and what waits for it."""
+    return BrokerHealth(
+        state=connection.state,
+        host=connection.address.host,
+        port=connection.address.port,
+        reconnects=connection.reconnects,
+        queued=sum(queue.waiting(kind) for kind in QUEUED),
+        queue_limit=queue.limit,
+        unacknowledged=queue.waiting("point"),
+        dropped=sum(queue.dropped[kind] for kind in ("event", "scan", "reply")),
+    )
+
+
+def health_counters(
+    measurement: Measurement,
+    spool: ScanStore,
+    commands: CommandDispatcher,
+    connection: BrokerConnection,
+    queue: OutgoingQueue,
+) -> dict[str, int]:
+    """All counters, by the name that they have in the health message."""
+    capture, scanner = measurement.capture, measurement.scanner
+    return {
+        "points_captured": capture.captured,
+        "points_retracted": capture.retracted,
+        "points_refused": capture.refused,
+        "points_published": queue.sent["point"],
+        "points_resent": queue.sent["resend"],
+        "scan_points_published": scanner.published_points,
+        "scan_points_dropped": scanner.dropped_points,
+        "scan_blocks_kept": spool.counted["kept"],
+        "scan_blocks_unkept": spool.counted["unkept"],
+        "scan_blocks_dropped": spool.counted["dropped"] + queue.dropped["scan"],
+        "live_published": queue.sent["live"],
+        "live_thinned": measurement.live.thinned + queue.dropped["live"],
+        "events_published": queue.sent["event"],
+        "events_dropped": queue.dropped["event"],
+        "commands_received": commands.received,
+        "commands_refused": commands.refused,
+        "reconnects": connection.reconnects,
+        **removed_counters(scanner.chain),
+    }

@@ -1,276 +1,240 @@
-"""The daemon composed: driver -> pipeline -> MQTT, from start to orderly end."""
+"""The daemon composed: driver -> pipeline -> MQTT, from start to orderly end.
+
+`compose` builds all parts in order: none has a reference to one that is built after it.
+`run` keeps them at work until the daemon is to end.
+"""
 
 import asyncio
 import contextlib
 import logging
 import signal
+import time
+from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
+from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from traverse.daemon.acquisition.device import Device, open_device, running_drivers
 from traverse.daemon.clock import HostClock
-from traverse.daemon.command_table import CommandTable
-from traverse.daemon.commands.button_actions import ButtonScans
 from traverse.daemon.commands.dispatcher import CommandDispatcher
-from traverse.daemon.commands.reload import Inputs
+from traverse.daemon.commands.points import PointCommands
+from traverse.daemon.commands.recording import record
+from traverse.daemon.commands.reload import ConfigurationReloader
+from traverse.daemon.commands.resend import ResendCommands
+from traverse.daemon.commands.scans import ButtonScans, ScanCommands
 from traverse.daemon.config.schema import Action, BrokerSection, Configuration
 from traverse.daemon.executor import stop_scan
 from traverse.daemon.frozen_clock import FrozenClock
-from traverse.daemon.health import HealthReport
-from traverse.daemon.inputs import StartupError
-from traverse.daemon.measurement import Sinks, build_measurement
+from traverse.daemon.inputs import REFUSED, Inputs, StartupError
+from traverse.daemon.measurement import Measurement, Sinks, build_measurement
+from traverse.daemon.monitoring.events import EventLog
+from traverse.daemon.monitoring.latencies import (
+    Latencies,
+    latencies_by_name,
+    timed_collections,
+)
+from traverse.daemon.monitoring.metrics_endpoint import metrics_endpoint
+from traverse.daemon.monitoring.prometheus import exposition
 from traverse.daemon.mqtt.connection import BrokerConnection
 from traverse.daemon.mqtt.credentials import address_of
-from traverse.daemon.output import Output
-from traverse.daemon.pose.arm_model import ArmModel, log_model
-from traverse.daemon.reports import Reports
-from traverse.daemon.startup_check import StartupCheck
-from traverse.daemon.state_dir import state_path
-from traverse.daemon.system.lifecycle import ServiceLifecycle
-from traverse.daemon.system.systemd import Notifier
+from traverse.daemon.mqtt.message_publisher import MessagePublisher
+from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
+from traverse.daemon.points.capture import ActiveSession
+from traverse.daemon.pose.arm_model import log_model
+from traverse.daemon.recorder.recorded_inputs import recorded_files
+from traverse.daemon.recorder.recorder import Recorder, StepRecorder
+from traverse.daemon.reports import (
+    HealthReporter,
+    broker_health,
+    health_counters,
+    status_message,
+)
+from traverse.daemon.startup_check import check_startup, run_unless, startup_limit_s
+from traverse.daemon.state_dir import OUTBOX, RECORDINGS, SCANS, state_path
+from traverse.daemon.store.outbox import Outbox
+from traverse.daemon.store.scan_store import ScanStore
+from traverse.daemon.system.memory import trim_memory_periodically
+from traverse.daemon.system.realtime import prepare
+from traverse.daemon.system.systemd import Notifier, StatusLine, Watchdog
+from traverse.drivers.base.driver import CLOSE_S
+from traverse.drivers.base.heartbeat import Heartbeat
+from traverse.kinematics.kernel.choice import KERNEL
 from traverse.protocol import topics
+from traverse.protocol.messages import Health, Status
 
 log = logging.getLogger(__name__)
 
 DRAIN_S = 2.0
 FLUSH_S = 0.25
+SPARE_S = 5.0
 TIMEOUT_PERIOD_S = 0.02
 LOOP_PASSES = 4  # in which deliveries that already wait are processed
 
 
+@dataclass(slots=True, eq=False)
 class Service:
-    """One arm, its devices and its broker."""
+    """All parts of one arm's daemon.
 
-    def __init__(
-        self,
-        configuration: Configuration,
-        broker: BrokerSection,
-        model: ArmModel,
-        path: Path,
-        *,
-        embedded: bool,
-        keep_trying: bool,
-    ) -> None:
-        self._configuration = configuration
-        self._clock = HostClock()
-        self._stopping = asyncio.Event()
-        self._hang_up = asyncio.Event()
-        notifier, health = Notifier(), HealthReport(self._clock)
-        steps = FrozenClock(self._clock)
-        self._output = Output(
-            configuration,
-            path,
-            arm=model.name,
-            encoding=broker.encoding,
-            clock=self._clock,
-            steps=steps,
-            health=health,
-            session=lambda: self._measurement.capture.session.id,
-            status_changed=self._publish_status,
-        )
-        self._button_scans = ButtonScans(self._output.events)
-        loop = asyncio.get_running_loop()
-        self._devices = [open_device(d, loop) for d in configuration.device]
-        output = self._output
-        sinks = Sinks(
-            output.events,
-            output.recorder.following(output.outbox.put),
-            output.spool.offer,
-            lambda live: output.outlet.publish("live", live),
-            self._on_action,
-            self._publish_status,
-            health.latencies,
-        )
-        self._measurement = build_measurement(
-            configuration, model, sinks, steps, output.recorder, devices=self._devices
-        )
-        output.spool.taken_back = self._measurement.scanner.take_back
-        output.recorder.measurement = self._measurement
-        self._table = CommandTable(
-            Inputs(configuration, model),
-            path,
-            embedded=embedded,
-            measurement=self._measurement,
-            output=self._output,
-            notifier=notifier,
-            use=self._use,
-        )
-        self._commands = CommandDispatcher(
-            arm=model.name,
-            encoding=broker.encoding,
-            events=self._output.events,
-            clock=self._clock,
-            response_topics=broker.response_topics,
-            offer=lambda answer: self._output.queue.offer("reply", answer),
-            carry_out=self._table.carry_out,
-        )
-        self._reports = Reports(
-            arm=model.name,
-            encoding=broker.encoding,
-            clock=self._clock,
-            measurement=self._measurement,
-            output=self._output,
-            commands=self._commands,
-            health=health,
-        )
-        offline = self._reports.status(online=False)
-        self._publisher = BrokerConnection(
-            address=address_of(broker, path.parent),
-            client_id=f"traverse-{model.name}",
-            will=self._output.outlet.outgoing("status", offline),
-            encoding=broker.encoding,
-            queue=self._output.queue,
-            subscription=topics.command_filter(model.name),
-            receive=self._commands.receive,
-            changed=self._broker_changed,
-        )
-        self._reports.publisher = self._publisher
-        self._arrival = StartupCheck(
-            self._devices,
-            self._publisher,
-            self._output.events,
-            keep_trying=keep_trying,
-        )
-        self._life = ServiceLifecycle(
-            configuration=configuration,
-            folder=state_path(path),
-            notifier=notifier,
-            clock=self._clock,
-            devices=self._devices,
-            events=self._output.events,
-            health=health,
-            publisher=self._publisher,
-            figures=lambda: self._reports.health(anew=False),
-            waiting=lambda: self._output.outbox.health().unsent,
-            heartbeats=lambda: self._output.heartbeats,
-        )
-        self._output.told = self._life.look_at
+    Attributes:
+        latencies: by name, see `LATENCIES`.
+        status_due: set when the published status is out of date.
+        phase: what the daemon does, for the service manager.
+    """
 
-    async def run(self) -> None:
-        """Start, measure until stopped, end in order.
+    clock: HostClock
+    notifier: Notifier
+    latencies: Mapping[str, Latencies]
+    status_due: asyncio.Event
+    queue: OutgoingQueue
+    publisher: MessagePublisher
+    events: EventLog
+    recorder: Recorder
+    outbox: Outbox
+    spool: ScanStore
+    devices: list[Device]
+    measurement: Measurement
+    status: Callable[[bool], Status]
+    connection: BrokerConnection
+    button_scans: ButtonScans
+    scans: ScanCommands
+    reloader: ConfigurationReloader
+    commands: CommandDispatcher
+    health: HealthReporter
+    status_line: StatusLine
+    phase: str = "starting"
 
-        Raises:
-            StartupError: a device or the broker could not be reached.
-        """
-        loop = asyncio.get_running_loop()
-        for number in (signal.SIGTERM, signal.SIGINT):
-            loop.add_signal_handler(number, self._stopping.set)
-        loop.add_signal_handler(signal.SIGHUP, self._hang_up.set)
-        failure: StartupError | None = None
-        async with (
-            running_drivers(self._devices),
-            self._output.running(),
-            self._life,
-            asyncio.TaskGroup() as tasks,
-        ):
-            running = [tasks.create_task(self._consume(d)) for d in self._devices]
-            try:
-                self._life.begin(self._arrival.longest_s)
-                await self._arrival.wait(self._stopping)
-                if not self._stopping.is_set():
-                    running.append(tasks.create_task(self._publisher.run()))
-                    running.append(tasks.create_task(self._poll_periodically()))
-                    running.append(tasks.create_task(self._process_timeouts()))
-                    running.append(
-                        tasks.create_task(
-                            self._button_scans.run(self._table.change_scan)
-                        )
-                    )
-                    running.append(tasks.create_task(self._reload_at_signals()))
-                    self._publish_status()
-                    self._table.track()
-                    settings = self._configuration.capture
-                    log_model(self._measurement.model, settings.compensation)
-                    await self._arrival.broker(self._stopping)
-                    self._life.ready()
-                    await self._stopping.wait()
-                    self._life.stop(DRAIN_S)
-                    await self._drain()
-            except StartupError as error:
-                failure = error  # raised outside the group, which would wrap it
-            finally:
-                await self._commands.close()
-                for task in running:
-                    task.cancel()
-        if failure is not None:
-            raise failure
+    @property
+    def heartbeats(self) -> tuple[Heartbeat, ...]:
+        """Signs of life of the threads that write."""
+        return (self.outbox.heartbeat, self.recorder.heartbeat, *self.spool.heartbeats)
 
-    def _use(self, inputs: Inputs) -> None:
-        """Go by a new configuration and arm file."""
-        configuration = self._configuration = inputs.configuration
-        self._measurement.apply_settings(configuration, inputs.model)
-        self._table.use(inputs)
-        self._output.use(configuration)
-        self._publisher.renew()
-        self._publish_status()
-        log_model(inputs.model, configuration.capture.compensation)
+    def publish_status(self) -> None:
+        """Publish the state now."""
+        self.publisher.publish("status", self.status(True))
 
-    async def _reload_at_signals(self) -> None:
-        while True:
-            await self._hang_up.wait()
-            self._hang_up.clear()
-            await self._table.reload.on_sighup()
+    def health_message(self, *, anew: bool) -> Health:
+        """The figures; with ``anew`` another period begins."""
+        queue, connection = self.queue, self.connection
+        return self.health.message(
+            self.measurement,
+            broker=broker_health(connection, queue),
+            outbox=self.outbox.health(),
+            spool=self.spool.health(),
+            recording=self.recorder.health(),
+            counters=health_counters(
+                self.measurement, self.spool, self.commands, connection, queue
+            ),
+            anew=anew,
+        )
 
-    async def _drain(self) -> None:
-        stop_scan(self._measurement)
-        self._output.events.flush(at_once=True)
-        self._output.outlet.publish("status", self._reports.status(online=False))
-        log.info("stopping")
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(DRAIN_S):
-                await self._output.idle()
+    def metrics(self) -> str:
+        """The figures as Prometheus reads them."""
+        health = self.health_message(anew=False)
+        cpu_s = time.process_time()
+        return exposition(health, self.latencies, cpu_s, version("traverse-cmm"))
 
-    async def _consume(self, device: Device) -> None:
-        while True:
-            deliveries = await device.delivery_queue.take()
-            with self._output.queue.together():
-                for delivery in deliveries:
-                    begun_ns = self._clock.monotonic_ns()
-                    self._measurement.dispatch(device, delivery)
-                    self._life.note(device, delivery, begun_ns)
+    def update_status_line(self) -> None:
+        """Send the line that `systemctl status` shows, if it has changed."""
+        states = {device.section.id: device.state for device in self.devices}
+        unsent = self.outbox.health().unsent
+        self.notifier.status(
+            self.status_line.text(self.phase, states, self.connection.state, unsent)
+        )
 
-    async def _process_timeouts(self) -> None:
-        """Process what waits for readings, or for time to pass; else sleep."""
-        while True:
-            if not self._measurement.may_wait:
-                await self._measurement.points.has_pending.wait()
-            await asyncio.sleep(TIMEOUT_PERIOD_S)
-            for _ in range(LOOP_PASSES):
-                await asyncio.sleep(0)
-            self._measurement.process_timeouts()
 
-    def _on_action(self, action: Action) -> None:
-        """Execute what a button means besides points."""
+def compose(
+    inputs: Inputs, broker: BrokerSection, path: Path, *, embedded: bool
+) -> Service:
+    """Build all parts; needs a running event loop.
+
+    Args:
+        inputs: configuration and arm.
+        broker: as configured, or the embedded one.
+        path: of the configuration.
+        embedded: the daemon has its own broker.
+
+    Raises:
+        StartupError: a file has gone since it was read.
+    """
+    configuration, model = inputs
+    arm, encoding, clock = model.name, broker.encoding, HostClock()
+    latencies, notifier, status_due = latencies_by_name(), Notifier(), asyncio.Event()
+
+    steps = StepRecorder(clock, flight=configuration.recording.flight)
+    step_clock = FrozenClock(clock, steps.related)
+    active = ActiveSession(step_clock)
+    queue = OutgoingQueue()
+    publisher = MessagePublisher(arm, encoding, queue, clock, steps)
+    events = EventLog(
+        clock, lambda what: publisher.publish_event(what, active.session.id), arm
+    )
+    recorder = Recorder(
+        configuration.recording,
+        steps,
+        folder=(state_path(path) / RECORDINGS).absolute(),
+        clock=step_clock,
+        about={"arm": arm, "version": version("traverse-cmm"), "kernel": KERNEL},
+        files=_files_to_record(path, configuration),
+        events=events,
+    )
+    outbox = Outbox(
+        state_path(path) / OUTBOX,
+        arm=arm,
+        encoding=encoding,
+        clock=clock,
+        section=configuration.outbox,
+        limit=configuration.capture.max_waiting_points,
+        session=lambda: active.session.id,
+        queue=queue,
+        events=events,
+        latencies=latencies,
+        changed=status_due.set,
+    )
+    spool = ScanStore(
+        state_path(path) / SCANS,
+        arm=arm,
+        encoding=encoding,
+        clock=clock,
+        section=configuration.scan,
+        outlet=publisher,
+        queue=queue,
+        events=events,
+    )
+
+    button_scans = ButtonScans(events)
+
+    def on_action(action: Action) -> None:
         if action == "session":
-            self._publish_status()
+            status_due.set()
         else:
-            self._button_scans.request("start" if action == "scan" else "stop")
+            button_scans.request("start" if action == "scan" else "stop")
 
-    async def _poll_periodically(self) -> None:
-        due_s = 0.0
-        loop = asyncio.get_running_loop()
-        while True:
-            period_s = self._configuration.health.period_s
-            self._output.poll()
-            self._life.tell()
-            self._commands.check_flood_end()
-            if loop.time() >= due_s:
-                due_s = loop.time() + period_s
-                self._publish_health()
-            await asyncio.sleep(min(FLUSH_S, period_s))
+    loop = asyncio.get_running_loop()
+    devices = [open_device(section, loop) for section in configuration.device]
+    sinks = Sinks(
+        events,
+        steps.following(outbox.put),
+        spool.offer,
+        lambda live: publisher.publish("live", live),
+        on_action,
+        status_due.set,
+        latencies,
+    )
+    measurement = build_measurement(
+        configuration, model, sinks, step_clock, steps, devices=devices, session=active
+    )
+    spool.taken_back = measurement.scanner.take_back
 
-    # -- messages -------------------------------------------------------------
+    def status(online: bool) -> Status:
+        return status_message(
+            measurement, clock, encoding, keeps_points=outbox.is_ready, online=online
+        )
 
-    def _publish_status(self) -> None:
-        self._output.outlet.publish("status", self._reports.status())
-
-    def _publish_health(self) -> None:
-        self._output.outlet.publish("health", self._reports.health(anew=True))
-
-    def _broker_changed(self, connected: bool, text: str) -> None:
-        self._arrival.broker_state_known.set()
+    def broker_changed(connected: bool, text: str) -> None:
         if connected:
-            self._publish_status()
-        self._output.events.change(
+            publisher.publish("status", status(True))
+        events.change(
             not connected,
             "error",
             "broker.lost",
@@ -278,3 +242,255 @@ class Service:
             source="broker",
             remedy="" if connected else "start or correct the broker; points are kept",
         )
+
+    connection = BrokerConnection(
+        address=address_of(broker, path.parent),
+        client_id=f"traverse-{arm}",
+        will=publisher.outgoing("status", status(False)),
+        encoding=encoding,
+        queue=queue,
+        subscription=topics.command_filter(arm),
+        changed=broker_changed,
+    )
+
+    scans = ScanCommands(measurement)
+
+    def apply_inputs(inputs: Inputs) -> None:
+        configuration, model = inputs
+        measurement.apply_settings(configuration, model)
+        scans.request_tracking_rate()
+        outbox.use(configuration.outbox)
+        spool.use(configuration.scan)
+        try:
+            files = recorded_files(path, configuration)
+        except OSError as error:  # it was there a moment ago, when it was read
+            log.warning("recordings will lack the new files: %s", error)
+            files = {}
+        steps.reloaded(step_clock.step(), files, measurement.probe_json)
+        connection.renew()
+        publisher.publish("status", status(True))
+        log_model(model, configuration.capture.compensation)
+
+    reloader = ConfigurationReloader(
+        path=path,
+        embedded=embedded,
+        inputs=inputs,
+        measurement=measurement,
+        use=apply_inputs,
+        events=events,
+        notifier=notifier,
+    )
+    probes = configuration.arm.probes
+    points = PointCommands(
+        measurement, None if probes is None else path.parent / probes
+    )
+    commands = CommandDispatcher(
+        arm=arm,
+        encoding=encoding,
+        events=events,
+        clock=clock,
+        response_topics=broker.response_topics,
+        offer=lambda answer: queue.offer("reply", answer),
+        carry_out={
+            "point": points.take_point,
+            "undo": points.undo,
+            "label": points.label,
+            "session": points.begin_session,
+            "probe": points.change_probe,
+            "scan": scans.change_scan,
+            "align": points.align,
+            "reload": reloader.carry_out,
+            "resend": ResendCommands(outbox.again.carry_out, spool.again).carry_out,
+            "record": lambda args: record(recorder, args),
+        },
+    )
+    return Service(
+        clock=clock,
+        notifier=notifier,
+        latencies=latencies,
+        status_due=status_due,
+        queue=queue,
+        publisher=publisher,
+        events=events,
+        recorder=recorder,
+        outbox=outbox,
+        spool=spool,
+        devices=devices,
+        measurement=measurement,
+        status=status,
+        connection=connection,
+        button_scans=button_scans,
+        scans=scans,
+        reloader=reloader,
+        commands=commands,
+        health=HealthReporter(clock, latencies),
+        status_line=StatusLine(),
+    )
+
+
+def _files_to_record(path: Path, configuration: Configuration) -> Mapping[str, bytes]:
+    try:
+        return recorded_files(path, configuration)
+    except OSError as error:
+        raise StartupError([f"{error}; was it moved just now?"], REFUSED) from error
+
+
+async def run(service: Service, *, keep_trying: bool) -> None:
+    """Start, measure until SIGTERM or SIGINT, end in order.
+
+    Args:
+        service: all parts.
+        keep_trying: begin without a device or broker that cannot be reached.
+
+    Raises:
+        StartupError: a device or the broker could not be reached.
+        StoreRefusedError: a database must be left alone.
+    """
+    loop = asyncio.get_running_loop()
+    stopping, hang_up = asyncio.Event(), asyncio.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, stopping.set)
+    loop.add_signal_handler(signal.SIGHUP, hang_up.set)
+    events, devices = service.events, service.devices
+    configuration, notifier = service.measurement.configuration, service.notifier
+    watchdog = Watchdog(notifier, devices, lambda: service.heartbeats, events)
+    failure: StartupError | None = None
+    with timed_collections(service.latencies["collection"]):
+        async with (
+            running_drivers(devices),
+            service.outbox.running(),
+            service.spool.running(),
+            service.recorder.running(),
+            metrics_endpoint(configuration.metrics, service.metrics, events),
+            _in_background(watchdog.run(), trim_memory_periodically()),
+            asyncio.TaskGroup() as tasks,
+        ):
+            running = [tasks.create_task(_consume(service, d)) for d in devices]
+            try:
+                service.update_status_line()
+                notifier.starting(startup_limit_s(devices) + SPARE_S)
+                check = check_startup(
+                    devices, service.connection, events, keep_trying=keep_trying
+                )
+                await run_unless(stopping, check)
+                if not stopping.is_set():
+                    works = (
+                        service.connection.run(service.commands.receive),
+                        _poll_periodically(service),
+                        _process_timeouts(service.measurement),
+                        service.button_scans.run(service.scans.change_scan),
+                        _reload_at_signals(service, hang_up),
+                    )
+                    running += [tasks.create_task(work) for work in works]
+                    async with _in_background(_publish_changes(service)):
+                        await _measure(service, stopping)
+                    await _drain(service)
+            except StartupError as error:
+                failure = error  # raised outside the group, which would wrap it
+            finally:
+                await service.commands.close()
+                for task in running:
+                    task.cancel()
+    if failure is not None:
+        raise failure
+
+
+@contextlib.asynccontextmanager
+async def _in_background(*works: Coroutine[Any, Any, None]) -> AsyncIterator[None]:
+    """Work while the block lasts."""
+    tasks = [asyncio.create_task(work) for work in works]
+    try:
+        yield
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def _measure(service: Service, stopping: asyncio.Event) -> None:
+    """Begin to measure, and wait until the daemon is to end."""
+    measurement = service.measurement
+    configuration = measurement.configuration
+    service.publish_status()
+    service.scans.request_tracking_rate()
+    log_model(measurement.model, configuration.capture.compensation)
+    await run_unless(stopping, service.connection.state_known.wait())
+    readers = [device.driver.thread for device in service.devices]
+    prepare(configuration.realtime, readers, service.events)
+    service.phase = "measuring"
+    service.update_status_line()
+    service.notifier.ready()
+    await stopping.wait()
+
+
+async def _drain(service: Service) -> None:
+    """End scans and send what waits, for a limited time."""
+    service.phase = "stopping"
+    service.notifier.stopping(DRAIN_S + CLOSE_S + SPARE_S)
+    service.update_status_line()
+    stop_scan(service.measurement)
+    service.events.flush(at_once=True)
+    service.publisher.publish("status", service.status(False))
+    log.info("stopping")
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(DRAIN_S):
+            await service.outbox.idle()
+            await service.spool.idle()
+            await service.queue.empty()
+
+
+async def _consume(service: Service, device: Device) -> None:
+    """Process what a device delivers."""
+    clock, measurement = service.clock, service.measurement
+    handling = service.latencies["handling"]
+    while True:
+        deliveries = await device.delivery_queue.take()
+        with service.queue.together():
+            for delivery in deliveries:
+                begun_ns = clock.monotonic_ns()
+                measurement.dispatch(device, delivery)
+                handling.add(clock.monotonic_ns() - begun_ns)
+
+
+async def _process_timeouts(measurement: Measurement) -> None:
+    """Process what waits for readings, or for time to pass; else sleep."""
+    while True:
+        if not measurement.may_wait:
+            await measurement.points.has_pending.wait()
+        await asyncio.sleep(TIMEOUT_PERIOD_S)
+        for _ in range(LOOP_PASSES):
+            await asyncio.sleep(0)
+        measurement.process_timeouts()
+
+
+async def _poll_periodically(service: Service) -> None:
+    """Continue deferred work a few times a second; publish health now and then."""
+    due_s = 0.0
+    loop = asyncio.get_running_loop()
+    while True:
+        period_s = service.measurement.configuration.health.period_s
+        service.events.flush()
+        service.outbox.poll()
+        service.spool.poll()
+        service.recorder.poll()
+        service.update_status_line()
+        service.commands.check_flood_end()
+        if loop.time() >= due_s:
+            due_s = loop.time() + period_s
+            service.publisher.publish("health", service.health_message(anew=True))
+        await asyncio.sleep(min(FLUSH_S, period_s))
+
+
+async def _publish_changes(service: Service) -> None:
+    """Publish the status whenever it has changed."""
+    while True:
+        await service.status_due.wait()
+        service.status_due.clear()
+        service.publish_status()
+
+
+async def _reload_at_signals(service: Service, hang_up: asyncio.Event) -> None:
+    while True:
+        await hang_up.wait()
+        hang_up.clear()
+        await service.reloader.on_sighup()

@@ -1,107 +1,99 @@
-"""Devices and broker at the start: all are there, or their absence is reported.
+"""Check at the start that devices and broker answer, and report those that do not.
 
-By hand a daemon that lacks one of them reports it and ends. As a service it
-starts without: it reports it all the same, keeps trying, and uses what is there.
+Started by hand, a daemon that lacks one of them says so and ends. As a service it says
+so and begins without; it keeps trying, and what is there is used.
 """
 
 import asyncio
 import logging
-from collections.abc import Coroutine
+from collections.abc import Coroutine, Iterable, Sequence
 from typing import Any
 
 from traverse.daemon.acquisition.device import Device
-from traverse.daemon.inputs import (
-    DEVICES_ANSWER_S,
-    UNREACHABLE,
-    StartupError,
-    check_devices,
-)
+from traverse.daemon.inputs import REFUSED, UNREACHABLE, StartupError
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.mqtt.connection import BrokerConnection
 
 log = logging.getLogger(__name__)
 
+DEVICES_ANSWER_S = 8.0
 BROKER_ANSWER_S = 12.0  # in either version of MQTT
 
 
-class StartupCheck:
-    """Waits for all that the daemon needs.
+def startup_limit_s(devices: Sequence[Device]) -> float:
+    """How long the check may take."""
+    return DEVICES_ANSWER_S * len(devices) + BROKER_ANSWER_S
+
+
+async def check_startup(
+    devices: Sequence[Device],
+    connection: BrokerConnection,
+    events: EventLog,
+    *,
+    keep_trying: bool,
+) -> None:
+    """Wait for all devices and the broker.
 
     Args:
         devices: all of the configuration, their drivers started.
-        publisher: of the broker.
-        events: receives reports of absent devices.
+        connection: to the broker.
+        events: where an absence is reported.
         keep_trying: begin without what cannot be reached.
 
-    Attributes:
-        broker_state_known: to be set when the connection is known to be there, or not.
+    Raises:
+        StartupError: something is missing, or does not fit; says all that is.
     """
-
-    def __init__(
-        self,
-        devices: list[Device],
-        publisher: BrokerConnection,
-        events: EventLog,
-        *,
-        keep_trying: bool,
-    ) -> None:
-        self._devices = devices
-        self._publisher = publisher
-        self._events = events
-        self._keep_trying = keep_trying
-        self.broker_state_known = asyncio.Event()
-
-    @property
-    def longest_s(self) -> float:
-        """How long it may take."""
-        return DEVICES_ANSWER_S * len(self._devices) + BROKER_ANSWER_S
-
-    async def wait(self, stopping: asyncio.Event) -> None:
-        """Wait, or stop when the daemon is requested to end.
-
-        Raises:
-            StartupError: something is missing or does not match; lists all.
-        """
-        await _unless(stopping, self._check())
-
-    async def broker(self, stopping: asyncio.Event) -> None:
-        """Wait for the permanent connection, or for the report of its failure."""
-        await _unless(stopping, self._told())
-
-    async def _told(self) -> None:
-        await self.broker_state_known.wait()
-
-    async def _check(self) -> None:
-        failures = await check_devices(self._devices)
-        reason = await self._publisher.probe()
-        if reason is not None:
-            where = self._publisher.address
-            # What is more than its absence has a remedy of its own.
-            remedy = "" if ";" in reason else "; start it, or correct [broker]"
-            failures.append((UNREACHABLE, f"broker {where}: {reason}{remedy}"))
-        if not failures:
-            return
-        worst = min(status for status, _ in failures)
-        if worst < UNREACHABLE or not self._keep_trying:
-            raise StartupError([text for _, text in failures], worst)
-        for _, text in failures:
-            log.warning("%s; it is tried again and again", text)
-        for device in self._devices:
-            if device.state == "starting":
-                device.state = "lost"
-                lost = device.last_loss
-                self._events.change(
-                    True,
-                    "error",
-                    "device.lost",
-                    "no answer since the start" if lost is None else lost.reason,
-                    source=device.section.id,
-                    remedy="check power and cable" if lost is None else lost.remedy,
-                )
+    failures = await check_devices(devices)
+    reason = await connection.probe()
+    if reason is not None:
+        # What is more than its absence comes with a remedy of its own.
+        remedy = "" if ";" in reason else "; start it, or correct [broker]"
+        text = f"broker {connection.address}: {reason}{remedy}"
+        failures.append((UNREACHABLE, text))
+    if not failures:
+        return
+    worst = min(status for status, _ in failures)
+    if worst < UNREACHABLE or not keep_trying:
+        raise StartupError([text for _, text in failures], worst)
+    for _, text in failures:
+        log.warning("%s; it is tried again and again", text)
+    for device in devices:
+        if device.state == "starting":
+            device.state = "lost"
+            lost = device.last_loss
+            events.change(
+                True,
+                "error",
+                "device.lost",
+                "no answer since the start" if lost is None else lost.reason,
+                source=device.section.id,
+                remedy="check power and cable" if lost is None else lost.remedy,
+            )
 
 
-async def _unless(stopping: asyncio.Event, work: Coroutine[Any, Any, None]) -> None:
-    """Await this, or cancel it when the daemon is requested to end."""
+async def check_devices(devices: Iterable[Device]) -> list[tuple[int, str]]:
+    """Wait for all devices; gives what is wrong with each, with its exit status."""
+    failures = []
+    for device in devices:
+        name = f"device {device.section.id}"
+        try:
+            async with asyncio.timeout(DEVICES_ANSWER_S):
+                await device.answered.wait()
+        except TimeoutError:
+            silent = f"{name}: no answer within {DEVICES_ANSWER_S:g} s"
+            failures.append((UNREACHABLE, silent))
+            continue
+        if device.state == "starting" and device.last_loss is not None:
+            lost = device.last_loss
+            failures.append((UNREACHABLE, f"{name}: {lost.reason}; {lost.remedy}"))
+        failures += [(REFUSED, f"{name}: {text}") for text in device.problems]
+    return failures
+
+
+async def run_unless(
+    stopping: asyncio.Event, work: Coroutine[Any, Any, object]
+) -> None:
+    """Do this, or abandon it when the daemon is to end meanwhile."""
     working = asyncio.ensure_future(work)
     ending = asyncio.ensure_future(stopping.wait())
     await asyncio.wait((working, ending), return_when=asyncio.FIRST_COMPLETED)

@@ -1,7 +1,7 @@
 """`python -m benchmarks.service.life`: what running as a service costs.
 
 Time from the start of the program to READY=1, time from a stuck reader thread to the
-moment in which systemd would act, and what the ring of cycles and the histograms cost.
+moment in which systemd would act, and what the histograms of latencies cost.
 """
 
 import contextlib
@@ -14,16 +14,11 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import numpy as np
-
 from benchmarks.tools import rig
 from tests.end_to_end.service.service_manager import stopped_thread
 from tests.protocol.message_examples import HEALTH
-from traverse.daemon.clock import HostClock
 from traverse.daemon.monitoring.latencies import Latencies
-from traverse.daemon.monitoring.loop_cycles import CycleLog, GarbageCollectionTimer
 from traverse.daemon.monitoring.prometheus import exposition
-from traverse.drivers.base.values import CountSamples
 
 STARTS = 7
 WATCHDOG_S = 10.0  # as the unit in deploy/ has it
@@ -82,14 +77,9 @@ def reaction_s(folder: Path, port: int, heard: socket.socket) -> tuple[float, fl
     return fed_s - stopped_s, acted_s - stopped_s
 
 
-def costs_us() -> tuple[float, float, float]:
-    """Of a cycle in the ring, of a latency, of the figures for one scrape."""
-    clock, latencies = HostClock(), Latencies()
-    cycles = CycleLog(clock, GarbageCollectionTimer(Latencies()), latencies)
-    one = np.zeros(1, np.int64)
-    bits, counts = one.astype(np.uint8), np.zeros((1, 7), np.uint32)
-    status = counts.astype(np.uint8)
-    sample = CountSamples("base", 1, one, one, 0, one, bits, counts, status)
+def costs_us() -> tuple[float, float]:
+    """Of a latency, of the figures for one scrape."""
+    latencies = Latencies()
 
     def cost_us(n: int, act: Callable[[], object]) -> float:
         begun_s = time.process_time()
@@ -98,9 +88,6 @@ def costs_us() -> tuple[float, float, float]:
         return (time.process_time() - begun_s) / n * 1e6
 
     return (
-        cost_us(
-            100_000, lambda: cycles.record("base", sample, clock.monotonic_ns(), 0)
-        ),
         cost_us(100_000, lambda: latencies.add(123_456)),
         cost_us(500, lambda: exposition(HEALTH, {"x": latencies}, 1.0, "0.1")),
     )
@@ -108,9 +95,8 @@ def costs_us() -> tuple[float, float, float]:
 
 def main() -> None:
     """Measure and print."""
-    cycle_us, latency_us, scrape_us = costs_us()
-    print(f"a cycle in the ring {cycle_us:.2f} us, a latency {latency_us:.2f} us")
-    print(f"so 1000 deliveries a second cost {cycle_us / 10:.3f} % of a core")
+    latency_us, scrape_us = costs_us()
+    print(f"a latency {latency_us:.2f} us")
     print(f"figures for one scrape {scrape_us:.0f} us")
     with tempfile.TemporaryDirectory() as name, manager(Path(name)) as heard:
         folder, port = Path(name), rig.free_port()

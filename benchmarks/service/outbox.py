@@ -16,8 +16,8 @@ from pathlib import Path
 from tests.protocol.message_examples import POINT
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.schema import OutboxSection
-from traverse.daemon.health import HealthReport
 from traverse.daemon.monitoring.events import EventLog
+from traverse.daemon.monitoring.latencies import latencies_by_name
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
 from traverse.daemon.points.capture import Session
 from traverse.daemon.store.outbox import Outbox
@@ -47,7 +47,7 @@ class Rig:
             session=lambda: self.session.id,
             queue=self.queue,
             events=EventLog(clock, lambda occurrence: None),
-            latencies=HealthReport(clock).latencies,
+            latencies=latencies_by_name(),
         )
 
     def take(self) -> PendingWrite:

@@ -7,13 +7,17 @@ beyond the limits is answered so, or dropped and counted; see docs/security.md.
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable, Mapping
+from collections import OrderedDict
+from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from typing import Any
 
 from traverse.daemon.clock import HostClock
-from traverse.daemon.commands.rate_limit import PAUSE_S, CommandRateLimiter
-from traverse.daemon.commands.refusal_log import RefusalLog, single_line
-from traverse.daemon.commands.reply_cache import Answers
+from traverse.daemon.commands.rate_limit import (
+    PAUSE_S,
+    CommandRateLimiter,
+    RefusalLog,
+    single_line,
+)
 from traverse.daemon.errors import RequestRefusedError, Result
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage
@@ -29,6 +33,8 @@ MAX_RUNNING = 16
 MAX_COMMAND_BYTES = 16_384
 MAX_COMMAND_ELEMENTS = 256
 MAX_CORRELATION_BYTES = 256
+MAX_REMEMBERED = 256
+MAX_REMEMBERED_BYTES = 4_194_304
 
 CommandHandler = Callable[[Any], Awaitable[Result]]
 
@@ -66,7 +72,7 @@ class CommandDispatcher:
         self._response_topics = response_topics
         self._limits = CommandRateLimiter(clock, self._tell_flood, carry_out)
         self._refusals = RefusalLog(clock)
-        self._answers = Answers()
+        self._answers = ReplyCache()
         self._running: set[asyncio.Task[None]] = set()
         self.received = 0
         self.refused = 0
@@ -238,3 +244,55 @@ def _not_available(name: str, available: list[str]) -> RequestRefusedError:
         f"{what} {name!r}; it has: {', '.join(available)}",
         "use one of these commands",
     )
+
+
+class ReplyCache:
+    """The first answer to each request, by the command's name and the request.
+
+    An answer that is still being worked on is never forgotten.
+    """
+
+    def __init__(self) -> None:
+        self._answers: OrderedDict[tuple[str, str], asyncio.Task[bytes]] = OrderedDict()
+        self._working: set[asyncio.Task[bytes]] = set()
+        self._bytes = 0
+
+    @property
+    def n_executing(self) -> int:
+        """How many are being worked on."""
+        return len(self._working)
+
+    def find(self, name: str, request: str) -> asyncio.Task[bytes] | None:
+        """The first answer to a request, finished or not, if it is remembered."""
+        return self._answers.get((name, request))
+
+    def begin(
+        self, name: str, request: str, work: Coroutine[Any, Any, bytes]
+    ) -> asyncio.Task[bytes]:
+        """Work on an answer and remember it."""
+        task = asyncio.create_task(work)
+        self._working.add(task)
+        self._answers[name, request] = task
+        task.add_done_callback(self._ended)
+        return task
+
+    async def close(self) -> None:
+        """Abandon what is being worked on."""
+        tasks = tuple(self._working)
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+    def _ended(self, task: asyncio.Task[bytes]) -> None:
+        self._working.discard(task)
+        self._bytes += _size(task)
+        while len(self._answers) > MAX_REMEMBERED or self._bytes > MAX_REMEMBERED_BYTES:
+            done = (key for key, one in self._answers.items() if one.done())
+            oldest = next(done, None)
+            if oldest is None:
+                return
+            self._bytes -= _size(self._answers.pop(oldest))
+
+
+def _size(task: asyncio.Task[bytes]) -> int:
+    return 0 if task.cancelled() else len(task.result())

@@ -5,10 +5,8 @@ from pathlib import Path
 
 from traverse.daemon.acquisition.device import Device
 from traverse.daemon.acquisition.joint_devices import JointDevices
-from traverse.daemon.config.schema import CaptureSection
-from traverse.daemon.errors import RequestRefusedError, Result
+from traverse.daemon.errors import CaptureRefusedError, RequestRefusedError, Result
 from traverse.daemon.executor import (
-    PROBE_REFUSED,
     AwaitLatch,
     GiveUpLatch,
     NewSession,
@@ -36,31 +34,25 @@ from traverse.protocol.messages import (
 from traverse.strict_toml.problems import FileError
 
 LATCH_TIMEOUT_S = 2.0
+PROBE_REFUSED = "capture.probe_refused"
 
 
 class PointCommands:
     """Executes commands that concern points, in order with the edges.
 
     Args:
-        settings: of the configuration.
         measurement: where they are taken.
         probe_library: the file of probes; None where the configuration names none.
     """
 
     def __init__(
         self,
-        settings: CaptureSection,
         measurement: Measurement,
         probe_library: Path | None = None,
     ) -> None:
-        self._settings = settings
         self._measurement = measurement
         self._probe_library = probe_library
         self._devices = measurement.joint_devices
-
-    def use(self, settings: CaptureSection) -> None:
-        """Go by other settings."""
-        self._settings = settings
 
     async def take_point(self, args: PointArgs) -> Result:
         """Capture now, one sample or a mean; gives session, seq and id of the point."""
@@ -128,7 +120,12 @@ class PointCommands:
                 f"{path.name} has no probe {args.name!r}; it has: {library.names}",
                 "use one of these names, or add the probe to the library",
             )
-        model = await execute(self._measurement, SetProbe(probe))
+        try:
+            model = await execute(self._measurement, SetProbe(probe))
+        except CaptureRefusedError as error:  # or a fault while the change waited
+            raise RequestRefusedError(
+                PROBE_REFUSED, str(error), error.remedy
+            ) from error
         return {
             "probe": probe.name,
             "model": model.digest,
@@ -136,7 +133,7 @@ class PointCommands:
         }
 
     def _mean(self, args: PointArgs) -> TakeMean:
-        settings = self._settings
+        settings = self._measurement.configuration.capture
         dwell_ns = None if args.dwell_s is None else int(args.dwell_s * 1e9)
         rate_hz = self._measurement.rate_hz
         if (

@@ -1,12 +1,16 @@
 """How many commands are taken: so many in a second, of all and of each kind.
 
-MQTT does not identify senders, so these hold for all senders together.
+MQTT does not tell who has sent a command, so these hold for all senders together. The
+log of those that are refused is limited likewise.
 """
 
+import logging
 from collections.abc import Callable, Mapping
 from typing import Final, NamedTuple
 
 from traverse.daemon.clock import HostClock
+
+log = logging.getLogger("traverse.daemon.commands")
 
 NS: Final = 1_000_000_000
 
@@ -125,3 +129,38 @@ class CommandRateLimiter:
         if now_ns - self._second_ns >= NS:
             self._second_ns, self._in_second = now_ns, 0
         self._in_second += n
+
+
+class RefusalLog:
+    """Writes so much that senders cannot fill the log at will.
+
+    Args:
+        clock: the host's.
+    """
+
+    def __init__(self, clock: HostClock) -> None:
+        self._clock = clock
+        self._lines = TokenBucket(LOG_LINES, clock)
+        self._untold = 0
+        self._last_ns = 0
+
+    def write(self, text: str) -> None:
+        """A command was refused; says so, or counts it for the next line."""
+        self._last_ns = self._clock.monotonic_ns()
+        if not self._lines.take():
+            self._untold += 1
+            return
+        before = f" ({self._untold} more refused before it)" if self._untold else ""
+        self._untold = 0
+        log.warning("%s%s", single_line(text), before)
+
+    def write_rest(self) -> None:
+        """Say how many had no line, a second after the last; call it now and then."""
+        if self._untold and self._clock.monotonic_ns() - self._last_ns >= NS:
+            log.warning("%d more commands refused", self._untold)
+            self._untold = 0
+
+
+def single_line(text: str) -> str:
+    """A text of anybody's as it may stand in a log."""
+    return "".join(c if c.isprintable() else " " for c in text)[:1000]

@@ -7,15 +7,12 @@ rules. If they are refused, the old ones continue.
 
 import asyncio
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
-from traverse.daemon.config.schema import Configuration
 from traverse.daemon.errors import RequestRefusedError, Result
-from traverse.daemon.inputs import StartupError, read_inputs
+from traverse.daemon.inputs import Inputs, StartupError, read_inputs
 from traverse.daemon.measurement import Measurement
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.system.systemd import Notifier
 from traverse.protocol.messages import ReloadArgs
 
@@ -23,15 +20,7 @@ QUIET_S = 5.0
 LOOK_S = 0.01
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Inputs:
-    """What the daemon measures by."""
-
-    configuration: Configuration
-    model: ArmModel
-
-
-class Reload:
+class ConfigurationReloader:
     """Reads the inputs again and puts them into force.
 
     Args:
@@ -105,29 +94,27 @@ class Reload:
 
     async def _reload(self) -> list[str]:
         try:
-            configuration, model = await asyncio.to_thread(
-                read_inputs, self._path, self._embedded
-            )
+            new = await asyncio.to_thread(read_inputs, self._path, self._embedded)
         except StartupError as error:
             text = str(error).partition("\n")[2] or str(error)
             raise RequestRefusedError(
                 "reload.refused", text, "correct the files and reload again"
             ) from error
         try:
-            model = self._measurement.with_probe(model)
+            new = new._replace(model=self._measurement.with_probe(new.model))
         except ValueError as error:
             raise RequestRefusedError(
                 "reload.refused",
                 f"the arm cannot have the probe that is in use: {error}",
                 "correct the arm file, or change the probe first",
             ) from error
-        old, new = self._inputs, Inputs(configuration, model)
+        old = self._inputs
         fixed = restart_required(old, new)
         fixed += [
             text
             for device in self._measurement.devices.values()
             if device.identity is not None
-            for text in model.mismatches_with(device.section.id, device.identity)
+            for text in new.model.mismatches_with(device.section.id, device.identity)
         ]
         if fixed:
             raise RequestRefusedError(

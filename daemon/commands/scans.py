@@ -1,43 +1,38 @@
-"""What the command `scan` does: start and stop one."""
+"""The command `scan`, and the scans that buttons start and stop."""
 
 import asyncio
+from collections.abc import Awaitable, Callable
+from typing import Literal
 
 from traverse.daemon.commands.points import check_ready
-from traverse.daemon.config.schema import CaptureSection, ScanSection
 from traverse.daemon.errors import RequestRefusedError, Result
 from traverse.daemon.executor import StartScan, execute, stop_scan
 from traverse.daemon.measurement import Measurement
+from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.scans.plan import requested_scan
 from traverse.protocol.messages import ScanArgs
 
 STREAM_TIMEOUT_S = 3.0
+MAX_WAITING_ACTIONS = 64
 
 
-class Requests:
-    """Carries out commands on the devices that read the arm's joints."""
+class ScanCommands:
+    """Executes commands on the devices that read the arm's joints.
 
-    def __init__(
-        self,
-        *,
-        settings: CaptureSection,
-        scan: ScanSection | None = None,
-        measurement: Measurement,
-    ) -> None:
-        self._settings = settings
-        self._scan = scan or ScanSection()
+    Args:
+        measurement: whose scans are started and stopped.
+    """
+
+    def __init__(self, measurement: Measurement) -> None:
         self._measurement = measurement
         self._devices = measurement.joint_devices
         self._scanner = measurement.scanner
 
-    def use(self, settings: CaptureSection, scan: ScanSection) -> None:
-        """Go by other settings; a running scan keeps its rate."""
-        self._settings, self._scan = settings, scan
-        if self._scanner.plan is None:
-            self.track()
-
-    def track(self) -> None:
-        """Stream at the rate that follows the joints while no scan runs."""
-        self._devices.request_stream(self._settings.tracking_rate_hz)
+    def request_tracking_rate(self) -> None:
+        """Stream at the rate that follows the joints, unless a scan runs."""
+        if not self._scanner.is_running:
+            capture = self._measurement.configuration.capture
+            self._devices.request_stream(capture.tracking_rate_hz)
 
     async def change_scan(self, args: ScanArgs) -> Result:
         """Start a scan, or stop the running one; gives its id."""
@@ -45,34 +40,39 @@ class Requests:
             plan = self._scanner.plan
             total = stop_scan(self._measurement)
             if plan is not None:
-                self.track()
+                self.request_tracking_rate()
             return {"scan": None if plan is None else plan.id, "total": total}
         check_ready(self._devices)
-        if args.held and not any(i.trigger == "button" for i in self._settings.inputs):
+        configuration = self._measurement.configuration
+        settings = configuration.capture
+        if args.held and not any(i.trigger == "button" for i in settings.inputs):
             raise RequestRefusedError(
                 "scan.no_button",
                 "no input of the configuration is a button that could hold a scan",
                 'name one in [capture] inputs, with trigger = "button"',
             )
         device = self._measurement.clock_device
-        largest_hz = self._settings.scan_max_rate_hz
-        tracking_hz = self._settings.tracking_rate_hz
+        largest_hz = settings.scan_max_rate_hz
+        tracking_hz = settings.tracking_rate_hz
         if device.identity is not None:
             largest_hz = min(largest_hz, device.identity.max_rate_hz)
             tracking_hz = min(tracking_hz, device.identity.max_rate_hz)
         plan = requested_scan(
-            args, self._scan, largest_hz=largest_hz, tracking_rate_hz=tracking_hz
+            args,
+            configuration.scan,
+            largest_hz=largest_hz,
+            tracking_rate_hz=tracking_hz,
         )
         stop_scan(self._measurement)
         execute(self._measurement, StartScan(plan))
         self._devices.request_stream(plan.device_rate_hz)
         try:
             async with asyncio.timeout(STREAM_TIMEOUT_S):
-                await self._measurement.scans.stream_started.wait()
+                await self._scanner.stream_started.wait()
         except TimeoutError as error:
             if self._scanner.plan is plan:  # else another command has had its way
                 stop_scan(self._measurement)
-                self.track()
+                self.request_tracking_rate()
             raise RequestRefusedError(
                 "device.no_answer",
                 f"{device.section.id} did not begin to stream within "
@@ -84,3 +84,37 @@ class Requests:
             "rate_hz": plan.rate_hz,
             "device_rate_hz": plan.device_rate_hz,
         }
+
+
+class ButtonScans:
+    """Executes actions one after the other, beside the edges.
+
+    Args:
+        events: where refused actions are reported.
+    """
+
+    def __init__(self, events: EventLog) -> None:
+        self._events = events
+        self._actions: asyncio.Queue[ScanArgs] = asyncio.Queue(MAX_WAITING_ACTIONS)
+
+    def request(self, action: Literal["start", "stop"]) -> None:
+        """Start a scan by time at the configured rate, or stop the running one."""
+        try:
+            self._actions.put_nowait(ScanArgs(action=action))
+        except asyncio.QueueFull:
+            self._refuse(
+                f"{MAX_WAITING_ACTIONS} presses wait for scans to start and to stop",
+                "wait until the last scan has started",
+            )
+
+    async def run(self, change_scan: Callable[[ScanArgs], Awaitable[Result]]) -> None:
+        """Execute what is requested until cancelled, as the command `scan` does."""
+        while True:
+            args = await self._actions.get()
+            try:
+                await change_scan(args)
+            except RequestRefusedError as error:
+                self._refuse(str(error), error.remedy)
+
+    def _refuse(self, text: str, remedy: str) -> None:
+        self._events.report("error", "scan.refused", text, source="scan", remedy=remedy)

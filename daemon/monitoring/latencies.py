@@ -1,11 +1,19 @@
 """Latencies: percentiles of the last few thousand, and a histogram of them all."""
 
+import contextlib
+import gc
+import time
 from bisect import bisect_left
+from collections.abc import Iterator
 from operator import sub
 
 import numpy as np
 
-from traverse.protocol.messages.health import LATENCY_BOUNDS_US, Latency
+from traverse.protocol.messages.health import (
+    LATENCIES,
+    LATENCY_BOUNDS_US,
+    Latency,
+)
 
 KEPT = 4096
 BOUNDS_NS = [bound_us * 1000 for bound_us in LATENCY_BOUNDS_US]
@@ -62,3 +70,29 @@ class Latencies:
         """Begin again; the totals go on."""
         self._n = self._largest_ns = 0
         self._told_counts = list(self.total_counts)
+
+
+def latencies_by_name() -> dict[str, Latencies]:
+    """One of each of `LATENCIES`, empty."""
+    return {name: Latencies() for name in LATENCIES}
+
+
+@contextlib.contextmanager
+def timed_collections(latencies: Latencies) -> Iterator[None]:
+    """Time each of the interpreter's garbage collections while the block lasts."""
+    begun_ns = 0
+
+    def on_phase(phase: str, _info: dict[str, int]) -> None:
+        nonlocal begun_ns
+        now_ns = time.monotonic_ns()
+        if phase == "start":
+            begun_ns = now_ns
+        elif begun_ns:
+            latencies.add(now_ns - begun_ns)
+            begun_ns = 0
+
+    gc.callbacks.append(on_phase)
+    try:
+        yield
+    finally:
+        gc.callbacks.remove(on_phase)

@@ -69,31 +69,36 @@ MAX_IN_FLIGHT = 16  # paho holds back what is beyond 20
 class BrokerClient(DiagnosingClient):
     """A client that has several messages on their way.
 
-    Attributes:
+    Args:
         acknowledged: called with the number of each message that the broker has
             answered, and with its reason where it was refused.
-        received: called with each message received; aiomqtt's own queue takes a
+        received: called with each message that arrives; aiomqtt's own queue takes a
             task for each, and loses what it has no room for.
         writable: called when a socket that took no more takes bytes again.
-        max_in_flight: so many messages may wait for their answers.
         max_payload_bytes: a longer payload is cut to this, so that it costs no memory
             while it waits; who reads it refuses it as too long.
-    """
 
-    acknowledged: Callable[[int, str | None], None] | None = None
-    received: Callable[[MQTTMessage], None] | None = None
-    writable: Callable[[], None] | None = None
-    max_in_flight = MAX_IN_FLIGHT
-    max_payload_bytes: int | None = None
-    _is_sending = False
+    Attributes:
+        max_in_flight: so many messages may wait for their answers.
+    """
 
     def __init__(
         self,
         *arguments: Any,  # noqa: ANN401 - as aiomqtt's
+        acknowledged: Callable[[int, str | None], None] | None = None,
+        received: Callable[[MQTTMessage], None] | None = None,
+        writable: Callable[[], None] = lambda: None,
+        max_payload_bytes: int | None = None,
         **options: Any,  # noqa: ANN401 - as aiomqtt's
     ) -> None:
         super().__init__(*arguments, **options)
+        self._acknowledged = acknowledged
+        self._received = received
+        self._writable = writable
+        self._max_payload_bytes = max_payload_bytes
+        self._is_sending = False
         self._own_thread = threading.current_thread()
+        self.max_in_flight = MAX_IN_FLIGHT
 
     async def wait_closed(self) -> None:
         """Wait until the connection is closed.
@@ -163,12 +168,8 @@ class BrokerClient(DiagnosingClient):
         except Exception as error:  # noqa: BLE001 - as aiomqtt: the connection is closed
             if not self._disconnected.done():
                 self._disconnected.set_exception(error)
-        if self.writable is not None and not self.is_congested:
-            self.writable()
-
-    def _acknowledge(self, mid: int, reason: str | None) -> None:
-        if self.acknowledged is not None:
-            self.acknowledged(mid, reason)
+        if not self.is_congested:
+            self._writable()
 
     def _on_connect(
         self,
@@ -202,10 +203,10 @@ class BrokerClient(DiagnosingClient):
         userdata: Any,  # noqa: ANN401 - as aiomqtt's
         message: MQTTMessage,
     ) -> None:
-        if self.received is not None:
-            message.payload = message.payload[: self.max_payload_bytes]
+        if self._received is not None:
+            message.payload = message.payload[: self._max_payload_bytes]
             # Not within paho's callback, see `_on_publish`.
-            self._loop.call_soon(self.received, message)
+            self._loop.call_soon(self._received, message)
 
     def _on_publish(
         self,
@@ -215,9 +216,9 @@ class BrokerClient(DiagnosingClient):
         reason_code: ReasonCode,
         properties: Properties,
     ) -> None:
-        if self.acknowledged is not None and not self._is_sending:
+        if self._acknowledged is not None and not self._is_sending:
             reason = str(reason_code) if reason_code.is_failure else None
             # Not within paho's callback, where nothing can be sent: it would wait for
             # itself.
-            self._loop.call_soon(self._acknowledge, mid, reason)
+            self._loop.call_soon(self._acknowledged, mid, reason)
         super()._on_publish(client, userdata, mid, reason_code, properties)

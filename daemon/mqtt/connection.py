@@ -9,8 +9,8 @@ import contextlib
 import logging
 import os
 import random
-from collections.abc import AsyncIterator, Callable
-from typing import Literal
+from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
+from typing import Any, Literal
 
 import aiomqtt
 from paho.mqtt.packettypes import PacketTypes
@@ -85,8 +85,10 @@ class BrokerConnection:
         encoding: of the payloads, announced as MQTT 5 content type.
         queue: what is to be sent.
         subscription: topic filter of the commands.
-        receive: called with each command; see `CommandSubscriber`.
         changed: called when the connection is up (True) or lost (False, reason).
+
+    Attributes:
+        state_known: set as soon as the connection is up, or has failed.
     """
 
     def __init__(
@@ -98,7 +100,6 @@ class BrokerConnection:
         encoding: Encoding,
         queue: OutgoingQueue,
         subscription: str,
-        receive: Callable[[IncomingCommand], float | None],
         changed: Callable[[bool, str], None],
     ) -> None:
         self.address = address
@@ -107,13 +108,14 @@ class BrokerConnection:
         self._encoding = encoding
         self._cached_properties = CachedProperties(encoding)
         self._queue = queue
-        self._subscriber = CommandSubscriber(subscription, receive)
+        self._subscription = subscription
         self._changed = changed
         self._version = aiomqtt.ProtocolVersion.V5
         self._access: Credentials | None = None
         self._renewal = asyncio.Event()
         self._warned: set[str] = set()
         self.state: Literal["connecting", "connected", "lost"] = "connecting"
+        self.state_known = asyncio.Event()
         self.reconnects = 0
 
     @property
@@ -124,7 +126,7 @@ class BrokerConnection:
     async def probe(self) -> str | None:
         """Connect once and leave; None, or why that was not possible."""
         try:
-            async with self._connection(will=False):
+            async with self._connection():
                 return None
         except CONNECTION_FAILURES as error:
             return reason_of(error, self.address)
@@ -133,44 +135,56 @@ class BrokerConnection:
         """Connect anew if password or certificates have changed since the last time."""
         self._renewal.set()
 
-    async def run(self) -> None:
-        """Connect, send and receive; reconnect after every loss; until cancelled."""
+    async def run(self, receive: Callable[[IncomingCommand], float | None]) -> None:
+        """Connect, send and receive; come back after every loss; until cancelled.
+
+        Args:
+            receive: called with each command; see `CommandSubscriber`.
+        """
+        subscriber = CommandSubscriber(self._subscription, receive)
         retry_s = FIRST_RETRY_S
         connected_before = False
         last_reason = ""
         while True:
             try:
-                async with self._connection(will=True) as client:
+                publish_loop = PublishLoop(
+                    self._queue,
+                    properties=self._properties,
+                    changed=self._changed,
+                    broker=str(self.address),
+                )
+                handlers: Mapping[str, Callable[..., None]] = {
+                    "acknowledged": publish_loop.on_acknowledged,
+                    "writable": publish_loop.send,
+                    "received": subscriber.on_message,
+                }
+                async with self._connection(handlers) as client:
                     self.reconnects += connected_before
                     connected_before, retry_s, last_reason = True, FIRST_RETRY_S, ""
-                    await self._subscriber.subscribe(client)
+                    await subscriber.subscribe(client)
                     self.state = "connected"
+                    self.state_known.set()
                     self._changed(True, f"broker {self.address} connected")
-                    await self._serve(client)
+                    await self._serve(
+                        publish_loop.run(client),
+                        client.wait_closed(),
+                        subscriber.run(client),
+                        self._wait_for_changed_files(),
+                    )
                     continue  # immediately: new certificates, or a flood of commands
             except CONNECTION_FAILURES as error:
                 reason = reason_of(error, self.address)
                 if self.state == "connected" or reason != last_reason:
                     self.state, last_reason = "lost", reason
+                    self.state_known.set()
                     self._changed(False, f"broker {self.address}: {reason}")
             # Jitter prevents a fleet from reconnecting all at once.
             await asyncio.sleep(retry_s * random.uniform(0.5, 1.0))
             retry_s = min(2 * retry_s, LAST_RETRY_S)
 
-    async def _serve(self, client: BrokerClient) -> None:
-        publish_loop = PublishLoop(
-            client,
-            self._queue,
-            properties=self._properties,
-            changed=self._changed,
-            broker=str(self.address),
-        )
-        tasks: tuple[asyncio.Task[None], ...] = (
-            asyncio.create_task(publish_loop.run()),
-            asyncio.create_task(client.wait_closed()),
-            asyncio.create_task(self._subscriber.run(client)),
-            asyncio.create_task(self._wait_for_changed_files()),
-        )
+    async def _serve(self, *works: Coroutine[Any, Any, None]) -> None:
+        """Do all of this until the first of it ends; raises what has failed."""
+        tasks = [asyncio.create_task(work) for work in works]
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -207,20 +221,29 @@ class BrokerConnection:
         return properties
 
     @contextlib.asynccontextmanager
-    async def _connection(self, *, will: bool) -> AsyncIterator[BrokerClient]:
-        """A connection in the newest version that the broker speaks."""
+    async def _connection(
+        self, handlers: Mapping[str, Callable[..., None]] | None = None
+    ) -> AsyncIterator[BrokerClient]:
+        """A connection in the newest version that the broker speaks.
+
+        Args:
+            handlers: of `BrokerClient`; None for a connection without a will only to
+                try the broker.
+        """
         async with contextlib.AsyncExitStack() as stack:
             try:
-                client = await stack.enter_async_context(await self._client(will=will))
+                client = await stack.enter_async_context(await self._client(handlers))
             except aiomqtt.MqttCodeError as error:
                 if not _is_version_refusal(error):
                     raise
                 self._version = aiomqtt.ProtocolVersion.V311
-                client = await stack.enter_async_context(await self._client(will=will))
+                client = await stack.enter_async_context(await self._client(handlers))
             yield client
 
-    async def _client(self, *, will: bool) -> BrokerClient:
-        """The daemon's connection, or one without a will only to try the broker."""
+    async def _client(
+        self, handlers: Mapping[str, Callable[..., None]] | None
+    ) -> BrokerClient:
+        will = handlers is not None
         access = await asyncio.to_thread(read_credentials, self.address)
         self._access = access
         for text in access.warnings:
@@ -244,9 +267,10 @@ class BrokerConnection:
             will=aiomqtt.Will(self._will.topic, self._will.payload, 1, True)
             if will
             else None,
+            max_payload_bytes=MAX_PACKET_BYTES,
+            **(handlers or {}),
         )
         client.pending_calls_threshold = 1000
-        client.max_payload_bytes = MAX_PACKET_BYTES
         return client
 
 

@@ -19,19 +19,22 @@ class MessagePublisher:
         encoding: of all payloads.
         queue: where they wait for the publisher.
         clock: the host's.
-
-    Attributes:
-        tape: notified of what is queued.
+        listener: notified of what is queued.
     """
 
     def __init__(
-        self, arm: str, encoding: Encoding, queue: OutgoingQueue, clock: HostClock
+        self,
+        arm: str,
+        encoding: Encoding,
+        queue: OutgoingQueue,
+        clock: HostClock,
+        listener: StepListener | None = None,
     ) -> None:
         self._arm = arm
         self._encoding: Encoding = encoding
         self._queue = queue
         self._clock = clock
-        self.tape = StepListener()
+        self.listener = listener or StepListener()
 
     def outgoing(
         self, kind: str, message: Message, sent: Callable[[], None] | None = None
@@ -52,7 +55,7 @@ class MessagePublisher:
         """Queue a message; False if there was no room for it."""
         is_queued = self._queue.offer(kind, self.outgoing(kind, message, sent))
         if is_queued:
-            self.tape.published(self._clock.monotonic_ns(), message)
+            self.listener.published(self._clock.monotonic_ns(), message)
         return is_queued
 
     def publish_event(self, what: Occurrence, session: str) -> None:

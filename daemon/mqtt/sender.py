@@ -26,7 +26,6 @@ class PublishLoop:
     none waits for the answer to another.
 
     Args:
-        client: connected.
         queue: what is to be sent.
         properties: makes a message's properties of MQTT 5.
         changed: called when points are refused (False, reason) and taken again (True).
@@ -35,14 +34,13 @@ class PublishLoop:
 
     def __init__(
         self,
-        client: BrokerClient,
         queue: OutgoingQueue,
         *,
         properties: Callable[[OutgoingMessage], Properties | None],
         changed: Callable[[bool, str], None],
         broker: str,
     ) -> None:
-        self._client = client
+        self._client: BrokerClient | None = None
         self._queue = queue
         self._properties = properties
         self._changed = changed
@@ -53,33 +51,36 @@ class PublishLoop:
         self._resumes_s = 0.0
         self._failed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
-    async def run(self) -> None:
+    async def run(self, client: BrokerClient) -> None:
         """Send until the connection fails.
+
+        Args:
+            client: connected; it calls `on_acknowledged` and `send`.
 
         Raises:
             aiomqtt.MqttError: it did, or the broker does not answer.
         """
-        client, queue = self._client, self._queue
-        client.acknowledged, client.writable = self._answered, self._send
-        queue.offered = self._send
+        self._client, queue = client, self._queue
+        queue.offered = self.send
         try:
             while True:
-                self._send()
+                self.send()
                 await asyncio.wait((self._failed,), timeout=CHECK_S)
                 if self._failed.done():
                     self._failed.result()
                 self._check_timeouts()
         finally:
-            queue.offered = client.acknowledged = client.writable = None
+            self._client = queue.offered = None
+            self._in_flight.clear()
             queue.take_back()
             if not self._failed.cancel():
                 self._failed.exception()  # it has been looked at
 
-    def _send(self) -> None:
+    def send(self) -> None:
         """Write as much as there is room for."""
-        if self._is_sending or self._failed.done() or self._resumes_s:
-            return
         client = self._client
+        if client is None or self._is_sending or self._failed.done() or self._resumes_s:
+            return
         several = self._queue.n_waiting > 1
         self._is_sending = True
         try:
@@ -89,15 +90,17 @@ class PublishLoop:
                     and not client.is_congested
                     and (taken := self._queue.next()) is not None
                 ):
-                    self._send_one(*taken)
+                    self._send_one(client, *taken)
         except aiomqtt.MqttError as error:
             self._failed.set_exception(error)
         finally:
             self._is_sending = False
 
-    def _send_one(self, kind: str, message: OutgoingMessage) -> None:
+    def _send_one(
+        self, client: BrokerClient, kind: str, message: OutgoingMessage
+    ) -> None:
         try:
-            number = self._client.send(message, self._properties(message))
+            number = client.send(message, self._properties(message))
         except ValueError as error:
             log.warning("%s: %s; dropped", message.topic, error)
             self._queue.drop(kind, message)
@@ -107,8 +110,8 @@ class PublishLoop:
         else:
             self._queue.done(kind, message)
 
-    def _answered(self, number: int, refusal: str | None) -> None:
-        """The broker has accepted or refused a message."""
+    def on_acknowledged(self, number: int, refusal: str | None) -> None:
+        """The broker has a message, or does not want it."""
         answered = self._in_flight.pop(number, None)
         if answered is None:
             return
@@ -130,7 +133,7 @@ class PublishLoop:
         else:
             log.warning("%s; dropped", text)
             self._queue.drop(kind, message)
-        self._send()
+        self.send()
 
     def _check_timeouts(self) -> None:
         """Notice silence, and the end of the wait after a refusal."""

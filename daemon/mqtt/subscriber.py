@@ -60,7 +60,6 @@ class CommandSubscriber:
         await self._flooded.wait()
 
     async def _subscribe(self, client: BrokerClient) -> None:
-        client.received = self._on_message
         for code in await client.subscribe(self._subscription, qos=1):
             if (code if isinstance(code, int) else code.value) >= REFUSED_SUBSCRIPTION:
                 log.warning(
@@ -69,7 +68,8 @@ class CommandSubscriber:
                     code,
                 )
 
-    def _on_message(self, message: MQTTMessage) -> None:
+    def on_message(self, message: MQTTMessage) -> None:
+        """Pass a command on; the client calls this."""
         if self._backoff_s() > 0.0:
             return  # it was on its way when the flood was noticed
         pause_s = self._receive(

@@ -70,6 +70,20 @@ class Session:
             self._standing.append(self._retracted.pop(point.id))
 
 
+class ActiveSession:
+    """The session that points belong to; a new one at each start of the daemon."""
+
+    def __init__(self, clock: HostClock) -> None:
+        self._clock = clock
+        self.session = self.begin()
+
+    def begin(self, note: str = "") -> Session:
+        """Number from 0 again."""
+        begun_ns = self._clock.to_utc_ns(self._clock.monotonic_ns())
+        self.session = Session(begun_ns, note)
+        return self.session
+
+
 PointWriter = Callable[[Point, int, str], PendingWrite | None]
 """Writes a point of a session that began at a time [UTC ns], with its note."""
 QUEUE_FULL = (
@@ -110,6 +124,7 @@ class Capture:
         clock: the host's.
         write: writes a point to the disk; None if there is no room for it.
         part: the alignment in use.
+        active: the session in use.
 
     Attributes:
         label: of the next points.
@@ -120,15 +135,21 @@ class Capture:
         clock: HostClock,
         write: PointWriter,
         part: ActiveAlignment | None = None,
+        active: ActiveSession | None = None,
     ) -> None:
         self._clock = clock
         self.part = part or ActiveAlignment()
         self._write = write
-        self.session = self._new_session("")
+        self._active = active or ActiveSession(clock)
         self.label = Label()
         self.captured = 0
         self.retracted = 0
         self.refused = 0
+
+    @property
+    def session(self) -> Session:
+        """The list that points are added to."""
+        return self._active.session
 
     def take(self, measured: PointMeasurement, trigger: Trigger) -> PendingWrite:
         """Capture a point; it is one as soon as it is on the disk.
@@ -194,13 +215,9 @@ class Capture:
         return self._submit(retraction)
 
     def begin_session(self, note: str = "") -> Session:
-        """Number from 0 again, without a label."""
-        self.session = self._new_session(note)
+        """Number from 0 again; what the next points are taken on is to be said anew."""
         self.label = Label()
-        return self.session
-
-    def _new_session(self, note: str) -> Session:
-        return Session(self._clock.to_utc_ns(self._clock.monotonic_ns()), note)
+        return self._active.begin(note)
 
     def _submit(self, point: Point) -> PendingWrite:
         session = self.session

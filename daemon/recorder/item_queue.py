@@ -16,6 +16,7 @@ Kind = Literal[
     "state",
     "files",
     "gap",
+    "keep",
     "job",
 ]
 
@@ -70,14 +71,14 @@ class RecorderQueue:
         return len(self._items)
 
     def put(self, item: RecorderItem) -> bool:
-        """Hand over; False where there was no room. A job always has room."""
+        """Hand over; False where there was no room. What is no step always has room."""
         size = item.n_bytes
         with self._lock:
             is_full = (
                 len(self._items) >= self._most_items
                 or self._n_bytes + size > self._most_bytes
             )
-            if is_full and item.kind != "job":
+            if is_full and item.kind not in ("job", "keep"):
                 self.dropped += 1
                 return False
             self._items.append(item)

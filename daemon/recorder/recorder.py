@@ -1,18 +1,17 @@
 """The recorder: writes what measuring does to files, through one thread.
 
-Notifications are only passed on; nothing waits. With room for no more, items are
-dropped and counted, and the files note that something is missing.
+What `StepRecorder` is notified of is only queued; nothing waits. With room for no more,
+items are dropped and counted, and the files say that something is missing. `Recorder`
+owns the thread that writes, begins and ends recordings, and reports on them.
 """
 
 import asyncio
-from collections.abc import Mapping
+import contextlib
+from collections.abc import AsyncIterator, Mapping
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.schema import RecordingSection
-from traverse.daemon.measurement import Measurement
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.points.capture import PointWriter
 from traverse.daemon.recorder.file import Recorded
@@ -20,7 +19,7 @@ from traverse.daemon.recorder.flight import RecorderNotification
 from traverse.daemon.recorder.item_queue import RecorderItem, RecorderQueue
 from traverse.daemon.recorder.snapshot import DeviceSnapshot
 from traverse.daemon.recorder.thread import RecorderThread, ThreadJobs
-from traverse.daemon.step_listener import StepListener
+from traverse.daemon.step_listener import StateSource, StepListener
 from traverse.daemon.store.records import PendingWrite
 from traverse.drivers.base.delivery_maps import delivery_kind
 from traverse.drivers.base.heartbeat import Heartbeat
@@ -30,7 +29,7 @@ from traverse.protocol.messages.recording_health import RecordingHealth
 
 SOURCE = "recording"
 STATE_NS = 6_000_000_000
-PATIENCE_NS = 3_000_000_000  # a state is recorded in a quiet moment, if there is one
+PATIENCE_NS = 3_000_000_000  # a snapshot is taken at a quiet moment, if one comes
 AFTERMATH_NS = 2_000_000_000  # what follows a fault is kept with it
 CALM_NS = 30_000_000_000  # after a file was kept, none is for so long
 FAULTS = ("alarm.", "device.", "outbox.", "daemon.", "watchdog.", "realtime.")
@@ -63,24 +62,143 @@ class FaultTrigger:
         return code
 
 
-class Recorder(StepListener):
-    """Records; use it as an asynchronous context manager.
+class StepRecorder(StepListener):
+    """Queues all steps and messages for the recorder thread, while it is on.
+
+    Args:
+        clock: the host's.
+        flight: the flight recorder is configured; else it is off at first.
+
+    Attributes:
+        queue: to the thread.
+        is_on: something is being recorded.
+    """
+
+    def __init__(self, clock: HostClock, *, flight: bool) -> None:
+        self._clock = clock
+        self._flight = flight
+        self._faults = FaultTrigger()
+        self._devices = DeviceSnapshot()
+        self._due_ns = 0
+        self._missing = 0
+        self.queue = RecorderQueue()
+        self.is_on = flight
+
+    def delivered(self, now_ns: int, delivery: Delivery, state: StateSource) -> None:
+        """A device has delivered something."""
+        self._before_step(now_ns, state)
+        self._devices.note(delivery)
+        self._put(RecorderItem("delivered", now_ns, delivery_kind(delivery), delivery))
+
+    def passed(self, now_ns: int, state: StateSource) -> None:
+        """Time has passed."""
+        self._before_step(now_ns, state)
+        self._put(RecorderItem("passed", now_ns))
+
+    def asked(
+        self,
+        now_ns: int,
+        what: str,
+        values: Mapping[str, object],
+        state: StateSource,
+    ) -> None:
+        """Somebody has requested something."""
+        self._before_step(now_ns, state)
+        self._put(RecorderItem("asked", now_ns, what, dict(values)))
+
+    def related(self, now_ns: int, utc_offset_ns: int) -> None:
+        """UTC is so much more than host monotonic time from now on."""
+        self._put(RecorderItem("related", now_ns, value=utc_offset_ns))
+
+    def published(self, now_ns: int, message: Message) -> None:
+        """A message has been queued to be published."""
+        self._put(RecorderItem("published", now_ns, value=message))
+        if isinstance(message, Event) and self._flight:
+            self._faults.add(now_ns, message)
+
+    def following(self, write: PointWriter) -> PointWriter:
+        """A writer of points whose points are recorded when they are on the disk."""
+
+        def write_and_follow(
+            point: Point, begun_ns: int, note: str
+        ) -> PendingWrite | None:
+            pending = write(point, begun_ns, note)
+            if pending is not None:
+                pending.on_settled(lambda: self._settled(pending))
+            return pending
+
+        return write_and_follow
+
+    def reloaded(
+        self, now_ns: int, files: Mapping[str, bytes], probe: str | None
+    ) -> None:
+        """Other files are in force from now on, with this probe of the library."""
+        value = {"files": dict(files), "probe": probe}
+        self._put(RecorderItem("files", now_ns, value=value))
+        self.request_state()
+
+    def request_state(self) -> None:
+        """Record a snapshot before the next step."""
+        self._due_ns = 0
+
+    def keep_if_due(self, now_ns: int) -> None:
+        """Have the last minutes kept if it is time after a fault."""
+        code = self._faults.due(now_ns)
+        if code is not None:
+            self.queue.put(RecorderItem("keep", now_ns, code))
+            self.queue.wake()
+
+    def _settled(self, pending: PendingWrite) -> None:
+        now_ns = self._clock.monotonic_ns()
+        if pending.trouble is None:
+            self.published(now_ns, pending.point)
+        else:
+            self._put(RecorderItem("asked", now_ns, "not_kept", {}))
+
+    def _put(self, item: RecorderItem) -> None:
+        if not self.is_on:
+            return
+        if self._missing:
+            gap = RecorderItem("gap", item.at_ns, value={"missing": self._missing})
+            if not self.queue.put(gap):
+                self._missing += 1
+                return
+            self._missing = 0
+            self.request_state()
+        if not self.queue.put(item):
+            self._missing += 1
+
+    def _before_step(self, now_ns: int, state: StateSource) -> None:
+        """Record a snapshot, or keep what was before a fault, if it is time."""
+        self.keep_if_due(now_ns)
+        if not self.is_on or now_ns < self._due_ns:
+            return
+        is_patient = self._due_ns and now_ns < self._due_ns + PATIENCE_NS
+        if is_patient and not state.is_quiet:
+            return
+        self._due_ns = now_ns + STATE_NS
+        devices = self._devices.maps()
+        snapshot = {**state.snapshot(), "devices": devices, "fresh": not devices}
+        self._put(RecorderItem("state", now_ns, value=snapshot))
+
+
+class Recorder:
+    """Writes recordings: the flight recorder's, and those with a name.
 
     Args:
         section: of the configuration.
+        steps: queues what is to be recorded.
         folder: of all recordings.
         clock: that of the steps.
         about: values for the head of every file.
         files: arm file, configuration and so on.
-        events: receives what happens to recordings.
-
-    Attributes:
-        measurement: whose state is recorded; to be set before the first step.
+        events: where it is reported what happens to recordings.
     """
 
     def __init__(
         self,
         section: RecordingSection,
+        steps: StepRecorder,
         *,
         folder: Path,
         clock: HostClock,
@@ -89,19 +207,14 @@ class Recorder(StepListener):
         events: EventLog,
     ) -> None:
         self._section = section
+        self._steps = steps
         self._events = events
         self._clock = clock
-        self._queue = RecorderQueue()
-        self._jobs = ThreadJobs(self._queue)
-        self._faults = FaultTrigger()
-        self._told = DeviceSnapshot()
-        self.measurement: Measurement | None = None
-        self._is_on = section.flight
-        self._due_ns = 0
-        self._missing = 0
+        self._jobs = ThreadJobs(steps.queue)
         self._failed = ""
+        self._n_dropped = 0  # so far reported
         self._thread = RecorderThread(
-            self._queue,
+            steps.queue,
             folder=folder,
             section=section,
             about=about,
@@ -115,82 +228,21 @@ class Recorder(StepListener):
         """Signs of life of its thread."""
         return self._thread.heartbeat
 
-    async def __aenter__(self) -> Self:
+    @contextlib.asynccontextmanager
+    async def running(self) -> AsyncIterator[None]:
+        """Write while the block lasts."""
         self._thread.start()
-        return self
-
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._is_on = False
-        self._jobs.submit(self._thread.end)
-        await asyncio.to_thread(self._thread.join)
-
-    # -- the tape -------------------------------------------------------------
-
-    def delivered(self, now_ns: int, delivery: Delivery) -> None:
-        """A device has delivered something."""
-        self._look(now_ns)
-        self._told.note(delivery)
-        self._put(RecorderItem("delivered", now_ns, delivery_kind(delivery), delivery))
-
-    def passed(self, now_ns: int) -> None:
-        """Time has passed."""
-        self._look(now_ns)
-        self._put(RecorderItem("passed", now_ns))
-
-    def asked(self, now_ns: int, what: str, values: Mapping[str, object]) -> None:
-        """A request was executed."""
-        self._look(now_ns)
-        self._put(RecorderItem("asked", now_ns, what, dict(values)))
-
-    def related(self, now_ns: int, utc_offset_ns: int) -> None:
-        """UTC is so much more than host monotonic time from now on."""
-        self._put(RecorderItem("related", now_ns, value=utc_offset_ns))
-
-    def published(self, now_ns: int, message: Message) -> None:
-        """A message has been handed on to be published."""
-        self._put(RecorderItem("published", now_ns, value=message))
-        if isinstance(message, Event) and self._section.flight:
-            self._faults.add(now_ns, message)
-
-    def following(self, keep: PointWriter) -> PointWriter:
-        """What sends points to the disk, followed: those that arrive are recorded."""
-
-        def kept(point: Point, begun_ns: int, note: str) -> PendingWrite | None:
-            keeping = keep(point, begun_ns, note)
-            if keeping is not None:
-                self._follow(keeping)
-            return keeping
-
-        return kept
-
-    def _follow(self, keeping: PendingWrite) -> None:
-        def settled() -> None:
-            now_ns = self._clock.running.monotonic_ns()
-            if keeping.trouble is None:
-                self.published(now_ns, keeping.point)
-            else:
-                self._put(RecorderItem("asked", now_ns, "not_kept", {}))
-
-        keeping.on_settled(settled)
-
-    def reloaded(self, files: Mapping[str, bytes]) -> None:
-        """Other files are in force from now on."""
-        now_ns = self._clock.step()
-        probe = None if self.measurement is None else self.measurement.probe_json
-        self._put(
-            RecorderItem("files", now_ns, value={"files": dict(files), "probe": probe})
-        )
-        self._due_ns = 0
+        try:
+            yield
+        finally:
+            self._steps.is_on = False
+            self._jobs.submit(self._thread.end)
+            await asyncio.to_thread(self._thread.join)
 
     # -- recordings with a name -----------------------------------------------
 
     @property
-    def running(self) -> str | None:
+    def name_in_use(self) -> str | None:
         """The name of what is being recorded; None without."""
         recorded = self._thread.recorded
         return None if recorded is None else recorded.name
@@ -202,8 +254,9 @@ class Recorder(StepListener):
             OSError: it cannot be written.
         """
         path = await self._jobs.run(lambda: self._thread.begin(name, note))
-        if not self._is_on:
-            self._is_on, self._due_ns = True, 0
+        if not self._steps.is_on:
+            self._steps.is_on = True
+            self._steps.request_state()
         text = f"{path} is being recorded"
         self._events.report("info", "recording.started", text, source=SOURCE)
         return path
@@ -215,7 +268,7 @@ class Recorder(StepListener):
             OSError: there is none, or its end cannot be written.
         """
         recorded = await self._jobs.run(self._thread.finish)
-        self._is_on = self._section.flight
+        self._steps.is_on = self._section.flight
         self._report_stopped(recorded, "it was asked for", by_itself=False)
         return recorded
 
@@ -235,30 +288,17 @@ class Recorder(StepListener):
             name=recorded.name if recorded else None,
             bytes=recorded.n_bytes if recorded else 0,
             flight_bytes=flight.n_bytes,
-            queued=len(self._queue),
-            dropped=self._queue.dropped,
+            queued=len(self._steps.queue),
+            dropped=self._steps.queue.dropped,
             kept=flight.kept,
             kept_dropped=flight.dropped,
         )
 
     def poll(self) -> None:
-        """See whether a fault is to be kept, also where no device delivers any more."""
-        self._keep_if_due(self._clock.running.monotonic_ns())
-
-    # -- inside ---------------------------------------------------------------
-
-    def _put(self, item: RecorderItem) -> None:
-        if not self._is_on:
-            return
-        if self._missing:
-            gap = RecorderItem("gap", item.at_ns, value={"missing": self._missing})
-            if not self._queue.put(gap):
-                self._missing += 1
-                return
-            self._missing = 0
-            self._due_ns = 0
-        if not self._queue.put(item):
-            self._missing += 1
+        """Keep what was before a fault, also while no device delivers; tell losses."""
+        self._steps.keep_if_due(self._clock.running.monotonic_ns())
+        n_dropped = self._steps.queue.dropped
+        if n_dropped > self._n_dropped:
             self._events.report(
                 "warning",
                 "recording.overflow",
@@ -266,26 +306,9 @@ class Recorder(StepListener):
                 "is left out",
                 source=SOURCE,
                 remedy="record to a faster disk, or at a lower rate",
+                count=n_dropped - self._n_dropped,
             )
-
-    def _keep_if_due(self, now_ns: int) -> None:
-        why = self._faults.due(now_ns)
-        if why is not None:
-            self._jobs.submit(lambda: self._thread.keep(why))
-
-    def _look(self, now_ns: int) -> None:
-        """Before a step: write the state or store the past, if due."""
-        self._keep_if_due(now_ns)
-        if not self._is_on or now_ns < self._due_ns or self.measurement is None:
-            return
-        is_patient = self._due_ns and now_ns < self._due_ns + PATIENCE_NS
-        if is_patient and not self.measurement.is_quiet:
-            return
-        self._due_ns = now_ns + STATE_NS
-        told = self._told.maps()
-        devices = {"devices": told, "fresh": not told}
-        state = {**self.measurement.snapshot(), **devices}
-        self._put(RecorderItem("state", now_ns, value=state))
+            self._n_dropped = n_dropped
 
     def _on_notification(self, notification: RecorderNotification) -> None:
         """Called by the thread."""
@@ -295,7 +318,7 @@ class Recorder(StepListener):
         reason = notification.flight_failed
         if reason is not None:
             self._failed = reason
-            self._due_ns = 0
+            self._steps.request_state()
             self._events.change(
                 bool(reason),
                 "error",
@@ -312,7 +335,7 @@ class Recorder(StepListener):
                 "info", "recording.kept", text, source=SOURCE, distinct=True
             )
         if notification.stopped is not None:
-            self._is_on = self._section.flight
+            self._steps.is_on = self._section.flight
             self._report_stopped(*notification.stopped, by_itself=True)
 
     def _report_stopped(

@@ -185,10 +185,6 @@ class RecorderThread:
             manual.abandon()
             raise
 
-    def keep(self, why: str) -> None:
-        """Keep the last minutes, after a fault."""
-        self._retrying.keep(why)
-
     def end(self) -> None:
         """Finish everything, then end the thread."""
         self._ended = True
@@ -224,9 +220,18 @@ class RecorderThread:
         finally:
             self.heartbeat.idle()
 
-    def _take(self, item: RecorderItem) -> None:
+    def _execute(self, item: RecorderItem) -> bool:
+        """Do what an item requests; False where it is to be recorded."""
         if item.kind == "job":
             item.value()
+        elif item.kind == "keep":
+            self._retrying.keep(item.what)
+        else:
+            return False
+        return True
+
+    def _take(self, item: RecorderItem) -> None:
+        if self._execute(item):
             return
         if item.kind == "state":
             self._ring.begin_segment(item.at_ns)
@@ -316,5 +321,4 @@ class RecorderThread:
         """After a fault: no requester must wait for ever."""
         while not self._ended:
             for item in self._queue.take():
-                if item.kind == "job":
-                    item.value()
+                self._execute(item)

@@ -53,7 +53,7 @@ class ReplayClock(HostClock):
         return self.offset_ns
 
 
-class ReplayDriver(Driver):
+class AbsentDriver(Driver):
     """Of a device that is not there: the recording has its deliveries."""
 
     def request_stream(self, rate_hz: float) -> None:
@@ -104,7 +104,7 @@ def replay_measurement(
         Device(
             section,
             DeliveryQueue(loop),
-            ReplayDriver(section.id, section.options, DeliveryQueue(loop)),
+            AbsentDriver(section.id, section.options, DeliveryQueue(loop)),
         )
         for section in configuration.device
     ]

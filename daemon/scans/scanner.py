@@ -11,15 +11,12 @@ import numpy as np
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.filters import filter_chain
 from traverse.daemon.config.schema import ScanSection
-from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.points.capture import Capture
 from traverse.daemon.pose.alignment import ActiveAlignment, Alignment
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.poses import PoseBlock
 from traverse.daemon.scans.messages import ScanMessages, empty_block
 from traverse.daemon.scans.plan import ScanPlan
 from traverse.daemon.scans.selection import ButtonGate, ButtonKey, ScanSelection
-from traverse.drivers.base.values import LatchedCounts, StreamStarted
 from traverse.kinematics.filters import PointBlock
 from traverse.protocol.messages import Scan
 
@@ -47,6 +44,7 @@ class Scanner:
 
     Attributes:
         chain: the filters, with what each has held back.
+        stream_started: set when the stream that the scan waits for has begun.
     """
 
     def __init__(
@@ -65,7 +63,13 @@ class Scanner:
         self.session = ""
         self.dropped_points = 0
         self.published_points = 0
+        self.stream_started = asyncio.Event()
         self.use_settings(block_s, settings or ScanSection())
+
+    @property
+    def is_running(self) -> bool:
+        """A scan runs."""
+        return self.plan is not None
 
     def use_settings(self, block_s: float, settings: ScanSection) -> None:
         """Follow other settings from now on; a running scan keeps its filters."""
@@ -74,7 +78,8 @@ class Scanner:
         self.chain = filter_chain(settings.filters)
 
     def start(self, plan: ScanPlan, model: ArmModel, session: str) -> None:
-        """Begin; points start when the device streams at the plan's rate."""
+        """Begin; points come as soon as the device streams at the plan's rate."""
+        self.stream_started.clear()
         self.plan = plan
         self.session = session
         self._model = model
@@ -98,6 +103,7 @@ class Scanner:
             return False
         self._stream = stream
         self._resuming = self._last is not None
+        self.stream_started.set()
         return True
 
     def edge(self, button: ButtonKey, time_ns: int, held: bool) -> float:
@@ -245,60 +251,3 @@ class Scanner:
         else:
             self._messages.dropped += n
             self.dropped_points += n
-
-
-class ScanController:
-    """Starts, holds and ends the scans of an arm, one at a time.
-
-    Args:
-        scanner: makes points and blocks of them.
-        capture: has the session.
-        events: receives reports of late edges.
-
-    Attributes:
-        stream_started: set when the stream that the scan waits for has begun.
-    """
-
-    def __init__(self, scanner: Scanner, *, capture: Capture, events: EventLog) -> None:
-        self._scanner = scanner
-        self._capture = capture
-        self._events = events
-        self.stream_started = asyncio.Event()
-
-    @property
-    def is_running(self) -> bool:
-        """A scan runs."""
-        return self._scanner.plan is not None
-
-    def use(self, block_s: float, settings: ScanSection) -> None:
-        """Go by other settings."""
-        self._scanner.use_settings(block_s, settings)
-
-    def start(self, plan: ScanPlan, model: ArmModel) -> None:
-        """Begin a scan; none must be running."""
-        self.stream_started.clear()
-        self._scanner.start(plan, model, self._capture.session.id)
-
-    def take(self, model: ArmModel, poses: PoseBlock) -> None:
-        """Add the points of a block of poses."""
-        self._scanner.take(model, poses)
-
-    def on_stream_started(self, started: StreamStarted) -> None:
-        """The arm's samples are of another stream from now on."""
-        if self._scanner.follow(started.stream, started.rate_hz):
-            self.stream_started.set()
-
-    def on_button(self, device: str, number: int, latch: LatchedCounts) -> None:
-        """A button was pressed or released: a scan may depend on it."""
-        key = device, number
-        late_s = self._scanner.edge(key, latch.sample_time_ns, latch.active)
-        if late_s:
-            self._events.report(
-                "warning",
-                "scan.edge_late",
-                f"an edge of a button came {late_s:.3f} s too late: the held scan "
-                f"{'begins' if latch.active else 'ends'} so much late here",
-                source=f"{device}/{number}",
-                remedy="raise held_wait_s of [scan], or lower the debounce time",
-                data={"late_s": late_s},
-            )

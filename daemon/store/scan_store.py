@@ -206,7 +206,7 @@ class ScanStore:
         self._open()
         is_taken = self._take(block)
         if is_taken:
-            self._outlet.tape.published(self._clock.monotonic_ns(), block)
+            self._outlet.listener.published(self._clock.monotonic_ns(), block)
         return is_taken
 
     def poll(self) -> None:

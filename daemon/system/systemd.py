@@ -33,6 +33,7 @@ class Notifier:
     def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
         path = environment.get("NOTIFY_SOCKET", "")
         self._address = "\0" + path[1:] if path.startswith(ABSTRACT) else path
+        self._status = ""
         self.watchdog_s = _watchdog_s(environment) if path else None
 
     def send(self, *lines: str) -> None:
@@ -64,8 +65,10 @@ class Notifier:
         self.send(f"EXTEND_TIMEOUT_USEC={int(limit_s * 1e6)}")
 
     def status(self, text: str) -> None:
-        """A line that `systemctl status` shows."""
-        self.send(f"STATUS={' '.join(text.split())}")
+        """A line that `systemctl status` shows; sent if it has changed."""
+        if text != self._status:
+            self._status = text
+            self.send(f"STATUS={' '.join(text.split())}")
 
     def feed(self) -> None:
         """Everything runs: the watchdog waits anew."""

@@ -86,7 +86,7 @@ class ArmBench:
         )
         self.capture = self.measurement.capture
         self.scanner = self.measurement.scanner
-        self.point_requests = PointCommands(configured.capture, self.measurement)
+        self.point_requests = PointCommands(self.measurement)
 
     def offer(self, point):
         if self.room:

@@ -4,9 +4,10 @@ import asyncio
 
 from tests.daemon.values import MODULI, SetClock, configuration, kept_at_once
 from traverse.daemon.acquisition.device import open_device
-from traverse.daemon.health import HealthReport
 from traverse.daemon.measurement import Sinks, build_measurement
 from traverse.daemon.monitoring.events import EventLog
+from traverse.daemon.monitoring.latencies import latencies_by_name
+from traverse.daemon.reports import HealthReporter
 from traverse.drivers.base.values import Identity
 
 BOARD = Identity("latch board 07", "1.2.3", MODULI, 2, 10_000.0)
@@ -22,7 +23,8 @@ class Bench:
         self.model, self.room = model, True
         self.points, self.events, self.live, self.scans = [], [], [], []
         self.changes = 0
-        self.health = HealthReport(self.clock)
+        latencies = latencies_by_name()
+        self.health = HealthReporter(self.clock, latencies)
         self.device = self.open("base")
         self.measurement = build_measurement(
             configuration("base", inputs=INPUTS),
@@ -33,7 +35,7 @@ class Bench:
                 lambda scan: not self.scans.append(scan),
                 self.live.append,
                 status_changed=self.count_change,
-                latencies=self.health.latencies,
+                latencies=latencies,
             ),
             self.clock,
             devices=[self.device],

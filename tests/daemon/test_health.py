@@ -60,15 +60,10 @@ async def test_health_tells_figures_and_takes_them_anew_each_time(bench):
 
 def health(bench) -> Health:
     return bench.health.message(
-        arm="bench-7",
-        session="s",
-        devices=[bench.device],
+        bench.measurement,
         broker=HEALTH.broker,
         outbox=HEALTH.outbox,
         spool=None,
         recording=HEALTH.recording,
         counters={"points_captured": len(bench.points)},
-        temperature_c=bench.device.temperature_c,
-        lacks={},
-        skew_mm=None,
     )

@@ -63,9 +63,9 @@ async def test_a_scan_follows_its_stream_only(bench, tmp_path):
     plan = plan_scan(100.0, 100.0)
     bench.scanner.start(plan, arm_model(tmp_path), "session")
     bench.take(DeviceUp("base", BOARD, False), StreamStarted("base", 3, 50.0))
-    assert not bench.measurement.scans.stream_started.is_set()
+    assert not bench.measurement.scanner.stream_started.is_set()
     bench.take(StreamStarted("base", 4, 100.0))
-    assert bench.measurement.scans.stream_started.is_set()
+    assert bench.measurement.scanner.stream_started.is_set()
     bench.take(
         count_samples(np.zeros((9, 3)), stream=3),
         count_samples(np.zeros((5, 3)), stream=4),

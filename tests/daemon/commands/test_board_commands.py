@@ -12,13 +12,13 @@ from tests.drivers.taken import until
 from traverse.daemon.acquisition.device import open_device
 from traverse.daemon.clock import HostClock
 from traverse.daemon.commands.points import PointCommands
-from traverse.daemon.commands.scans import Requests
+from traverse.daemon.commands.scans import ScanCommands
 from traverse.daemon.config.devices import section_of
-from traverse.daemon.config.schema import CaptureSection, ScanSection
 from traverse.daemon.errors import RequestRefusedError
-from traverse.daemon.inputs import REFUSED, UNREACHABLE, check_devices
+from traverse.daemon.inputs import REFUSED, UNREACHABLE
 from traverse.daemon.measurement import Sinks, build_measurement
 from traverse.daemon.monitoring.events import EventLog
+from traverse.daemon.startup_check import check_devices
 from traverse.protocol.messages import PointArgs, ScanArgs
 
 CHANNELS = ((32, 0), (23, 1 << 23), (20, 1 << 20))
@@ -51,10 +51,8 @@ class Bench:
             devices=[self.device],
         )
         self.scanner = self.measurement.scanner
-        self.requests = Requests(
-            settings=CaptureSection(), measurement=self.measurement
-        )
-        self.point_requests = PointCommands(CaptureSection(), self.measurement)
+        self.requests = ScanCommands(self.measurement)
+        self.point_requests = PointCommands(self.measurement)
 
     def offer(self, point):
         # What the board still keeps while the point is handed over.
@@ -90,7 +88,7 @@ async def bench(tmp_path):
         bench = Bench(board, arm_model(tmp_path))
         async with bench.running():
             assert await check_devices([bench.device]) == []
-            bench.requests.track()
+            bench.requests.request_tracking_rate()
             await until(bench.rates_hz, "the tracking stream")
             yield bench
 
@@ -144,7 +142,8 @@ async def test_a_start_replaces_a_running_scan(bench):
 
 async def test_too_fast_a_scan_is_refused_and_the_running_one_goes_on(bench):
     begun = await bench.requests.change_scan(ScanArgs(action="start", rate_hz=200.0))
-    bench.requests._settings = CaptureSection(scan_max_rate_hz=500.0)
+    slower = configuration("base", capture={"scan_max_rate_hz": 500.0})
+    bench.measurement.apply_settings(slower, bench.measurement.model)
     with pytest.raises(RequestRefusedError, match="1000 Hz is more than the 500 Hz"):
         await bench.requests.change_scan(ScanArgs(action="start", rate_hz=1000.0))
     assert bench.scanner.plan.id == begun["scan"]
@@ -175,7 +174,7 @@ async def test_scans_by_distance_read_densely(bench):
 
 
 async def test_a_held_scan_needs_a_button(bench):
-    bench.requests.use(CaptureSection(), ScanSection())
+    bench.measurement.apply_settings(configuration("base"), bench.measurement.model)
     with pytest.raises(RequestRefusedError, match="no input") as caught:
         await bench.requests.change_scan(ScanArgs(action="start", held=True))
     assert caught.value.code == "scan.no_button"

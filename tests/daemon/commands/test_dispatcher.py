@@ -6,8 +6,12 @@ import pytest
 
 from tests.drivers.taken import until
 from traverse.daemon.clock import HostClock
-from traverse.daemon.commands.dispatcher import MAX_RUNNING, CommandDispatcher
-from traverse.daemon.commands.reply_cache import MAX_REMEMBERED, MAX_REMEMBERED_BYTES
+from traverse.daemon.commands.dispatcher import (
+    MAX_REMEMBERED,
+    MAX_REMEMBERED_BYTES,
+    MAX_RUNNING,
+    CommandDispatcher,
+)
 from traverse.daemon.errors import RequestRefusedError
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.mqtt.subscriber import IncomingCommand

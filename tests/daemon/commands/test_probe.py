@@ -11,7 +11,6 @@ from tests.daemon.effect_entries import effect
 from tests.daemon.two_devices import BEGIN_NS, ON_TWO
 from tests.daemon.values import ARM, arm_file, arm_model
 from traverse.daemon.commands.points import PointCommands
-from traverse.daemon.config.schema import CaptureSection
 from traverse.daemon.errors import RequestRefusedError
 from traverse.daemon.pose.arm_model import model_with_probe, read_model
 from traverse.daemon.pose.probe_library import read_probes
@@ -120,7 +119,7 @@ async def bench(tmp_path):
 
 def requests(bench, path):
     bench.statuses.clear()
-    return PointCommands(CaptureSection(), bench.measurement, path), bench.statuses
+    return PointCommands(bench.measurement, path), bench.statuses
 
 
 async def test_points_after_the_change_are_of_the_new_probe(bench, tmp_path):
@@ -143,6 +142,17 @@ async def test_points_after_the_change_are_of_the_new_probe(bench, tmp_path):
     assert [model for _, model in changes] == [result["model"]]
     assert "capture.probe" in bench.codes()
     assert bench.points[0].counts == bench.points[-1].counts  # turns are kept
+
+
+async def test_a_fault_of_the_daemon_while_a_change_waits_refuses_the_probe(
+    bench, tmp_path
+):
+    probes, _ = requests(bench, library(tmp_path))
+    bench.statuses = None  # so that telling the new status fails
+    with pytest.raises(RequestRefusedError, match="AttributeError") as refusal:
+        await probes.change_probe(ProbeArgs(name="long"))
+    assert refusal.value.code == "capture.probe_refused"
+    assert "log" in refusal.value.remedy
 
 
 async def test_a_mean_is_of_one_probe(bench, tmp_path):

@@ -7,9 +7,9 @@ import pytest
 
 from tests.daemon.board_harness import BOARD, Bench
 from tests.daemon.values import ARM, arm_file, latch
-from traverse.daemon.commands.reload import Inputs, Reload
+from traverse.daemon.commands.reload import ConfigurationReloader
 from traverse.daemon.errors import RequestRefusedError
-from traverse.daemon.inputs import read_inputs
+from traverse.daemon.inputs import Inputs, read_inputs
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.points.capture import triggers_of
 from traverse.daemon.system.systemd import Notifier
@@ -41,7 +41,7 @@ class Reloading:
         configuration, model = read_inputs(self.path, embedded=False)
         self.bench = Bench(model)
         self.used = []
-        self.reload = Reload(
+        self.reload = ConfigurationReloader(
             path=self.path,
             embedded=False,
             inputs=Inputs(configuration, model),

@@ -6,8 +6,7 @@ import pytest
 
 from tests.daemon.arm_harness import ArmBench
 from tests.daemon.two_devices import BEGIN_NS, base, wrist
-from traverse.daemon.commands.scans import Requests
-from traverse.daemon.config.schema import CaptureSection
+from traverse.daemon.commands.scans import ScanCommands
 from traverse.daemon.errors import RequestRefusedError
 from traverse.drivers.base.values import DeviceLost, StreamStarted
 from traverse.protocol.messages import PointArgs, ScanArgs
@@ -24,7 +23,7 @@ async def bench(tmp_path):
 
 @pytest.fixture
 def requests(bench):
-    return Requests(settings=CaptureSection(), measurement=bench.measurement)
+    return ScanCommands(bench.measurement)
 
 
 @pytest.fixture

@@ -1,5 +1,6 @@
 """Percentiles and histogram of latencies, against counting by hand."""
 
+import gc
 import sys
 import threading
 
@@ -7,7 +8,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from traverse.daemon.monitoring.latencies import KEPT, Latencies
+from traverse.daemon.monitoring.latencies import KEPT, Latencies, timed_collections
 from traverse.protocol.messages.health import LATENCY_BOUNDS_US
 
 
@@ -85,3 +86,16 @@ def test_another_thread_that_notes_times_meanwhile_does_no_harm():
         thread.join()
         sys.setswitchinterval(before_s)
     assert latencies.total_ns >= 1000
+
+
+def test_garbage_collections_are_timed_while_the_block_lasts():
+    callbacks = list(gc.callbacks)
+    pauses = Latencies()
+    with timed_collections(pauses):
+        gc.collect()
+    n = pauses.figures().n
+    assert n >= 1
+    assert pauses.total_ns > 0
+    gc.collect()
+    assert pauses.figures().n == n
+    assert gc.callbacks == callbacks

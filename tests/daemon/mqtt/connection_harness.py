@@ -27,14 +27,13 @@ class Bench:
             encoding="msgpack",
             queue=self.queue,
             subscription="traverse/bench-7/cmd/+",
-            receive=self.received.append,
             changed=lambda *change: self.changes.append(change),
         )
 
     @contextlib.asynccontextmanager
     async def running(self):
         assert await self.publisher.probe() is None  # as the service does
-        task = asyncio.create_task(self.publisher.run())
+        task = asyncio.create_task(self.publisher.run(self.received.append))
         try:
             await until(lambda: self.publisher.state == "connected", "a connection")
             yield self

@@ -8,7 +8,7 @@ from tests.daemon.arm_harness import ArmBench, edge
 from tests.daemon.two_devices import BEGIN_NS, base, wrist
 from tests.daemon.values import SetClock
 from tests.drivers.taken import until
-from traverse.daemon.commands.button_actions import ButtonScans
+from traverse.daemon.commands.scans import ButtonScans
 from traverse.daemon.config.schema import InputSection
 from traverse.daemon.errors import RequestRefusedError
 from traverse.daemon.monitoring.events import EventLog

@@ -6,7 +6,6 @@ import pytest
 from tests.daemon.board_harness import BOARD, Bench
 from tests.daemon.values import arm_model, count_samples, latch
 from traverse.daemon.commands.points import PointCommands
-from traverse.daemon.config.schema import CaptureSection
 from traverse.daemon.pose.alignment import ActiveAlignment, requested_alignment
 from traverse.drivers.base.values import DeviceUp
 from traverse.protocol.messages import AlignArgs
@@ -41,7 +40,7 @@ async def bench(tmp_path):
 
 
 async def test_points_and_live_poses_have_them_while_it_is_set(bench):
-    align = PointCommands(CaptureSection(), bench.measurement).align
+    align = PointCommands(bench.measurement).align
     bench.take(latch((5, 6, 7)))
     assert await align(setting()) == {"aligned": True, "name": "jig"}
     bench.take(latch((5, 6, 7), token=1), count_samples(np.zeros((3, 3))))

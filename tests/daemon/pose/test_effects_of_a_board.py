@@ -12,7 +12,7 @@ from tests.daemon.values import ARM, arm_model
 from tests.drivers.latch_board import frame_bodies as bodies
 from tests.drivers.latch_board.fake_board import HELLO, FakeBoard
 from tests.drivers.taken import until
-from traverse.daemon.inputs import check_devices
+from traverse.daemon.startup_check import check_devices
 from traverse.protocol.messages import PointArgs, Quality, ScanArgs
 
 GOOD = Quality(ok=True, flags=())
@@ -25,7 +25,7 @@ async def measuring(folder, *effects):
         bench = Bench(board, arm_model(folder, ARM + "".join(effects)))
         async with bench.running():
             assert await check_devices([bench.device]) == []
-            bench.requests.track()
+            bench.requests.request_tracking_rate()
             await until(bench.rates_hz, "the tracking stream")
             yield bench
 

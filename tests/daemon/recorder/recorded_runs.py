@@ -1,6 +1,7 @@
 """Measuring that is recorded, in time that a test sets: on one device or on two."""
 
 import asyncio
+import contextlib
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from traverse.daemon.recorder.recorded_inputs import (
     read_recorded_inputs,
     recorded_files,
 )
-from traverse.daemon.recorder.recorder import Recorder
+from traverse.daemon.recorder.recorder import Recorder, StepRecorder
 from traverse.daemon.replay.replay import (
     Replay,
     ReplayClock,
@@ -95,8 +96,11 @@ class RecordedRun:
         self.clock = ReplayClock()
         self.clock.now_ns, self.clock.offset_ns = BEGIN_NS, UTC_OFFSET_NS
         self.points, self.scans, self.events = [], [], []
+        recording = RecordingSection(**{"min_free_mb": 10, **section})
+        self.steps = StepRecorder(self.clock, flight=recording.flight)
         self.recorder = Recorder(
-            RecordingSection(**{"min_free_mb": 10, **section}),
+            recording,
+            self.steps,
             folder=folder / "recordings",
             clock=self.clock,
             about={"arm": "bench-7", "version": "0", "kernel": KERNEL},
@@ -109,9 +113,8 @@ class RecordedRun:
             self.clock,
             take_point=self._publish,
             take_scan=self._publish_scan,
-            listener=self.recorder,
+            listener=self.steps,
         )
-        self.recorder.measurement = self.measurement
         self.readers = [Reader("base", 100.0, (1, None, 0))]
         if two:
             skew_ns = (0, 300_000)
@@ -120,24 +123,25 @@ class RecordedRun:
             self.readers = [Reader("base", 100.0, (1, 2, 0))]
         self.seq = {reader.device: 0 for reader in self.readers}
         self.token = 0
+        self._stack = contextlib.AsyncExitStack()
 
     def _publish(self, point):
         self.points.append(point)
-        self.recorder.published(self.clock.now_ns, point)
+        self.steps.published(self.clock.now_ns, point)
 
     def _publish_scan(self, scan):
         self.scans.append(scan)
-        self.recorder.published(self.clock.now_ns, scan)
+        self.steps.published(self.clock.now_ns, scan)
 
     async def __aenter__(self):
-        await self.recorder.__aenter__()
+        await self._stack.enter_async_context(self.recorder.running())
         for reader in self.readers:
             self.take(DeviceUp(reader.device, IDENTITIES[reader.device], False))
             self.take(StreamStarted(reader.device, 1, reader.rate_hz))
         return self
 
     async def __aexit__(self, *reason):
-        await self.recorder.__aexit__(*reason)
+        await self._stack.aclose()
         close_drivers(self.measurement)
 
     def later(self, seconds, every_s=0.05):
@@ -152,6 +156,7 @@ class RecordedRun:
                     samples = reader.samples(range(first, until))
                     self.take(replace(samples, received_ns=self.clock.now_ns))
                     self.seq[reader.device] = until
+            self.recorder.poll()
             if self.two or self.measurement.points.has_pending.is_set():
                 self.measurement.process_timeouts()
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.daemon.recorder.recorded_runs import RecordedRun, replayed
-from traverse.daemon.commands.recording import RecordingCommands
+from traverse.daemon.commands.recording import record
 from traverse.daemon.errors import RequestRefusedError
 from traverse.drivers.base.values import CountSamples
 from traverse.protocol.messages import Event, RecordArgs
@@ -38,7 +38,7 @@ def fault(run, code="alarm.encoder_error", severity="error"):
         count=1,
         data={},
     )
-    run.recorder.published(now_ns, event)
+    run.steps.published(now_ns, event)
 
 
 def told(run, code):
@@ -153,11 +153,10 @@ async def test_a_recording_without_room_is_refused_and_measuring_goes_on(tmp_pat
         run.later(1.0)
         await until(lambda: told(run, "recording.failed"))
         run.click()
-        requests = RecordingCommands(run.recorder)
         with pytest.raises(
             RequestRefusedError, match=r"only [0-9]+ MB are free"
         ) as refusal:
-            await requests.carry_out(RecordArgs(action="start", name="asked"))
+            await record(run.recorder, RecordArgs(action="start", name="asked"))
         assert run.recorder.health().state == "failed"
         run.later(0.5)
     assert refusal.value.code == "recording.failed"
@@ -180,9 +179,7 @@ async def test_a_disk_that_fails_stops_the_recording_alone(tmp_path):
             run.click()
             run.later(0.1)
             with pytest.raises(RequestRefusedError, match="nothing is being recorded"):
-                await RecordingCommands(run.recorder).carry_out(
-                    RecordArgs(action="stop")
-                )
+                await record(run.recorder, RecordArgs(action="stop"))
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
         signal.signal(signal.SIGXFSZ, ignored)
@@ -197,16 +194,15 @@ async def test_a_disk_that_fails_stops_the_recording_alone(tmp_path):
 
 async def test_names_are_used_once_and_one_recording_runs_at_a_time(tmp_path):
     async with RecordedRun(tmp_path) as run:
-        requests = RecordingCommands(run.recorder)
         start = RecordArgs(action="start", name="one", note="n")
-        assert (await requests.carry_out(start))["name"] == "one"
+        assert (await record(run.recorder, start))["name"] == "one"
         with pytest.raises(RequestRefusedError, match="'one' is being recorded"):
-            await requests.carry_out(RecordArgs(action="start", name="two"))
+            await record(run.recorder, RecordArgs(action="start", name="two"))
         run.later(0.2)
-        result = await requests.carry_out(RecordArgs(action="stop"))
+        result = await record(run.recorder, RecordArgs(action="stop"))
         assert result["gaps"] == 0
         with pytest.raises(RequestRefusedError, match="is there already"):
-            await requests.carry_out(start)
+            await record(run.recorder, start)
     assert [e.code for e in run.events] == ["recording.started", "recording.stopped"]
 
 
@@ -230,7 +226,7 @@ async def test_a_flood_leaves_a_gap_that_is_told_and_a_replay_goes_on_after_it(
             np.zeros((n, 8), np.uint32),
             np.zeros((n, 8), np.uint8),
         )
-        run.recorder.delivered(run.clock.now_ns, flood)
+        run.steps.delivered(run.clock.now_ns, flood, run.measurement)
         await until(lambda: run.recorder.health().queued == 0)
         run.later(8.0)
         run.click()

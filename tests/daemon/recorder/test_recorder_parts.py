@@ -86,8 +86,9 @@ def test_the_last_told_deliveries_say_how_devices_are():
 
 def test_time_stands_within_a_step_and_utc_moves_only_when_it_has_changed():
     host, told = SetClock(), []
-    clock = FrozenClock(host)
-    clock.related = lambda now_ns, offset_ns: told.append((now_ns, offset_ns))
+    clock = FrozenClock(
+        host, lambda now_ns, offset_ns: told.append((now_ns, offset_ns))
+    )
     begun_ns, offset_ns = host.now_ns, host.offset_ns
     host.now_ns += 5
     assert clock.monotonic_ns() == begun_ns

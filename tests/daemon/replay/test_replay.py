@@ -39,7 +39,7 @@ async def busy(run):
                 run.take(StreamStarted("base", 1, 100.0))
             case 6:
                 run.clock.offset_ns += 12_345_678
-                run.recorder.related(run.clock.now_ns, run.clock.offset_ns)
+                run.steps.related(run.clock.now_ns, run.clock.offset_ns)
             case 8:
                 run.ask("stop_scan")
                 run.take(DeviceAlarm("base", 1, True, "worn", "worn", 0))

@@ -4,8 +4,8 @@ from tests.daemon.values import SetClock
 from tests.end_to_end.programs import until
 from tests.protocol.message_examples import POINT
 from traverse.daemon.config.schema import OutboxSection
-from traverse.daemon.health import HealthReport
 from traverse.daemon.monitoring.events import EventLog
+from traverse.daemon.monitoring.latencies import latencies_by_name
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
 from traverse.daemon.points.capture import Session
 from traverse.daemon.store.outbox import Outbox
@@ -23,7 +23,7 @@ class OutboxOnLoop:
         self.clock = SetClock()
         self.session = Session(1, "note")
         self.statuses = []
-        self.health = HealthReport(self.clock)
+        self.latencies = latencies_by_name()
         self.outbox = Outbox(
             self.path,
             arm="bench-7",
@@ -34,7 +34,7 @@ class OutboxOnLoop:
             session=lambda: self.session.id,
             queue=self.queue,
             events=EventLog(self.clock, self.occurrences.append),
-            latencies=self.health.latencies,
+            latencies=self.latencies,
             changed=lambda: self.statuses.append(self.outbox.is_ready),
         )
 

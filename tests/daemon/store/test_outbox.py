@@ -48,7 +48,7 @@ async def test_points_in_flight_share_commits_and_keep_their_order(bench):
     assert [k.point.seq for k in keepings] == [*range(500)]
     assert [row[1] for row in rows(bench.path)] == [*range(500)]
     assert bench.send() == numbers("point", *range(500))
-    taken = bench.health.latencies["point_to_disk"]
+    taken = bench.latencies["point_to_disk"]
     assert taken.figures().n == 500
 
 

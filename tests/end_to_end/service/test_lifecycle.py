@@ -81,12 +81,6 @@ async def test_a_service_is_ready_watched_reloaded_and_stopped(
     assert secret not in daemon.log + daemon.output
     refused = next(e for e in entries if e.get("code") == "reload.refused")
     assert (refused["arm"], refused["level"]) == (bench.arm, "error")
-    reports = sorted((bench.folder / "state").glob("cycles-*.json"))
-    assert secret not in "".join(path.read_text("utf-8") for path in reports)
-    fault, end = [json.loads(path.read_text("utf-8")) for path in reports]
-    assert fault["reason"].startswith("reload.refused")
-    assert end["reason"] == "end"
-    assert {cycle["kind"] for cycle in end["cycles"]} >= {"CountSamples", "DeviceUp"}
     assert listener.healths[-1].latencies["handling"].n > 0
 
 
@@ -135,7 +129,6 @@ async def test_a_reader_that_is_stuck_stops_the_feeding(
             assert manager.listen().count(FED) == fed
         await listener.event("watchdog.stuck", active=False)
         await until(lambda: manager.has(FED, fed + 1), "it is fed again")
-        assert list((bench.folder / "state").glob("cycles-*.json"))
 
         daemon.process.send_signal(signal.SIGABRT)  # as systemd does
         assert await daemon.ended() == -signal.SIGABRT
