@@ -47,11 +47,12 @@ def check(
     if as_json:
         typer.echo(json.dumps({"file": str(file), "kind": kind, "problems": []}))
     else:
-        typer.echo(f"{file}: a good {kind}")
+        name = kind.replace("'s", "")
+        typer.echo(f"{file}: valid {name}")
 
 
 def _reader(file: Path) -> tuple[str, Callable[[Path], object]]:
-    """What the file is, by its schema or its tables, and what reads it."""
+    """The kind of the file, by its schema or its tables, and its reader."""
     import tomllib  # noqa: PLC0415
 
     from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
@@ -59,7 +60,7 @@ def _reader(file: Path) -> tuple[str, Callable[[Path], object]]:
     try:
         tables = tomllib.loads(file.read_text("utf-8"))
     except (OSError, ValueError):
-        return "arm file", read_arm  # whose reader says what is wrong
+        return "arm file", read_arm  # whose reader reports the mistakes
     schema = str(tables.get("schema", ""))
     for prefix, names, kind, reader in _KINDS:
         if schema.startswith(f"traverse/{prefix}/") or any(n in tables for n in names):
@@ -95,7 +96,7 @@ def _read_plan(path: Path) -> object:
 def _read_daemon(path: Path) -> object:
     from traverse.daemon.inputs import read_inputs  # noqa: PLC0415
 
-    # Who has no broker yet may run with one that is embedded.
+    # Without a broker it may run with an embedded one.
     return read_inputs(path, True)
 
 
@@ -113,7 +114,7 @@ def _read_campaign(path: Path) -> object:
     return read_campaign(path.parent, joints)
 
 
-# Part of the schema, tables that tell it too, what to call it, what reads it.
+# Part of the schema, tables that identify it too, name, reader.
 _KINDS: tuple[tuple[str, tuple[str, ...], str, Callable[[Path], object]], ...] = (
     ("simulator", ("motion",), "simulator's configuration", _read_simulator),
     ("probes", ("probes",), "probe library", _read_probes),

@@ -397,7 +397,7 @@ class Measurement:
             self.sinks.events.report(
                 "warning",
                 "scan.edge_late",
-                f"an edge of a button came {late_s:.3f} s too late: the held scan "
+                f"an edge of a button arrived {late_s:.3f} s too late: the held scan "
                 f"{'begins' if latch.active else 'ends'} so much late here",
                 source=f"{device}/{number}",
                 remedy="raise held_wait_s of [scan], or lower the debounce time",

@@ -144,8 +144,8 @@ class _LateCondition:
 
 LATE = _LateCondition(
     "device.late",
-    "readings of {device} come too late for the samples of {clock}",
-    "readings of {device} come in time again",
+    "readings of {device} arrive too late for the samples of {clock}",
+    "readings of {device} arrive in time again",
     "lower the rate, use a faster line, or raise resampler.wait_s",
 )
 INCOMPLETE = _LateCondition(
@@ -235,7 +235,7 @@ class TemperatureMonitor:
             is_missing,
             "error",
             "device.temperature_unknown",
-            missing if is_missing else f"{names} tells the temperature again",
+            missing if is_missing else f"{names} reports the temperature again",
             source=model.devices[0],
             remedy="connect the board's sensor, or take the effects that need the "
             "temperature out of the arm file",

@@ -154,7 +154,7 @@ class Resampler:
             if instant_ns < source.history.begin_ns:
                 return f"it is older than the readings of {device} that are kept"
             if instant_ns > source.history.reach_ns:
-                return f"no readings of {device} came after it"
+                return f"no readings of {device} arrived after it"
         return "nothing is lacking"
 
     def _reach_ns(self) -> int:

@@ -162,7 +162,7 @@ class CommandDispatcher:
             log.exception("fault in command %s", name)
             problem = RequestRefusedError(
                 "command.failed",
-                f"a fault in the daemon: {type(error).__name__}; its log tells more",
+                f"a fault in the daemon: {type(error).__name__}; see its log",
                 "report it with the daemon's log",
             )
         return self._refusal(name, command.request, problem)
@@ -203,7 +203,7 @@ class CommandDispatcher:
             return None
         return RequestRefusedError(
             "command.too_many",
-            "too many commands in a short time, or still being carried out; this one "
+            "too many commands in a short time, or still being executed; this one "
             "was not",
             "wait, and send it again with the same request",
         )
@@ -228,9 +228,9 @@ class CommandDispatcher:
             begins,
             "warning",
             "commands.flood",
-            "commands come faster than they are taken; the rest is dropped"
+            "commands arrive faster than they are processed; the rest is dropped"
             if begins
-            else f"commands come at a usual rate again; {dropped} were dropped",
+            else f"commands arrive at a normal rate again; {dropped} were dropped",
             source="commands",
             remedy="find their sender; see the broker's access list" if begins else "",
             data={} if begins else {"dropped": dropped},

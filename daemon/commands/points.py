@@ -188,5 +188,5 @@ def check_ready(devices: JointDevices) -> None:
         raise RequestRefusedError(
             "device.lost",
             f"{device.section.id} cannot measure: {reason}",
-            "bring the device back, then send the command again as a new request",
+            "reconnect the device, then send the command again as a new request",
         )

@@ -114,8 +114,8 @@ class RealtimeSection(StrictModel):
     def _check_cpus(cls, cpus: tuple[int, ...]) -> tuple[int, ...]:
         there = sorted(os.sched_getaffinity(0))
         if missing := [cpu for cpu in cpus if cpu not in there]:
-            told = ", ".join(map(str, there))
-            message = f"this computer lends the daemon the CPUs {told}, not {missing}"
+            allowed = ", ".join(map(str, there))
+            message = f"the daemon may use the CPUs {allowed}, not {missing}"
             raise ValueError(message)
         return cpus
 
@@ -343,7 +343,7 @@ def _gesture_problems(index: int, table: Mapping[str, Any]) -> Iterator[Problem]
     """Find gestures of one input that are ambiguous or make no sense."""
     where = f"capture.inputs[{index}]"
     if "hold" in table and "long" in table:
-        text = "is given beside hold; both begin with a press that goes on, take one"
+        text = "cannot be combined with hold: both begin with a long press; use one"
         yield Problem(f"{where}.long", text)
     if table.get("trigger") == "switch":
         for name in {"double", "hold", "long"} & set(table):

@@ -90,7 +90,7 @@ def _queues(health: Health) -> Iterator[Row]:
     )
     yield (
         "broker_reconnects_total",
-        "times that the connection to the broker came back",
+        "reconnections to the broker",
         broker.reconnects,
     )
     yield "messages_queued", "messages that wait to be published", broker.queued
@@ -142,7 +142,7 @@ def _queues(health: Health) -> Iterator[Row]:
     yield "recording_queued", "items that wait to be recorded", recording.queued
     yield (
         "recording_dropped_total",
-        "items not recorded for want of room",
+        "items not recorded because the queue was full",
         recording.dropped,
     )
 
@@ -160,7 +160,7 @@ def _devices(health: Health) -> Iterator[Row]:
     )
     yield (
         "device_silence_seconds",
-        "time since the device was last heard",
+        "time since the device last sent anything",
         [
             (labels, device.age_s)
             for labels, device in devices

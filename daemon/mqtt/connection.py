@@ -47,10 +47,10 @@ _DISCONNECT_REASONS = {
     128: "the connection was cut; the broker has ended, or the network between",
     137: "the broker is too busy",
     139: "the broker is shutting down",
-    141: "nothing was heard of the other side for longer than keepalive_s of [broker]",
-    142: "somebody else came with this arm's client id; is there a second daemon of "
-    "this name?",
-    152: "somebody has ended the connection at the broker",
+    141: "nothing was received for longer than keepalive_s of [broker]",
+    142: "another client connected with this arm's client id; is there a second "
+    "daemon of this name?",
+    152: "the connection was ended at the broker",
 }
 
 
@@ -203,7 +203,7 @@ class BrokerConnection:
             try:
                 now = await asyncio.to_thread(read_credentials, self.address)
             except CredentialsError as error:
-                log.warning("%s; the connection goes on as it is", error)
+                log.warning("%s; the connection continues unchanged", error)
                 continue
             if self._access is None or now.digest != self._access.digest:
                 log.info("password or certificates have changed; connecting anew")

@@ -198,7 +198,7 @@ def _load_own(
     def refuse() -> str:  # else OpenSSL would prompt at the terminal
         raise CredentialsError(
             "key_file",
-            f"{key} is encrypted; a service has nobody to ask. Take the passphrase "
+            f"{key} is encrypted; a service cannot prompt for it. Take the passphrase "
             "off (openssl pkey) and let only the daemon's user read it",
         )
 

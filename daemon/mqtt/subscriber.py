@@ -63,8 +63,8 @@ class CommandSubscriber:
         for code in await client.subscribe(self._subscription, qos=1):
             if (code if isinstance(code, int) else code.value) >= REFUSED_SUBSCRIPTION:
                 log.warning(
-                    "the broker does not let us hear commands (%s); correct its access "
-                    "list",
+                    "the broker refuses the subscription to commands (%s); correct its "
+                    "access list",
                     code,
                 )
 

@@ -219,7 +219,7 @@ class SampleAverage:
         ):
             wanted = "" if self._samples is None else f" of {self._samples}"
             raise CaptureRefusedError(
-                f"{self.n}{wanted} samples came to be averaged, then no more in time",
+                f"{self.n}{wanted} samples were averaged, then no more arrived",
                 "see the device's events; average fewer samples, or for a shorter time",
             )
 

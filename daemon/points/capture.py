@@ -203,7 +203,7 @@ class Capture:
             )
         if point_id not in (None, last.id):
             raise CaptureRefusedError(
-                f"the last point that stands is {last.id}, not {point_id}",
+                f"the last point that is not retracted is {last.id}, not {point_id}",
                 "undo the last one first, or leave the id out",
             )
         retraction = last.retraction(

@@ -112,7 +112,7 @@ class PoseEvaluator:
             text = f"{first_mismatched.section.id} does not fit the arm file"
             return text, "see the event device.mismatch"
         lack = self._stage.assembly.missing_reason(request.instant_ns, request.latch)
-        text = f"the joints cannot be told at the instant of the point: {lack}"
+        text = f"the joints are not known at the instant of the point: {lack}"
         return text, "see the device's events, then take the point again"
 
     def _measured(
@@ -271,7 +271,7 @@ class PointEvaluator:
                 "capture.no_direction",
                 str(error),
                 source="capture",
-                remedy="take the point again so that the direction is told",
+                remedy="take the point again with a known direction",
             )
             return without_direction(seen)
 
@@ -305,7 +305,7 @@ class PointEvaluator:
             return self._poses.evaluate_mean(average)
         if is_crowded:
             raise CaptureRefusedError(
-                "too many edges came while samples were averaged",
+                "too many edges arrived while samples were averaged",
                 "average while no button is pressed, or for a shorter time",
             )
         if is_last_chance or average.is_complete:

@@ -235,7 +235,7 @@ class ArmModel:
             if given not in (None, turn):
                 found.append(
                     f"joint {joint + 1} has {turn} counts per turn in the arm file, "
-                    f"but channel {channel} of {device} says that it has {given}"
+                    f"but channel {channel} of {device} reports {given}"
                 )
             elif moduli_counts[channel] % turn:
                 found.append(

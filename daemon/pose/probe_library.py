@@ -86,7 +86,7 @@ def _cross_check(raw: Mapping[str, Any]) -> Iterator[Problem]:
         where, name = f"probes[{index}]", probe.get("name")
         if isinstance(name, str):
             if name in seen:
-                text = f"{name!r} stands twice; names are unique"
+                text = f"{name!r} occurs twice; names are unique"
                 yield Problem(f"{where}.name", text)
             seen.add(name)
         direction = _numbers(probe.get("direction"), 3)

@@ -224,7 +224,7 @@ class QualityMonitor:
             meanings = "; ".join(FLAG_MEANINGS[flag] for flag in flags)
             remedies = [REMEDIES[flag] for flag in flags if flag in REMEDIES]
             raise CaptureRefusedError(
-                f"a point flagged {names} is not wanted: {meanings}",
+                f"a point flagged {names} is not accepted: {meanings}",
                 "; ".join(remedies) or "see the device's events",
             )
 

@@ -269,7 +269,7 @@ class Recorder:
         """
         recorded = await self._jobs.run(self._thread.finish)
         self._steps.is_on = self._section.flight
-        self._report_stopped(recorded, "it was asked for", by_itself=False)
+        self._report_stopped(recorded, "as requested", by_itself=False)
         return recorded
 
     def health(self) -> RecordingHealth:
@@ -327,7 +327,7 @@ class Recorder:
                 if reason
                 else "the flight recorder tries again",
                 source=SOURCE,
-                remedy="make room on the disk; measuring goes on without it",
+                remedy="free space on the disk; measuring continues without it",
             )
         if notification.kept is not None:
             text = f"the last minutes are kept in {notification.kept}"

@@ -90,7 +90,7 @@ def requested_scan(
         raise RequestRefusedError(
             "scan.rate",
             f"{plan.rate_hz:g} Hz is more than the {largest_hz:g} Hz possible",
-            "ask for a lower rate",
+            "request a lower rate",
         )
     return plan
 

@@ -247,7 +247,7 @@ class RangeResender:
             raise RequestRefusedError(
                 "resend.busy",
                 f"{MAX_RANGES} ranges are being sent again already",
-                "wait until they have come, then ask again as a new request",
+                "wait until they have arrived, then send a new request",
             )
 
     def send(self, session: str, from_seq: int, to_seq: int) -> None:

@@ -36,7 +36,7 @@ T = TypeVar("T")
 WAYS = ("INDEXED BY unsent", "NOT INDEXED")
 
 
-RETRY_REMARK = "; the daemon goes on by itself as soon as it can write"
+RETRY_REMARK = "; the daemon continues as soon as it can write"
 DAMAGED = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
 REOPENED = (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN)
 DATABASE_SUFFIXES = ("", "-wal", "-shm")
@@ -70,7 +70,7 @@ def storage_error_of(error: BaseException, path: Path) -> StorageError:
         remedy = "end the program that writes to it"
     elif code == sqlite3.SQLITE_IOERR or number is not None:
         text = "the disk does not read or write"
-        remedy = f"check the disk of {folder}, and what the system's log says of it"
+        remedy = f"check the disk of {folder} and the system's log"
     else:
         text, remedy = "an unexpected fault", "report it with the daemon's log"
     name = getattr(error, "sqlite_errorname", "")

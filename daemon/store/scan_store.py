@@ -266,9 +266,7 @@ class ScanStore:
             if is_full
             else "there is room for scans again",
             source="scan",
-            remedy="bring the broker back, or raise spool_mb of [scan]"
-            if is_full
-            else "",
+            remedy="restore the broker, or raise spool_mb of [scan]" if is_full else "",
         )
 
     def _is_full(self) -> bool:

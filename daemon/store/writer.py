@@ -229,7 +229,7 @@ class StoreWriter:
                 if time.monotonic() > end_s:
                     return
         except Exception as error:  # noqa: BLE001 - it has been reported
-            log.debug("nothing forgotten: %s", error)
+            log.debug("nothing deleted: %s", error)
 
     def _look(self) -> None:
         """Report the outbox's state: troubles at once, figures regularly."""
@@ -246,4 +246,4 @@ class StoreWriter:
         try:
             self._loop.call_soon_threadsafe(told, *values)
         except RuntimeError:  # the loop has ended
-            log.debug("told nobody: %s", values)
+            log.debug("nobody to notify: %s", values)

@@ -185,7 +185,7 @@ class Watchdog:
         """Feed if nothing is stuck; report what is."""
         found = dict(self._found())
         for name in self._stuck - set(found):
-            self._report(name, f"the {name} goes on", active=False)
+            self._report(name, f"the {name} continues", active=False)
         for name, text in found.items():
             self._report(name, text, active=True)
         self._stuck = set(found)
@@ -210,7 +210,7 @@ class Watchdog:
             if delivery_queue.is_due:
                 self._last_taken[name] = delivery_queue.taken
                 if before == delivery_queue.taken:  # as at the last check
-                    text = f"nobody takes what the reader of {name} delivers"
+                    text = f"deliveries of the reader of {name} are not processed"
                     yield f"taker of {name}", text
 
     def _report(self, name: str, text: str, *, active: bool) -> None:

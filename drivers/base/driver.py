@@ -185,7 +185,8 @@ class Driver(ABC):
         """
         if not self._delivery_queue.put(state):
             raise DeviceError(
-                f"nobody takes what {self.device} delivers", "the daemon is overloaded"
+                f"deliveries of {self.device} are not processed",
+                "the daemon is overloaded",
             )
 
     def _run(self) -> None:

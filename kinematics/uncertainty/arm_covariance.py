@@ -142,7 +142,7 @@ def _factor(
     places = {name: number for number, name in enumerate(names)}
     unknown = [name for name in told if name not in places]
     if unknown or len(set(told)) != len(told):
-        wrong = ", ".join(unknown[:5]) or "a name that stands twice"
+        wrong = ", ".join(unknown[:5]) or "a name that occurs twice"
         raise ValueError(
             f"{path} has parameters that this arm has not: {wrong}; use the file of "
             "the same identification as the arm file"

@@ -45,7 +45,8 @@ def test_good_files_are_told_by_what_they_are(
 ) -> None:
     said = check(text, tmp_path)
     assert (said.exit_code, said.stderr) == (0, "")
-    assert said.stdout.endswith(f"checked.toml: a good {kind}\n")
+    name = kind.replace("'s", "")
+    assert said.stdout.endswith(f"checked.toml: valid {name}\n")
     report = json.loads(check(text, tmp_path, "--json").stdout)
     assert report == {
         "file": str(tmp_path / "checked.toml"),
@@ -134,7 +135,7 @@ def test_a_campaign_is_checked_with_its_poses(tmp_path: Path) -> None:
     (tmp_path / "poses.csv").write_text(POSES)
     said = CliRunner().invoke(app, ["check", str(tmp_path)])
     assert (said.exit_code, said.stderr) == (0, "")
-    assert said.stdout.endswith("campaign.toml: a good campaign\n")
+    assert said.stdout.endswith("campaign.toml: valid campaign\n")
     (tmp_path / "poses.csv").write_text(POSES.replace("1.0,seat", "1.0,seet"))
     said = CliRunner().invoke(app, ["check", str(tmp_path / "campaign.toml")])
     assert said.exit_code == 2

@@ -114,7 +114,7 @@ def test_a_plan_is_a_campaign_that_can_be_collected(standard, tmp_path):
     for path in (out / "plan.toml", out / "campaign.toml"):
         assert path.is_file()
     checked = CliRunner().invoke(app, ["check", str(out / "plan.toml")])
-    assert "a good collection plan" in checked.output
+    assert "valid collection plan" in checked.output
     again = run("--plan", standard, "--arm", ARM, "--out", out)
     assert (again.exit_code, "is there already" in again.output) == (2, True)
 

@@ -70,7 +70,7 @@ async def test_every_command_of_the_guides(
     with bench.simulator() as simulator:
         await simulator.says("ready base")
         check, run, watch = to_run(CONNECT)
-        assert "a good arm file" in await first_said(bench, check)
+        assert "valid arm file" in await first_said(bench, check)
         await first_said(bench, run)
         with bench.daemon() as daemon:
             await daemon.says("button.pressed")

@@ -44,10 +44,10 @@ async def test_every_part_by_hand(
             return await command.ends()
 
     await does("cp ")
-    assert await does("check arm") == "arm.toml: a good arm file\n"
+    assert await does("check arm") == "arm.toml: valid arm file\n"
     assert await does("mosquitto_pub -t test") == "works\n"
     said = await does("check simulator")
-    assert said == "simulator.toml: a good simulator's configuration\n"
+    assert said == "simulator.toml: valid simulator configuration\n"
     with shell("simulate", "traverse simulate") as simulate:
         await simulate.says("ready base board.pty\n")
         with shell("run", "traverse run") as run:

@@ -154,7 +154,7 @@ def test_a_single_instant_takes_what_was_latched_and_interpolates_the_rest(tmp_p
     assert assembly.at(instant_ns, latch) is None
     assert (
         assembly.missing_reason(instant_ns, latch)
-        == "no readings of wrist came after it"
+        == "no readings of wrist arrived after it"
     )
     assembly.add(wrist().samples(range(20, 40)), AT_ONCE)
     found = assembly.at(instant_ns, latch).counts

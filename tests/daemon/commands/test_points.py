@@ -102,7 +102,7 @@ async def test_a_stream_that_stops_ends_a_mean_with_the_reason(bench):
     bench.stream(40, 45)
     bench.take(DeviceLost("base", "gone", "plug it in"))
     bench.later(1.0)
-    with pytest.raises(RequestRefusedError, match="of 20 samples came"):
+    with pytest.raises(RequestRefusedError, match="of 20 samples were averaged"):
         await asking
 
 
@@ -138,7 +138,7 @@ async def test_undo_of_a_point_that_is_not_the_last_is_refused(bench):
     press(bench, 30.5)
     press(bench, 31.5)
     with pytest.raises(
-        RequestRefusedError, match=rf"stands is {bench.points[1].id}, not"
+        RequestRefusedError, match=rf"retracted is {bench.points[1].id}, not"
     ):
         await bench.point_requests.undo(UndoArgs(id=bench.points[0].id))
     assert len(bench.points) == 2

@@ -61,7 +61,7 @@ def test_a_library_is_read_and_probes_are_found_by_name(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
-        ('name = "long"', 'name = "ball-6"', "stands twice"),
+        ('name = "long"', 'name = "ball-6"', "occurs twice"),
         ("radius_mm = 1.5", "radius_mm = -1.5", "must be at least 0"),
         ("direction = [0.0, 0.0, 1.0]", "direction = [0, 0, 0]", "has no length"),
         ("[4e-4, 0.0,", "[4e-4, 1.0,", "negative eigenvalue"),

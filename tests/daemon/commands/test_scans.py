@@ -55,7 +55,7 @@ async def test_a_point_that_cannot_be_told_is_refused_with_the_reason(
     await asyncio.sleep(0)
     bench.later(0.6)
     with pytest.raises(
-        RequestRefusedError, match="no readings of base came after it"
+        RequestRefusedError, match="no readings of base arrived after it"
     ) as told:
         await asking
     assert told.value.code == "capture.refused"

@@ -146,7 +146,7 @@ def test_a_driver_whose_library_is_missing_says_which_extra(tmp_path, monkeypatc
 @pytest.mark.parametrize(
     ("keys", "told"),
     [
-        ('trigger = "button"\nhold = "scan"\nlong = "undo"', "take one"),
+        ('trigger = "button"\nhold = "scan"\nlong = "undo"', "use one"),
         ('trigger = "switch"\ndouble = "undo"', "gesture of a hand"),
         ('trigger = "button"\nclick = "fly"', "click"),
     ],

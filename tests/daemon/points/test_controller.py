@@ -95,7 +95,7 @@ async def test_a_point_whose_readings_do_not_come_is_refused_with_the_reason(ben
     assert "capture.refused" not in bench.codes()
     bench.later(0.002)
     (refused,) = [e for e in bench.events if e.code == "capture.refused"]
-    assert "no readings of wrist came after it" in refused.text
+    assert "no readings of wrist arrived after it" in refused.text
     assert bench.points == []
     assert bench.capture.refused == 1
     assert bench.acknowledged("handle") == [0]  # it has been dealt with
@@ -235,7 +235,7 @@ async def test_a_device_of_another_resolution_measures_nothing(tmp_path):
     other = replace(IDENTITIES["wrist"], counts_per_turn=(None, 4096))
     bench.take(DeviceUp("wrist", other, False), StreamStarted("wrist", 1, 80.0))
     (mismatch,) = [e for e in bench.events if e.code == "device.mismatch"]
-    assert "says that it has 4096" in mismatch.text
+    assert "reports 4096" in mismatch.text
     assert mismatch.source == "wrist"
     assert "set the device up for it" in mismatch.remedy
     bench.take(wrist().samples(range(40)), base().samples(range(40)))

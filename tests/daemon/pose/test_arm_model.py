@@ -135,7 +135,7 @@ def test_what_a_device_says_of_its_turns_must_be_what_the_file_says(tmp_path):
     (told,) = model.mismatches_with("base", device(MODULI, (1 << 19, 1 << 23, 1 << 16)))
     assert told == (
         "joint 2 has 1048576 counts per turn in the arm file, but channel 0 of base "
-        "says that it has 524288"
+        "reports 524288"
     )
     assert model.mismatches_with("base", device(MODULI, ())) == []
 

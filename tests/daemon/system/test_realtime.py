@@ -130,5 +130,5 @@ def test_threads_have_their_names_in_the_kernel_and_the_start_is_frozen():
 
 
 def test_cpus_that_are_not_there_are_refused():
-    with pytest.raises(ValidationError, match=r"lends the daemon the CPUs .* not"):
+    with pytest.raises(ValidationError, match=r"may use the CPUs .* not"):
         RealtimeSection(cpus=(min(os.sched_getaffinity(0)), 4000))

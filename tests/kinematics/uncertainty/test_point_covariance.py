@@ -257,7 +257,7 @@ class TestFile:
             ),
             (
                 lambda p, n: np.savez(p, names=[n[0]] * 2, covariance=np.eye(2)),
-                "stands twice",
+                "occurs twice",
             ),
         ],
     )
