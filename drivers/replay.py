@@ -1,7 +1,7 @@
 """Driver of a recording: what a device delivered then, at the same pace, now.
 
 Times are moved to the present, and stretched where the speed is not 1; nothing else is
-changed. A latch cannot be asked for: points on command come out of the stream.
+changed. A latch cannot be requested: points on command are made from the stream.
 """
 
 import time
@@ -80,7 +80,7 @@ class ReplayDriver(Driver):
         self._is_asked = False
 
     def request_stream(self, rate_hz: float) -> None:
-        """Tell again which stream runs: the recording has the rate that it has."""
+        """Report again which stream runs: the rate is that of the recording."""
         self._is_asked = True
 
     def _connect(self) -> None:
@@ -139,7 +139,7 @@ class ReplayDriver(Driver):
                             yield _at_ns(table), delivery_from_map(told)
 
     def _wait(self, at_ns: int) -> bool:
-        """Wait until a moment of then has come; False where the driver is to end."""
+        """Wait until a recorded moment; False where the driver is to end."""
         if self._began is None:
             self._began = at_ns, self._now_ns()
         while not self._stopping:

@@ -1,6 +1,6 @@
 """Driver of Same Sky (CUI) AMT21 encoders on one RS-485 line.
 
-Each encoder is asked in turn; a reading belongs to the middle of its exchange. What an
+Each encoder is polled in turn; a reading belongs to the middle of its exchange. What an
 encoder does between request and reply is not known better than that: that it latches
 when the request arrives is general knowledge, and not confirmed, as is that the turns
 of a multi-turn encoder change where its position passes 0.
@@ -122,7 +122,7 @@ class Amt21Driver(PolledDriver):
         return EncoderReading(answer.value >> unused, answer.time_ns)
 
     def _position_and_turns(self, channel: int) -> EncoderReading | ReadError:
-        """A position between two readings of the turns, which tell whether 0 passed."""
+        """A position between two readings of the turns, which show whether 0 passed."""
         request = amt21.turns_request(self._addresses[channel])
         before = self._ask(channel, request)
         if isinstance(before, ReadError):

@@ -1,7 +1,7 @@
 """An RS-485 line with AMT21 encoders: one request, one reply, then the next.
 
 A reply carries no address. So whenever the line was not as quiet as it should be, it is
-given time to become quiet, and whoever reads learns that answers may have been shifted
+given time to become quiet, and the reader learns that answers may have been shifted
 from one encoder to the next.
 """
 
@@ -14,7 +14,7 @@ from traverse.drivers.polling.channel import ReadError
 from traverse.protocol import amt21
 
 ECHO_TRIES = 4
-LEAD = 2  # so many more tries must say one thing than the other
+LEAD = 2  # required majority of the tries
 MOST_SETTLING = 10  # quiet times: a line that is never quiet is not waited for
 AVERAGED = 16  # exchanges
 
@@ -40,7 +40,7 @@ GARBLED = ReadError(
 
 @dataclass(frozen=True, slots=True)
 class TimedValue:
-    """The 14 bits of a reply, and the middle of the exchange that brought it."""
+    """The 14 bits of a reply, and the middle of its exchange."""
 
     value: int
     time_ns: int
@@ -50,7 +50,7 @@ class Amt21Line:
     """The line, from opening the port to losing it.
 
     Args:
-        port: open port; whoever opened it closes it.
+        port: open port; closed by its owner.
         monotonic_ns: the host's clock.
         timeout_s: within which an encoder answers through this adapter; half of it is
             the most by which the time of an answer may be off.
@@ -59,7 +59,7 @@ class Amt21Line:
     Attributes:
         exchange_ns: how long an exchange takes, on average.
         longest_ns: the longest so far.
-        strays: bytes that nobody had asked for, late replies among them.
+        strays: unexpected bytes, late replies among them.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class Amt21Line:
         """Find out whether the adapter echoes.
 
         Raises:
-            DeviceError: nothing comes back, or it cannot be told.
+            DeviceError: nothing is received, or it is ambiguous.
         """
         heard_any = b""
         votes = 0
@@ -117,7 +117,7 @@ class Amt21Line:
             patient: wait as long as any reply may take; else as long as most do.
 
         Raises:
-            DeviceError: the port has gone away.
+            DeviceError: the port has disappeared.
         """
         timeout_ns = self._timeout_ns if patient else self._usual_ns()
         self._clear(timeout_ns)
@@ -134,19 +134,19 @@ class Amt21Line:
         if reply.value is None:
             return self._failed(reply, whole, timeout_ns)
         self._learn(received_ns - sent_ns)
-        if received_ns - sent_ns > timeout_ns:  # it was there, but nobody looked
+        if received_ns - sent_ns > timeout_ns:  # it was there, but was not read
             return SLOW
         return TimedValue(reply.value, (sent_ns + received_ns) // 2)
 
     def command(self, request: bytes) -> None:
-        """Send what is not answered, and swallow whatever comes back."""
+        """Send what has no reply, and discard what is received."""
         self._port.write(request)
         self._until_quiet(self._timeout_ns)
 
     def take_validity(self) -> bool:
-        """Whether since the last call every answer came from whom it was asked of."""
+        """Whether since the last call every answer was from the encoder requested."""
         if self._missed:
-            # The reply that was given up may come yet, or have displaced others.
+            # The reply that was given up may still arrive, or have displaced others.
             if late := self._until_quiet(self._usual_ns()):
                 self.unrequested_bytes += len(late)
                 self._disturbed = True
@@ -159,14 +159,14 @@ class Amt21Line:
     def _failed(self, reply: amt21.Reply, whole: bool, timeout_ns: int) -> ReadError:
         self._missed = True
         quiet_ns = min(timeout_ns, self._usual_ns()) if whole else timeout_ns
-        # What comes now is this encoder's, and harms nobody.
+        # What arrives now is this encoder's, and harmless.
         self.unrequested_bytes += len(self._until_quiet(quiet_ns))
         if whole:
             return GARBLED
         return SHORT if reply.begun else SILENT
 
     def _clear(self, quiet_ns: int) -> None:
-        """Read away what nobody has asked for, if there is any."""
+        """Discard unexpected bytes, if there are any."""
         if self._port.wait(0.0):
             self._count_unrequested(len(self._port.read()), quiet_ns)
 
@@ -175,7 +175,7 @@ class Amt21Line:
         self.unrequested_bytes += n_bytes + len(self._until_quiet(quiet_ns))
 
     def _until_quiet(self, quiet_ns: int) -> bytes:
-        """What comes until nothing has come for a time; the first 64 bytes."""
+        """Read until silence; return the first 64 bytes."""
         heard = b""
         begun_ns = quiet_since_ns = self._now_ns()
         while (now_ns := self._now_ns()) - begun_ns < MOST_SETTLING * quiet_ns:
@@ -188,7 +188,7 @@ class Amt21Line:
         return heard
 
     def _usual_ns(self) -> int:
-        """A time within which most replies come; the time-out until that is known."""
+        """A time within which most replies arrive; the time-out until that is known."""
         if not self.exchange_ns:
             return self._timeout_ns
         return min(self._timeout_ns, round(4 * self.exchange_ns) + 1_000_000)

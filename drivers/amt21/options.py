@@ -1,4 +1,4 @@
-"""What the table of a line with AMT21 encoders may say."""
+"""Options of the table of a line with AMT21 encoders."""
 
 from typing import Literal
 

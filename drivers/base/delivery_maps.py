@@ -54,7 +54,7 @@ def delivery_kind(delivery: Delivery) -> str:
 
 
 def delivery_to_map(delivery: Delivery) -> dict[str, object]:
-    """What a delivery says, its device and kind included."""
+    """A delivery as a map, with its device and kind."""
     table: dict[str, object] = {"kind": delivery_kind(delivery)}
     for field in fields(delivery):
         value = getattr(delivery, field.name)
@@ -65,10 +65,10 @@ def delivery_to_map(delivery: Delivery) -> dict[str, object]:
 
 
 def delivery_from_map(table: Mapping[str, Any]) -> Delivery:
-    """The delivery that a map tells of; keys that it does not know are passed over.
+    """The delivery of a map; unknown keys are ignored.
 
     Raises:
-        ValueError: It tells of none.
+        ValueError: it is not one.
     """
     name = table.get("kind")
     kind = KINDS.get(name) if isinstance(name, str) else None

@@ -29,7 +29,7 @@ from traverse.drivers.base.values import (
 
 BATCH_WINDOW_NS = 52_000_000
 EDGE_INTERVAL_NS = 500_000
-MAX_JOINED_SAMPLES = 500  # samples; more than come in that time, at any rate
+MAX_JOINED_SAMPLES = 500  # samples; more than arrive in that time, at any rate
 RESERVED_FOR_STATES = 64
 
 
@@ -43,7 +43,7 @@ class DeliveryQueue:
         monotonic_ns: the host's clock.
 
     Attributes:
-        batch_window_ns: so long timed samples may come together; the consumer sets it.
+        batch_window_ns: timed samples are collected so long; the consumer sets it.
     """
 
     def __init__(
@@ -123,14 +123,14 @@ class DeliveryQueue:
         if wake:
             try:
                 self._loop.call_soon_threadsafe(self._filled.set)
-            except RuntimeError:  # the loop is closed: nobody will ever read this
+            except RuntimeError:  # the loop is closed: this will never be read
                 return False
         return True
 
     async def take(self) -> list[Delivery]:
         """All that waits, in order; waits until there is something.
 
-        Samples of one stream that follow one another come as one block, after a stall
+        Consecutive samples of one stream arrive as one block, after a stall
         as some: what is computed of a block takes a hundred times its memory, and what
         was needed once is never quite given back.
         """

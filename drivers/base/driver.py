@@ -1,8 +1,8 @@
-"""What all drivers share: a reader thread that connects, serves, and comes back.
+"""What all drivers share: a reader thread that connects, serves, and reconnects.
 
 A driver overrides three methods that run in its thread: `_connect`, `_serve` and
-`_disconnect`. Requests from the service are noted and carried out by the same
-thread, so that one thread alone ever touches the port. Whatever goes wrong in the
+`_disconnect`. Requests from the service are noted and executed by the same
+thread, so that one thread alone ever touches the port. Any failure in the
 thread reaches the consumer as a `DeviceLost`.
 """
 
@@ -44,12 +44,12 @@ class Driver(ABC):
 
     Args:
         device: id in the configuration.
-        options: what its table in the configuration says.
+        options: its table in the configuration.
         delivery_queue: where deliveries go.
         monotonic_ns: the host's clock.
 
     Attributes:
-        options_class: what its table in the configuration may say.
+        options_class: model of its table in the configuration.
         heartbeat: the reader thread's signs of life.
         thread: the reader thread.
     """
@@ -128,7 +128,7 @@ class Driver(ABC):
         self._wake()
 
     def request_latch(self) -> int:
-        """Latch once, now; the returned token comes back in `LatchedCounts`.
+        """Latch once, now; the returned token is repeated in `LatchedCounts`.
 
         Raises:
             DeviceError: it cannot, or too many requests are waiting already.
@@ -140,7 +140,7 @@ class Driver(ABC):
         )
 
     def acknowledge(self, token: int) -> None:  # noqa: B027 - few devices keep edges
-        """Tell the device that the edge ``token`` has been dealt with."""
+        """Acknowledge the edge ``token`` to the device."""
 
     @abstractmethod
     def _connect(self) -> None:
@@ -148,7 +148,7 @@ class Driver(ABC):
 
     @abstractmethod
     def _serve(self) -> None:
-        """Read until stopped; raises DeviceError or OSError when the device is gone."""
+        """Read until stopped; raises DeviceError or OSError when the device is lost."""
 
     @abstractmethod
     def _disconnect(self) -> None:
@@ -163,7 +163,7 @@ class Driver(ABC):
                     os.write(self._wake_write, b"\0")
 
     def _report_counters(self) -> None:
-        """Tell the counters now and then; called at every turn of `_serve`."""
+        """Report the counters regularly; called at every turn of `_serve`."""
         self.heartbeat.beat()
         now_ns = self._now_ns()
         if now_ns < self._counters_due_ns:
@@ -181,7 +181,7 @@ class Driver(ABC):
         """Deliver what the consumer must not miss.
 
         Raises:
-            DeviceError: there was no room; connecting again tells it anew.
+            DeviceError: there was no room; a new connection reports it again.
         """
         if not self._delivery_queue.put(state):
             raise DeviceError(
@@ -213,7 +213,7 @@ class Driver(ABC):
                 lost is not None
                 and lost != told
                 and not self._stopping
-                and self._delivery_queue.put(lost)  # else it is told after the next try
+                and self._delivery_queue.put(lost)  # else reported after the next try
             ):
                 self._counters["lost"] += 1
                 told = lost

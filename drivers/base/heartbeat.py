@@ -1,7 +1,7 @@
-"""A thread's signs of life, which somebody else looks at.
+"""A thread's heartbeat, which another thread watches.
 
-A thread that works says `beat` at every turn of its loop; one that has nothing to do
-by design says `idle` first. What has not beaten for longer than it may is stuck.
+A thread that works calls `beat` at every turn of its loop; one that has nothing to do
+by design calls `idle` first. Without a beat for longer than allowed it is stuck.
 """
 
 import time
@@ -24,7 +24,7 @@ class Heartbeat:
         self._last_beat: tuple[int, int] | None = None
 
     def beat(self, allowed_s: float = 0.0) -> None:
-        """The thread goes on; what follows may take ``allowed_s``."""
+        """The thread continues; the next step may take ``allowed_s``."""
         self._last_beat = self._now_ns(), int(allowed_s * 1e9)
 
     def idle(self) -> None:
@@ -35,7 +35,7 @@ class Heartbeat:
         """For how long it has been silent, if that is longer than it may be.
 
         Args:
-            limit_s: how long any turn may take, where no longer one was told.
+            limit_s: how long any turn may take, unless a longer time was given.
         """
         beaten = self._last_beat
         if beaten is None:

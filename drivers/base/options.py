@@ -1,4 +1,4 @@
-"""What a device's table in the configuration may say beside its id and driver."""
+"""Options of a device's table in the configuration, beside id and driver."""
 
 from pydantic import BaseModel, ConfigDict
 
@@ -15,5 +15,5 @@ class DriverOptions(BaseModel):
 
     @property
     def where(self) -> str:
-        """Port or bus, for people; a child without ``port`` says it by itself."""
+        """Port or bus, for messages; a child without ``port`` overrides it."""
         return str(getattr(self, "port", ""))

@@ -1,4 +1,4 @@
-"""Which driver serves which name in a configuration; loaded when it is asked for.
+"""Which driver serves which name in a configuration; loaded on demand.
 
 A new driver is a file with a child of `Driver` and its options, and an entry here.
 """
@@ -25,7 +25,7 @@ EXTRAS = {"canopen": "can", "modbus": "modbus", "gpio": "gpio"}
 
 
 class DriverUnavailableError(Exception):
-    """A library that the driver needs is not installed; the text says which extra."""
+    """A library that the driver needs is not installed; the text names the extra."""
 
 
 def driver_class(name: str) -> type[Driver]:

@@ -28,9 +28,9 @@ class Identity:
         max_rate_hz: the fastest timed stream; 0 for none.
         latches: it latches all channels at one instant, at its edges and on request;
             False for one whose points have to be interpolated out of its stream.
-        counts_per_turn: per channel, what the device itself says; None or left out
-            where it does not say. It must be what the arm file says.
-        jitter_ns: how far the instant of a reading may be off, as the driver tells it.
+        counts_per_turn: per channel, as the device reports; None or left out
+            where it does not. It must agree with the arm file.
+        jitter_ns: how far the instant of a reading may be off, as the driver states.
     """
 
     name: str
@@ -159,7 +159,7 @@ class DeviceUp:
 
 @dataclass(frozen=True, slots=True)
 class DeviceLost:
-    """The device is gone; the driver keeps trying to get it back."""
+    """The device is lost; the driver keeps trying to reconnect."""
 
     device: str
     reason: str
@@ -173,7 +173,7 @@ class DeviceAlarm:
     Attributes:
         channel: which it concerns; None for the whole device.
         code: number or word, letters, digits and ``_``; its event is ``alarm.<code>``.
-        value: what the device tells with it, 0 for nothing.
+        value: the device's value with it, 0 for none.
         remedy: what to do about it.
     """
 
@@ -188,7 +188,7 @@ class DeviceAlarm:
 
 @dataclass(frozen=True, slots=True)
 class DeviceFault:
-    """Something went wrong that the driver survived; see ``code``."""
+    """A fault that the driver survived; see ``code``."""
 
     device: str
     code: str
@@ -227,7 +227,7 @@ Delivery = (
 
 
 class DeviceError(Exception):
-    """A device did not behave; text says what was expected and what to do."""
+    """A device failed; the text states what was expected and what to do."""
 
     def __init__(self, text: str, remedy: str) -> None:
         super().__init__(text)

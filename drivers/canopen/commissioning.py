@@ -1,4 +1,4 @@
-"""CANopen nodes for somebody at a terminal: who is there, presets; no thread."""
+"""CANopen nodes for the command line: discovery, presets; no thread."""
 
 import time
 from dataclasses import dataclass, field
@@ -19,10 +19,10 @@ STORE_S = 2.0  # writing to its memory takes an encoder longer than an answer ma
 
 @dataclass(slots=True)
 class NodeActivity:
-    """What has come of a node without being asked for.
+    """What a node has sent without a request.
 
     Attributes:
-        answers: to a question that was asked once.
+        answers: to a single request.
         state: of its last heartbeat; None for none.
         emergencies: codes, in order.
     """
@@ -37,7 +37,7 @@ class FoundNode:
     """A node that answers.
 
     Attributes:
-        device_type: object 1000, None where it does not tell it.
+        device_type: object 1000, None where it is not reported.
         facts: of an encoder; None for another device.
         problem: why there are none.
     """
@@ -108,7 +108,7 @@ class Commissioning:
         return [self._describe(node) for node in there]
 
     def facts(self, node: int) -> NodeFacts:
-        """What an encoder says of itself.
+        """Properties that an encoder reports.
 
         Raises:
             DeviceError: it does not answer, or is no encoder.
@@ -116,7 +116,7 @@ class Commissioning:
         return read_facts(self._sdo(node), node)
 
     def preset(self, node: int, value: int, store: bool) -> int:
-        """Make the present position ``value``; gives what the node then says it is.
+        """Make the present position ``value``; return what the node then reports.
 
         Raises:
             DeviceError: it does not answer, or refuses.

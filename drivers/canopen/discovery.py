@@ -1,4 +1,4 @@
-"""Finding all nodes of a bus and setting them up; what fails is told together."""
+"""Find all nodes of a bus and set them up; failures are reported together."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -26,11 +26,11 @@ ADAPTER_JITTER_NS = 1_000_000
 
 
 class NodeDiscovery:
-    """Who answers when all are asked at once.
+    """Which nodes answer a request to all.
 
     Attributes:
         answers: how often each node has answered.
-        asked: how often it was asked.
+        asked: number of requests.
     """
 
     def __init__(self, nodes: Sequence[int]) -> None:
@@ -46,14 +46,14 @@ class NodeDiscovery:
         now_ns: Callable[[], int],
         stopping: Callable[[], bool],
     ) -> None:
-        """Ask until all have answered, as often as the options say.
+        """Repeat the request until all have answered, within the options' limit.
 
         Args:
             bus: open.
             poll_bus: reads it once and counts answers in `n_answers`.
             options: of the driver.
             now_ns: the host's clock.
-            stopping: asked between waits; True ends the call.
+            stopping: polled between waits; True ends the call.
         """
         for _ in range(options.answer_tries):
             for node in self.silent:
@@ -73,9 +73,9 @@ class NodeDiscovery:
         now_ns: Callable[[], int],
         stopping: Callable[[], bool],
     ) -> None:
-        """Ask those once more that answered too often, when nothing late comes.
+        """Repeat the request to those that answered too often, after a silence.
 
-        A slow node may still answer what it was asked on an earlier connection, or
+        A slow node may still answer a request of an earlier connection, or
         while it was starting; that does not make it two. Arguments: see `query_all`.
         """
         if not (doubtful := self.duplicates):
@@ -103,7 +103,7 @@ class NodeDiscovery:
 
     @property
     def duplicates(self) -> list[int]:
-        """Nodes that have answered more often than they were asked."""
+        """Nodes that have answered more often than requested."""
         return [
             node for node in self._nodes if self.n_answers[node] > self.n_requests[node]
         ]

@@ -33,7 +33,7 @@ from traverse.drivers.io.can_bus import CanBus
 from traverse.protocol.canopen import frames as wire
 
 IDLE_S = 0.05
-COALESCE_S = 0.001  # on a fast stream a read takes what so long brings
+COALESCE_S = 0.001  # on a fast stream a read collects frames for so long
 
 
 class CanOpenDriver(Driver):

@@ -1,4 +1,4 @@
-"""Frames of a CANopen bus, each brought to whom it is for."""
+"""Dispatch the frames of a CANopen bus."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -12,11 +12,11 @@ from traverse.drivers.io.can_bus import FRAMES_LOST, MOST_AT_ONCE, CanBus
 from traverse.protocol.canopen import frames as wire
 from traverse.protocol.canopen.errors import ERROR_FLAG
 
-MOST_READS = 50  # before a SYNC; a bus brings no more in the time that they take
+MOST_READS = 50  # before a SYNC; a bus transports no more in that time
 
 
 class FrameDispatcher:
-    """What is read on one connection; its parts come as the nodes are brought up.
+    """What is read on one connection; its parts are set as the nodes are started.
 
     Args:
         bus: open.
@@ -44,10 +44,10 @@ class FrameDispatcher:
         self.supervisor: NodeSupervisor | None = None
 
     def read(self, limit_s: float) -> int:
-        """Take what has come, or comes in so many seconds; how many frames it was.
+        """Process what arrives within so many seconds; return the number of frames.
 
         Raises:
-            DeviceError: the bus has gone away.
+            DeviceError: the bus has disappeared.
         """
         cycles, frames = self.cycles, self._bus.receive(limit_s)
         for can_id, data, time_ns in frames:
@@ -56,10 +56,10 @@ class FrameDispatcher:
         return len(frames)
 
     def read_out(self) -> None:
-        """Take all that has come until now.
+        """Process all that has arrived until now.
 
         Raises:
-            DeviceError: the bus has gone away.
+            DeviceError: the bus has disappeared.
         """
         for _ in range(MOST_READS):
             if self.read(0.0) < MOST_AT_ONCE:

@@ -1,8 +1,8 @@
 """One node as it is found, and as it is set up to be read.
 
-Rests on CiA 301 and CiA 406 as makers' manuals tell them. General knowledge, to be
+Rests on CiA 301 and CiA 406 as in makers' manuals. General knowledge, to be
 checked against the encoder's manual: the order in which a PDO is mapped anew, and that
-6502 (number of turns) says 0 where 65536 does not fit into its 16 bits.
+6502 (number of turns) is 0 where 65536 does not fit into its 16 bits.
 """
 
 import contextlib
@@ -22,7 +22,7 @@ FURTHER_TPDOS = (1, 2, 3)
 
 @dataclass(frozen=True, slots=True)
 class NodeFacts:
-    """What an encoder says of itself.
+    """Properties that an encoder reports.
 
     Attributes:
         device_type: object 1000; its low half is the profile.
@@ -49,7 +49,7 @@ class NodeFacts:
 
     @property
     def kind(self) -> str:
-        """Single-turn, multi-turn, or what the number says."""
+        """Single-turn, multi-turn, or the number."""
         number = self.device_type >> 16
         return objects.KINDS.get(number, f"kind {number}")
 
@@ -63,7 +63,7 @@ class NodeFacts:
 
 
 def read_facts(sdo: NodeSdo, node: int) -> NodeFacts:
-    """Ask a node who it is; changes nothing.
+    """Read the identity of a node; changes nothing.
 
     Raises:
         DeviceRefusedError: it is no encoder.
@@ -97,7 +97,7 @@ def read_facts(sdo: NodeSdo, node: int) -> NodeFacts:
 
 
 def set_up_node(sdo: NodeSdo, facts: NodeFacts, options: CanOpenOptions) -> bool:
-    """Let a node send its position at every SYNC; nothing is stored in it.
+    """Make a node send its position at every SYNC; nothing is stored in it.
 
     Returns:
         Whether it has lost such settings since they were last made: it has been

@@ -1,7 +1,7 @@
 """How the nodes are: who lives, who has restarted, who complains.
 
-A node lives while anything of it is heard; its heartbeat sees to that when there are no
-SYNCs. All that lasts is told as an alarm that begins and ends.
+A node is alive while anything of it is received; its heartbeat ensures that without
+SYNCs. Lasting conditions are reported as alarms that begin and end.
 """
 
 from collections.abc import Callable, Sequence
@@ -32,11 +32,11 @@ REMEDIES = {
 
 
 class Conditions:
-    """Alarms of a device that begin and end, told once each way.
+    """Alarms of a device that begin and end, reported once each way.
 
     Args:
         device: id in the configuration.
-        put: hands an alarm over; False if there was no room, then it is told later.
+        put: passes an alarm on; False if there was no room, then it is repeated later.
     """
 
     def __init__(self, device: str, put: Callable[[DeviceAlarm], bool]) -> None:
@@ -48,7 +48,7 @@ class Conditions:
         return (channel, code) in self._raised
 
     def begin(self, channel: int | None, code: str, text: str, value: int = 0) -> None:
-        """It is so; told unless it was so before in the same words."""
+        """Begin an alarm; reported unless it exists with the same text."""
         key = (channel, code)
         if self._raised.get(key) != (text, value) and self._deliver_state(
             key, True, text, value
@@ -56,7 +56,7 @@ class Conditions:
             self._raised[key] = (text, value)
 
     def end(self, channel: int | None, code: str) -> None:
-        """It is no longer so; told if it was."""
+        """End an alarm; reported if it existed."""
         key = (channel, code)
         if key in self._raised:
             text, value = self._raised[key]
@@ -78,11 +78,11 @@ class _Node:
     """One node.
 
     Attributes:
-        heard_ns: when anything of it came last.
-        started_ns: when it was told to be operational.
+        heard_ns: when anything of it was received last.
+        started_ns: when it was commanded to be operational.
         boot_ns: its last boot-up; 0 for none.
         duplicate_ns: when it last seemed to be two.
-        wants_set_up: it has restarted and forgotten what it was told.
+        wants_set_up: it has restarted and lost its settings.
         idle: it lives, but is not operational.
         emergencies: codes that have begun.
     """
@@ -104,8 +104,8 @@ class NodeMonitor:
 
     Args:
         nodes: their numbers.
-        heartbeat_ms: how often each is to be heard.
-        conditions: where alarms are told.
+        heartbeat_ms: interval of each heartbeat.
+        conditions: receives alarms.
         now_ns: they are taken to live now.
 
     Attributes:
@@ -128,11 +128,11 @@ class NodeMonitor:
                 conditions.end(channel, code)
 
     def seen(self, channel: int, now_ns: int) -> None:
-        """Something of a node has come."""
+        """Something of a node was received."""
         self._nodes[channel].last_seen_ns = now_ns
 
     def heartbeat(self, channel: int, state: int, now_ns: int) -> None:
-        """A node says in which state it is, or that it has just started."""
+        """A node reports its state, or that it has just started."""
         node = self._nodes[channel]
         node.last_seen_ns = now_ns
         if state == wire.BOOT_UP:
@@ -174,7 +174,7 @@ class NodeMonitor:
             )
 
     def complaints(self, channel: int, alarms: int, warnings: int) -> None:
-        """What a node's objects 6503 and 6505 say."""
+        """Alarms of a node's objects 6503 and 6505."""
         node = self._nodes[channel]
         node.alarms, node.warnings = alarms, warnings
         for code, bits, words in (
@@ -213,12 +213,12 @@ class NodeMonitor:
         self._conditions.end(channel, "emergency")
 
     def all_lost(self, now_ns: int) -> bool:
-        """Whether no node has been heard for as long as makes one lost."""
+        """Whether all nodes have been silent for the time after which one is lost."""
         last_ns = max(node.last_seen_ns for node in self._nodes)
         return now_ns - last_ns > self._patience_ns
 
     def status(self, channel: int) -> int:
-        """What is to stand in the status of its samples."""
+        """Status bits of its samples."""
         node = self._nodes[channel]
         bad = STATUS_ERROR * bool(node.alarms)
         doubtful = STATUS_WARNING * bool(node.warnings or node.emergencies)

@@ -1,4 +1,4 @@
-"""What the table of CANopen encoders may say."""
+"""Options of the table of CANopen encoders."""
 
 from typing import Annotated, Literal
 

@@ -1,4 +1,4 @@
-"""SDO transfers of the `canopen` library that let the bus be read meanwhile.
+"""SDO transfers of the `canopen` library that allow reading the bus meanwhile.
 
 The library waits for an answer on a queue that a thread of its own fills. Here the
 thread that owns the bus waits by reading it: positions and heartbeats go their way
@@ -19,7 +19,7 @@ from traverse.protocol.canopen import frames as wire
 from traverse.protocol.canopen.objects import ABORTS
 
 SHORT_WAIT_S = 0.01
-LATEST_NS = 5_000_000_000  # after its question no answer comes any more
+LATEST_NS = 5_000_000_000  # after its request no answer arrives any more
 ABORTED = 0x80
 BEGINNINGS = (0x20, 0x40)  # of a transfer: the request names its object
 
@@ -48,7 +48,7 @@ class _Wire(Network):
         self._can_bus = bus
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
-        del remote  # never asked for by a transfer
+        del remote  # never requested by a transfer
         self._can_bus.send(can_id, bytes(data))
 
 
@@ -60,7 +60,7 @@ class NodeSdo(SdoClient):
         bus: open.
         turn: reads the bus once, waiting at most the seconds given, and hands answers
             of this node to `take`.
-        stopping: asked while waiting; True ends the transfer.
+        stopping: polled while waiting; True ends the transfer.
         answer_s: how long an answer may take.
         tries: how often a request is sent.
         monotonic_ns: the host's clock.
@@ -94,11 +94,11 @@ class NodeSdo(SdoClient):
         self._answers: deque[bytes] = deque()
         self._waits = False
         self._object: bytes | None = None
-        self._unanswered: dict[bytes, deque[int]] = {}  # by object: when asked
+        self._unanswered: dict[bytes, deque[int]] = {}  # by object: time of the request
         self.surplus = 0
 
     def take(self, data: bytes | bytearray) -> None:
-        """An answer of the node has come."""
+        """An answer of the node was received."""
         about = bytes(data[1:4])
         unanswered = self._unanswered.get(about)
         was_asked = bool(unanswered)
@@ -113,7 +113,7 @@ class NodeSdo(SdoClient):
             self.surplus += 1
 
     def expect(self, request: bytes, times: int) -> None:
-        """Somebody else has asked this before, and answers may still come."""
+        """Another requester used this before, and answers may still arrive."""
         for _ in range(times):
             self._note_question(request[1:4])
 
@@ -173,9 +173,9 @@ class NodeSdo(SdoClient):
     # -- how the library sends and waits ---------------------------------------
 
     def send_request(self, request: bytes) -> None:
-        """Send; whatever came before is no answer to it."""
+        """Send; nothing received before is an answer to it."""
         self._answers.clear()
-        self._waits = request[0] != ABORTED  # nobody answers an abort
+        self._waits = request[0] != ABORTED  # an abort has no answer
         begins = request[0] & 0xE0 in BEGINNINGS
         self._object = bytes(request[1:4]) if begins else None
         if self._object is not None:

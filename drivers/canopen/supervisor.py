@@ -43,7 +43,7 @@ class NodeSupervisor:
         sdos: by channel.
         facts: by channel, as they were found.
         options: of the driver.
-        report_fault: tells what was survived: code, text, remedy, how often.
+        report_fault: reports survived faults: code, text, remedy, how often.
         counters: of the driver.
     """
 
@@ -67,10 +67,10 @@ class NodeSupervisor:
     _dropped: int = 0
 
     def observe(self) -> None:
-        """Note who lives and what was lost; asks nobody, so that it never waits.
+        """Note which nodes live and what was lost; sends no request, so it never waits.
 
         Raises:
-            DeviceError: all nodes are gone.
+            DeviceError: all nodes are lost.
         """
         now_ns = self.now_ns()
         if now_ns < self._look_due_ns:
@@ -88,10 +88,10 @@ class NodeSupervisor:
             )
 
     def act(self) -> None:
-        """Deal with one node, if one is due; `observe` goes on meanwhile.
+        """Check one node, if one is due; `observe` continues meanwhile.
 
         Raises:
-            DeviceError: all nodes are gone, or one is not what it was.
+            DeviceError: all nodes are lost, or one has changed.
         """
         now_ns = self.now_ns()
         if self._restarted and now_ns >= self._set_up_due_ns:
@@ -104,12 +104,12 @@ class NodeSupervisor:
             self._status_turn = (self._status_turn + 1) % len(self.sdos)
 
     def emergency(self, channel: int, message: wire.Emergency) -> None:
-        """An emergency has come: ask that node next, it may have more to tell."""
+        """An emergency was received: check that node next."""
         self.watch.emergency(channel, message)
         self._status_turn, self._status_due_ns = channel, 0
 
     def error_frame(self, can_id: int, data: bytes | bytearray, at_ns: int) -> None:
-        """The controller has told how its bus is."""
+        """The controller has reported the state of its bus."""
         told = decode_error(can_id, data)
         if told.bus_off:
             self._bus_off_ns = at_ns
@@ -199,7 +199,7 @@ class NodeSupervisor:
             alarms = sdo.find_number(objects.ALARMS) or 0
             warnings = sdo.find_number(objects.WARNINGS) or 0
         except NodeError:
-            return  # its heartbeat tells whether it is lost
+            return  # its heartbeat shows whether it is lost
         self.watch.complaints(channel, alarms, warnings)
 
     def _report_losses(self) -> None:
@@ -235,7 +235,7 @@ class NodeSupervisor:
             self._report_overflow(dropped)
 
     def _report_overflow(self, n: int) -> None:
-        """Frames came and could not be kept."""
+        """Frames arrived and could not be stored."""
         self.report_fault(
             "frames_overflowed",
             f"frames were lost on {self.bus.name} because nobody read them in time",

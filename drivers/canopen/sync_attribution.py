@@ -1,15 +1,15 @@
 """Which answers of nodes are pending, and when an answer is of its SYNC for certain.
 
-A position says nothing of the SYNC at which it was latched. The nth answer is of the
+A position does not identify the SYNC at which it was latched. The nth answer is of the
 nth SYNC as long as each SYNC was answered once, and in time. After a SYNC without an
-answer the next answer is of that one, late, or of its own: nothing in it tells. So a
-node with a pending answer is believed again only
+answer the next answer is of that one, late, or of its own: it does not show. So a
+node with a pending answer is accepted again only
 
 - when it has sent all that were pending, by second answers between two SYNCs, or
 - when no SYNC was sent, after one that it did answer, for so long that nothing late
-  can come any more.
+  can arrive any more.
 
-The second is brought about on purpose: SYNCs pause
+The second is caused on purpose: SYNCs pause
 (`SyncCycleAssembler.pause_until_ns`).
 """
 
@@ -26,8 +26,8 @@ class SyncAttribution:
 
     Attributes:
         pending: has not answered some SYNC, and may do so yet.
-        invalidated: has answered more often than it was asked, or frames were lost that
-            may have been its own: no counting tells any more what its next answer is.
+        invalidated: has answered more often than requested, or frames were lost that
+            may have been its own: counting cannot identify its next answer any more.
         maybe_unread: of those invalidated, by lost frames: a SYNC may have been among
             them, so a second answer need not be one too many.
         unanswered: has not answered the last SYNC.
@@ -42,7 +42,7 @@ class SyncAttribution:
         ) = 0
 
     def ambiguous(self, answered: int) -> int:
-        """Who answers, but cannot be believed."""
+        """Nodes that answer, but cannot be attributed."""
         return (self.pending | self.invalidated) & (answered | ~self.unanswered)
 
     def record_missed(self, missed: int) -> None:
@@ -69,11 +69,11 @@ class SyncAttribution:
         self.invalidated |= channels
 
     def invalidate_all(self) -> None:
-        """Frames were lost, of whom nobody knows."""
+        """Frames of unknown nodes were lost."""
         self.invalidated = self.maybe_unread = self._all
 
     def expire(self) -> None:
-        """Nothing late can come any more of those who have answered the last SYNC.
+        """Nothing late can arrive any more of those that have answered the last SYNC.
 
         Of the others no time is long enough: whoever stands still may come back with
         all that is pending.

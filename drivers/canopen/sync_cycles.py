@@ -30,11 +30,11 @@ class SyncCycleAssembler:
         moduli: by channel, where counts wrap.
         counts: by channel, the last known.
         deliver: takes finished blocks.
-        late_ns: no answer comes later than this after its SYNC.
+        late_ns: no answer arrives later than this after its SYNC.
 
     Attributes:
-        status: by channel, what is known of a node besides; set by whoever knows.
-        lost: SYNCs that no node answered, or that were not sent, since last asked.
+        status: by channel, further status of a node; set from outside.
+        lost: SYNCs that no node answered, or that were not sent, since the last call.
         missing: by channel, SYNCs that were not answered while others did.
         duplicates: by channel, second answers in one cycle.
         late: answers after the next SYNC.
@@ -133,7 +133,7 @@ class SyncCycleAssembler:
         return True
 
     def note_lost_frames(self) -> None:
-        """Frames were lost before they could be read: nobody knows whose."""
+        """Frames of unknown nodes were lost before they could be read."""
         self._attribution.invalidate_all()
         self._overflowed = True
 
@@ -143,7 +143,7 @@ class SyncCycleAssembler:
 
     @property
     def ambiguous(self) -> int:
-        """Bit by channel: who answers, but cannot be believed without a pause."""
+        """Bit by channel: nodes that answer, but need a pause to be attributed."""
         return self._attribution.ambiguous(self._answered) if self._seq >= 0 else 0
 
     @property
@@ -162,7 +162,7 @@ class SyncCycleAssembler:
         return self._time_ns + self._late_ns
 
     def end(self, now_ns: int) -> None:
-        """No SYNC comes any more; the set of the last one is dropped."""
+        """No further SYNC follows; the set of the last one is dropped."""
         if self._open:
             self._attribution.record_missed(self._all & ~self._answered)
         self._open = False
@@ -179,7 +179,7 @@ class SyncCycleAssembler:
         counts = np.array(self._rows, dtype=np.uint32).reshape(shape)
         status = np.frombuffer(bytes(self._states), dtype=np.uint8).reshape(shape)
         beyond = counts >= self._moduli
-        if beyond.any():  # no encoder counts so far: what it says is not its position
+        if beyond.any():  # no encoder counts so far: not its position
             status = status | STATUS_ERROR * beyond.astype(np.uint8)
             counts = (counts % self._moduli).astype(np.uint32)
         times_ns = np.array(self._times_ns, dtype=np.int64)
@@ -230,10 +230,10 @@ class SyncCycleAssembler:
             self._attribution.expire()
 
     def _take_extra_answer(self, channel: int) -> bool:
-        """An answer for which there is no SYNC; whether it stands for the last one."""
+        """An answer for which there is no SYNC; whether it replaces the last one."""
         if self._attribution.resolve(
             channel
-        ):  # what came before answered an earlier SYNC
+        ):  # earlier frames answered an earlier SYNC
             self.late += 1
             return self._seq >= 0
         if self._seq < 0:

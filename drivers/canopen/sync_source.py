@@ -1,4 +1,4 @@
-"""Where SYNCs come from, and the schedule that they keep.
+"""The source of SYNCs, and their schedule.
 
 host      this program sends them between two reads, and stamps them right after
 kernel    the kernel's broadcast manager sends them; they are seen on the bus
@@ -83,13 +83,13 @@ class SyncScheduler:
     Args:
         bus: open.
         wanted: of the options; "auto" is the kernel where it can, else this program.
-        fault: tells what was survived: code, text, remedy.
+        fault: reports survived faults: code, text, remedy.
         now_ns: the host's clock.
 
     Attributes:
         sent: the schedule where this program sends; else None.
         seen: the numbering where SYNCs are seen on the bus; else None.
-        is_fast: frames come so often that they are better read together.
+        is_fast: frames arrive so often that they are better read together.
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class SyncScheduler:
         self._rests = False
 
     def start(self, rate_hz: float) -> None:
-        """Let SYNCs come at ``rate_hz``, as far as it is ours to say."""
+        """Send SYNCs at ``rate_hz``, where this program sends them."""
         self.stop()
         self.is_fast = rate_hz > FAST_HZ
         self._rate_hz = rate_hz
@@ -143,8 +143,8 @@ class SyncScheduler:
         """Send a SYNC if it is time and clear; seconds until it may be looked again.
 
         Args:
-            cycles: which are told, and know whether answers are awaited.
-            read_out: reads what has come until now: it belongs to the SYNC before.
+            cycles: notified; know whether answers are awaited.
+            read_out: reads what has arrived until now: it belongs to the SYNC before.
 
         Raises:
             DeviceError: the bus does not take it.
@@ -163,7 +163,7 @@ class SyncScheduler:
         return max(0.0, (self.sent.due_ns - now_ns) * 1e-9)
 
     def _rest(self, until_ns: int) -> float:
-        """Let the kernel send none until then; seconds until it sends again."""
+        """Pause the kernel's SYNCs until then; seconds until it sends again."""
         left_s = (until_ns - self._now_ns()) * 1e-9
         if self._task is not None and left_s > 0:
             self._task.stop()

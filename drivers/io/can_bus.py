@@ -4,7 +4,7 @@ python-can opens the bus, whatever its interface is. On SocketCAN frames are the
 from the socket directly (`SocketFrames`): the kernel's time stamp to the nanosecond,
 its count of lost frames, and a fifth of the cost. Certain from the kernel's headers:
 the 16 bytes of a frame and its flags, the two control messages, and that a count of
-lost frames comes with the frame after them.
+lost frames is reported with the frame after them.
 """
 
 import contextlib
@@ -32,7 +32,7 @@ SO_RCVBUFFORCE, SO_TIMESTAMPNS, SO_RXQ_OVFL = 33, 35, 40
 # which needs CAP_NET_ADMIN.
 RECEIVE_BUFFER_BYTES = 4 << 20
 CONTROL_BYTES = socket.CMSG_SPACE(STAMP.size) + socket.CMSG_SPACE(LOST.size)
-FRAMES_LOST = 0x1_0000_0000  # no identifier: stands where frames are missing
+FRAMES_LOST = 0x1_0000_0000  # no identifier: marks missing frames
 EXTENDED, REMOTE = 0x8000_0000, 0x4000_0000
 Frame = tuple[int, bytes | bytearray, int]
 """Identifier (with `ERROR_FLAG` for the controller's own words), data, instant [ns]."""
@@ -46,11 +46,11 @@ SLCAN_WAIT_S = 0.1  # python-can waits 2 s, for boards that restart when opened
 
 
 class SocketFrames:
-    """Reads the frames of an open CAN_RAW socket; whoever opened it closes it.
+    """Read the frames of an open CAN_RAW socket; closed by its owner.
 
     Args:
         port: the socket.
-        monotonic_ns: the host's clock, to which the kernel's stamps are brought.
+        monotonic_ns: the host's clock, to which the kernel's stamps are converted.
         realtime_ns: the clock of those stamps.
 
     Attributes:
@@ -76,12 +76,12 @@ class SocketFrames:
                 port.setsockopt(socket.SOL_SOCKET, option, value)
 
     def read(self, most: int) -> list[tuple[int, bytes, int]]:
-        """Identifier, data and instant of at most ``most`` frames that have come.
+        """Identifier, data and instant of at most ``most`` received frames.
 
-        Before the first frame after a loss stands one with `FRAMES_LOST`.
+        A loss is marked by a frame with `FRAMES_LOST`.
 
         Raises:
-            OSError: the interface is down or gone.
+            OSError: the interface is down or has disappeared.
         """
         frames: list[tuple[int, bytes, int]] = []
         receive, unpack = self._port.recvmsg, FRAME.unpack
@@ -122,7 +122,7 @@ class PeriodicTask:
         self._task = task
 
     def stop(self) -> None:
-        """Send it no more; never raises, the bus may be gone."""
+        """Send it no more; never raises, the bus may be lost."""
         with contextlib.suppress(can.CanError, OSError, ValueError):
             self._task.stop()
 
@@ -136,7 +136,7 @@ class CanBus:
         bit_rate: of the bus; SocketCAN has its own from the network's configuration.
         wake_fd: a non-blocking pipe; bytes in it end `receive` early and are eaten.
         monotonic_ns: the host's clock.
-        identifiers: what is wanted; the kernel drops the rest. Empty for everything.
+        identifiers: to receive; the kernel drops the rest. Empty for everything.
 
     Raises:
         DeviceNotFoundError: there is no such bus, or it cannot be opened.
@@ -176,10 +176,10 @@ class CanBus:
         return 0 if self._socket is None else self._socket.dropped
 
     def receive(self, timeout_s: float) -> Sequence[Frame]:
-        """What has come; waits for it at most ``timeout_s``.
+        """Received frames; waits for them at most ``timeout_s``.
 
         Raises:
-            DeviceError: the bus has gone away.
+            DeviceError: the bus has disappeared.
         """
         try:
             if self._fd is not None and not self._ready(self._fd, timeout_s):
@@ -211,7 +211,7 @@ class CanBus:
                 return
 
     def send_periodically(self, can_id: int, period_s: float) -> PeriodicTask:
-        """Let the kernel send an empty frame every ``period_s``.
+        """Make the kernel send an empty frame every ``period_s``.
 
         Raises:
             DeviceError: it cannot; the module can-bcm is missing, for example.

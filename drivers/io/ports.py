@@ -15,7 +15,7 @@ WaitForWake = Callable[[int, float], None]
 class BytePort(Protocol):
     """An open port, as `traverse.drivers.io.serial_port.SerialPort` is one.
 
-    All but `close` and `fileno` raise DeviceError when the port has gone away.
+    All but `close` and `fileno` raise DeviceError when the port has disappeared.
     """
 
     def fileno(self) -> int:
@@ -25,7 +25,7 @@ class BytePort(Protocol):
         """Wait for bytes; False after ``seconds`` or a wake-up without any."""
 
     def read(self) -> bytes:
-        """What there is, after `wait` has said that there is something."""
+        """Read what there is, after `wait` has returned True."""
 
     def write(self, data: bytes) -> None:
         """Send all of ``data``."""

@@ -1,7 +1,7 @@
-"""A serial port opened for one reader alone, read as it comes.
+"""A serial port opened for one reader alone, read as bytes arrive.
 
 pyserial's own exclusive mode is an advisory lock; TIOCEXCL also keeps out programs
-that do not ask for it (though not root). Low latency matters for FTDI adapters,
+that do not lock it (though not root). Low latency matters for FTDI adapters,
 whose timer otherwise holds bytes back for 16 ms; ports without the knob refuse it.
 """
 
@@ -66,7 +66,7 @@ class SerialPort:
     def wait(self, seconds: float) -> bool:
         """Wait for bytes; False after ``seconds`` or a wake-up without any.
 
-        A wake-up that comes with bytes is told when they have been read.
+        A wake-up together with bytes is reported when they have been read.
         """
         ready, _, _ = select.select([self._fd, self._wake_fd], [], [], seconds)
         if self._fd in ready:
@@ -77,13 +77,13 @@ class SerialPort:
         return False
 
     def read(self) -> bytes:
-        """What there is, at most 64 KiB; nothing where nothing has come.
+        """Read what there is, at most 64 KiB; empty where nothing has arrived.
 
         Raises:
-            DeviceError: the port has gone away.
+            DeviceError: the port has disappeared.
         """
         # An empty read is silence as well as the end: only of a port that has
-        # something to say, and says nothing, it is the end.
+        # something to read, and yields nothing, it is the end.
         data = self._taken()
         if not data and select.select([self._fd], [], [], 0.0)[0]:
             data = self._taken()
@@ -95,7 +95,7 @@ class SerialPort:
         """Send all of ``data``.
 
         Raises:
-            DeviceError: the port has gone away or takes no bytes.
+            DeviceError: the port has disappeared or accepts no bytes.
         """
         try:
             self._port.write(data)

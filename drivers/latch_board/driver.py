@@ -27,7 +27,7 @@ from traverse.protocol import latch_board as wire
 
 ALL_INPUTS = 0xFF
 HEARTBEAT_MS = 500
-EDGES_HEARTBEAT_MS = 20  # of a board that never streams: nothing else tells its time
+EDGES_HEARTBEAT_MS = 20  # of a board that never streams: nothing else has its time
 TEMPERATURE_MS = 2000
 MAX_LATCHES = 16
 # The board sends an edge again after 50 ms. So it is acknowledged in a quiet moment,
@@ -62,12 +62,12 @@ class LatchBoardDriver(Driver):
         self._boot_id: int | None = None
         self._session: LatchBoardSession | None = None  # until the board is known
         self._acknowledged_ns = 0
-        self._taken_ns = 0  # until when what has come has been taken up
+        self._taken_ns = 0  # until when received messages have been processed
         self._frames_before = 0
         self._stream = 0
 
     def request_latch(self) -> int:
-        """Latch once, now; the returned token comes back in `LatchedCounts`.
+        """Latch once, now; the returned token is repeated in `LatchedCounts`.
 
         Raises:
             DeviceError: too many requests are waiting already.
@@ -82,7 +82,7 @@ class LatchBoardDriver(Driver):
         return self._latch_token
 
     def acknowledge(self, token: int) -> None:
-        """Have the board told soon that edges up to ``token`` have been dealt with."""
+        """Have edges up to ``token`` acknowledged to the board soon."""
         self._edges.acknowledge(token)
 
     # -- in the reader thread -------------------------------------------------
@@ -100,7 +100,7 @@ class LatchBoardDriver(Driver):
             raise DeviceError(f"HELLO was answered by {hello}", "update the firmware")
         check_identification(hello, self._path)
         restarted = not first and hello.boot_id != self._boot_id
-        self._latches.clear()  # whoever waited for them has given up
+        self._latches.clear()  # their requesters have given up
         heartbeat_ms = HEARTBEAT_MS if hello.channels else EDGES_HEARTBEAT_MS
         line.ask(
             "CONFIGURE",
@@ -113,7 +113,7 @@ class LatchBoardDriver(Driver):
             ),
         )
         self._deliver_state(DeviceUp(self.device, board_identity(hello), restarted))
-        # Not earlier: if CONFIGURE fails, the next try has to tell of the restart.
+        # Not earlier: if CONFIGURE fails, the next try has to report the restart.
         if restarted:
             self._edges = EdgeSequencer(0)
         self._boot_id = hello.boot_id
@@ -127,7 +127,7 @@ class LatchBoardDriver(Driver):
             fault=self._fault,
             counters=self._counters,
         )
-        self._streams_begun = 0  # what was wanted is to be asked for again
+        self._streams_begun = 0  # the requested stream is to be requested again
 
     def _serve(self) -> None:
         line, session, broken = self._line, self._session, 0
@@ -146,9 +146,9 @@ class LatchBoardDriver(Driver):
             line.check_alive()
 
     def _batch_window_ns(self) -> int:
-        """How long to let samples come together before they are decoded.
+        """How long to collect samples before they are decoded.
 
-        A block of one costs as much as a block of many. Bytes are read as they come, so
+        A block of one costs as much as a block of many. Bytes are read on arrival, so
         none wait in the port.
         """
         batch_window_ns = self._delivery_queue.batch_window_ns
@@ -192,7 +192,7 @@ class LatchBoardDriver(Driver):
                 self._ask_or_fault(line, "STOP", wire.stop_request)
 
     def _acknowledge(self, line: LatchBoardLine) -> None:
-        """Tell the board of the edges that have been dealt with, if there are any."""
+        """Acknowledge processed edges to the board, if there are any."""
         self._acknowledged_ns = self._now_ns()
         if (done := self._edges.take_acknowledgement()) is not None:
             line.send(wire.edge_ack(done))
@@ -213,7 +213,7 @@ class LatchBoardDriver(Driver):
         session = self._session  # until HELLO it may be of another board
         match message:
             case wire.Reply(request_type=wire.START, result=0) if session is not None:
-                # Its samples may stand in the same read: be ready for them now.
+                # Its samples may be in the same read: be ready for them now.
                 self._stream += 1
                 session.begin_stream(self._stream, message.request)
                 rate_hz = message.value / 1000
@@ -229,7 +229,7 @@ class LatchBoardDriver(Driver):
             case wire.SampleBlock():
                 self._counters["samples_of_old_stream"] += len(message.seq)
             case _:
-                pass  # edges and heartbeats come again after HELLO
+                pass  # edges and heartbeats are repeated after HELLO
 
     def _report_broken(self, broken: int) -> None:
         if broken:

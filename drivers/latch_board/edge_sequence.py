@@ -3,7 +3,7 @@
 The board numbers its edges and repeats them until they are acknowledged; an
 acknowledgement covers all earlier edges too. So an edge that overtakes a broken one
 must wait for the repetition, unless the board itself has lost the earlier one. Then
-the oldest that the board repeats is next, whichever happens to come first.
+the oldest that the board repeats is next, whichever happens to arrive first.
 """
 
 from typing import Literal
@@ -18,7 +18,7 @@ class EdgeSequencer:
     """The sequence of edges as the host has seen it.
 
     Args:
-        expected: number of the next edge; None until the board tells.
+        expected: number of the next edge; None until the board reports it.
     """
 
     def __init__(self, expected: int | None = None) -> None:
@@ -40,14 +40,14 @@ class EdgeSequencer:
         return self.has_open_edges or self._acknowledged != self._told
 
     def take_acknowledgement(self) -> int | None:
-        """What to acknowledge to the board now; None where it knows all there is."""
+        """What to acknowledge to the board now; None if nothing is new."""
         if self._acknowledged == self._told:
             return None
         self._told = self._acknowledged
         return self._told
 
     def begin_at(self, seq: int) -> None:
-        """The board says with which edge to begin; believed only at the beginning."""
+        """The board reports its first edge; used only at the beginning."""
         if self._next is None:
             self._next = seq % WRAP
 
@@ -57,17 +57,17 @@ class EdgeSequencer:
         Returns:
             "next": deliver it, then call `mark_delivered`. "early": an earlier one is,
             or may be, missing: wait for it. "waiting": delivered, not yet acknowledged.
-            "acknowledged": the board did not hear, `take_acknowledgement` will
-            say it again.
+            "acknowledged": the acknowledgement was lost, `take_acknowledgement`
+            repeats it.
         """
         if self._next is None:
-            return "early", 0  # an earlier one may be waiting: the heartbeat will tell
+            return "early", 0  # an earlier one may be waiting: a heartbeat shows it
         ahead = _signed(seq - self._next)
         if ahead < 0:
             done = self._acknowledged
             if done is None or _signed(seq - done) > 0:
                 return "waiting", 0
-            self._told = None  # the board did not hear: say it again
+            self._told = None  # the acknowledgement was lost: repeat it
             return "acknowledged", 0
         if ahead == 0:
             return "next", 0
@@ -88,7 +88,7 @@ class EdgeSequencer:
         self._early_since_ns = None
 
     def mark_refused(self, seq: int) -> None:
-        """The consumer had no room for edge ``seq``: it is to come again."""
+        """The consumer had no room for edge ``seq``: the board must repeat it."""
         self._next = seq
         self._delivered = (seq - 1) % WRAP
 

@@ -1,4 +1,4 @@
-"""What a latch board says of itself, checked, and in the words of all drivers."""
+"""The identity that a latch board reports, checked and converted."""
 
 from traverse.drivers.base.values import DeviceAlarm, DeviceRefusedError, Identity
 from traverse.protocol import latch_board as wire
@@ -8,7 +8,7 @@ MIN_TICK_RATE_HZ, MAX_TICK_RATE_HZ = 100_000, 100_000_000
 
 
 def check_identification(hello: wire.Hello, path: str) -> None:
-    """Refuse a board that cannot be what it says.
+    """Refuse a board with contradictory properties.
 
     Args:
         hello: its words.

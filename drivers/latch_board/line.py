@@ -26,14 +26,14 @@ class LatchBoardLine:
     """One connection to a board, from opening the port to losing it.
 
     Args:
-        port: open port; whoever opened it closes it.
+        port: open port; closed by its owner.
         monotonic_ns: the host's clock.
         dispatch: called with every message, answers included, the time right after
-            its read, and what earlier reads have brought of a block of samples.
-        stopping: asked between waits; True ends an unanswered request.
+            its read, and the block of samples from earlier reads.
+        stopping: polled between waits; True ends an unanswered request.
 
     Attributes:
-        repeated: requests sent again because no answer came.
+        repeated: requests sent again for lack of an answer.
     """
 
     def __init__(
@@ -49,14 +49,14 @@ class LatchBoardLine:
         self._stopping = stopping
         self._decoder = wire.Decoder()
         self._last_message_ns = monotonic_ns()
-        self._begun = b""  # of a frame whose end is still to come
+        self._begun = b""  # of a frame whose end is missing yet
         self._request = 0
         self._answer: Response | None = None
         self.repeated = 0
 
     @property
     def last_message_ns(self) -> int:
-        """Time right after the last read that brought a message."""
+        """Time right after the last read with a message."""
         return self._last_message_ns
 
     @property
@@ -66,7 +66,7 @@ class LatchBoardLine:
 
     @property
     def accepted(self) -> int:
-        """Whole frames that have come on this line so far."""
+        """Whole frames received on this line so far."""
         return self._decoder.accepted
 
     def wait(self, seconds: float) -> bool:
@@ -77,7 +77,7 @@ class LatchBoardLine:
         """Read what there is and dispatch it.
 
         Args:
-            until_ns: so long timed samples may come together; anything else among them
+            until_ns: timed samples are collected so long; anything else among them
                 ends it, an edge above all, and so does a wake-up.
         """
         data, received_ns = self._port.read(), self._now_ns()
@@ -91,7 +91,7 @@ class LatchBoardLine:
             try:
                 data = self._port.read()
             except DeviceError:
-                break  # the next read says so; what has come is taken up first
+                break  # the next read fails; received messages are processed first
             received_ns = self._now_ns()
             reads.append((data, received_ns))
             n_bytes += len(data)
@@ -109,7 +109,7 @@ class LatchBoardLine:
     def _brings_others(self, data: bytes) -> bool:
         """Whether these bytes, the next ones of the line, are not of samples alone.
 
-        An edge is not to wait; what tells the board's time is to be taken when it came.
+        An edge must not wait; messages with the board's time are processed on arrival.
         """
         joined = self._begun + data
         self._begun = joined.rpartition(b"\0")[2][:MAX_SEGMENT]
@@ -133,8 +133,8 @@ class LatchBoardLine:
             frame: makes the request's frame from its number.
 
         Raises:
-            DeviceRefusedError: the board says no.
-            DeviceError: no answer, the port has gone away, or the driver is closed.
+            DeviceRefusedError: the board refuses.
+            DeviceError: no answer, the port has disappeared, or the driver is closed.
         """
         for attempt in range(TRIES):
             self.repeated += attempt > 0
@@ -155,7 +155,7 @@ class LatchBoardLine:
         )
 
     def check_alive(self) -> None:
-        """Raise DeviceError when nothing valid has come for `SILENCE_S`."""
+        """Raise DeviceError when nothing valid has arrived for `SILENCE_S`."""
         silent_s = (self._now_ns() - self._last_message_ns) * 1e-9
         if silent_s > SILENCE_S:
             raise DeviceError(
@@ -180,7 +180,7 @@ class LatchBoardLine:
 
 
 def _earlier(reads: Sequence[tuple[bytes, int]], accepted: int) -> PartialReads:
-    """What all reads but the last have brought; nothing where a frame was broken."""
+    """Messages of all reads but the last; none where a frame was broken."""
     if len(reads) == 1:
         return ()
     ended, found = 0, []

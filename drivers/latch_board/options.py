@@ -1,4 +1,4 @@
-"""What the configuration may say of a latch board."""
+"""Options of a latch board."""
 
 from pydantic import Field
 

@@ -1,4 +1,4 @@
-"""A latch board that has said who it is: its samples, edges and clock.
+"""An identified latch board: its samples, edges and clock.
 
 What it sends from then on is numbered, given its time and handed over.
 """
@@ -20,7 +20,7 @@ from traverse.drivers.timing.device_clock import DeviceClock
 from traverse.drivers.timing.stream_sequence import StreamSequence
 from traverse.protocol import latch_board as wire
 
-# The maker's own bits of a status byte warn of something; what, nobody else knows.
+# The maker's own bits of a status byte are unspecified warnings.
 _MAKERS = 0xF0
 _STATUS_ARRAY = np.array(
     [s & ~_MAKERS | (STATUS_WARNING if s & _MAKERS else 0) for s in range(256)],
@@ -38,9 +38,9 @@ class LatchBoardSession:
         path: of its port, for people.
         edges: their order, which outlives the connection.
         tick_rate_hz: of its counter.
-        n_channels: as HELLO told.
+        n_channels: as in HELLO.
         put: hands a delivery over; False where it has no room.
-        fault: tells what was survived: code, text, remedy, how often.
+        fault: reports survived faults: code, text, remedy, how often.
         counters: of the driver.
     """
 
@@ -78,7 +78,7 @@ class LatchBoardSession:
         """Take what is about samples, edges and time; all else is not for here.
 
         Raises:
-            DeviceError: the board has forgotten its stream.
+            DeviceError: the board has lost its stream.
         """
         match message:
             case wire.SampleBlock():
@@ -100,7 +100,7 @@ class LatchBoardSession:
     ) -> None:
         """Hand over what is new in a block.
 
-        Each read tells the clock of one delay, and the smallest of many is to be found.
+        Each read gives the clock one delay, and the smallest of many is to be found.
         """
         counters, clock = self._counters, self._clock
         if block.request != self._request:
@@ -151,7 +151,7 @@ class LatchBoardSession:
             )
         if verdict != "next":
             return
-        # Noted before it is handed over: its acknowledgement may come at once.
+        # Noted before it is passed on: its acknowledgement may arrive at once.
         self._edges.mark_delivered(edge.seq)
         if self._deliver_latch(edge, edge.input, edge.seq, received_ns):
             self._counters["edges_received"] += 1
@@ -160,13 +160,13 @@ class LatchBoardSession:
 
     def _take_heartbeat(self, heartbeat: wire.Heartbeat, received_ns: int) -> None:
         clock, counters = self._clock, self._counters
-        if self._request:  # a stream is under way, as far as the board has been told
+        if self._request:  # a stream is running, as far as the board knows
             if not heartbeat.streaming:
                 raise DeviceError(
                     f"the board on {self._path} has stopped its stream by itself",
                     "check its power: it has probably been restarted",
                 )
-            # It says what its next sample is: those before have been sent.
+            # It contains the next sample's number: those before have been sent.
             self._report_lost(self._sequence.reach(heartbeat.next_sample_seq))
         clock.update(clock.unwrap_one(heartbeat.ticks), received_ns)
         self._edges.begin_at(heartbeat.next_edge_seq - heartbeat.edges_back)
@@ -198,7 +198,7 @@ class LatchBoardSession:
         )
 
     def _fits(self, counts: Sized) -> bool:
-        """Whether a latch has the channels that HELLO told; else it is counted."""
+        """Whether a latch has the channels of HELLO; else it is counted."""
         if len(counts) == self._n_channels:
             return True
         self._fault(

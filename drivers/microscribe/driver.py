@@ -1,11 +1,11 @@
 """Driver of a MicroScribe arm (Immersion HCI 2 and 3) on a serial line.
 
 What it rests on without a maker's document: the timer is taken for one of 1 kHz
-(`timer_rate_hz`), and left alone where a look at it says otherwise; the rest stands in
+(`timer_rate_hz`), and not used where a check of it fails; the rest is in
 `traverse.protocol.microscribe.packets` and `traverse.protocol.microscribe.session`.
 
 The encoders are incremental: an arm that has lost power counts from its home position
-again, so it has to stand there when it is switched on.
+again, so it must be there when it is switched on.
 """
 
 import contextlib
@@ -28,7 +28,7 @@ from traverse.drivers.polling.alarms import ReadErrorLog
 from traverse.drivers.polling.channel import IMPLAUSIBLE
 from traverse.drivers.polling.sampling import SampleSchedule
 
-PEDAL_HZ = 100.0  # a press is seen in two packets; so often at least they are asked for
+PEDAL_HZ = 100.0  # a press is seen in two packets; least rate of requests
 SILENCE_NS = 500_000_000
 TELL_NS = 200_000_000
 
@@ -89,11 +89,11 @@ class MicroscribeDriver(Driver):
             )
         restarted = before is not None and not opened.resumed
         self._deliver_state(DeviceUp(self.device, session.identity, restarted))
-        # Not earlier: if that fails, the next try has to tell of the restart.
+        # Not earlier: if that fails, the next try has to report the restart.
         self._arm = opened.arm
         self._pedals.begin(session.first)
         self._losses.begin()
-        self._streams_begun = 0  # what was wanted is to be begun again
+        self._streams_begun = 0  # the requested stream is to be started again
         self._answered_ns = self._now_ns()
 
     def _serve(self) -> None:
@@ -118,7 +118,7 @@ class MicroscribeDriver(Driver):
             self._port = None
 
     def _begin_stream(self, session: MicroscribeSession, rate_hz: float) -> float:
-        """Tell of the stream that begins; its rate, 0 for none."""
+        """Report the stream that begins; its rate, 0 for none."""
         if not rate_hz:
             return 0.0
         if rate_hz > session.reached_hz:
@@ -136,7 +136,7 @@ class MicroscribeDriver(Driver):
         return rate_hz
 
     def _goes_on(self, session: MicroscribeSession) -> bool:
-        """Whether the same stream is still wanted; also tells what there is to tell."""
+        """Whether the same stream is still requested; also sends pending reports."""
         self._counters["edges_received"] += self._edges.hand_over()
         now_ns = self._now_ns()
         if self._block.is_due(now_ns):
@@ -156,7 +156,7 @@ class MicroscribeDriver(Driver):
         return not self._stopping and self._streams_begun == self._streams_requested
 
     def _poll(self, session: MicroscribeSession, rate_hz: float) -> None:
-        """Ask for packets, of which every so many is a sample of the stream."""
+        """Request packets, of which every so many is a sample of the stream."""
         often_hz = min(PEDAL_HZ, session.reached_hz)
         every = max(1, int(often_hz / rate_hz)) if rate_hz else 0
         schedule = SampleSchedule(rate_hz * every or often_hz, self._now_ns())
@@ -172,7 +172,7 @@ class MicroscribeDriver(Driver):
                 self._take(session, heard, number // every if streamed else None)
 
     def _listen(self, session: MicroscribeSession, rate_hz: float) -> None:
-        """Take the packets that come with motion; each is a sample of the stream."""
+        """Receive the packets sent on motion; each is a sample of the stream."""
         delay_ms = max(1, round(1000.0 / (rate_hz or PEDAL_HZ)))
         report = MotionReport(session, delay_ms, self._now_ns)
         report.begin()
@@ -210,7 +210,7 @@ class MicroscribeDriver(Driver):
             session: with the arm.
             heard: the packet.
             seq: its number where it belongs to the stream.
-            reported: it came by itself, because something had changed.
+            reported: sent without a request, because something had changed.
         """
         self._answered_ns = heard.received_ns
         self._counters["packets_received"] += 1

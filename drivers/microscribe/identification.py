@@ -1,4 +1,4 @@
-"""Who a MicroScribe is: what a driver and the command line ask it at the beginning."""
+"""Identification of a MicroScribe, for the driver and the command line."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from traverse.protocol.microscribe.session import Maxes
 
 @dataclass(frozen=True, slots=True)
 class MicroscribeIdentification:
-    """What an arm says of itself.
+    """Properties that an arm reports.
 
     Attributes:
         box: its answer to sign-on.
@@ -18,7 +18,7 @@ class MicroscribeIdentification:
         serial: its number.
         version: of its program.
         maxes: greatest counts.
-        baud_rate: at which it said so.
+        baud_rate: at which it answered.
     """
 
     box: str
@@ -42,7 +42,7 @@ class MicroscribeIdentification:
 
     @property
     def timer_wrap(self) -> int:
-        """Where its timer goes back to 0."""
+        """Where its timer returns to 0."""
         greatest = self.maxes.timer
         return greatest + 1 if 0 < greatest < TIMER_WRAP else TIMER_WRAP
 
@@ -60,10 +60,10 @@ class MicroscribeIdentification:
 def read_identification(
     line: MicroscribeLine, box: str, baud_rate: int
 ) -> MicroscribeIdentification:
-    """Ask an arm who it is.
+    """Read the identity of an arm.
 
     Raises:
-        DeviceError: it does not say, or is no MicroScribe.
+        DeviceError: it does not answer, or is no MicroScribe.
     """
     maxes = line.maxes()
     return MicroscribeIdentification(

@@ -1,7 +1,7 @@
 """The line to a MicroScribe: sign-on, questions about itself, packets by request.
 
 The arm finds the baud rate by itself while it waits for sign-on. Once signed on it
-stays at that rate until it is told to end or loses power, also when the host forgets:
+stays at that rate until it is ended or loses power, also when the host forgets:
 what an earlier program left behind at another rate is ended there first.
 """
 
@@ -28,13 +28,13 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class TimedPacket:
-    """A packet, and when it came, host monotonic.
+    """A packet, and when it arrived, host monotonic.
 
     Attributes:
         sent_ns: its request had been written; it was latched after that.
         begun_ns: its first bytes had been read; it was latched before that.
         received_ns: all of it had been read.
-        delay_ns: from the latch to its first bytes, as far as that can be told.
+        delay_ns: from the latch to its first bytes, as far as known.
     """
 
     packet: Packet
@@ -48,14 +48,14 @@ class MicroscribeLine:
     """One connection to an arm.
 
     Args:
-        port: open port; whoever opened it closes it.
+        port: open port; closed by its owner.
         baud_rate: that it was opened with.
         monotonic_ns: the host's clock.
-        stopping: asked between waits; True ends whatever is waited for.
+        stopping: polled between waits; True ends the wait.
 
     Attributes:
-        stray: bytes that came while nothing was asked.
-        old: packets that answered something asked before.
+        stray: bytes without a request.
+        old: packets that answered an earlier request.
         patience_s: so long a packet is waited for.
     """
 
@@ -74,7 +74,7 @@ class MicroscribeLine:
         self.patience_s = PACKET_S
 
     def sign_on(self, patience_s: float = SIGN_ON_S) -> str | None:
-        """Begin a session; what kind of box the arm is, None if nobody answers."""
+        """Begin a session; the kind of interface box, None without an answer."""
         until_ns = self._now_ns() + int(patience_s * 1e9)
         heard = b""
         while wire.CALL not in heard:
@@ -134,12 +134,12 @@ class MicroscribeLine:
         return self._given(block, "its own table")
 
     def still(self) -> None:
-        """Let the arm end whatever it sends by itself."""
+        """Make the arm end what it sends by itself."""
         self.port.write(wire.END_MOTION)
         self.read_until_quiet(END_MOTION_S)
 
     def drop_stray(self) -> None:
-        """Read what nobody has asked for."""
+        """Discard unexpected bytes."""
         while self.port.wait(0.0):
             self.unrequested_bytes += len(self.port.read())
 
@@ -148,11 +148,11 @@ class MicroscribeLine:
         decoder: PacketDecoder,
         old: Callable[[TimedPacket], bool] = lambda _: False,
     ) -> TimedPacket | None:
-        """Ask for a packet with timer; None if none comes.
+        """Request a packet with timer; None if none arrives.
 
         Args:
             decoder: of such packets.
-            old: whether a packet is an answer to something asked before.
+            old: whether a packet is an answer to an earlier request.
         """
         self.drop_stray()
         self.port.write(packet_request(timer=True))
@@ -175,7 +175,7 @@ class MicroscribeLine:
         return None
 
     def read_until_quiet(self, quiet_s: float = QUIET_S) -> bytes:
-        """All that comes until nothing has come for a while, at most some."""
+        """Read until silence, at most some bytes."""
         data = b""
         while (more := self._read_for(quiet_s)) and len(data) < MOST_BYTES:
             data += more
@@ -219,7 +219,7 @@ class MicroscribeLine:
         return None
 
     def _read_for(self, seconds: float) -> bytes:
-        """What comes in a time; a request to stop ends it with DeviceError."""
+        """Read for a time; a request to stop ends it with DeviceError."""
         until_ns = self._now_ns() + int(seconds * 1e9)
         data = b""
         while (left_ns := until_ns - self._now_ns()) > 0:

@@ -1,4 +1,4 @@
-"""What a MicroScribe's line has cost: counted, and told together now and then."""
+"""Losses on a MicroScribe's line: counted, and reported together regularly."""
 
 from collections import Counter
 from typing import Protocol
@@ -7,17 +7,17 @@ from traverse.drivers.microscribe.session import MicroscribeSession
 
 
 class Fault(Protocol):
-    """Tells of something that went wrong, as `Driver` does."""
+    """Reports a fault, as `Driver` does."""
 
     def __call__(self, code: str, text: str, remedy: str, count: int = 1) -> None:
         """Tell it."""
 
 
 class MicroscribeLosses:
-    """Losses since they were last told.
+    """Losses since the last report.
 
     Args:
-        fault: tells one.
+        fault: reports one.
         counters: of the driver.
 
     Attributes:
@@ -28,7 +28,7 @@ class MicroscribeLosses:
     def __init__(self, fault: Fault, counters: Counter[str]) -> None:
         self._fault = fault
         self._counters = counters
-        self._rejected = 0  # told of this line
+        self._rejected = 0  # reported of this line
         self.samples = self.edges = 0
 
     def begin(self) -> None:
@@ -36,7 +36,7 @@ class MicroscribeLosses:
         self._rejected = 0
 
     def report(self, session: MicroscribeSession, path: str) -> None:
-        """Tell what there is of a session on a port."""
+        """Report the losses of a session on a port."""
         line, faults = session.line, session.decoder.faults
         self._counters["bytes_stray"] = line.unrequested_bytes + faults["stray"]
         self._counters["packets_old"] = line.old

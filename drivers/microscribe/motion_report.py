@@ -1,7 +1,7 @@
 """Packets that a MicroScribe sends by itself, whenever something has changed.
 
-While nothing changes nothing comes, and nobody could tell a quiet arm from a dead one.
-So after a while of silence the report is ended, the arm is asked for one packet, and
+While nothing changes nothing is sent, and a quiet arm looks like a dead one.
+So after a while of silence the report is ended, one packet is requested, and
 the report begins again.
 """
 
@@ -40,19 +40,19 @@ class MotionReport:
         self._begun_ns = self._last_ns = monotonic_ns()
 
     def begin(self) -> None:
-        """Let the arm report from now on."""
+        """Make the arm report from now on."""
         self._line.port.write(self._request)
         self._running = self._unechoed = True
         self._begun_ns = self._last_ns = self._now_ns()
 
     def end(self) -> None:
-        """Let it be silent again."""
+        """Stop its reports."""
         if self._running:
             self._running = False
             self._line.still()
 
     def read(self, seconds: float) -> list[TimedPacket]:
-        """The packets that come next, none after a time without any."""
+        """The next packets, none after a time without any."""
         if not self._line.port.wait(seconds):
             return []
         begun_ns = self._now_ns()
@@ -66,7 +66,7 @@ class MotionReport:
         ]
 
     def is_quiet(self, *, unsettled: bool) -> bool:
-        """Whether it is time to ask."""
+        """Whether a request is due."""
         patience_ns = CONFIRM_NS if unsettled else QUIET_NS
         return self._now_ns() - self._last_ns > patience_ns
 

@@ -1,4 +1,4 @@
-"""What the `[[device]]` table of a MicroScribe may say."""
+"""Options of the `[[device]]` table of a MicroScribe."""
 
 from typing import Literal
 

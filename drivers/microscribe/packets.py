@@ -2,7 +2,7 @@
 
 A packet is latched after its request has left and before its answer begins; how much
 of that is time on the line is known, the rest is taken to be the same both ways. The
-arm's own timer makes it better: it goes on by ticks whose rate and offset are learned,
+arm's own timer improves it: it advances by ticks whose rate and offset are learned,
 so that what the host or an adapter held back does not count. A timer that does not run
 as expected is left alone.
 """
@@ -23,11 +23,11 @@ MAX_TIMER_ERROR = 0.2
 
 @dataclass(frozen=True, slots=True)
 class PacketSample:
-    """What a packet says, in the words of all drivers.
+    """The contents of a packet, converted for all drivers.
 
     Attributes:
         ticks: the arm's timer, unwrapped; the time again where it is not used.
-        status: by channel, bits ``STATUS_*``; where missing the last count stands.
+        status: by channel, bits ``STATUS_*``; where missing, the last count is kept.
     """
 
     time_ns: int
@@ -39,7 +39,7 @@ class PacketSample:
 
     @property
     def complete(self) -> bool:
-        """Every count is one to be believed."""
+        """Every count is valid."""
         return not any(self.status)
 
 
@@ -48,7 +48,7 @@ class PacketClock:
 
     Args:
         rate_hz: of the arm's timer; 0 where it is not to be used.
-        wrap: where the timer goes back to 0.
+        wrap: where the timer returns to 0.
         delay_ns: from the latch to the first bytes, where nothing is held back.
     """
 
@@ -64,7 +64,7 @@ class PacketClock:
         return self._clock.steps if self._clock else 0
 
     def is_old(self, heard: TimedPacket) -> bool:
-        """Whether a packet was latched before it was asked for."""
+        """Whether a packet was latched before it was requested."""
         if self._clock is None or not self._clock.running:
             return False
         begins_ns = self._clock.to_ns(self._ticks(self._clock, heard)) - self._delay_ns
@@ -74,7 +74,7 @@ class PacketClock:
     def time_of(self, heard: TimedPacket) -> tuple[int, int]:
         """Unwrapped ticks and the host's time of a packet; learns from it."""
         time_ns = heard.begun_ns - heard.delay_ns
-        # Packets come in the order in which they were latched.
+        # Packets arrive in the order in which they were latched.
         earliest_ns = min(max(heard.sent_ns, self._last_ns), heard.begun_ns)
         if self._clock is None:
             self._last_ns = time_ns = max(time_ns, earliest_ns)
@@ -82,7 +82,7 @@ class PacketClock:
         ticks = self._ticks(self._clock, heard)
         self._clock.update(ticks, heard.begun_ns)
         # The tick had begun and the next one had not. Where in it the host knows
-        # better: requests may keep step with the timer, and then ticks never tell.
+        # better: requests may keep step with the timer, and then ticks never show it.
         tick_ns = self._clock.to_ns(ticks) - self._delay_ns
         time_ns = min(max(time_ns, tick_ns), tick_ns + self._tick_ns)
         self._last_ns = time_ns = min(max(time_ns, earliest_ns), heard.begun_ns)

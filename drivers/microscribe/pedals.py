@@ -1,6 +1,6 @@
 """Pedals of a MicroScribe: levels in packets become edges, once each.
 
-Packets have no check sum, so a changed level is believed when the next packet shows it
+Packets have no check sum, so a changed level is accepted when the next packet shows it
 too; the edge then has the counts and the time of the packet that showed it first. In a
 report of motion a packet whose counts are those of before can only be there because of
 the pedal: it needs no other.
@@ -19,7 +19,7 @@ MAX_WAITING = 64
 
 @dataclass(frozen=True, slots=True)
 class PedalEdge:
-    """A pedal went down or up."""
+    """A pedal was pressed or released."""
 
     number: int
     down: bool
@@ -27,7 +27,7 @@ class PedalEdge:
 
 
 class PedalDebouncer:
-    """Levels of all pedals as they are believed.
+    """Confirmed levels of all pedals.
 
     Args:
         debounce_ns: after an edge further ones of that pedal are ignored so long.
@@ -53,7 +53,7 @@ class PedalDebouncer:
     def detect_edges(
         self, sample: PacketSample, *, certain: bool = False
     ) -> list[PedalEdge]:
-        """The edges that a packet confirms, or tells beyond doubt."""
+        """The edges that a packet confirms, or shows beyond doubt."""
         edges = []
         for number in range(N_BUTTONS):
             bit = 1 << number

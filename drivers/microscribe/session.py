@@ -31,7 +31,7 @@ class ArmConnection:
     """A line with an arm at its end.
 
     Attributes:
-        resumed: its session has gone on since it was last spoken to.
+        resumed: its session has continued since the last exchange.
     """
 
     line: MicroscribeLine
@@ -85,13 +85,13 @@ def sign_on_at_any_rate(
         open_port: opens it at a baud rate.
         rates: to be tried, in this order.
         monotonic_ns: the host's clock.
-        stopping: asked between waits.
+        stopping: polled between waits.
 
     Returns:
-        The line, what the arm says it is, and the rate.
+        The line, the arm's identity, and the rate.
 
     Raises:
-        DeviceError: nobody answers at any of them.
+        DeviceError: no answer at any of them.
     """
     path = ""
     others = [rate for rate in BAUD_RATES if rate not in rates]
@@ -103,7 +103,7 @@ def sign_on_at_any_rate(
             if rate in rates:
                 if (said := line.sign_on()) is not None:
                     return line, said, rate
-            else:  # a session left behind at another rate hears nothing but this
+            else:  # a session left at another rate receives nothing but this
                 line.end()
                 line.read_until_quiet()
             port.close()
@@ -128,9 +128,9 @@ class MicroscribeSession:
     Attributes:
         channels: what is known of the encoders.
         decoder: of the packets.
-        reached_hz: packets that can be asked for in a second.
+        reached_hz: packets that can be requested in a second.
         delay_ns: from the latch to the first bytes of a packet, at the quickest.
-        first: the last sample before all others that are asked for.
+        first: the last sample before all others that are requested.
         timer_used: whether the arm's timer runs as it should.
     """
 
@@ -157,7 +157,7 @@ class MicroscribeSession:
         used_hz = timer_rate_hz if self.timer_used else 0.0
         self._clock = PacketClock(used_hz, wrap, self.delay_ns)
         self.first = [self.sample_of(one)[0] for one in heard][-1]
-        if self.timer_used:  # which tells an answer that comes later than that
+        if self.timer_used:  # which identifies an answer that arrives later than that
             usual_s = PATIENCE * max(lengths_ns) * 1e-9
             self.line.patience_s = min(max(usual_s, SHORTEST_S), PACKET_S)
         self.reached_hz = SHARE_OF_LINE * 1e9 / max(1.0, median(lengths_ns))
@@ -185,7 +185,7 @@ class MicroscribeSession:
         return self._clock.steps
 
     def ask(self) -> TimedPacket | None:
-        """Ask for a packet; None if none comes."""
+        """Request a packet; None if none arrives."""
         return self.line.packet(self.decoder, self._clock.is_old)
 
     def sample_of(self, heard: TimedPacket) -> tuple[PacketSample, list[int]]:

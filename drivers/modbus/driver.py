@@ -1,7 +1,7 @@
 """Driver of encoders that speak Modbus RTU, several on one line, through pymodbus.
 
-Each is asked in turn; a reading belongs to the middle of its exchange. That an encoder
-latches when the request has come is general knowledge, and differs between makers; many
+Each is polled in turn; a reading belongs to the middle of its exchange. That an encoder
+latches when the request has arrived is general knowledge and differs by maker; many
 renew their position only every few milliseconds. Which registers say what is told by
 the configuration: there is no standard.
 """
@@ -20,7 +20,7 @@ from traverse.drivers.polling.alarms import ConditionAlarms
 from traverse.drivers.polling.channel import EncoderReading, PolledChannel, ReadError
 from traverse.drivers.polling.polled_driver import PolledDriver
 
-DOUBTED_TIMEOUTS = 8  # a reply that comes later than that was not asked by us
+DOUBTED_TIMEOUTS = 8  # a reply that arrives later than that is not to our request
 LATE_S = 0.002  # more than the usual exchange that a late reply is waited for
 SILENT = ReadError(
     "silent",
@@ -182,12 +182,12 @@ class ModbusDriver(PolledDriver):
         return words, (sent_ns + received_ns) // 2
 
     def _usual_s(self) -> float:
-        """A time within which most replies come; the time-out until that is known."""
+        """A time within which most replies arrive; the time-out until that is known."""
         usual_s = self._longest_ns * 1e-9 + LATE_S
         return min(self._timeout_s, usual_s) if self._longest_ns else self._timeout_s
 
     def _pass(self, seconds: float) -> None:
-        """Let a time pass, even where something wakes this thread."""
+        """Wait for a time, even where something wakes this thread."""
         until_ns = self._now_ns() + round(seconds * 1e9)
         while (left_ns := until_ns - self._now_ns()) > 0:
             self._wait_for(self._wake_read, left_ns * 1e-9)

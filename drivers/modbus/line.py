@@ -18,9 +18,9 @@ class ModbusClient(ModbusBaseSyncClient):
     """One line with Modbus RTU devices.
 
     Args:
-        port: open port; whoever opened it closes it.
+        port: open port; closed by its owner.
         monotonic_ns: the host's clock.
-        let_pass: lets so many seconds pass.
+        let_pass: waits so many seconds.
         timeout_s: within which a reply is whole; may be changed.
         silence_s: between two frames.
         echo: the adapter gives back what is sent.
@@ -28,7 +28,7 @@ class ModbusClient(ModbusBaseSyncClient):
     Attributes:
         sent_ns: when the last request had been written.
         received_ns: when the last bytes of its reply were read.
-        strays: bytes that nobody had asked for.
+        strays: unexpected bytes.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class ModbusClient(ModbusBaseSyncClient):
             timeout_connect=timeout_s,
         )
         super().__init__(FramerType.RTU, 0, line, None, None, None)
-        # Replies that fail are counted and told by the driver, all in one place.
+        # Replies that fail are counted and reported by the driver, all in one place.
         logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)
         self._port = port
         self._now_ns = monotonic_ns
@@ -62,7 +62,7 @@ class ModbusClient(ModbusBaseSyncClient):
         return True
 
     def close(self) -> None:
-        """Whoever opened the port closes it."""
+        """The port's owner closes it."""
 
     def send(self, request: bytes, addr: tuple[str, int] | None = None) -> int:
         """Send a frame, after what silence belongs between two of them."""
@@ -77,8 +77,8 @@ class ModbusClient(ModbusBaseSyncClient):
         return len(request)
 
     def recv(self, size: int | None) -> bytes:
-        """What comes next; nothing once the time for the reply is over."""
-        del size  # a frame tells its own
+        """The next bytes; none once the time for the reply is over."""
+        del size  # a frame contains its own
         until_ns = self.sent_ns + round(self.timeout_s * 1e9)
         while (left_ns := until_ns - self._now_ns()) > 0:
             if self._port.wait(left_ns * 1e-9):
@@ -88,7 +88,7 @@ class ModbusClient(ModbusBaseSyncClient):
         return b""
 
     def discard_late_bytes(self, seconds: float) -> int:
-        """Read away what comes for a time; how many bytes it was."""
+        """Discard what arrives for a time; return the number of bytes."""
         heard = 0
         until_ns = self._now_ns() + round(seconds * 1e9)
         while (left_ns := until_ns - self._now_ns()) > 0:

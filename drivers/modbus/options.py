@@ -1,4 +1,4 @@
-"""What the table of a line with Modbus encoders may say."""
+"""Options of the table of a line with Modbus encoders."""
 
 from typing import Literal
 
@@ -24,7 +24,7 @@ CONDITIONS = {
 
 
 class ModbusEncoder(BaseModel):
-    """One encoder: its address, and which registers say what.
+    """One encoder: its address and registers.
 
     Registers are counted from 0: what a manual calls register 1, or 30001, is 0.
     """

@@ -11,7 +11,7 @@ REPORT_INTERVAL_NS = 200_000_000  # so often at most, together
 
 
 class ReadErrorLog:
-    """What is told of the encoders of one device; lives as long as its driver.
+    """Alarms of the encoders of one device; lives as long as its driver.
 
     Args:
         device: id in the configuration.
@@ -40,7 +40,7 @@ class ReadErrorLog:
             return
         self._counters[f"missed_{number}"] += 1
         self._last[number] = miss
-        if not channel.missing:  # else an alarm says so once
+        if not channel.missing:  # else an alarm reports it once
             self._untold[channel.name, miss] += 1
 
     def raise_if_all_missing(self, channels: Sequence[PolledChannel]) -> None:
@@ -117,12 +117,12 @@ class ConditionAlarms:
         self._told_ns = 0
 
     def add(self, channel: int, codes: Iterable[str]) -> None:
-        """An encoder has said what it complains of, perhaps nothing."""
+        """An encoder has reported its alarms, perhaps none."""
         self._heard.add(channel)
         self._seen.update((channel, code) for code in codes)
 
     def report(self, names: Mapping[int, str], now_ns: int) -> None:
-        """Tell what has begun, and what has not been seen since the last time.
+        """Report what has begun, and what has not been seen since the last time.
 
         Args:
             names: of the encoders, by channel, for people.

@@ -1,15 +1,15 @@
-"""One encoder that is asked again and again: its last count, and whether to believe.
+"""One polled encoder: its last count, and whether a reading is valid.
 
-Check bits let bad words pass. So a reading must also be one that the shaft can have
+Check bits pass some bad words. So a reading must also be one that the shaft can have
 reached since the last good one, no faster than a given speed; and the first one, also
-after an encoder has been missing, is believed once the next confirms it.
+after an encoder has been missing, is accepted once the next confirms it.
 """
 
 import math
 from dataclasses import dataclass
 
 READ_ERRORS_FOR_ALARM = 3
-ASK_AGAIN_NS = 500_000_000  # asking in vain costs the other encoders time
+ASK_AGAIN_NS = 500_000_000  # vain requests cost the other encoders time
 SLACK_NS = 1_000_000  # instants of readings are known to about an exchange
 SLACK_COUNTS = 4
 
@@ -74,17 +74,17 @@ class PolledChannel:
 
     @property
     def missing(self) -> bool:
-        """It has failed so often that it is asked only now and then."""
+        """It has failed so often that it is polled only occasionally."""
         return self.misses >= READ_ERRORS_FOR_ALARM
 
     def due(self, now_ns: int) -> bool:
-        """Whether to ask it."""
+        """Whether to poll it."""
         return not self.missing or now_ns >= self._ask_again_ns
 
     def accept(
         self, answer: EncoderReading | ReadError, now_ns: int
     ) -> ReadError | None:
-        """Take what asking brought; None where it is a reading to be believed."""
+        """Check a reply; None where it is a valid reading."""
         if isinstance(answer, ReadError):
             return self._failed(answer, now_ns)
         if self.time_ns is not None:

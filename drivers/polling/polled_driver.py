@@ -1,8 +1,8 @@
-"""What drivers share whose encoders are asked one after the other.
+"""What drivers share whose encoders are polled one after the other.
 
 The thread keeps a schedule: sample k belongs to the instant k / rate, and at that
-instant all encoders are asked in turn. Each reading has an instant of its own, told as
-`CountSamples.skew_ns`; to bring them to one instant is the consumer's business. An
+instant all encoders are polled in turn. Each reading has its own instant, stated as
+`CountSamples.skew_ns`; the consumer interpolates them to one instant. An
 instant that the line was too slow for is skipped, and is a gap in ``seq``.
 """
 
@@ -24,8 +24,8 @@ from traverse.drivers.polling.channel import EncoderReading, PolledChannel, Read
 from traverse.drivers.polling.sampling import SampleBlockBuilder, SampleSchedule
 
 FIRST_CYCLES = 8  # to get acquainted, and to learn how long a cycle takes
-LENGTHS = 256  # of asking, that are remembered
-SHARE_OF_LINE = 0.8  # of the time may be spent asking
+LENGTHS = 256  # of polling, that are stored
+SHARE_OF_LINE = 0.8  # of the time may be spent polling
 IDLE_S = 0.5  # without a stream, so often is looked whether all are there
 
 DISTURBED = ReadError(
@@ -97,14 +97,14 @@ class PolledDriver(Driver):
 
     @abstractmethod
     def _read_channel(self, channel: int) -> EncoderReading | ReadError:
-        """Ask one encoder.
+        """Poll one encoder.
 
         Raises:
-            DeviceError: the port is gone.
+            DeviceError: the port is lost.
         """
 
     def _cycle_is_valid(self) -> bool:
-        """Asked after each cycle; False makes all of its readings missing."""
+        """Called after each cycle; False makes all of its readings missing."""
         return True
 
     # -- in the reader thread -------------------------------------------------
@@ -132,7 +132,7 @@ class PolledDriver(Driver):
             jitter_ns=self._jitter_ns(),
         )
         self._deliver_state(DeviceUp(self.device, identity, restarted=False))
-        self._streams_begun = 0  # what was wanted is to be begun again
+        self._streams_begun = 0  # the requested stream is to be started again
         self._read_errors.report(self._channels, self._now_ns())
 
     def _serve(self) -> None:
@@ -194,7 +194,7 @@ class PolledDriver(Driver):
             self._deliver_block()
 
     def _cycle(self) -> list[EncoderReading | None]:
-        """Ask every encoder that is to be asked; None for what cannot be believed."""
+        """Poll every encoder that is due; None for invalid readings."""
         answers: list[EncoderReading | ReadError | None] = [
             self._asked(number) if channel.due(self._now_ns()) else None
             for number, channel in enumerate(self._channels)
@@ -214,7 +214,7 @@ class PolledDriver(Driver):
         return answer
 
     def _jitter_ns(self) -> int:
-        """How far the instant of a reading may be off: by half of what asking takes."""
+        """How far the instant of a reading may be off: by half of an exchange."""
         return round(median(self._lengths_ns) / 2.0)
 
     def _judged(

@@ -1,6 +1,6 @@
 """Driver of RLS Orbis and AksIM encoders, each on a serial port of its own.
 
-All are asked at once and answer side by side; a reading belongs to the middle of its
+All are polled at once and answer side by side; a reading belongs to the middle of its
 exchange. In the continuous mode they answer by themselves, each by its own clock, and
 a reading belongs to the begin of its reply. That an encoder latches then is general
 knowledge, and not confirmed by the makers' documents, as is that the bits between
@@ -152,12 +152,12 @@ class RlsDriver(PolledDriver):
         return True
 
     def _jitter_ns(self) -> int:
-        """By so much the instant of a reading may be off: half of what asking takes."""
+        """How far the instant of a reading may be off: by half of an exchange."""
         group = self._open_bank()
         return group.reply_ns // 2 if self._continuous else group.usual_ns // 2
 
     def _ask_all(self, group: RlsLineGroup) -> None:
-        """Ask every encoder that is due in this cycle, one for its temperature."""
+        """Poll every encoder that is due in this cycle, one for its temperature."""
         now_ns = self._now_ns()
         due = [n for n, c in enumerate(self._channels) if c.due(now_ns)]
         requests = dict.fromkeys(due, self._request)
@@ -172,13 +172,13 @@ class RlsDriver(PolledDriver):
 
     def _listen_until(self, wake_fd: int, seconds: float) -> None:
         """Wait for the next instant, in the continuous mode."""
-        del wake_fd  # the bank knows it
+        del wake_fd  # the bank has it
         self._open_bank().listen(seconds)
 
     def _latest_reply(
         self, group: RlsLineGroup, channel: int
     ) -> TimedPosition | ReadError:
-        """The last reply that came by itself; a new one if that has been taken."""
+        """The last unsolicited reply; a new one if that has been taken."""
         line = group.lines[channel]
         if self._channels[channel].missing:
             # It may have lost power, and with it the continuous mode.

@@ -25,7 +25,7 @@ SHIFTED = ReadError(
 
 @dataclass(frozen=True, slots=True)
 class TimedPosition:
-    """What an encoder said, and when it was so on the host's monotonic clock."""
+    """An encoder's reply, and its instant on the host's monotonic clock."""
 
     position: rls.Position
     time_ns: int
@@ -35,19 +35,19 @@ class RlsLine:
     """One encoder, from opening its port to losing it.
 
     Args:
-        port: open port; whoever opened it closes it.
+        port: open port; closed by its owner.
         layout: of the encoder.
         monotonic_ns: the host's clock.
         byte_ns: time of a byte on the wire.
-        doubt_ns: so long after a request that failed its reply may come.
+        doubt_ns: so long after a failed request its reply may still arrive.
 
     Attributes:
         port: the port.
-        request: what was asked last.
-        strays: bytes that nobody had asked for.
+        request: the last one.
+        strays: unexpected bytes.
         latest: last reply of the continuous mode, until it is taken.
         last_ns: how long the last good exchange took.
-        reply_duration_ns: time on the wire of what it says by itself.
+        reply_duration_ns: time on the wire of an unsolicited reply.
         exchange_ns: how long the longest good exchange took.
     """
 
@@ -79,7 +79,7 @@ class RlsLine:
 
     @property
     def may_receive_late_reply(self) -> bool:
-        """A reply that was given up may yet come, in the place of another."""
+        """A reply that was given up may still arrive, in the place of another."""
         return self._now_ns() < self._doubted_until_ns
 
     @property
@@ -88,7 +88,7 @@ class RlsLine:
         return len(self._heard) < self._wanted
 
     def ask(self, request: bytes) -> None:
-        """Send a request; what came before it is thrown away."""
+        """Send a request; discard earlier bytes."""
         if self.port.wait(0.0):
             self.unrequested_bytes += len(self.port.read())
         self.request = request
@@ -102,7 +102,7 @@ class RlsLine:
         return self._now_ns() - self._sent_ns
 
     def receive(self) -> None:
-        """Take what has come after a request."""
+        """Process what has arrived after a request."""
         data = self.port.read()
         if self.reply_is_incomplete:
             self._received_ns = self._now_ns()
@@ -113,7 +113,7 @@ class RlsLine:
             self._surplus = True
 
     def discard_late_bytes(self) -> None:
-        """Take what comes when nothing is due any more: a late reply, or a next one."""
+        """Process bytes when nothing is due any more: a late reply, or a next one."""
         self.unrequested_bytes += len(self.port.read())
         self._surplus |= not self.reply_is_incomplete
 
@@ -148,7 +148,7 @@ class RlsLine:
         self.latest = None
 
     def listen(self) -> None:
-        """Take what the encoder says by itself."""
+        """Process unsolicited replies."""
         data = self.port.read()
         now_ns = self._now_ns()
         if self._replies is None:

@@ -1,4 +1,4 @@
-"""The lines to several RLS encoders, which are asked and answer side by side."""
+"""The lines to several RLS encoders, which are polled side by side."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from statistics import median
@@ -7,9 +7,9 @@ from traverse.drivers.io.ports import BytePort, WaitForAny, WaitForWake
 from traverse.drivers.rls.line import RlsLine
 from traverse.protocol import rls
 
-BETWEEN_BYTES_S = 0.0015  # of settings; the encoder wants 1 ms
+BETWEEN_BYTES_S = 0.0015  # of settings; the encoder requires 1 ms
 BITS_OF_BYTE = 10
-DOUBTED_TIMEOUTS = 8  # a reply that comes later than that was not asked by us
+DOUBTED_TIMEOUTS = 8  # a reply that arrives later than that is not to our request
 
 
 class RlsLineGroup:
@@ -19,10 +19,10 @@ class RlsLineGroup:
         ports: open ports; `close` closes them.
         layout: of the encoders.
         baud_rate: of the ports.
-        timeout_s: within which a reply comes.
+        timeout_s: within which a reply arrives.
         monotonic_ns: the host's clock.
         wait_any: waits for the first of several ports.
-        wait_for: lets time pass.
+        wait_for: waits.
         wake_fd: ends waits early.
 
     Attributes:
@@ -56,7 +56,7 @@ class RlsLineGroup:
 
     @property
     def unrequested_bytes(self) -> int:
-        """Bytes that nobody had asked for."""
+        """Unexpected bytes."""
         return sum(line.unrequested_bytes for line in self.lines)
 
     @property
@@ -71,7 +71,7 @@ class RlsLineGroup:
 
     @property
     def reply_ns(self) -> int:
-        """Time on the wire of what an encoder says by itself."""
+        """Time on the wire of an unsolicited reply."""
         return self.lines[0].reply_duration_ns
 
     def close(self) -> None:
@@ -82,7 +82,7 @@ class RlsLineGroup:
     def exchange(
         self, requests: Mapping[int, bytes], impatient: frozenset[int] = frozenset()
     ) -> None:
-        """Ask encoders, all at the same time, and wait for their replies.
+        """Poll encoders, all at the same time, and wait for their replies.
 
         Args:
             requests: by channel.
@@ -115,7 +115,7 @@ class RlsLineGroup:
                 self.lines[number].discard_late_bytes()
 
     def discard_input(self, seconds: float) -> set[int]:
-        """Throw away what comes for a time; the channels on which something came."""
+        """Discard what arrives for a time; the channels on which something arrived."""
         talkers = set()
         for number in self._heard_within(self._all, round(seconds * 1e9)):
             self.lines[number].port.read()
@@ -123,7 +123,7 @@ class RlsLineGroup:
         return talkers
 
     def send_setting(self, number: int, setting: bytes) -> None:
-        """Send a setting byte by byte; its echo is read away with what else comes."""
+        """Send a setting byte by byte; its echo is discarded with all else received."""
         port = self.lines[number].port
         for byte in rls.UNLOCK + setting:
             port.write(bytes((byte,)))
@@ -134,14 +134,14 @@ class RlsLineGroup:
                 port.read()
 
     def start_continuous(self, number: int, request: bytes, period_us: int) -> None:
-        """Let an encoder answer a request again and again."""
+        """Make an encoder answer a request repeatedly."""
         self.send_setting(number, rls.STOP)
         self.send_setting(number, rls.continuous(request, period_us))
         self.lines[number].follow(request)
         self.send_setting(number, rls.START)
 
     def listen(self, seconds: float) -> None:
-        """Take what encoders say by themselves, until woken; at most for a time."""
+        """Process unsolicited replies, until woken; at most for a time."""
         until_ns = self._now_ns() + round(seconds * 1e9)
         while (left_ns := until_ns - self._now_ns()) > 0:
             ready = self._ready(self._all, left_ns)
@@ -151,7 +151,7 @@ class RlsLineGroup:
                 return  # woken, or over
 
     def listen_for_reply(self, number: int, patience_ns: int) -> None:
-        """Wait for a reply of one encoder; the others are heard meanwhile."""
+        """Wait for a reply of one encoder; the others are read meanwhile."""
         line = self.lines[number]
         until_ns = self._now_ns() + patience_ns
         while line.latest is None and (left_ns := until_ns - self._now_ns()) > 0:
@@ -170,7 +170,7 @@ class RlsLineGroup:
         return [numbers[index] for index in ready]
 
     def _usual_ns(self) -> int:
-        """A time within which most replies come; the time-out until that is known."""
+        """A time within which most replies arrive; the time-out until that is known."""
         longest_ns = self.longest_ns
         usual_ns = longest_ns + 1_000_000 if longest_ns else self._timeout_ns
         return min(self._timeout_ns, usual_ns)

@@ -1,4 +1,4 @@
-"""What the table of RLS encoders may say, and what they may complain of."""
+"""Options of the table of RLS encoders, and their alarms."""
 
 from typing import Literal
 
@@ -38,7 +38,7 @@ class RlsOptions(PolledOptions):
         mode: "asked", or "continuous": the encoders answer by themselves.
         period_us: of the continuous mode.
         detailed: read what an encoder complains of, too.
-        temperature_period_s: so often each one's temperature is asked; 0 for never.
+        temperature_period_s: interval of each one's temperature; 0 for never.
     """
 
     ports: tuple[str, ...] = Field(min_length=1, max_length=16)

@@ -6,7 +6,7 @@ smallest of these is kept, and a line is laid below the last of them, as near to
 all as it can be: its slope is the rate of the device's crystal, its height the smallest
 delay. That line is an edge of their lower convex hull, the one below their mean time
 (Moon, Skelly and Towsley, INFOCOM 1999), so that delays of a busy host do not move it.
-What remains is the smallest delay itself, which no one-way measurement can tell from
+What remains is the smallest delay itself, which no one-way measurement separates from
 the offset.
 """
 
@@ -31,7 +31,7 @@ class DeviceClock:
 
     Args:
         tick_rate_hz: nominal rate of the device's counter.
-        wrap: where the counter goes back to 0.
+        wrap: where the counter returns to 0.
 
     Attributes:
         running: something has been learned, so that times are not idle talk.
@@ -98,7 +98,7 @@ class DeviceClock:
         if self._bin_best is None or offset_ns < self._bin_best[1]:
             self._bin_best = (elapsed, offset_ns)
         if not self._bins and offset_ns < self._height_ns:
-            # The first half second goes by the smallest delay so far.
+            # The first half second uses the smallest delay so far.
             self._enter(ticks, self._slope, offset_ns)
 
     def to_ns(self, ticks: int) -> int:

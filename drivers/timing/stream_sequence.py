@@ -23,7 +23,7 @@ class StreamSequence:
         Returns:
             The unwrapped numbers of what is to be kept; a mask (n,) of what that
             is, None for all; how many are missing before or between; how many are
-            to be dropped because they came before, or cannot be.
+            to be dropped because they are repeated, or impossible.
         """
         n = len(seq)
         numbers = np.arange(self._expected, self._expected + n)
@@ -40,7 +40,7 @@ class StreamSequence:
         return numbers, kept, lost, n - len(numbers)
 
     def reach(self, next_seq: int) -> int:
-        """The board says that ``next_seq`` comes next: how many were skipped."""
+        """The board reports ``next_seq`` as next: how many were skipped."""
         ahead = (next_seq - self._expected + WRAP // 2) % WRAP - WRAP // 2
         if not 0 < ahead < MAX_JUMP:
             return 0

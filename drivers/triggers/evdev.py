@@ -1,7 +1,7 @@
 """Driver of a foot pedal, a keyboard or a mouse as trigger: the kernel's input events.
 
 Each key named in the configuration is an input. The kernel stamps an event when the
-device's report has come; how long a USB device takes before that, up to some
+device's report has arrived; how long a USB device takes before that, up to some
 milliseconds, it cannot know.
 """
 
@@ -83,7 +83,7 @@ class EvdevOptions(TriggerOptions):
 
     Attributes:
         keys: names or numbers of keys; input i is key i.
-        exclusive: keep its events from all other programs, if the kernel lets us.
+        exclusive: keep its events from all other programs, if the kernel allows it.
         debounce_us: how long a key must hold its new state.
     """
 
@@ -198,7 +198,7 @@ class EvdevDriver(TriggerDriver):
                 yield InputChange(number, event.value != RELEASED, time_ns)
 
     def _synchronised(self, code: int, time_ns: int) -> Iterator[InputChange]:
-        """After an overrun nothing is believed until the next report is whole."""
+        """After an overrun nothing is valid until the next report is whole."""
         if code == SYN_DROPPED:
             self._dropped = True
         elif code == SYN_REPORT and self._dropped:
@@ -208,7 +208,7 @@ class EvdevDriver(TriggerDriver):
                 yield InputChange(number, active, time_ns)
 
     def _asked(self, request: int, argument: int | bytes) -> int | bytes | None:
-        """The kernel's answer; None where this file knows no such request."""
+        """The kernel's answer; None where this file has no such request."""
         try:
             return self._ask_kernel(self._fd_now(), request, argument)
         except OSError:

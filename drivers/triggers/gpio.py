@@ -1,7 +1,7 @@
 """Driver of GPIO lines as triggers, by libgpiod 2: edges with the kernel's time stamps.
 
 The kernel could debounce, but then it stamps an edge when it has settled; so it is
-asked for every change, and debouncing is done here, from the first one.
+requested for every change, and debouncing is done here, from the first one.
 """
 
 import errno
@@ -71,7 +71,7 @@ class LineRequest(Protocol):
 
     @property
     def offsets(self) -> list[int]:
-        """Of the lines, in the order in which they were asked for."""
+        """Of the lines, in the order of the request."""
 
     def get_values(self) -> list[Value]:
         """Of the lines, in that order."""
@@ -94,7 +94,7 @@ def request_lines(
     consumer: str,
     buffer_events: int,
 ) -> LineRequest:
-    """Ask the kernel for lines of a chip."""
+    """Request lines of a chip from the kernel."""
     return gpiod.request_lines(
         path,
         config=dict(settings.items()),

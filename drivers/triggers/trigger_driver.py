@@ -28,7 +28,7 @@ MAX_WAITING = 64
 
 @dataclass(frozen=True, slots=True)
 class DebouncedEdge:
-    """An input went to a new level at ``time_ns`` and stayed there."""
+    """An input changed its level at ``time_ns`` and kept it."""
 
     active: bool
     time_ns: int
@@ -55,7 +55,7 @@ class Debounce:
         """Take a change; the edge of before, if that has held until now."""
         held = self.settle(time_ns)
         if active == self._level:
-            return held  # a change was lost between; the level tells all the same
+            return held  # a change was lost between; the level is still valid
         if not self._bouncing:
             self._first_ns, self._bouncing = time_ns, True
         self._level, self._last_ns = active, time_ns
@@ -154,7 +154,7 @@ class TriggerDriver(Driver):
         """Read what has happened, in order.
 
         Raises:
-            DeviceError: the device has gone away.
+            DeviceError: the device has disappeared.
             OSError: the same.
         """
 
