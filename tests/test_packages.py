@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -71,6 +72,27 @@ def test_every_folder_of_modules_is_a_package() -> None:
         module.parent for name in PACKAGES for module in (CHECKOUT / name).rglob("*.py")
     }
     assert [folder for folder in folders if not (folder / "__init__.py").exists()] == []
+
+
+def test_every_other_file_of_a_package_is_package_data() -> None:
+    """Else it would be left out of the wheel."""
+    settings = tomllib.loads((CHECKOUT / "pyproject.toml").read_text("utf-8"))
+    data = {
+        file
+        for package, patterns in settings["tool"]["setuptools"]["package-data"].items()
+        for pattern in patterns
+        for file in (CHECKOUT / "src" / package.replace(".", "/"))
+        .resolve()
+        .glob(pattern)
+    }
+    others = {
+        file
+        for name in PACKAGES
+        for file in (CHECKOUT / name).rglob("*.*")
+        if file.suffix in {".css", ".jinja", ".js", ".toml"}
+    }
+    assert len(others) > 10
+    assert others <= data
 
 
 def test_no_module_is_imported_twice_under_two_names() -> None:

@@ -13,7 +13,7 @@ from traverse.lab.diagnosis.report.names import (
     quantity,
     term_size_text,
 )
-from traverse.lab.identification.report.words import length_mm
+from traverse.lab.report.quantities import length_mm
 
 _MOST_RIVALS = 4
 _MOST_LINES = 12

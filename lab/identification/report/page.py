@@ -1,32 +1,25 @@
-"""The page: everything about an identification in one file without references."""
+"""The report of an identification: one page without references, lines for terminals."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from traverse.lab.identification.report.parameter_sections import (
-    correlation_section,
-    map_section,
-    parameter_section,
-    weakness_section,
+from traverse.arrays import Floats
+from traverse.lab.identification.equations.probe_effect import probe_effects_mm
+from traverse.lab.identification.report.map_picture import map_picture
+from traverse.lab.identification.report.parameter_pictures import (
+    correlation_picture,
+    coverage_picture,
 )
-from traverse.lab.identification.report.sections import (
-    advice_section,
-    artefact_section,
-    excluded_section,
-    joint_section,
-    normal_section,
+from traverse.lab.identification.report.residual_pictures import (
+    against_normal,
+    by_artefact,
+    by_joint,
 )
-from traverse.lab.identification.report.words import (
-    counted,
-    determined_sentence,
-    excluded_sentence,
-    map_sentence,
-    noise_sentence,
-    rms_sentence,
-    serial_sentence,
-    sigma0_sentences,
-    zeros_sentence,
+from traverse.lab.identification.report.undetermined_effects import (
+    undetermined_effects_mm,
 )
 from traverse.lab.identification.results.result import Identification
 from traverse.lab.identification.volume.distance_deviations import (
@@ -37,23 +30,30 @@ from traverse.lab.identification.volume.uncertainty_map import (
     UncertaintyMap,
     uncertainty_map,
 )
-from traverse.lab.report.html import note, paragraph, section
-from traverse.lab.report.page_frame import framed, navigation
+from traverse.lab.report.templates import Words, page
 from traverse.strict_toml.writing import write_atomically
 
-_CONTENTS = {
-    "artefacts": "artefacts",
-    "joints": "joints",
-    "normal": "distribution",
-    "parameters": "parameters",
-    "undetermined": "undetermined and weak",
-    "map": "volumetric uncertainty",
-    "correlations": "correlations",
-    "excluded": "excluded",
-    "advice": "next poses",
-}
 _SEED = 4
 _N_PAIRS = 200
+_MOST_NAMES = 6
+_MOST_PAIRS = 12
+_CLOSE = 0.9
+
+
+def combination(direction: Mapping[str, float]) -> str:
+    """Write a combination of parameters, the largest first, not all of a long one."""
+    largest = sorted(direction.items(), key=lambda entry: -abs(entry[1]))
+    shown = ", ".join(f"{name} {value:+.2f}" for name, value in largest[:_MOST_NAMES])
+    more = len(largest) - _MOST_NAMES
+    return f"{shown} and {more} more" if more > 0 else shown
+
+
+_FILTERS = {
+    "combination": combination,
+    "median": lambda values: float(np.median(list(values))),
+    "degrees": lambda angles_rad: np.degrees(angles_rad).tolist(),
+}
+WORDS = Words("identification/report/words.jinja", **_FILTERS)
 
 
 def result_map(result: Identification) -> UncertaintyMap:
@@ -65,6 +65,12 @@ def result_map(result: Identification) -> UncertaintyMap:
     return uncertainty_map(arm, result.campaign.poses.angles_rad[result.included])
 
 
+def summary_lines(result: Identification, found: UncertaintyMap) -> list[str]:
+    """Say the most important things, a line each."""
+    effects_mm = undetermined_effects_mm(result) if result.converged else None
+    return WORDS.lines("summary", result, found, effects_mm)
+
+
 def write_report(result: Identification, found: UncertaintyMap, path: Path) -> None:
     """Write the page in place of an old one, whole or not at all."""
     write_atomically(path, report_page(result, found))
@@ -72,56 +78,95 @@ def write_report(result: Identification, found: UncertaintyMap, path: Path) -> N
 
 def report_page(result: Identification, found: UncertaintyMap) -> str:
     """Make the page; the text is complete in itself."""
-    parts = [
-        note(_provenance(result)),
-        navigation(_CONTENTS),
-        _verdict(result, found),
-        artefact_section(result),
-        joint_section(result),
-        normal_section(result),
-        parameter_section(result),
-        weakness_section(result),
-        map_section(result, found, _noise_mm(result)),
-        correlation_section(result),
-        excluded_section(result),
-        advice_section(result),
-    ]
-    return framed(f"Identification of {result.arm.name}", parts)
-
-
-def _provenance(result: Identification) -> str:
-    campaign = result.campaign
-    started = (
-        "" if campaign.start_utc is None else f", begun {campaign.start_utc:%F %T}"
-    )
-    digest = f", SHA-256 {campaign.digest[:12]}" if campaign.digest else ""
-    return (
-        f"Campaign of {counted(len(campaign.poses), 'pose')} at "
-        f"{counted(len(result.artefacts), 'artefact')}{started}{digest}; "
-        f"{counted(len(campaign.joint_names), 'joint')}; "
-        f"{counted(len(result.iterations), 'iteration')}."
-    )
-
-
-def _verdict(result: Identification, found: UncertaintyMap) -> str:
     test = result.global_test
     # Less noise than was given does no harm.
     as_expected = test.passed or test.noise_estimated or result.sigma0 < 1.0
-    good = result.converged and as_expected
-    zeros, serial = zeros_sentence(result), serial_sentence(result)
-    sentences = [
-        *sigma0_sentences(result),
-        *([] if zeros is None else [zeros]),
-        rms_sentence(result),
-        noise_sentence(result),
-        *([] if serial is None else [serial]),
-        determined_sentence(result),
-        excluded_sentence(result),
-        map_sentence(result, found),
+    some_free = bool(result.parameters)
+    pictures = {
+        "artefacts": by_artefact(result),
+        "joints": by_joint(result),
+        "normal": against_normal(result),
+        "map": map_picture(found) if some_free else None,
+        "correlations": correlation_picture(result) if some_free else None,
+        "coverage": coverage_picture(result),
+    }
+    return page(
+        "identification/report/page.jinja",
+        _FILTERS,
+        result=result,
+        found=found,
+        words=WORDS,
+        pictures=pictures,
+        is_good=result.converged and as_expected,
+        controllability=_known(result, result.statistics.controllability),
+        detectable_mm=_known(result, result.statistics.detectable_mm),
+        effects_mm=_effects_mm(result) if some_free else [],
+        held=_held(result),
+        undetermined_mm=undetermined_effects_mm(result),
+        noise_mm=_noise_mm(result),
+        close_pairs=_close_pairs(result),
+        CLOSE=_CLOSE,
+        excluded=_excluded(result),
+        joint_columns=[f"{name} [degrees]" for name in result.campaign.joint_names],
+    )
+
+
+def _known(result: Identification, values: Floats) -> list[float]:
+    taken = values[result.included]
+    known: list[float] = taken[np.isfinite(taken)].tolist()
+    return known
+
+
+def _effects_mm(result: Identification) -> Floats:
+    """What the standard deviation of each parameter alone does at the probe."""
+    stds = np.array([entry.std for entry in result.parameters])
+    adjustment = result.adjustment
+    return probe_effects_mm(adjustment.network, adjustment.state.arm, np.diag(stds))
+
+
+def _held(result: Identification) -> list[str]:
+    """Name the axes and links that were not free."""
+    parameters = result.adjustment.network.parameters
+    free = set(parameters.free_names)
+    return [
+        name
+        for name in parameters.of_geometry().names
+        if name not in free and any(part in name for part in (".axis.", ".link."))
     ]
-    kind = "verdict" if good else "verdict bad"
-    text = "\n".join(paragraph(sentence) for sentence in sentences)
-    return section("verdict", "Verdict", f'<div class="{kind}">{text}</div>')
+
+
+def _close_pairs(result: Identification) -> list[tuple[str, str, float]]:
+    """Find the parameters that are correlated most."""
+    names = [entry.name for entry in result.parameters]
+    first, second = np.triu_indices(len(names), 1)
+    values = result.correlations[first, second]
+    order = np.argsort(-np.abs(values))[:_MOST_PAIRS]
+    return [
+        (names[first[at]], names[second[at]], float(values[at]))
+        for at in order
+        if abs(values[at]) > _CLOSE
+    ]
+
+
+def _excluded(result: Identification) -> list[dict[str, Any]]:
+    """List the poses that contradict the others, the worst first."""
+    poses, campaign = result.campaign.poses, result.campaign
+    places = {int(line): at for at, line in enumerate(poses.lines)}
+    rows = []
+    for entry in sorted(result.excluded, key=lambda pose: -pose.w):
+        at = places[entry.line]
+        artefact = int(poses.artefacts[at])
+        misclosures_mm = result.statistics.misclosures_mm[at]
+        rows.append(
+            {
+                "artefact": campaign.artefacts[artefact].id,
+                "feature": campaign.feature_names[artefact][int(poses.features[at])],
+                "line": entry.line,
+                "w": entry.w,
+                "size_mm": float(np.sqrt(np.nansum(misclosures_mm**2))),
+            }
+        )
+    return rows
 
 
 def _noise_mm(result: Identification) -> float:

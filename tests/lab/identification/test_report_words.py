@@ -9,23 +9,16 @@ from tests.lab.simulated import arm_value, bar, cones, disturbed, seven_joints, 
 from traverse.lab.identification.equations.probe_effect import posture_columns
 from traverse.lab.identification.identify import identify
 from traverse.lab.identification.report import summary_lines
-from traverse.lab.identification.report.page import result_map
+from traverse.lab.identification.report.page import WORDS, combination, result_map
 from traverse.lab.identification.report.undetermined_effects import (
     undetermined_effects_mm,
-)
-from traverse.lab.identification.report.words import (
-    combination,
-    length_mm,
-    map_sentence,
-    noise_sentence,
-    probability,
-    sigma0_sentences,
 )
 from traverse.lab.identification.results.result import (
     ExcludedPose,
     GlobalTest,
     Identification,
 )
+from traverse.lab.report.quantities import length_mm, probability
 
 
 @pytest.fixture(scope="module")
@@ -61,23 +54,23 @@ def test_sigma0_is_put_into_words(
     good: Identification, sigma0: float, test: GlobalTest, said: str
 ) -> None:
     result = replace(good, sigma0=sigma0, global_test=test)
-    assert said in " ".join(sigma0_sentences(result))
+    assert said in WORDS.sigma0(result)
 
 
 def test_chance_is_not_named_where_it_is_out_of_the_question(
     good: Identification,
 ) -> None:
     result = replace(good, sigma0=3.0, global_test=GlobalTest(1e-20, False, False))
-    assert "chance" not in " ".join(sigma0_sentences(result))
+    assert "chance" not in WORDS.sigma0(result)
 
 
 def test_little_redundancy_is_called_a_weak_check(good: Identification) -> None:
     # 1.96 / sqrt(2 redundancy): 49 % for 8, 9.8 % for 200.
-    weak = " ".join(sigma0_sentences(replace(good, redundancy=8)))
+    weak = WORDS.sigma0(replace(good, redundancy=8))
     assert "less than about 49 %" in weak
     assert "a weak check" in weak
-    assert "less than about 10 %" in " ".join(sigma0_sentences(good))
-    none = " ".join(sigma0_sentences(replace(good, redundancy=0)))
+    assert "less than about 10 %" in WORDS.sigma0(good)
+    none = WORDS.sigma0(replace(good, redundancy=0))
     assert "nothing checks" in none
 
 
@@ -90,8 +83,8 @@ def test_without_convergence_no_figure_is_told(good: Identification) -> None:
 def test_undetermined_scale_is_told_where_distances_are(
     good: Identification, scaleless: Identification
 ) -> None:
-    assert "the truth is worse" in map_sentence(scaleless, result_map(scaleless))
-    assert "the truth is worse" not in map_sentence(good, result_map(good))
+    assert "the truth is worse" in WORDS.map(scaleless, result_map(scaleless))
+    assert "the truth is worse" not in WORDS.map(good, result_map(good))
     lines = summary_lines(scaleless, result_map(scaleless))
     assert any(line.startswith("undetermined: ") and "scale" in line for line in lines)
     assert any("one keeps its design value" in line for line in lines)
@@ -113,9 +106,9 @@ def test_many_excluded_poses_are_counted_not_all_listed(good: Identification) ->
 
 
 def test_noise_names_its_origin(good: Identification) -> None:
-    assert noise_sentence(good).startswith("Noise (given or assumed): readings 5 µrad")
+    assert WORDS.noise(good).startswith("Noise (given or assumed): readings 5 µrad")
     estimated = replace(good, global_test=GlobalTest(1.0, True, True))
-    assert noise_sentence(estimated).startswith("Noise (estimated)")
+    assert WORDS.noise(estimated).startswith("Noise (estimated)")
 
 
 def test_long_combinations_are_cut_after_the_largest() -> None:

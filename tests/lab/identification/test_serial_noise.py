@@ -20,8 +20,7 @@ from tests.lab.simulated import (
 from traverse.kinematics.model.forward import probe_centre
 from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.report import summary_lines
-from traverse.lab.identification.report.page import result_map
-from traverse.lab.identification.report.words import serial_sentence
+from traverse.lab.identification.report.page import WORDS, result_map
 from traverse.lab.identification.results.files import identification_json
 from traverse.lab.identification.solve.serial_noise import correlations
 
@@ -195,11 +194,11 @@ def test_the_test_of_sigma0_counts_samples_by_what_they_say(shared, single):
 
 def test_it_is_told_on_the_terminal_and_in_the_file(shared, single):
     said = "Neighbouring samples of the stream share noise"
-    assert said in serial_sentence(shared)
+    assert said in WORDS.serial(shared)
     found = result_map(shared)
-    assert serial_sentence(shared) in summary_lines(shared, found)
+    assert WORDS.serial(shared) in summary_lines(shared, found)
     values = identification_json(shared)["serial_noise"]
     assert set(values) == {"lasts_s", "samples_per_mean", "samples_per_square"}
-    assert serial_sentence(single) is None
+    assert WORDS.serial(single) == ""
     assert not any(said in line for line in summary_lines(single, found))
     assert identification_json(single)["serial_noise"] is None

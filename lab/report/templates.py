@@ -1,0 +1,86 @@
+"""Templates of reports: pages of HTML, and sentences for pages and terminals.
+
+A template lies beside the module that fills it. Pages escape every value; sentences are
+plain text that a page escapes like any other value.
+"""
+
+import base64
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from traverse.lab.report import quantities
+
+_LAB = Path(__file__).parents[1]
+Filters = dict[str, Callable[..., Any]]
+
+_FILTERS: Filters = {
+    "number": quantities.number,
+    "quantity": quantities.quantity,
+    "length_mm": quantities.length_mm,
+    "counted": quantities.counted,
+    "often": quantities.often,
+    "probability": quantities.probability,
+    "probability_of_log": quantities.probability_of_log,
+    "odds": quantities.odds,
+    "zip": lambda *columns: list(zip(*columns, strict=True)),
+    "base64": lambda content: base64.b64encode(content).decode("ascii"),
+}
+
+
+class Words:
+    """Sentences of a report: the macros of a template, as functions that give text.
+
+    In a template's text a blank line ends a sentence or a line of a terminal; other
+    line ends are spaces.
+    """
+
+    def __init__(self, template: str, **filters: Callable[..., Any]) -> None:
+        """Read a template.
+
+        Args:
+            template: Path below `lab/`.
+            filters: Its filters besides those of all reports.
+        """
+        environment = _environment(filters, is_html=False)
+        self._macros = environment.get_template(template).module
+
+    def __getattr__(self, macro: str) -> Callable[..., str]:
+        return lambda *values: " ".join(self.lines(macro, *values))
+
+    def lines(self, macro: str, *values: object) -> list[str]:
+        """Give the sentences of a macro, indented like their first lines."""
+        text: str = getattr(self._macros, macro)(*values)
+        lines = []
+        for part in text.split("\n\n"):
+            words = part.split()
+            if words:
+                first = part.lstrip("\n")
+                indent = first[: len(first) - len(first.lstrip())]
+                lines.append(indent + " ".join(words))
+        return lines
+
+
+def page(template: str, filters: Filters, **values: object) -> str:
+    """Make a page.
+
+    Args:
+        template: Path below `lab/`.
+        filters: Its filters besides those of all reports.
+        values: That it shows.
+    """
+    return _environment(filters, is_html=True).get_template(template).render(values)
+
+
+def _environment(filters: Filters, *, is_html: bool) -> Environment:
+    environment = Environment(
+        loader=FileSystemLoader(_LAB),
+        autoescape=is_html,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=StrictUndefined,
+    )
+    environment.filters |= _FILTERS | filters
+    return environment
