@@ -63,9 +63,9 @@ def counted(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
-def often(times: float) -> str:
+def often(times: int) -> str:
     """Write how often: `once`, `twice`, `3 times`."""
-    return {1: "once", 2: "twice"}.get(times, f"{times} times")  # type: ignore[call-overload, no-any-return] # an order may be a float
+    return {1: "once", 2: "twice"}.get(times, f"{times} times")
 
 
 def probability(p_value: float) -> str:

@@ -4,12 +4,8 @@ from collections.abc import Sequence
 
 from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.result import Detectable
-from traverse.lab.diagnosis.report.names import (
-    candidate_label,
-    minimal_size_text,
-    quantity,
-    shown_unit,
-)
+from traverse.lab.diagnosis.report.names import candidate_label
+from traverse.lab.report.quantities import quantity, shown_unit
 
 NOT_SEEN = "—"
 
@@ -47,7 +43,9 @@ def whole_arm_rows(detectable: Sequence[Detectable]) -> list[list[str]]:
     return [
         [
             candidate_label(entry.candidate),
-            NOT_SEEN if entry.minimum is None else minimal_size_text(entry),
+            NOT_SEEN
+            if entry.minimum is None
+            else quantity(entry.minimum, None, entry.unit),
             "" if entry.minimum is None else quantity(entry.probe_mm, None, "mm"),
         ]
         for entry in detectable
@@ -75,7 +73,7 @@ def detectable_lines(detectable: Sequence[Detectable]) -> list[str]:
             lines.append(f"{name:<{width}}  cannot be seen: {entry.why}")
         else:
             lines.append(
-                f"{name:<{width}}  from {minimal_size_text(entry)} on "
+                f"{name:<{width}}  from {quantity(entry.minimum, None, entry.unit)} on "
                 f"({quantity(entry.probe_mm, None, 'mm')} at the probe)"
             )
     return lines

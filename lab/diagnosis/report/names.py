@@ -7,7 +7,8 @@ import numpy as np
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.outlier_clusters import Cluster
-from traverse.lab.diagnosis.model.result import Detectable, Diagnosis, Estimate, Term
+from traverse.lab.diagnosis.model.result import Diagnosis, Estimate, Term
+from traverse.lab.report.quantities import often, quantity
 
 _MOVED = {"angle": "its angle", "tilt": "the tilt of its axis", "shift": "its place"}
 _COLUMNS = {
@@ -23,9 +24,6 @@ _OF_JOINT = {
 }
 # Keys that say where or when, not how much.
 _NO_SIZES = ("phase_rad", "at_s")
-_PREFIXES = ((1.0, ""), (1e3, "m"), (1e6, "µ"), (1e9, "n"), (1e12, "p"))
-_LENGTHS = [(1.0, "mm"), (1e3, "µm"), (1e6, "nm"), (1e9, "pm")]
-_BARE = {"ppm": "ppm"}
 
 
 def candidate_label(candidate: Candidate) -> str:
@@ -45,11 +43,6 @@ def candidate_label(candidate: Candidate) -> str:
     of = "" if candidate.joint is None else f", joint {candidate.joint}"
     at = "" if candidate.at_s is None else f", at {candidate.at_s:.1f} s"
     return f"{said}{of}{at}"
-
-
-def often(times: int) -> str:
-    """Say how often."""
-    return {1: "once", 2: "twice"}.get(times, f"{times} times")
 
 
 def _curve(candidate: Candidate) -> str:
@@ -136,72 +129,3 @@ def term_size(
     if amplitude == 0.0:
         return 0.0, float(np.linalg.norm(stds)), unit
     return amplitude, float(np.linalg.norm(values * stds) / amplitude), unit
-
-
-def quantity(value: float, std: float | None, unit: str) -> str:
-    """Write a number with its unit: `23.1 ± 1.2 µrad`.
-
-    Args:
-        value: In the unit.
-        std: Standard deviation, or None.
-        unit: A unit of the arm file's keys; a prefix is chosen.
-    """
-    factor, shown = shown_unit(max(abs(value), 0.0 if std is None else std), unit)
-    value = factor * value
-    if std is None:
-        return f"{value:.3g} {shown}" if abs(value) < 1e3 else f"{value:.0f} {shown}"
-    std = factor * std
-    digits = _digits(std if std > 0.0 else abs(value))
-    return f"{value:.{digits}f} ± {std:.{digits}f} {shown}"
-
-
-def shown_unit(largest: float, unit: str) -> tuple[float, str]:
-    """Choose a prefix so that numbers are short: a factor, and the unit's name."""
-    if unit in _BARE:
-        return 1.0, unit
-    if unit == "1/C":
-        return 1e6, "ppm/°C"
-    base, slash, per = unit.partition("/")
-    per = {"C": "°C", "(N m)": "(N m)"}.get(per, per)
-    # Millimetres have a prefix already.
-    known = (
-        _LENGTHS if base == "mm" else [(f, prefix + base) for f, prefix in _PREFIXES]
-    )
-    for factor, name in known:
-        if factor * largest >= 1.0 or largest == 0.0:
-            return factor, f"{name}{slash}{per}"
-    factor, name = known[-1]
-    return factor, f"{name}{slash}{per}"
-
-
-def minimal_size_text(entry: Detectable) -> str:
-    """Say the smallest size that would have been seen."""
-    if entry.minimum is None:
-        return "cannot be seen"
-    return quantity(entry.minimum, None, entry.unit)
-
-
-def odds(log_factor: float) -> str:
-    """Write a Bayes factor as odds of one to something.
-
-    Args:
-        log_factor: Natural logarithm, of the better against the worse.
-    """
-    decades = log_factor / np.log(10.0)
-    if decades < 4.0:
-        return f"1:{np.exp(max(log_factor, 0.0)):.0f}"
-    return f"1:10^{decades:.0f}"
-
-
-def p_value_text(log10_p: float) -> str:
-    """Write a p-value that may be too small for a number."""
-    if log10_p > -4.0:
-        return f"p = {10.0**log10_p:.2g}"
-    return f"p = 10^{log10_p:.0f}"
-
-
-def _digits(std: float) -> int:
-    """Decimals that show two digits of a standard deviation."""
-    if not std > 0.0 or not np.isfinite(std):
-        return 1
-    return int(np.clip(1 - np.floor(np.log10(std)), 0, 6))

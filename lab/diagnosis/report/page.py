@@ -1,75 +1,93 @@
-"""The page: everything about a diagnosis in one file without references."""
+"""The report of a diagnosis: one page without references, lines for terminals."""
+
+from collections.abc import Mapping
 
 import numpy as np
 
-from traverse.lab.diagnosis.model.result import Diagnosis
-from traverse.lab.diagnosis.report.closing_sections import (
-    detectable_section,
-    excluded_section,
-    leftover_section,
-    method_section,
+from traverse.lab.diagnosis.model.result import Diagnosis, Estimate
+from traverse.lab.diagnosis.report.adapted_arm import terms_without_epoch
+from traverse.lab.diagnosis.report.detectable_table import (
+    joint_rows,
+    reasons,
+    whole_arm_rows,
+)
+from traverse.lab.diagnosis.report.names import (
+    candidate_label,
+    cluster_text,
+    step_names,
+    term_size_text,
 )
 from traverse.lab.diagnosis.report.plots import Plots
-from traverse.lab.diagnosis.report.sections import (
-    ledger_section,
-    map_section,
-    term_section,
-)
-from traverse.lab.diagnosis.report.words import verdict_sentences
-from traverse.lab.report.html import note, paragraph, section
-from traverse.lab.report.page_frame import framed, navigation
+from traverse.lab.report.templates import Words, page
 
-_STYLE = """
-h3 { font-size: 1rem; margin: 1.6rem 0 0; }
-.verdict.open { border-color: #D55E00; background: #fdf3ec; }
-.verdict p:first-child { font-weight: 600; }
-"""
-_CONTENTS = {
-    "ledger": "the gap",
-    "terms": "what is missing",
-    "maps": "where it lives",
-    "leftovers": "what remains",
-    "detectable": "what would have been seen",
-    "excluded": "excluded",
-    "method": "noise and method",
+
+def _n_judged(diagnosis: Diagnosis) -> int:
+    return int(np.count_nonzero(diagnosis.choosing & ~diagnosis.excluded))
+
+
+def _estimate_rows(estimates: Mapping[str, Estimate]) -> list[list[str]]:
+    """List the keys of an effect, the components of a vector one by one."""
+    rows = []
+    for key, found in estimates.items():
+        if isinstance(found.value, tuple) and isinstance(found.std, tuple):
+            parts = zip(found.value, found.std, strict=True)
+            rows += [
+                [f"{key} [{at}]", f"{value:.4g}", f"{std:.2g}", found.unit]
+                for at, (value, std) in enumerate(parts)
+            ]
+        else:
+            rows.append([key, f"{found.value:.5g}", f"{found.std:.2g}", found.unit])
+    return rows
+
+
+_FILTERS = {
+    "label": candidate_label,
+    "size_text": term_size_text,
+    "cluster_text": cluster_text,
+    "terms_without_epoch": terms_without_epoch,
+    "n_judged": _n_judged,
+    "estimate_rows": _estimate_rows,
 }
+WORDS = Words("diagnosis/report/words.jinja", **_FILTERS)
+
+
+def summary_lines(diagnosis: Diagnosis) -> list[str]:
+    """Say the most important things, a line each."""
+    return WORDS.lines("summary", diagnosis)
 
 
 def report_page(diagnosis: Diagnosis, plots: Plots) -> str:
     """Make the page; the text is complete in itself."""
-    parts = [
-        note(_provenance(diagnosis)),
-        navigation(_CONTENTS),
-        _verdict(diagnosis),
-        ledger_section(diagnosis, plots),
-        term_section(diagnosis, plots),
-        map_section(plots),
-        leftover_section(diagnosis),
-        detectable_section(diagnosis),
-        excluded_section(diagnosis, plots),
-        method_section(diagnosis),
-    ]
-    return framed(f"Diagnosis of {diagnosis.arm.name}", parts, _STYLE)
-
-
-def _provenance(diagnosis: Diagnosis) -> str:
-    campaign = diagnosis.campaign
-    started = (
-        "" if campaign.start_utc is None else f", begun {campaign.start_utc:%F %T}"
-    )
-    digest = f", SHA-256 {campaign.digest[:12]}" if campaign.digest else ""
-    choosing = int(np.count_nonzero(diagnosis.choosing))
-    held_out = int(np.count_nonzero(diagnosis.held_out))
-    return (
-        f"Campaign of {len(campaign.poses)} poses at {len(campaign.artefacts)} "
-        f"artefacts{started}{digest}; {choosing} poses for choosing, {held_out} kept "
-        f"aside; seed {diagnosis.seed}."
+    joint_names = list(diagnosis.campaign.joint_names)
+    return page(
+        "diagnosis/report/page.jinja",
+        _FILTERS,
+        diagnosis=diagnosis,
+        plots=plots,
+        words=WORDS,
+        step_names=step_names(diagnosis),
+        joint_names=joint_names,
+        joint_rows=joint_rows(diagnosis.detectable, joint_names),
+        whole_arm_rows=whole_arm_rows(diagnosis.detectable),
+        reasons=reasons(diagnosis.detectable),
+        excluded_rows=_excluded_rows(diagnosis, plots),
     )
 
 
-def _verdict(diagnosis: Diagnosis) -> str:
-    settled = diagnosis.verdict in ("clean", "named") and not diagnosis.vetoed
-    kind = "verdict" if settled else "verdict open"
-    text = "\n".join(paragraph(one) for one in verdict_sentences(diagnosis))
-    heading = f"Verdict: {diagnosis.verdict}"
-    return section("verdict", heading, f'<div class="{kind}">{text}</div>')
+def _excluded_rows(diagnosis: Diagnosis, plots: Plots) -> list[list[str]]:
+    """List the poses that were left out."""
+    poses, campaign = diagnosis.campaign.poses, diagnosis.campaign
+    rows = []
+    for at in np.flatnonzero(diagnosis.excluded | plots.contradicting):
+        artefact = int(poses.artefacts[at])
+        rows.append(
+            [
+                campaign.artefacts[artefact].id,
+                campaign.feature_names[artefact][int(poses.features[at])],
+                "kept aside" if diagnosis.held_out[at] else "",
+                str(int(poses.lines[at])),
+                f"{poses.time_s[at]:.1f}",
+                f"{plots.after.sizes[at]:.1f}",
+            ]
+        )
+    return rows

@@ -25,7 +25,7 @@ from traverse.lab.diagnosis.model.outlier_clusters import (
 )
 from traverse.lab.diagnosis.report import plots_of, report_page
 from traverse.lab.diagnosis.report.files import diagnosis_json
-from traverse.lab.diagnosis.report.words import missing_sentences
+from traverse.lab.diagnosis.report.page import WORDS
 
 N_DRAWS = 300
 
@@ -149,7 +149,7 @@ def test_the_place_is_told_in_words_and_files():
     _, found = narrow()
     place = found.terms[0].cluster
     low, high = np.degrees([place.low, place.high])
-    (said,) = missing_sentences(found)
+    (said,) = WORDS.lines("missing", found)
     assert f"where the reading of J2 is {low:.4g} to {high:.4g} degrees" in said
     (told,) = diagnosis_json(found)["terms"]
     assert (told["kind"], told["joint"]) == ("empirical", "J2")

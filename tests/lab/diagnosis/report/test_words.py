@@ -15,19 +15,11 @@ from traverse.lab.diagnosis.report.detectable_table import (
 )
 from traverse.lab.diagnosis.report.names import (
     candidate_label,
-    odds,
-    p_value_text,
-    quantity,
     term_size,
     term_size_text,
 )
-from traverse.lab.diagnosis.report.words import (
-    held_out_sentence,
-    missing_sentences,
-    rival_sentences,
-    summary_lines,
-    verdict_sentences,
-)
+from traverse.lab.diagnosis.report.page import WORDS, summary_lines
+from traverse.lab.report.quantities import odds, probability_of_log, quantity
 
 
 def candidate(kind, joint=None, **more) -> Candidate:
@@ -132,18 +124,18 @@ def test_odds_and_probabilities_never_underflow():
     assert odds(0.0) == "1:1"
     assert odds(3.689) == "1:40"
     assert odds(2000.0) == "1:10^869"
-    assert p_value_text(-2.0) == "p = 0.01"
-    assert p_value_text(-1234.5) == "p = 10^-1234"
+    assert probability_of_log(-2.0) == "0.01"
+    assert probability_of_log(-1234.5) == "10^-1234"
 
 
 def test_the_first_sentence_names_the_effect_its_joint_and_its_size():
-    first = verdict_sentences(eccentric())[0]
+    first = WORDS.lines("verdict", eccentric())[0]
     assert first.startswith("Missing effect: encoder eccentricity, joint J3 (3")
     assert first.endswith(" µrad).")
 
 
 def test_clean_says_so_and_names_no_effect():
-    sentences = missing_sentences(clean())
+    sentences = WORDS.lines("missing", clean())
     assert len(sentences) == 1
     assert sentences[0].startswith("Clean: ")
 
@@ -159,7 +151,7 @@ def test_rivals_and_aliases_are_told_apart():
         ),
         Alternative(candidate("encoder_scale", "J3"), 1.0, 0.99999, alias=True),
     )
-    excluded, alias = rival_sentences(replace(term, alternatives=rivals))
+    excluded, alias = WORDS.lines("rivals", replace(term, alternatives=rivals))
     assert excluded == (
         "Cannot be excluded: radial runout twice a turn, joint J3 (evidence 1:40)."
     )
@@ -170,7 +162,7 @@ def test_statuses_have_their_own_words():
     found = eccentric()
     term = found.terms[0]
     tentative = replace(term, status="tentative", accepted=False)
-    said = " ".join(missing_sentences(replace(found, terms=(tentative,))))
+    said = " ".join(WORDS.lines("missing", replace(found, terms=(tentative,))))
     assert "tentatively" in said
     assert "It is not in the adapted arm." in said
     unknown = replace(
@@ -179,26 +171,26 @@ def test_statuses_have_their_own_words():
         harmonic=3,
         candidate=candidate("empirical", "J3", covariate="J5_rad"),
     )
-    said = " ".join(missing_sentences(replace(found, terms=(unknown,))))
+    said = " ".join(WORDS.lines("missing", replace(found, terms=(unknown,))))
     assert "no known effect explains it: something over the reading of J5" in said
     assert "repeats 3 times a turn" in said
 
 
 def test_a_veto_is_told():
-    said = " ".join(verdict_sentences(replace(eccentric(), vetoed=True)))
+    said = " ".join(WORDS.lines("verdict", replace(eccentric(), vetoed=True)))
     assert "nothing was added" in said
 
 
 def test_the_gap_is_told_with_its_part_or_without():
     found = eccentric()
-    assert "% of what is achievable" in held_out_sentence(found)
-    assert "cannot be told" in held_out_sentence(replace(found, closed=None))
+    assert "% of what is achievable" in WORDS.held_out(found)
+    assert "cannot be told" in WORDS.held_out(replace(found, closed=None))
 
 
 def test_an_experiment_is_proposed_where_there_is_one():
     found = eccentric()
     term = replace(found.terms[0], separate_by="hang a known mass at the wrist")
-    said = verdict_sentences(replace(found, terms=(term,)))
+    said = WORDS.lines("verdict", replace(found, terms=(term,)))
     assert "To separate: hang a known mass at the wrist" in said
 
 
