@@ -83,7 +83,7 @@ def verify(
     if as_json:
         typer.echo(json.dumps(values, indent=1, ensure_ascii=False))
     else:
-        from traverse.lab.acceptance.certificate.words import figure_lines  # noqa: PLC0415
+        from traverse.lab.acceptance.certificate.page import figure_lines  # noqa: PLC0415
 
         typer.echo("\n".join(figure_lines(values)))
         if out is not None:

@@ -159,7 +159,7 @@ def _tell(values: dict[str, Any], out: Path | None, *, as_json: bool) -> None:
     if as_json:
         typer.echo(json.dumps(values, indent=1, ensure_ascii=False))
         return
-    from traverse.lab.alignment.words import alignment_lines  # noqa: PLC0415
+    from traverse.lab.alignment.page import alignment_lines  # noqa: PLC0415
 
     typer.echo("\n".join(alignment_lines(values)))
     if out is not None:

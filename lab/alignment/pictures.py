@@ -1,15 +1,13 @@
 """Pictures of an alignment: residuals as arrows, error ellipsoids in the volume."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from traverse.lab.report.figures import BLUE, GREY, ORANGE, VERMILION
-
-Paint = Callable[[Figure], None]
+from traverse.lab.report.figures import BLUE, GREY, ORANGE, VERMILION, Paint
 
 _VIEWS = ((0, 1), (0, 2), (1, 2))
 _AXES = "xyz"

@@ -1,7 +1,5 @@
 """Control charts as pictures: PNG and HTML, and as characters for a terminal."""
 
-import base64
-import html
 import io
 from pathlib import Path
 
@@ -15,6 +13,7 @@ from traverse.lab.daily_check.control_chart import ChartPoint
 from traverse.lab.daily_check.false_alarm_rates import EWMA_LIMIT
 from traverse.lab.daily_check.report import DailyCheckReport, FigureChart
 from traverse.lab.report.figures import BLUE, GREY, ORANGE, VERMILION
+from traverse.lab.report.templates import page
 from traverse.strict_toml.writing import write_atomically
 
 DPI = 110
@@ -57,7 +56,8 @@ def write_charts(report: DailyCheckReport, folder: Path) -> list[str]:
     folder.mkdir(parents=True, exist_ok=True)
     picture = chart_png(report)
     (folder / "chart.png").write_bytes(picture)
-    write_atomically(folder / "chart.html", _page(report, picture))
+    text = page("daily_check/chart.jinja", {}, report=report, picture=picture)
+    write_atomically(folder / "chart.html", text)
     return ["chart.png", "chart.html"]
 
 
@@ -137,36 +137,3 @@ def _mark(
 
 def _or_nan(value: float | None) -> float:
     return float("nan") if value is None else value
-
-
-def _page(report: DailyCheckReport, picture: bytes) -> str:
-    check = report.checks[-1]
-    state = "in control" if report.is_in_control else "OUT OF CONTROL"
-    rows = "".join(
-        f"<tr><td>{html.escape(c.kind.name)}</td><td>{_UM * c.last.value:.1f}</td>"
-        f"<td>{'' if c.accepted_mm is None else f'{_UM * c.accepted_mm:.1f}'}</td>"
-        f"<td>{'' if c.limit_mm is None else f'{_UM * c.limit_mm:.1f}'}</td>"
-        f"<td>{html.escape('; '.join(c.last.alarms))}</td>"
-        f"<td>{html.escape(c.kind.definition)}</td></tr>"
-        for c in report.charts
-    )
-    remarks = "".join(f"<li>{html.escape(text)}</li>" for text in report.remarks)
-    beside = html.escape(report.acceptance or "none given")
-    data = base64.b64encode(picture).decode()
-    return (
-        '<!doctype html><html lang="en"><meta charset="utf-8">'
-        f"<title>Daily check of {html.escape(check.arm)}</title>"
-        "<style>body{font:15px sans-serif;max-width:75em;margin:2em auto}"
-        "td,th{padding:.2em .8em;text-align:left}img{max-width:100%}</style>"
-        f"<h1>{html.escape(check.arm)}, {html.escape(check.time_utc)}: {state}</h1>"
-        f"<p>{len(report.checks)} checks since the base began; last acceptance: "
-        f"{beside}.</p>"
-        "<table><tr><th>figure</th><th>now [um]</th><th>at acceptance</th>"
-        f"<th>limit</th><th>warnings</th><th>definition</th></tr>{rows}</table>"
-        f"<ul>{remarks}</ul>"
-        '<img alt="control charts" '
-        f'src="data:image/png;base64,{data}">'
-        "<p>Blue: the value, its expected middle and the limits of one check. Orange: "
-        "the last acceptance. Red: the permitted error, and checks that broke a "
-        "rule.</p></html>\n"
-    )

@@ -5,7 +5,7 @@ also differs in shape.
 """
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import matplotlib as mpl
 import numpy as np
@@ -14,6 +14,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from traverse.arrays import Floats, Integers
+
+Paint = Callable[[Figure], None]
 
 BLUE, ORANGE, VERMILION, GREY = "#0072B2", "#E69F00", "#D55E00", "#707070"
 # Nobody sees more dots than that, and the page stays small.
@@ -44,9 +46,7 @@ _LOOK = {
 }
 
 
-def picture(
-    width_mm: float, height_mm: float, paint: Callable[[Figure], None]
-) -> bytes:
+def picture(width_mm: float, height_mm: float, paint: Paint) -> bytes:
     """Paint a figure of a size and return it as PNG."""
     with mpl.rc_context(_LOOK):  # type: ignore[arg-type] # the stubs want literal keys
         figure = Figure(
@@ -61,6 +61,16 @@ def picture(
         canvas = FigureCanvasAgg(figure)
         canvas.print_png(file, metadata={"Software": None})  # type: ignore[no-untyped-call] # by matplotlib
     return file.getvalue()
+
+
+def painted(
+    paintings: Iterable[tuple[str, float, Paint]], width_mm: float
+) -> list[tuple[str, bytes]]:
+    """Paint figures given by title, height in mm, and how: pairs of title and PNG."""
+    return [
+        (title, picture(width_mm, height_mm, paint))
+        for title, height_mm, paint in paintings
+    ]
 
 
 def thinned(poses: Integers) -> Integers:
@@ -83,18 +93,6 @@ def symmetric_limit(values: Floats, part: float = 0.999) -> float:
         return 1.0
     limit = 1.15 * float(np.quantile(finite, part))
     return limit if limit > 0.0 else 1.0
-
-
-def shown_unit(largest: float, unit: str) -> tuple[float, str]:
-    """Choose a unit in which an axis has short numbers: a factor, and its name.
-
-    Args:
-        largest: Value on the axis.
-        unit: `mm` or `rad`, which it is in.
-    """
-    if unit == "mm":
-        return (1.0, "mm") if largest >= 1.0 else (1e3, "µm")
-    return (1e3, "mrad") if largest >= 1e-3 else (1e6, "µrad")
 
 
 def zero_line(axes: Axes) -> None:

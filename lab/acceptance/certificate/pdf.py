@@ -9,8 +9,8 @@ import matplotlib as mpl
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 
+from traverse.lab.acceptance.certificate.page import WORDS, figure_lines
 from traverse.lab.acceptance.certificate.pictures import paintings
-from traverse.lab.acceptance.certificate.words import UNCERTAINTY, figure_lines
 
 _INCHES_PER_MM = 1.0 / 25.4
 _A4_MM = (210.0, 297.0)
@@ -53,7 +53,7 @@ def _text_pages(values: Mapping[str, Any]) -> Iterator[list[str]]:
         "",
         *rest,
         "",
-        UNCERTAINTY,
+        WORDS.uncertainty(),
         "",
         f"Arm file: {values['arm']['digest']}",
         *(f"{name}: {digest}" for name, digest in values["digest"]["files"].items()),

@@ -1,6 +1,6 @@
 """Pictures of a certificate: figures against limits, errors of length, scatter."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -11,10 +11,10 @@ from traverse.lab.report.figures import (
     GREY,
     ORANGE,
     VERMILION,
+    Paint,
     zero_line,
 )
 
-Paint = Callable[[Figure], None]
 _COLOURS = {"accept": BLUE, "neither": ORANGE, "reject": VERMILION, None: GREY}
 _MARKS = ("o", "s", "^", "D", "v", "P", "X")
 

@@ -16,11 +16,11 @@ from traverse.lab.report.figures import (
     VERMILION,
     dot_size,
     picture,
-    shown_unit,
     symmetric_limit,
     thinned,
     zero_line,
 )
+from traverse.lab.report.quantities import shown_unit
 
 _SEED = 3
 _PER_LINE = 3

@@ -16,11 +16,11 @@ from traverse.lab.report.figures import (
     VERMILION,
     dot_size,
     picture,
-    shown_unit,
     symmetric_limit,
     thinned,
     zero_line,
 )
+from traverse.lab.report.quantities import shown_unit
 
 # Poses that say so much less than usual are no dots; means weigh all.
 _NOISY = 3.0

@@ -5,7 +5,8 @@ from matplotlib.figure import Figure
 
 from traverse.arrays import Floats
 from traverse.lab.identification.volume.uncertainty_map import UncertaintyMap
-from traverse.lab.report.figures import picture, shown_unit
+from traverse.lab.report.figures import picture
+from traverse.lab.report.quantities import shown_unit
 
 
 def map_picture(found: UncertaintyMap) -> bytes:

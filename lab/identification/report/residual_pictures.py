@@ -13,11 +13,11 @@ from traverse.lab.report.figures import (
     VERMILION,
     dot_size,
     picture,
-    shown_unit,
     symmetric_limit,
     thinned,
     zero_line,
 )
+from traverse.lab.report.quantities import shown_unit
 from traverse.lab.statistics.distributions import equivalent_normal, normal_quantile
 
 _SEED = 2

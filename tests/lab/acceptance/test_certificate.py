@@ -11,8 +11,8 @@ from tests.docs.pages import CHECKOUT
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.lab.acceptance.certificate.check import certificate_problems
 from traverse.lab.acceptance.certificate.files import write_certificate
+from traverse.lab.acceptance.certificate.page import figure_lines
 from traverse.lab.acceptance.certificate.values import sealed
-from traverse.lab.acceptance.certificate.words import figure_lines
 from traverse.lab.acceptance.conformity.limits import NO_LIMITS, read_limits
 from traverse.lab.acceptance.standards import verified
 from traverse.lab.measured_points.reading import files_read, read_measured

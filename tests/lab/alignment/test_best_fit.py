@@ -19,9 +19,9 @@ from traverse.lab.alignment.best_fit import best_fit_alignment
 from traverse.lab.alignment.chained_alignment import chained_values
 from traverse.lab.alignment.common_points import CommonPoints, Place
 from traverse.lab.alignment.files import transformation_of
+from traverse.lab.alignment.page import WORDS, alignment_lines
 from traverse.lab.alignment.statistics import global_test
 from traverse.lab.alignment.volume import fixed_volume
-from traverse.lab.alignment.words import alignment_lines, verdict_text
 
 NEAR_LINE = np.array([[0.0, 0, 0], [300, 20, 0], [700, 0, 25], [1000, 10, 0]])
 
@@ -30,7 +30,7 @@ def test_a_wide_net_has_nothing_against_it():
     found = fitted(WIDE, seed=2)
     assert found.is_good
     assert not found.flags
-    assert verdict_text(told(found)) == "Nothing speaks against it."
+    assert WORDS.verdict(told(found)) == "Nothing speaks against it."
     assert found.index.rms_mm < 1.0
 
 
@@ -125,7 +125,7 @@ def test_a_wrong_point_fails_the_test_and_is_named():
     )
     assert not found.is_good
     assert codes(found) >= {"global_test_failed", "suspect_point"}
-    assert "do not use it" in verdict_text(told(found))
+    assert "do not use it" in WORDS.verdict(told(found))
     # and the covariance grows with sigma0
     good = best_fit_alignment(given, fixed_volume(BOX), "")
     grown = found.predicted.rms_mm / good.predicted.rms_mm
