@@ -7,7 +7,7 @@ import numpy as np
 
 from traverse.lab.alignment.pictures import alignment_paintings
 from traverse.lab.report.figures import painted
-from traverse.lab.report.templates import Words, page
+from traverse.lab.report.templates import Filters, Words, page
 
 _WIDTH_MM = 175.0
 
@@ -17,7 +17,7 @@ def _turn_degrees(rotation: list[list[float]]) -> float:
     return float(np.degrees(np.arccos(cosine)))
 
 
-_FILTERS = {
+_FILTERS: Filters = {
     "turn_degrees": _turn_degrees,
     # Adding zero takes the sign from what is rounded to nothing.
     "unsigned_zero": lambda value, digits: round(value, digits) + 0.0,

@@ -18,7 +18,7 @@ from traverse.lab.diagnosis.report.names import (
     term_size_text,
 )
 from traverse.lab.diagnosis.report.plots import Plots
-from traverse.lab.report.templates import Words, page
+from traverse.lab.report.templates import Filters, Words, page
 
 
 def _n_judged(diagnosis: Diagnosis) -> int:
@@ -40,7 +40,7 @@ def _estimate_rows(estimates: Mapping[str, Estimate]) -> list[list[str]]:
     return rows
 
 
-_FILTERS = {
+_FILTERS: Filters = {
     "label": candidate_label,
     "size_text": term_size_text,
     "cluster_text": cluster_text,

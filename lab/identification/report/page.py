@@ -30,7 +30,7 @@ from traverse.lab.identification.volume.uncertainty_map import (
     UncertaintyMap,
     uncertainty_map,
 )
-from traverse.lab.report.templates import Words, page
+from traverse.lab.report.templates import Filters, Words, page
 from traverse.strict_toml.writing import write_atomically
 
 _SEED = 4
@@ -48,7 +48,7 @@ def combination(direction: Mapping[str, float]) -> str:
     return f"{shown} and {more} more" if more > 0 else shown
 
 
-_FILTERS = {
+_FILTERS: Filters = {
     "combination": combination,
     "median": lambda values: float(np.median(list(values))),
     "degrees": lambda angles_rad: np.degrees(angles_rad).tolist(),
