@@ -46,7 +46,7 @@ from traverse.daemon.pose.uncertainty import (
     CovarianceInput,
     SkewMonitor,
 )
-from traverse.daemon.scans.scanner import Scanner
+from traverse.daemon.scans.scanner import Scanner, ScanSink
 from traverse.daemon.step_listener import StepListener
 from traverse.drivers.base.delivery_maps import delivery_from_map
 from traverse.drivers.base.values import (
@@ -72,7 +72,8 @@ class Sinks:
 
     Attributes:
         write_point: sends a point to the disk; gives None if there is no room.
-        offer_scan: takes a block of a scan; False if it is dropped.
+        offer_scan: takes a block of a scan; False if it is dropped. Calls its second
+            argument where it is dropped later.
         offer_live: takes a live pose.
         on_action: called with actions of buttons that are not about points.
         status_changed: called after a change of what a status message contains.
@@ -81,7 +82,7 @@ class Sinks:
 
     events: EventLog
     write_point: PointWriter
-    offer_scan: Callable[[Scan], bool] = lambda scan: True
+    offer_scan: ScanSink = lambda scan, on_dropped: True
     offer_live: Callable[[Live], object] = lambda live: None
     on_action: Callable[[Action], object] = lambda action: None
     status_changed: Callable[[], None] = lambda: None

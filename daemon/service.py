@@ -107,7 +107,8 @@ class Service:
     @property
     def heartbeats(self) -> tuple[Heartbeat, ...]:
         """Signs of life of the threads that write."""
-        return (self.outbox.heartbeat, self.recorder.heartbeat, *self.spool.heartbeats)
+        stores = (*self.outbox.heartbeats, *self.spool.heartbeats)
+        return (*stores, self.recorder.heartbeat)
 
     def publish_status(self) -> None:
         """Publish the state now."""
@@ -185,11 +186,10 @@ def compose(
         clock=clock,
         section=configuration.outbox,
         limit=configuration.capture.max_waiting_points,
-        session=lambda: active.session.id,
         queue=queue,
         events=events,
         latencies=latencies,
-        changed=status_due.set,
+        ready_changed=status_due.set,
     )
     spool = ScanStore(
         state_path(path) / SCANS,
@@ -214,7 +214,7 @@ def compose(
     devices = [open_device(section, loop) for section in configuration.device]
     sinks = Sinks(
         events,
-        steps.following(outbox.put),
+        steps.following(outbox.put_point),
         spool.offer,
         lambda live: publisher.publish("live", live),
         on_action,
@@ -224,7 +224,6 @@ def compose(
     measurement = build_measurement(
         configuration, model, sinks, step_clock, steps, devices=devices, session=active
     )
-    spool.taken_back = measurement.scanner.take_back
 
     def status(online: bool) -> Status:
         return status_message(
@@ -300,7 +299,7 @@ def compose(
             "scan": scans.change_scan,
             "align": points.align,
             "reload": reloader.carry_out,
-            "resend": ResendCommands(outbox.again.carry_out, spool.again).carry_out,
+            "resend": ResendCommands(outbox, spool).carry_out,
             "record": lambda args: record(recorder, args),
         },
     )

@@ -144,7 +144,7 @@ PLANTED = {
         ("daemon/pose/pipeline.py", "traverse.daemon.acquisition.interpolation"),
         ("daemon/pose/quality_monitor.py", "traverse.daemon.points.capture"),
         ("daemon/scans/plan.py", "traverse.daemon.commands.dispatcher"),
-        ("daemon/store/resend.py", "traverse.daemon.commands.dispatcher"),
+        ("daemon/store/durable_queue.py", "traverse.daemon.commands.dispatcher"),
         ("daemon/store/records.py", "traverse.daemon.points.capture"),
         ("daemon/store/outbox.py", "traverse.daemon.points.capture"),
         ("daemon/mqtt/sender.py", "traverse.daemon.store.outbox"),

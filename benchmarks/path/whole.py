@@ -11,7 +11,7 @@ from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.pipeline import Pipeline
 from traverse.daemon.pose.poses import PoseBlock
 from traverse.daemon.scans.plan import plan_scan
-from traverse.daemon.scans.scanner import Scanner
+from traverse.daemon.scans.scanner import Scanner, ScanSink
 from traverse.drivers.base.values import CountSamples
 from traverse.drivers.timing.device_clock import DeviceClock
 from traverse.drivers.timing.stream_sequence import StreamSequence
@@ -91,12 +91,12 @@ class WholePath:
         self._scanner.stop()
         return self._payloads
 
-    def _take(self, scan: Scan) -> bool:
+    def _take(self, scan: Scan, _: Callable[[], object]) -> bool:
         self._payloads.append(encode(scan, "msgpack"))
         return True
 
 
-def scanner(model: ArmModel, rate_hz: float, offer: Callable[[Scan], bool]) -> Scanner:
+def scanner(model: ArmModel, rate_hz: float, offer: ScanSink) -> Scanner:
     """A running scan of every sample."""
     started = Scanner(HostClock(), offer, BLOCK_S)
     started.start(plan_scan(rate_hz, rate_hz), model, "bench")

@@ -21,7 +21,7 @@ from traverse.daemon.monitoring.latencies import latencies_by_name
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
 from traverse.daemon.points.capture import Session
 from traverse.daemon.store.outbox import Outbox
-from traverse.daemon.store.records import PendingWrite
+from traverse.daemon.store.records import PendingPoint
 from traverse.protocol.encoding import encode
 
 N_ALONE = 200
@@ -44,13 +44,12 @@ class Rig:
             clock=clock,
             section=OutboxSection(),
             limit=1000,
-            session=lambda: self.session.id,
             queue=self.queue,
             events=EventLog(clock, lambda occurrence: None),
             latencies=latencies_by_name(),
         )
 
-    def take(self) -> PendingWrite:
+    def take(self) -> PendingPoint:
         """A point on its way to the disk."""
         session = self.session
         point = POINT.model_copy(
@@ -60,14 +59,14 @@ class Rig:
                 "id": session.next_id,
             }
         )
-        keeping = self.outbox.put(point, session.begun_ns, session.note)
+        keeping = self.outbox.put_point(point, session.begun_ns, session.note)
         if keeping is None:
             raise RuntimeError("the outbox has no room")
         session.add(point)
         keeping.roll_back = lambda: session.roll_back(point)
         return keeping
 
-    async def safe(self, keeping: PendingWrite) -> None:
+    async def safe(self, keeping: PendingPoint) -> None:
         """Wait until a point is on the disk."""
         done = asyncio.get_running_loop().create_future()
         keeping.on_settled(lambda: done.set_result(None))

@@ -1,24 +1,29 @@
-"""The command `resend`: points from the outbox, blocks of scans from the spool."""
-
-from collections.abc import Awaitable, Callable
+"""The command `resend`: points, or scans, again; and what there is of them."""
 
 from traverse.daemon.errors import Result
+from traverse.daemon.store.durable_queue import DurableQueue
+from traverse.daemon.store.queries import (
+    StoredScanRange,
+    read_sessions,
+    stored_range,
+    stored_scan_range,
+)
 from traverse.daemon.store.records import StoredSession
-from traverse.daemon.store.resend import ScanResend
 from traverse.protocol.messages import ResendArgs
+
+MAX_SESSIONS = 1000
+LAST = 2**53 - 1
 
 
 class ResendCommands:
-    """Carries the command out.
+    """Execute the command.
 
     Args:
-        points: does so for points, and for what is held.
-        scans: does so for scans.
+        points: the outbox.
+        scans: the store of scan blocks; it may not be open.
     """
 
-    def __init__(
-        self, points: Callable[[ResendArgs], Awaitable[Result]], scans: ScanResend
-    ) -> None:
+    def __init__(self, points: DurableQueue, scans: DurableQueue) -> None:
         self._points = points
         self._scans = scans
 
@@ -28,20 +33,79 @@ class ResendCommands:
         Raises:
             RequestRefusedError: too many ranges wait, or a database cannot be read.
         """
+        to_seq = LAST if args.to_seq is None else args.to_seq
         if args.scan is not None:
-            return await self._scans.send(args.scan, args.from_seq, args.to_seq)
-        result = await self._points(args)
+            return await self._send_scan(args, args.scan, to_seq)
         if args.session is not None:
-            return result
-        return {**result, "scans": [_told(one) for one in await self._scans.held()]}
+            return await self._send_points(args, args.session, to_seq)
+        return {
+            "sessions": [
+                {
+                    "session": one.session,
+                    "begun_ns": str(one.begun_ns),
+                    "first_seq": one.first_seq,
+                    "last_seq": one.last_seq,
+                }
+                for one in await _sessions(self._points)
+            ],
+            "scans": [
+                {
+                    "scan": one.session,
+                    "session": one.note,
+                    "begun_ns": str(one.begun_ns),
+                    "first_seq": one.first_seq,
+                    "last_block_seq": one.last_seq,
+                }
+                for one in await _sessions(self._scans)
+            ],
+        }
+
+    async def _send_points(self, args: ResendArgs, session: str, to_seq: int) -> Result:
+        self._points.resender.check_room()
+        extent = await self._points.query(
+            lambda store: stored_range(store.connection, session, args.from_seq, to_seq)
+        )
+        if extent.points and extent.last_seq is not None:
+            # Not later ones: they are sent anyway.
+            end = min(to_seq, extent.last_seq)
+            self._points.resender.send(session, args.from_seq, end)
+        return {
+            "session": session,
+            "from_seq": args.from_seq,
+            "to_seq": args.to_seq,
+            "points": extent.points,
+            "first_seq": extent.first_seq,
+            "last_seq": extent.last_seq,
+        }
+
+    async def _send_scan(self, args: ResendArgs, scan: str, to_seq: int) -> Result:
+        """Send the blocks again that a range of points touches."""
+        extent = StoredScanRange()
+        if self._scans.is_open:
+            self._scans.resender.check_room()
+            extent = await self._scans.query(
+                lambda store: stored_scan_range(
+                    store.connection, scan, args.from_seq, to_seq
+                )
+            )
+            if extent.blocks:  # not later ones: they are sent anyway
+                end = min(to_seq, extent.last_block)
+                self._scans.resender.send(scan, extent.from_block, end)
+        return {
+            "scan": scan,
+            "session": extent.session,
+            "from_seq": args.from_seq,
+            "to_seq": args.to_seq,
+            "blocks": extent.blocks,
+            "first_seq": extent.first_seq,
+            "last_seq": extent.last_seq,
+            "total": extent.total,
+        }
 
 
-def _told(scan: StoredSession) -> Result:
-    """A scan in the list; its blocks' note is the session."""
-    return {
-        "scan": scan.session,
-        "session": scan.note,
-        "begun_ns": str(scan.begun_ns),
-        "first_seq": scan.first_seq,
-        "last_block_seq": scan.last_seq,
-    }
+async def _sessions(store: DurableQueue) -> list[StoredSession]:
+    if not store.is_open:
+        return []
+    return await store.query(
+        lambda database: read_sessions(database.connection, MAX_SESSIONS)
+    )

@@ -54,9 +54,6 @@ class OutgoingQueue:
     Attributes:
         dropped: messages dropped, by kind.
         sent: messages that the broker has taken, by kind.
-        offered: called after a message has been queued; the publisher sets it while
-            it has a connection.
-        left: called after a message has left for good; the outbox sets it.
     """
 
     def __init__(
@@ -91,8 +88,7 @@ class OutgoingQueue:
         self._emptied = asyncio.Event()
         self.dropped: Counter[str] = Counter()
         self.sent: Counter[str] = Counter()
-        self.offered: Callable[[], None] | None = None
-        self.left: Callable[[], None] | None = None
+        self._on_offered: Callable[[], None] | None = None
 
     @property
     def limit(self) -> int:
@@ -121,20 +117,29 @@ class OutgoingQueue:
             return False
         queue.append(message)
         self._emptied.clear()
-        if self.offered is not None:
-            self.offered()
+        if self._on_offered is not None:
+            self._on_offered()
         return True
 
     @contextlib.contextmanager
     def together(self) -> Iterator[None]:
         """What is offered within the block is looked at when it ends, all at once."""
-        offered, self.offered = self.offered, None
+        on_offered, self._on_offered = self._on_offered, None
         try:
             yield
         finally:
-            self.offered = offered
-            if offered is not None:
-                offered()
+            self._on_offered = on_offered
+            if on_offered is not None:
+                on_offered()
+
+    @contextlib.contextmanager
+    def notifying(self, on_offered: Callable[[], None]) -> Iterator[None]:
+        """Within the block, call a function after each message that is queued."""
+        self._on_offered = on_offered
+        try:
+            yield
+        finally:
+            self._on_offered = None
 
     def next(self) -> tuple[str, OutgoingMessage] | None:
         """Take the message to send next, if there is one: now it is on its way."""
@@ -158,23 +163,17 @@ class OutgoingQueue:
         self.sent[kind] += 1
         if message.sent is not None:
             message.sent()
-        if self.left is not None:
-            self.left()
 
     def drop(self, kind: str, message: OutgoingMessage) -> None:
         """``message`` cannot be sent: drop and count it."""
         self._forget(kind, message)
         self.dropped[kind] += 1
-        if self.left is not None:
-            self.left()
 
     def defer(self, kind: str, message: OutgoingMessage) -> None:
         """``message`` is queued again later by its owner: drop it here."""
         self._forget(kind, message)
         if message.refused is not None:
             message.refused()
-        if self.left is not None:
-            self.left()
 
     async def empty(self) -> None:
         """Wait until everything has been sent."""

@@ -61,16 +61,16 @@ class PublishLoop:
             aiomqtt.MqttError: it did, or the broker does not answer.
         """
         self._client, queue = client, self._queue
-        queue.offered = self.send
         try:
-            while True:
-                self.send()
-                await asyncio.wait((self._failed,), timeout=CHECK_S)
-                if self._failed.done():
-                    self._failed.result()
-                self._check_timeouts()
+            with queue.notifying(self.send):
+                while True:
+                    self.send()
+                    await asyncio.wait((self._failed,), timeout=CHECK_S)
+                    if self._failed.done():
+                        self._failed.result()
+                    self._check_timeouts()
         finally:
-            self._client = queue.offered = None
+            self._client = None
             self._in_flight.clear()
             queue.take_back()
             if not self._failed.cancel():

@@ -12,7 +12,7 @@ from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.pose.alignment import ActiveAlignment
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.poses import LatchedPose
-from traverse.daemon.store.records import PendingWrite
+from traverse.daemon.store.records import PendingPoint
 from traverse.protocol.messages import Label, Point, Quality
 from traverse.protocol.messages.point import Compensation, Covariance, Trigger
 
@@ -84,7 +84,7 @@ class ActiveSession:
         return self.session
 
 
-PointWriter = Callable[[Point, int, str], PendingWrite | None]
+PointWriter = Callable[[Point, int, str], PendingPoint | None]
 """Writes a point of a session that began at a time [UTC ns], with its note."""
 QUEUE_FULL = (
     "so many points wait for the disk that no more can be taken",
@@ -151,7 +151,7 @@ class Capture:
         """The list that points are added to."""
         return self._active.session
 
-    def take(self, measured: PointMeasurement, trigger: Trigger) -> PendingWrite:
+    def take(self, measured: PointMeasurement, trigger: Trigger) -> PendingPoint:
         """Capture a point; it is one as soon as it is on the disk.
 
         Raises:
@@ -185,7 +185,7 @@ class Capture:
         )
         return self._submit(point)
 
-    def undo(self, trigger: Trigger, point_id: str | None = None) -> PendingWrite:
+    def undo(self, trigger: Trigger, point_id: str | None = None) -> PendingPoint:
         """Retract the last point that is not retracted; return the pending retraction.
 
         Args:
@@ -219,7 +219,7 @@ class Capture:
         self.label = Label()
         return self._active.begin(note)
 
-    def _submit(self, point: Point) -> PendingWrite:
+    def _submit(self, point: Point) -> PendingPoint:
         session = self.session
         write = self._write(point, session.begun_ns, session.note)
         if write is None:

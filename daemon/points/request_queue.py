@@ -18,7 +18,7 @@ from traverse.daemon.points.averaging import SampleAverage
 from traverse.daemon.points.buttons import Press
 from traverse.daemon.points.capture import PointMeasurement
 from traverse.daemon.points.compensation import RetractDetector
-from traverse.daemon.store.records import PendingWrite
+from traverse.daemon.store.records import PendingPoint
 from traverse.drivers.base.values import LatchedCounts
 from traverse.protocol.messages.point import Trigger
 
@@ -182,9 +182,9 @@ class OrderedReplies:
         return len(self._waiting)
 
     def add(self, request: PointRequest, outcome: Outcome) -> None:
-        """Report the result of a request; of a `PendingWrite`, what becomes of it."""
+        """Report the result of a request; of a `PendingPoint`, what becomes of it."""
         self._waiting.append((request, outcome))
-        if isinstance(outcome, PendingWrite):
+        if isinstance(outcome, PendingPoint):
             outcome.on_settled(self._tell_all)
         else:
             self._tell_all()
@@ -192,7 +192,7 @@ class OrderedReplies:
     def _tell_all(self) -> None:
         while self._waiting:
             request, outcome = self._waiting[0]
-            if isinstance(outcome, PendingWrite):
+            if isinstance(outcome, PendingPoint):
                 if not outcome.is_settled:
                     return
                 outcome = _settled(outcome)
@@ -200,7 +200,7 @@ class OrderedReplies:
             self._tell(request, outcome)
 
 
-def _settled(keeping: PendingWrite) -> Outcome:
+def _settled(keeping: PendingPoint) -> Outcome:
     trouble = keeping.trouble
     if trouble is None:
         return keeping.point

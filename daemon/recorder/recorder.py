@@ -20,7 +20,7 @@ from traverse.daemon.recorder.item_queue import RecorderItem, RecorderQueue
 from traverse.daemon.recorder.snapshot import DeviceSnapshot
 from traverse.daemon.recorder.thread import RecorderThread, ThreadJobs
 from traverse.daemon.step_listener import StateSource, StepListener
-from traverse.daemon.store.records import PendingWrite
+from traverse.daemon.store.records import PendingPoint
 from traverse.drivers.base.delivery_maps import delivery_kind
 from traverse.drivers.base.heartbeat import Heartbeat
 from traverse.drivers.base.values import Delivery
@@ -121,7 +121,7 @@ class StepRecorder(StepListener):
 
         def write_and_follow(
             point: Point, begun_ns: int, note: str
-        ) -> PendingWrite | None:
+        ) -> PendingPoint | None:
             pending = write(point, begun_ns, note)
             if pending is not None:
                 pending.on_settled(lambda: self._settled(pending))
@@ -148,7 +148,7 @@ class StepRecorder(StepListener):
             self.queue.put(RecorderItem("keep", now_ns, code))
             self.queue.wake()
 
-    def _settled(self, pending: PendingWrite) -> None:
+    def _settled(self, pending: PendingPoint) -> None:
         now_ns = self._clock.monotonic_ns()
         if pending.trouble is None:
             self.published(now_ns, pending.point)

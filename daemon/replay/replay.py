@@ -23,7 +23,7 @@ from traverse.daemon.recorder.snapshot import WARM_UP_NS
 from traverse.daemon.replay.compare import PointComparison, ScanComparison
 from traverse.daemon.replay.result import ReplayResult
 from traverse.daemon.step_listener import StepListener
-from traverse.daemon.store.records import PendingWrite
+from traverse.daemon.store.records import PendingPoint
 from traverse.drivers.base.delivery_maps import delivery_from_map
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import Driver
@@ -89,13 +89,13 @@ def replay_measurement(
         listener: notified of each step.
     """
 
-    def write_point(point: Point, begun_ns: int, note: str) -> PendingWrite:
-        written = PendingWrite(point)
+    def write_point(point: Point, begun_ns: int, note: str) -> PendingPoint:
+        written = PendingPoint(point)
         written.settle()
         take_point(point)
         return written
 
-    def offer_scan(scan: Scan) -> bool:
+    def offer_scan(scan: Scan, on_dropped: Callable[[], object]) -> bool:
         take_scan(scan)
         return True
 

@@ -21,6 +21,8 @@ from traverse.kinematics.filters import PointBlock
 from traverse.protocol.messages import Scan
 
 MAX_POINTS = 1000  # of a message: half a megabyte with 32 joints
+ScanSink = Callable[[Scan, Callable[[], object]], bool]
+"""Takes a block; False if it is dropped. The callback: it is dropped after all."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +39,7 @@ class Scanner:
 
     Args:
         clock: the host's.
-        offer: hands a block to the outgoing queue; False if it was dropped.
+        offer: hands a block to the outgoing queue.
         block_s: time that a block spans.
         settings: filters, and the largest delay of a button's edge.
         part: the alignment in use.
@@ -50,7 +52,7 @@ class Scanner:
     def __init__(
         self,
         clock: HostClock,
-        offer: Callable[[Scan], bool],
+        offer: ScanSink,
         block_s: float,
         settings: ScanSection | None = None,
         part: ActiveAlignment | None = None,
@@ -156,7 +158,7 @@ class Scanner:
         self.plan = None
         return self._messages.next
 
-    def take_back(self, scan: str, n: int) -> None:
+    def _drop_published(self, scan: str, n: int) -> None:
         """So many points of a scan that had been handed on are dropped after all."""
         self.published_points -= n
         self.dropped_points += n
@@ -246,7 +248,7 @@ class Scanner:
             total=self._selection.next_number if last else None,
         )
         n = len(points)
-        if self._offer(message):
+        if self._offer(message, lambda: self._drop_published(message.scan, n)):
             self.published_points += n
         else:
             self._messages.dropped += n

@@ -156,15 +156,10 @@ class MessageDatabase:
     # -- writing --------------------------------------------------------------
 
     def add(self, entries: Sequence[NewMessage]) -> list[int]:
-        """Keep messages, all or none; gives their numbers. On return they are safe."""
+        """Store messages, all or none; gives their numbers. On return they are safe."""
         with self._transaction() as execute:
-            for session, begun_ns, note in {
-                (e.session, e.begun_ns, e.note): None for e in entries
-            }:
-                execute(
-                    "INSERT OR IGNORE INTO sessions VALUES (?, ?, ?)",
-                    (session, begun_ns, note),
-                )
+            for row in {(e.session, e.begun_ns, e.note): None for e in entries}:
+                execute("INSERT OR IGNORE INTO sessions VALUES (?, ?, ?)", row)
             numbers = [
                 execute(
                     "INSERT INTO messages (session, seq, id, time_ns, topic, encoding, "
@@ -192,7 +187,7 @@ class MessageDatabase:
             )
         self._unsent -= marked
 
-    def forget(
+    def delete_old(
         self, *, before_ns: int, keep_bytes: int, running: str, at_most: int
     ) -> int:
         """Remove the oldest messages that are too old, or too many; gives how many.
@@ -207,7 +202,7 @@ class MessageDatabase:
             running: current session.
             at_most: so many are removed in this call.
         """
-        used_bytes = self._pages_bytes(free=False)
+        used_bytes = self.statistics().used_bytes
         oldest = self._connection.execute(
             "SELECT number, session, time_ns FROM messages WHERE number < coalesce("
             "(SELECT number FROM messages INDEXED BY unsent WHERE sent = 0 "
@@ -262,29 +257,26 @@ class MessageDatabase:
         """For what only reads; see `traverse.daemon.store.queries`."""
         return self._connection
 
-    def figures(self) -> StoreStatistics:
+    def statistics(self) -> StoreStatistics:
         """How the database is now."""
-        oldest = self._connection.execute(
+        execute = self._connection.execute
+        ((pages, free, page_bytes),) = execute(
+            "SELECT page_count, freelist_count, page_size "
+            "FROM pragma_page_count, pragma_freelist_count, pragma_page_size"
+        )
+        oldest = execute(
             "SELECT time_ns FROM messages INDEXED BY unsent WHERE sent = 0 "
             "ORDER BY number LIMIT 1"
         ).fetchone()
         return StoreStatistics(
             self._points,
             self._unsent,
-            self._pages_bytes(free=True),
-            self._pages_bytes(free=False),
+            pages * page_bytes,
+            (pages - free) * page_bytes,
             oldest[0] if oldest else None,
         )
 
     # -- transactions ---------------------------------------------------------
-
-    def _pages_bytes(self, *, free: bool) -> int:
-        execute = self._connection.execute
-        pages: int = execute("PRAGMA page_count").fetchone()[0]
-        if not free:
-            pages -= execute("PRAGMA freelist_count").fetchone()[0]
-        size: int = execute("PRAGMA page_size").fetchone()[0]
-        return pages * size
 
     @contextlib.contextmanager
     def _unsynced(self) -> Iterator[None]:

@@ -8,36 +8,21 @@ What the broker refuses, by an access list say, is retried after some minutes, a
 all after it only then: a broker that accepts nothing is not kept busy.
 """
 
-import asyncio
 import logging
 from collections import deque
 from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import TypeVar
+from typing import Any, Protocol
 
 from traverse.daemon.clock import HostClock
 from traverse.daemon.errors import RequestRefusedError
 from traverse.daemon.monitoring.latencies import Latencies
 from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage, OutgoingQueue
 from traverse.daemon.store.database import MessageDatabase
-from traverse.daemon.store.queries import (
-    read_messages,
-    read_unsent,
-)
-from traverse.daemon.store.records import (
-    NewMessage,
-    RetentionRules,
-    StorageError,
-    StoredMessage,
-    StoreStatus,
-    WriteJob,
-)
-from traverse.daemon.store.writer import StoreWriter
-from traverse.drivers.base.heartbeat import Heartbeat
+from traverse.daemon.store.queries import read_messages, read_unsent
+from traverse.daemon.store.records import StorableMessage
 from traverse.protocol.topics import CHANNELS
 
 log = logging.getLogger("traverse.daemon.outbox")
-T = TypeVar("T")
 
 Range = tuple[int, int]
 
@@ -47,24 +32,32 @@ RESEND_BATCH = 50
 MAX_RANGES = 32
 
 
+class QueryRunner(Protocol):
+    """Run queries on the thread of a database."""
+
+    def query(
+        self,
+        work: Callable[[MessageDatabase], Any],
+        on_result: Callable[[Any], None],
+    ) -> None:
+        """Do something with the database; pass on the result, or the exception."""
+
+
 class AckBuffer:
     """Collect numbers, as ranges: answers arrive nearly in order.
 
     Args:
-        writer: marks them in the database.
+        database: marks them.
     """
 
-    def __init__(self, writer: StoreWriter) -> None:
-        self._writer = writer
+    def __init__(self, database: QueryRunner) -> None:
+        self._database = database
         self._ranges: list[Range] = []
         self._is_writing = False
 
     def add(self, number: int) -> None:
         """The broker has this one."""
-        if self._ranges and self._ranges[-1][1] == number - 1:
-            self._ranges[-1] = self._ranges[-1][0], number
-        else:
-            self._ranges.append((number, number))
+        self._add(number, number)
 
     def flush(self) -> None:
         """Have written what has been collected, if nothing is being written."""
@@ -73,27 +66,23 @@ class AckBuffer:
         ranges, self._ranges = self._ranges, []
         self._is_writing = True
 
-        def told(outcome: object) -> None:
+        def on_result(outcome: object) -> None:
             self._is_writing = False
             if isinstance(outcome, Exception):  # again later; until then they are here
-                self._ranges = _joined(ranges + self._ranges)
+                newer, self._ranges = self._ranges, ranges
+                for ends in newer:
+                    self._add(*ends)
 
-        self._writer.query(lambda store: store.mark_sent(ranges), told)
+        self._database.query(lambda store: store.mark_sent(ranges), on_result)
 
-
-def _joined(ranges: list[Range]) -> list[Range]:
-    """The same numbers in as few ranges as possible."""
-    joined: list[Range] = []
-    for first, last in sorted(ranges):
-        if joined and first <= joined[-1][1] + 1:
-            joined[-1] = joined[-1][0], max(last, joined[-1][1])
-        else:
-            joined.append((first, last))
-    return joined
+    def _add(self, first: int, last: int) -> None:
+        if self._ranges and self._ranges[-1][1] == first - 1:
+            first, _ = self._ranges.pop()
+        self._ranges.append((first, last))
 
 
 def outgoing(
-    message: StoredMessage,
+    message: StorableMessage,
     sent: Callable[[], None] | None = None,
     refused: Callable[[], None] | None = None,
 ) -> OutgoingMessage:
@@ -109,16 +98,16 @@ def outgoing(
 
 
 class UnsentFeeder:
-    """Puts all messages into the queue that the broker does not have, in order.
+    """Put all messages into the queue that the broker does not have, in order.
 
     Args:
         queue: of what is to be published.
-        writer: reads them from the database.
+        database: they are read from there.
         acks: collects the number of each that the broker has.
         clock: the host's.
         latency: receives how long the broker took for each.
         kind: under which they wait in the queue.
-        together: so many are read at once, when no more than that wait.
+        batch: so many are read at once, when no more than that wait.
 
     Attributes:
         has_backlog: messages wait on the disk, or may.
@@ -127,51 +116,45 @@ class UnsentFeeder:
     def __init__(
         self,
         queue: OutgoingQueue,
-        writer: StoreWriter,
+        database: QueryRunner,
         acks: AckBuffer,
         clock: HostClock,
         latency: Latencies,
         *,
         kind: str = "point",
-        together: int = BATCH,
+        batch: int = BATCH,
     ) -> None:
         self._queue = queue
-        self._writer = writer
+        self._database = database
         self._acks = acks
         self._clock = clock
         self._latency = latency
         self._kind = kind
-        self._together = together
+        self._batch = batch
         self._last_number = 0  # of those that are, or were, in the queue
         self.has_backlog = True  # at the start: an earlier run may have left some
         self._is_reading = False
         self._refused: int | None = None  # the first of them
         self._resumes_ns = 0
 
-    def kept(self, message: StoredMessage) -> None:
+    def add(self, number: int, message: StorableMessage) -> None:
         """A new message is on the disk."""
         if not self.has_backlog:
-            self.has_backlog = not self._offer(message)
-
-    def look_again(self) -> None:
-        """The database may hold messages that nobody has reported."""
-        self.has_backlog = True
-        self.refill()
+            self.has_backlog = not self._offer(number, message)
 
     def refill(self) -> None:
         """Read on, where messages wait on the disk and there is room for them."""
         if (
             not self.has_backlog
             or self._is_reading
-            or self._queue.waiting(self._kind) > self._together
+            or self._queue.waiting(self._kind) > self._batch
             or not self._may_resume()
         ):
             return
         self._is_reading = True
         after = self._last_number
-        self._writer.query(
-            lambda store: read_unsent(store.connection, after, self._together),
-            self._read,
+        self._database.query(
+            lambda store: read_unsent(store.connection, after, self._batch), self._read
         )
 
     def _may_resume(self) -> bool:
@@ -190,19 +173,20 @@ class UnsentFeeder:
             return  # meanwhile; it is read again when that is tried again
         if not isinstance(found, Sequence):
             return  # it cannot be read now; `refill` is called again
-        # Messages stored after this read are reported after it: nothing is missed.
-        self.has_backlog = len(found) == self._together
+        # What was committed after this was read is added after it: nothing is missed.
+        self.has_backlog = len(found) == self._batch
         for message in found:
-            if not self._offer(message):
+            if not self._offer(message.number, message):
                 self.has_backlog = True
                 return
 
-    def _offer(self, message: StoredMessage) -> bool:
-        number, begun_ns = message.number, self._clock.monotonic_ns()
+    def _offer(self, number: int, message: StorableMessage) -> bool:
+        begun_ns = self._clock.monotonic_ns()
 
         def sent() -> None:
             self._latency.add(self._clock.monotonic_ns() - begun_ns)
             self._acks.add(number)
+            self.refill()
 
         def refused() -> None:
             self.has_backlog = True
@@ -210,30 +194,27 @@ class UnsentFeeder:
             self._refused = min(first, number)
             self._resumes_ns = self._clock.monotonic_ns() + REFUSED_NS
 
-        there = self._queue.offer(self._kind, outgoing(message, sent, refused))
-        if there:
+        is_queued = self._queue.offer(self._kind, outgoing(message, sent, refused))
+        if is_queued:
             self._last_number = number
-        return there
+        return is_queued
 
 
 class RangeResender:
-    """Sends ranges again, one after the other.
+    """Send ranges again, one after the other.
 
     Args:
         queue: of what is to be published.
-        writer: reads them from the database.
-        together: so many messages are read at once.
+        database: they are read from there.
+        batch: so many messages are read at once, when no more than that wait.
     """
 
     def __init__(
-        self,
-        queue: OutgoingQueue,
-        writer: StoreWriter,
-        together: int = RESEND_BATCH,
+        self, queue: OutgoingQueue, database: QueryRunner, batch: int = RESEND_BATCH
     ) -> None:
         self._queue = queue
-        self._writer = writer
-        self._together = together
+        self._database = database
+        self._batch = batch
         self._ranges: deque[tuple[str, int, int]] = deque()
         self._is_reading = False
 
@@ -260,15 +241,13 @@ class RangeResender:
         if (
             not self._ranges
             or self._is_reading
-            or self._queue.waiting("resend") > self._together
+            or self._queue.waiting("resend") > self._batch
         ):
             return
         self._is_reading = True
-        session, from_seq, to_seq = self._ranges[0]
-        self._writer.query(
-            lambda store: read_messages(
-                store.connection, session, from_seq, to_seq, self._together
-            ),
+        ends = self._ranges[0]
+        self._database.query(
+            lambda store: read_messages(store.connection, *ends, self._batch),
             self._read,
         )
 
@@ -279,143 +258,7 @@ class RangeResender:
             log.warning("session %s is not sent again: %s", session, found)
             return  # the consumer sees a gap, and requests again
         for message in found:
-            self._queue.offer("resend", outgoing(message))
-        if len(found) == self._together and found[-1].seq < to_seq:
+            self._queue.offer("resend", outgoing(message, self.refill))
+        if len(found) == self._batch and found[-1].seq < to_seq:
             self._ranges.appendleft((session, found[-1].seq + 1, to_seq))
         self.refill()
-
-    async def query(self, work: Callable[[MessageDatabase], T]) -> T:
-        """The result of a job of the database.
-
-        Raises:
-            RequestRefusedError: it cannot be done.
-        """
-        waiting: asyncio.Future[T] = asyncio.get_running_loop().create_future()
-
-        def told(outcome: object) -> None:
-            if waiting.done():
-                return
-            if isinstance(outcome, Exception):
-                waiting.set_exception(outcome)
-            else:
-                waiting.set_result(outcome)  # type: ignore[arg-type]  # what `work` gave
-
-        self._writer.query(work, told)
-        try:
-            return await waiting
-        except Exception as error:
-            raise RequestRefusedError(
-                "outbox.failed",
-                f"the outbox cannot be read: {error}",
-                "see `outbox` in health, and the event outbox.failed",
-            ) from error
-
-
-class MessageForwarder:
-    """Has messages kept, sent in order, marked, and sent again.
-
-    Args:
-        path: of the database.
-        clock: the host's.
-        queue: of what is to be published.
-        rules: what may be deleted.
-        kept: called with the numbers of messages that are safe now, in order.
-        failed: called with the reason why pending writes will fail.
-        changed: called with the state of the database when it changes.
-        replaced: called with a text when a new database has been begun.
-        latency: receives how long the broker took for each message.
-        kind: under which new messages wait in the queue.
-        name: of the thread.
-        together: so many are read at once, when no more than that wait.
-        resent_together: the same of those that were requested again.
-
-    Attributes:
-        feed: sends what the broker does not have.
-        again: sends ranges that it has had.
-    """
-
-    def __init__(
-        self,
-        path: Path,
-        clock: HostClock,
-        queue: OutgoingQueue,
-        rules: RetentionRules,
-        *,
-        kept: Callable[[list[int]], None],
-        failed: Callable[[StorageError], None],
-        changed: Callable[[StoreStatus], None],
-        replaced: Callable[[str], None],
-        latency: Latencies,
-        kind: str = "point",
-        name: str = "outbox",
-        together: int = BATCH,
-        resent_together: int = RESEND_BATCH,
-    ) -> None:
-        self._rules = rules
-        self._failed = failed
-        self._replaced = replaced
-        self._generation = 0
-        self._writer = StoreWriter(
-            path,
-            clock,
-            rules,
-            kept=kept,
-            failed=self._generation_failed,
-            changed=changed,
-            replaced=self._begun_anew,
-            name=name,
-        )
-        self._acks = AckBuffer(self._writer)
-        self.feed = UnsentFeeder(
-            queue,
-            self._writer,
-            self._acks,
-            clock,
-            latency,
-            kind=kind,
-            together=together,
-        )
-        self.again = RangeResender(queue, self._writer, resent_together)
-
-    @property
-    def heartbeat(self) -> Heartbeat:
-        """Signs of life of the thread."""
-        return self._writer.heartbeat
-
-    async def open(self) -> None:
-        """Start the thread; where the disk refuses, it tries again and again.
-
-        Raises:
-            StoreRefusedError: the database must be left alone.
-        """
-        await self._writer.start()
-
-    async def close(self) -> None:
-        """Write what the broker has and all that waits, then end the thread."""
-        self._acks.flush()
-        await self._writer.close()
-
-    def keep(self, entry: NewMessage) -> None:
-        """Send a message to the disk."""
-        self._writer.put(WriteJob(self._generation, entry))
-
-    def poll(self, rules: RetentionRules) -> None:
-        """Go by these rules, and go on with what has been put off."""
-        if rules != self._rules:
-            self._rules = rules
-            self._writer.put(rules)
-        self._acks.flush()
-        self.refill()
-
-    def refill(self) -> None:
-        """Read on, where there is something to read and room for it."""
-        self.feed.refill()
-        self.again.refill()
-
-    def _generation_failed(self, generation: int, trouble: StorageError) -> None:
-        self._generation = generation + 1
-        self._failed(trouble)
-
-    def _begun_anew(self, text: str) -> None:
-        self._replaced(text)
-        self.feed.look_again()

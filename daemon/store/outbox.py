@@ -1,13 +1,6 @@
-"""The outbox: a point is on the disk before it is acknowledged.
+"""The outbox: a point is on the disk before it is acknowledged."""
 
-On the event loop; what takes time is done by the thread. A point passes from `put` to
-the disk, then to its requester and to the broker, and is marked when the broker
-has it. What the broker does not have is sent after a start, first and in order.
-"""
-
-import asyncio
 import contextlib
-from collections import deque
 from collections.abc import AsyncIterator, Callable, Mapping
 from pathlib import Path
 
@@ -16,26 +9,28 @@ from traverse.daemon.config.schema import OutboxSection
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import Latencies
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
+from traverse.daemon.store.durable_queue import DurableQueue, QueueProfile
 from traverse.daemon.store.folder_lock import exclusive_state_dir
-from traverse.daemon.store.forwarder import MessageForwarder
-from traverse.daemon.store.records import (
-    NewMessage,
-    PendingWrite,
-    PendingWrites,
-    RetentionRules,
-    StorageError,
-    StoreStatus,
-    stored_message_of,
-)
-from traverse.daemon.store.resend import PointResend
-from traverse.drivers.base.heartbeat import Heartbeat
+from traverse.daemon.store.records import NewMessage, PendingPoint, RetentionRules
 from traverse.protocol.encoding import Encoding, encode
 from traverse.protocol.messages import OutboxHealth, Point
 from traverse.protocol.topics import point_topic
 
+PROFILE = QueueProfile(
+    thread="outbox",
+    kind="point",
+    source="outbox",
+    failed="outbox.failed",
+    failed_text="{}",
+    restored_text="points are kept again",
+    replaced="outbox.replaced",
+    replaced_remedy="points that only the old file has can be taken out of it with "
+    "`traverse points export --db`, as far as it can be read",
+)
 
-class Outbox:
-    """Keeps an arm's points and has them sent.
+
+class Outbox(DurableQueue):
+    """Store an arm's points and have them sent.
 
     Args:
         path: of the database.
@@ -44,15 +39,11 @@ class Outbox:
         clock: the host's.
         section: what may be deleted.
         limit: so many points may be on their way to the disk.
-        session: gives the id of the running session, which is never deleted for age.
         queue: of what is to be published.
         events: receives troubles.
         latencies: receives how long points took to the disk, and from there to
             the broker.
-        changed: called when points can be kept again, or cannot any more.
-
-    Attributes:
-        again: executes the command `resend`.
+        ready_changed: called when points can be stored again, or cannot any more.
     """
 
     def __init__(
@@ -64,81 +55,42 @@ class Outbox:
         clock: HostClock,
         section: OutboxSection,
         limit: int,
-        session: Callable[[], str],
         queue: OutgoingQueue,
         events: EventLog,
         latencies: Mapping[str, Latencies],
-        changed: Callable[[], None] = lambda: None,
+        ready_changed: Callable[[], None] = lambda: None,
     ) -> None:
-        self._path = path
+        super().__init__(
+            path,
+            PROFILE,
+            clock=clock,
+            retention=RetentionRules(section.keep_days, section.keep_mb),
+            queue=queue,
+            events=events,
+            to_disk=latencies["point_to_disk"],
+            to_broker=latencies["publish_to_ack"],
+            ready_changed=ready_changed,
+        )
         self._topic = point_topic(arm)
         self._encoding: Encoding = encoding
-        self._clock = clock
-        self._section = section
         self._limit = limit
-        self._session = session
-        self._queue = queue
-        self._events = events
-        self._latencies = latencies
-        self._status_changed = changed
-        self._condition = StoreStatus()
-        self._is_open = False
-        self._in_flight = PendingWrites()
-        self._emptied = asyncio.Event()
-        self._entries: deque[tuple[int, NewMessage]] = deque()  # begun [ns], and what
-        self._forwarder = MessageForwarder(
-            path,
-            clock,
-            queue,
-            RetentionRules(section, ""),
-            kept=self._kept,
-            failed=self._failed,
-            changed=self._changed,
-            replaced=self._replaced,
-            latency=latencies["publish_to_ack"],
-        )
-        self.again = PointResend(self._forwarder.again)
-
-    @property
-    def heartbeat(self) -> Heartbeat:
-        """Signs of life of its thread."""
-        return self._forwarder.heartbeat
 
     @contextlib.asynccontextmanager
-    async def running(self) -> AsyncIterator[None]:
-        """Keep points while the block lasts.
+    async def running(self, *, is_needed: bool = True) -> AsyncIterator[None]:
+        """As any durable queue, and keep every other daemon out of its folder.
 
         Raises:
-            StoreRefusedError: the database must be left alone.
+            StoreRefusedError: the database, or the folder, must be left alone.
         """
-        with exclusive_state_dir(self._path.parent):
-            await self._forwarder.open()
-            self._is_open = True
-            self._queue.left = self._forwarder.refill
-            try:
-                self._forwarder.refill()
+        with exclusive_state_dir(self.path.parent):
+            async with super().running(is_needed=is_needed):
                 yield
-            finally:
-                self._queue.left = None
-                self._is_open = False
-                await self._forwarder.close()
-
-    @property
-    def is_ready(self) -> bool:
-        """Whether points can be kept."""
-        return self._condition.trouble is None
-
-    async def idle(self) -> None:
-        """Wait until no point is on its way to the disk."""
-        while self._in_flight:
-            self._emptied.clear()
-            await self._emptied.wait()
 
     def use(self, section: OutboxSection) -> None:
         """Apply other rules of what may be deleted."""
-        self._section = section
+        self.set_retention(RetentionRules(section.keep_days, section.keep_mb))
 
-    def put(self, point: Point, begun_ns: int, note: str) -> PendingWrite | None:
+    def put_point(self, point: Point, begun_ns: int, note: str) -> PendingPoint | None:
         """Write a point to the disk; None where too many wait for that.
 
         Args:
@@ -146,76 +98,30 @@ class Outbox:
             begun_ns: when its session began [UTC].
             note: of its session.
         """
-        if not self._is_open or len(self._in_flight) >= self._limit:
+        if not self.is_open or self.n_in_flight >= self._limit:
             return None
-        entry = NewMessage(
+        message = NewMessage(
             point.session,
-            begun_ns,
-            note,
             point.seq,
             point.id,
             point.time_ns,
             self._topic,
             self._encoding,
             encode(point, self._encoding),
+            begun_ns,
+            note,
         )
-        self._entries.append((self._clock.monotonic_ns(), entry))
-        self._forwarder.keep(entry)
-        return self._in_flight.add(point)
-
-    def poll(self) -> None:
-        """Go on with what has been put off; call it a few times a second."""
-        self._forwarder.poll(RetentionRules(self._section, self._session()))
+        write = PendingPoint(point)
+        self.put(message, write)
+        return write
 
     def health(self) -> OutboxHealth:
         """How the outbox is."""
-        figures = self._condition.figures
+        statistics = self.status.statistics
         return OutboxHealth(
             state="ready" if self.is_ready else "failed",
-            points=figures.points,
-            unsent=figures.unsent,
-            bytes=figures.size_bytes,
-            oldest_unsent_ns=figures.oldest_unsent_ns,
-        )
-
-    # -- reports of the thread ------------------------------------------------
-
-    def _kept(self, numbers: list[int]) -> None:
-        now_ns, took = self._clock.monotonic_ns(), self._latencies["point_to_disk"]
-        with self._queue.together():
-            for number in numbers:
-                begun_ns, entry = self._entries.popleft()
-                took.add(now_ns - begun_ns)
-                self._forwarder.feed.kept(stored_message_of(entry, number))
-        for _ in numbers:  # when they have been written: events may wait, points not
-            self._in_flight.keep()
-        self._emptied.set()
-
-    def _failed(self, trouble: StorageError) -> None:
-        self._entries.clear()
-        self._in_flight.fail(trouble)
-        self._emptied.set()
-
-    def _changed(self, condition: StoreStatus) -> None:
-        was_ready, trouble = self.is_ready, condition.trouble
-        self._condition = condition
-        self._events.change(
-            trouble is not None,
-            "error",
-            "outbox.failed",
-            "points are kept again" if trouble is None else trouble.text,
-            source="outbox",
-            remedy="" if trouble is None else trouble.remedy,
-        )
-        if was_ready != self.is_ready:
-            self._status_changed()
-
-    def _replaced(self, text: str) -> None:
-        self._events.report(
-            "error",
-            "outbox.replaced",
-            text,
-            source="outbox",
-            remedy="points that only the old file has can be taken out of it with "
-            "`traverse points export --db`, as far as it can be read",
+            points=statistics.points,
+            unsent=statistics.unsent,
+            bytes=statistics.size_bytes,
+            oldest_unsent_ns=statistics.oldest_unsent_ns,
         )

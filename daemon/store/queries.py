@@ -24,16 +24,14 @@ from traverse.daemon.store.records import (
 from traverse.protocol.encoding import decode
 from traverse.protocol.messages import Scan
 
-COLUMNS = "number, session, seq, id, time_ns, topic, encoding, payload, sent"
+COLUMNS = "session, seq, id, time_ns, topic, encoding, payload, number, sent"
 PIECE = 500
 
 
-def held(row: tuple[Any, ...]) -> StoredMessage:
+def stored_message(row: tuple[Any, ...]) -> StoredMessage:
     """A row of `COLUMNS` as a value."""
-    number, session, seq, name, time_ns, topic, encoding, payload, sent = row
-    return StoredMessage(
-        number, session, seq, name, time_ns, topic, encoding, payload, bool(sent)
-    )
+    values = *row[:-1], bool(row[-1])
+    return StoredMessage(*values)
 
 
 def open_read_only(path: Path) -> sqlite3.Connection:
@@ -92,7 +90,7 @@ def read_unsent(
         "WHERE sent = 0 AND number > ? ORDER BY number LIMIT ?",
         (after, at_most),
     )
-    return [held(row) for row in rows]
+    return [stored_message(row) for row in rows]
 
 
 def stored_range(
@@ -122,7 +120,7 @@ def read_messages(
         "WHERE session = ? AND seq BETWEEN ? AND ? ORDER BY seq LIMIT ?",
         (session, from_seq, to_seq, at_most),
     )
-    return [held(row) for row in rows]
+    return [stored_message(row) for row in rows]
 
 
 def iter_messages(
@@ -202,5 +200,5 @@ def _end_of(connection: sqlite3.Connection, scan: str, seq: int) -> int:
 
 
 def _block(connection: sqlite3.Connection, scan: str, seq: int) -> Scan:
-    (held,) = read_messages(connection, scan, seq, seq, 1)
-    return decode(Scan, held.payload, held.encoding)
+    (message,) = read_messages(connection, scan, seq, seq, 1)
+    return decode(Scan, message.payload, message.encoding)

@@ -1,29 +1,24 @@
 """Values that go between the event loop, the writer's thread and the database."""
 
-from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
-from traverse.daemon.config.schema import OutboxSection
 from traverse.protocol.encoding import Encoding
 from traverse.protocol.messages import Point
 
 
 @dataclass(frozen=True, slots=True)
-class NewMessage:
-    """A point that is to be kept: its message as it will be published.
+class StorableMessage:
+    """A point, or a block of a scan, as it is published.
 
     Attributes:
-        begun_ns: when the session began [UTC].
-        note: the user's note about the session.
+        session: of the point; of a block, the scan.
+        seq: number in it; of a block, that of its first point.
         time_ns: of the point [UTC].
         encoding: of the payload.
     """
 
     session: str
-    begun_ns: int
-    note: str
     seq: int
     id: str
     time_ns: int
@@ -33,38 +28,29 @@ class NewMessage:
 
 
 @dataclass(frozen=True, slots=True)
-class StoredMessage:
+class NewMessage(StorableMessage):
+    """A message that is to be stored.
+
+    Attributes:
+        begun_ns: when the session began [UTC].
+        note: the user's note about the session; of a scan, the session.
+    """
+
+    begun_ns: int
+    note: str
+
+
+@dataclass(frozen=True, slots=True)
+class StoredMessage(StorableMessage):
     """A message that the database has.
 
     Attributes:
-        number: grows by one with each message ever kept; the order of sending.
+        number: grows by one with each message ever stored; the order of sending.
         is_sent: the broker has acknowledged it.
     """
 
     number: int
-    session: str
-    seq: int
-    id: str
-    time_ns: int
-    topic: str
-    encoding: Encoding
-    payload: bytes
     is_sent: bool
-
-
-def stored_message_of(entry: NewMessage, number: int) -> StoredMessage:
-    """What has just been kept, under its number."""
-    return StoredMessage(
-        number,
-        entry.session,
-        entry.seq,
-        entry.id,
-        entry.time_ns,
-        entry.topic,
-        entry.encoding,
-        entry.payload,
-        is_sent=False,
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,68 +103,74 @@ class StoreStatistics:
 
 
 @dataclass(frozen=True, slots=True)
-class StorageError:
-    """Why points cannot be kept, and what people can do."""
+class RetentionRules:
+    """What the broker has is deleted when it is older, or the file is larger."""
 
-    text: str
-    remedy: str
+    keep_days: float
+    keep_mb: float
 
 
 class StoreRefusedError(Exception):
     """The file must not be touched; the text states the reason and the remedy."""
 
 
-@dataclass(frozen=True, slots=True)
-class WriteJob:
-    """Store a point; its callback gets the number, or None on failure.
+# -- what the thread reports --------------------------------------------------
 
-    Attributes:
-        generation: grows whenever points have failed.
-    """
+
+@dataclass(frozen=True, slots=True)
+class StorageError:
+    """Why messages cannot be stored, and what people can do."""
+
+    text: str
+    remedy: str
+
+
+@dataclass(frozen=True, slots=True)
+class Committed:
+    """The oldest messages on their way are safe now, under these numbers."""
+
+    numbers: Sequence[int]
+
+
+@dataclass(frozen=True, slots=True)
+class WriteFailed:
+    """Nothing of a generation that is still on its way will be stored."""
 
     generation: int
-    entry: NewMessage
+    trouble: StorageError
 
 
 @dataclass(frozen=True, slots=True)
-class QueryJob:
-    """Do something with the database; the callback gets the result or exception."""
+class Replaced:
+    """A new database has been begun; why, in words."""
 
-    work: Callable[[Any], Any]
-    told: Callable[[Any], None]
-
-
-@dataclass(frozen=True, slots=True)
-class RetentionRules:
-    """What may be deleted."""
-
-    section: OutboxSection
-    running: str
+    text: str
 
 
 @dataclass(frozen=True, slots=True)
 class StoreStatus:
-    """How the outbox is, as its thread sees it."""
+    """How the store is, as its thread sees it; reported whenever it changes."""
 
     trouble: StorageError | None = None
-    figures: StoreStatistics = StoreStatistics()
+    statistics: StoreStatistics = StoreStatistics()
 
 
-Job = WriteJob | QueryJob | RetentionRules
+Notification = Committed | WriteFailed | Replaced | StoreStatus
+
+
+# -- what waits for the thread ------------------------------------------------
 
 
 class PendingWrite:
-    """A point that has a number, and is not known to be on the disk yet.
+    """A message that is not known to be on the disk yet.
 
     Attributes:
-        point: a capture or a retraction.
         is_settled: it is on the disk, or it is not and never will be.
         trouble: why it is not.
         roll_back: called if the write fails, before anybody is notified of that.
     """
 
-    def __init__(self, point: Point) -> None:
-        self.point = point
+    def __init__(self) -> None:
         self.is_settled = False
         self.trouble: StorageError | None = None
         self.roll_back: Callable[[], object] = lambda: None
@@ -199,32 +191,21 @@ class PendingWrite:
             self._acts.append(act)
 
 
-class PendingWrites:
-    """Writes in the order of their points' numbers."""
+class PendingPoint(PendingWrite):
+    """A point that has a number, and is not known to be on the disk yet.
 
-    def __init__(self) -> None:
-        self._writes: deque[PendingWrite] = deque()
+    Args:
+        point: a capture or a retraction.
+    """
 
-    def __len__(self) -> int:
-        return len(self._writes)
+    def __init__(self, point: Point) -> None:
+        super().__init__()
+        self.point = point
 
-    def add(self, point: Point) -> PendingWrite:
-        """Add a point that is being written."""
-        write = PendingWrite(point)
-        self._writes.append(write)
-        return write
 
-    def keep(self) -> Point:
-        """Settle the first, which is on the disk; return its point."""
-        write = self._writes.popleft()
-        write.settle()
-        return write.point
-
-    def fail(self, trouble: StorageError) -> None:
-        """Fail all: roll back from the newest to the oldest, only then notify."""
-        failed = list(self._writes)
-        self._writes.clear()
-        for write in reversed(failed):
-            write.roll_back()
-        for write in failed:
-            write.settle(trouble)
+def fail_all(writes: Sequence[PendingWrite], trouble: StorageError) -> None:
+    """Roll back from the newest to the oldest, only then notify."""
+    for write in reversed(writes):
+        write.roll_back()
+    for write in writes:
+        write.settle(trouble)

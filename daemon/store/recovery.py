@@ -17,13 +17,14 @@ from typing import TypeVar
 from urllib.parse import quote
 
 from traverse.daemon.store.database import MessageDatabase
-from traverse.daemon.store.queries import COLUMNS, block_id, held
+from traverse.daemon.store.queries import COLUMNS, block_id
 from traverse.daemon.store.records import (
     NewMessage,
+    StorableMessage,
     StorageError,
-    StoredMessage,
     StoreRefusedError,
     StoreStatistics,
+    StoreStatus,
 )
 from traverse.protocol.encoding import decode
 from traverse.protocol.message_error import MessageError
@@ -34,22 +35,11 @@ T = TypeVar("T")
 
 # By the index first: it leaves the pages alone that only hold what has been sent.
 WAYS = ("INDEXED BY unsent", "NOT INDEXED")
-
-
 RETRY_REMARK = "; the daemon continues as soon as it can write"
 DAMAGED = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
+# The same connection would never be able to write again.
 REOPENED = (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN)
 DATABASE_SUFFIXES = ("", "-wal", "-shm")
-
-
-def is_corruption(error: BaseException) -> bool:
-    """The file is damaged."""
-    return _code(error) in DAMAGED
-
-
-def needs_reopening(error: BaseException) -> bool:
-    """The same connection would never be able to write again."""
-    return _code(error) in REOPENED
 
 
 def storage_error_of(error: BaseException, path: Path) -> StorageError:
@@ -103,7 +93,7 @@ def _code(error: BaseException) -> int | None:
 
 def recover_unsent(path: Path) -> list[NewMessage]:
     """Messages that were not sent and can be read, in order, without repeats."""
-    found: dict[str, StoredMessage] = {}
+    found: dict[str, tuple[int, NewMessage]] = {}
     begun: dict[str, tuple[int, str]] = {}
     address = f"file:{quote(str(path))}?mode=ro"
     with contextlib.closing(sqlite3.connect(address, uri=True)) as connection:
@@ -112,48 +102,33 @@ def recover_unsent(path: Path) -> list[NewMessage]:
                 begun[session] = begun_ns, note
         for way in WAYS:
             with contextlib.suppress(sqlite3.Error, ValueError, TypeError):
-                for row in connection.execute(
+                for *values, number, _ in connection.execute(
                     f"SELECT {COLUMNS} FROM messages {way} WHERE sent = 0 "
                     "ORDER BY number"
                 ):
-                    message = held(row)
+                    row = (*values, *begun.get(values[0], (0, "")))
+                    message = NewMessage(*row)
                     if _is_whole(message):
-                        found.setdefault(message.id, message)
-    ordered = sorted(found.values(), key=lambda message: message.number)
-    return [
-        _entry(message, *begun.get(message.session, (0, ""))) for message in ordered
-    ]
+                        found.setdefault(message.id, (number, message))
+    return [message for _, message in sorted(found.values(), key=lambda row: row[0])]
 
 
-def _is_whole(message: StoredMessage) -> bool:
+def _is_whole(message: StorableMessage) -> bool:
     """Whether the payload is the point, or the block of a scan, of its row."""
-    told = (message.session, message.seq, message.id)
     try:
         if message.topic.endswith("/scan"):
             block = decode(Scan, message.payload, message.encoding)
-            return (block.scan, block.seq, block_id(block)) == told
-        point = decode(Point, message.payload, message.encoding)
+            found = block.scan, block.seq, block_id(block)
+        else:
+            point = decode(Point, message.payload, message.encoding)
+            found = point.session, point.seq, point.id
     except MessageError:
         return False
-    return (point.session, point.seq, point.id) == told
-
-
-def _entry(message: StoredMessage, begun_ns: int, note: str) -> NewMessage:
-    return NewMessage(
-        message.session,
-        begun_ns,
-        note,
-        message.seq,
-        message.id,
-        message.time_ns,
-        message.topic,
-        message.encoding,
-        message.payload,
-    )
+    return found == (message.session, message.seq, message.id)
 
 
 class ResilientDatabase:
-    """Store points, or report why it cannot.
+    """Store messages, or report why it cannot.
 
     Args:
         path: of the database.
@@ -161,8 +136,7 @@ class ResilientDatabase:
             was damaged.
 
     Attributes:
-        trouble: why points cannot be kept now; None while they can.
-        figures: of the database when it could last be read.
+        trouble: why messages cannot be stored now; None while they can.
     """
 
     def __init__(self, path: Path, replaced: Callable[[str], None]) -> None:
@@ -170,8 +144,8 @@ class ResilientDatabase:
         self._replaced = replaced
         self._store: MessageDatabase | None = None
         self._last_number = 0
+        self._statistics = StoreStatistics()
         self.trouble: StorageError | None = None
-        self.figures = StoreStatistics()
 
     def open(self) -> None:
         """Open the database; what prevents it is in `trouble` then.
@@ -180,7 +154,7 @@ class ResilientDatabase:
             StoreRefusedError: it must be left alone.
         """
         with contextlib.suppress(sqlite3.Error, OSError):
-            self.use(lambda store: None)
+            self.run(lambda store: None)
 
     def close(self) -> None:
         """Close the database."""
@@ -192,17 +166,17 @@ class ResilientDatabase:
             except sqlite3.Error as error:
                 log.warning("%s", storage_error_of(error, self._path).text)
 
-    def add(self, entries: Sequence[NewMessage]) -> list[int]:
-        """Keep messages, all or none; gives their numbers. On return they are safe.
+    def add(self, messages: Sequence[NewMessage]) -> list[int]:
+        """Store messages, all or none; gives their numbers. On return they are safe.
 
         Raises:
             Exception: they are not stored; `trouble` has the reason.
         """
-        numbers = self.use(lambda store: store.add(entries))
+        numbers = self.run(lambda store: store.add(messages))
         self.trouble = None
         return numbers
 
-    def use(self, work: Callable[[MessageDatabase], T]) -> T:
+    def run(self, work: Callable[[MessageDatabase], T]) -> T:
         """Do something with the database; with a new one if it turns out damaged.
 
         Raises:
@@ -212,7 +186,7 @@ class ResilientDatabase:
             try:
                 return work(self._opened())
             except sqlite3.Error as error:
-                if not is_corruption(error):
+                if _code(error) not in DAMAGED:
                     raise
                 self._begin_anew(error)
                 return work(self._opened())
@@ -223,30 +197,31 @@ class ResilientDatabase:
             if not isinstance(error, sqlite3.Error | OSError):
                 log.exception("fault in the outbox")
             self.trouble = storage_error_of(error, self._path)
-            if needs_reopening(error):
+            if _code(error) in REOPENED:
                 self.close()
             raise
 
-    def look(self) -> None:
+    def check(self) -> None:
         """See whether the trouble is over, and whether the file is still there."""
         if self._store is not None and not self._store.is_file_unchanged:
             self.close()
             with contextlib.suppress(sqlite3.Error, OSError, StoreRefusedError):
-                self.use(lambda store: None)
+                self.run(lambda store: None)
                 self._replaced(
                     f"{self._path} had been moved or removed while the daemon used it; "
                     "what is there now is used instead"
                 )
         if self.trouble is not None:
             with contextlib.suppress(sqlite3.Error, OSError, StoreRefusedError):
-                self.use(MessageDatabase.check_space)
+                self.run(MessageDatabase.check_space)
                 self.trouble = None
 
-    def count(self) -> None:
-        """Update `figures`."""
+    def status(self) -> StoreStatus:
+        """How it is; the statistics are those of when it could last be read."""
         if self._store is not None:
             with contextlib.suppress(sqlite3.Error):
-                self.figures = self._store.figures()
+                self._statistics = self._store.statistics()
+        return StoreStatus(self.trouble, self._statistics)
 
     def _opened(self) -> MessageDatabase:
         if self._store is None:

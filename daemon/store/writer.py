@@ -1,46 +1,69 @@
-"""The one thread that writes to the outbox: takes jobs, returns results in order.
+"""The one thread that writes to a store: takes jobs, returns results in order.
 
-All waiting points are written in one transaction: syncing takes as long for a hundred
+All waiting messages are written in one transaction: syncing takes as long for a hundred
 as for one. Points that arrive faster than hands can press are collected for
 `COMMIT_INTERVAL_S`, since a transaction costs as much CPU as several points. After a
-write has failed, later points fail, too, until the loop knows of it: their numbers
-would follow numbers that were never stored.
+write has failed, later ones fail, too, until the loop knows of it: their numbers would
+follow numbers that were never stored.
 """
 
 import asyncio
+import concurrent.futures
 import logging
 import queue
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from traverse.daemon.clock import HostClock
 from traverse.daemon.store.database import DAY_NS, MessageDatabase
 from traverse.daemon.store.records import (
-    Job,
+    Committed,
     NewMessage,
-    QueryJob,
+    Notification,
+    Replaced,
     RetentionRules,
     StorageError,
     StoreRefusedError,
     StoreStatus,
-    WriteJob,
+    WriteFailed,
 )
 from traverse.daemon.store.recovery import ResilientDatabase
 from traverse.drivers.base.heartbeat import Heartbeat
 
 log = logging.getLogger("traverse.daemon.outbox")
 
-LOOK_S = 0.5
-FIGURES_S = 0.2
-FORGET_S = 0.3
+POLL_S = 0.5
+STATUS_S = 0.2
+DELETE_S = 0.3
 MAX_BATCH = 500
 COMMIT_INTERVAL_S = 0.002  # from the beginning of one transaction to the next
 DELETE_BATCH = 50
 TURN_S = 30.0  # that a slow disk may take
+
+
+@dataclass(frozen=True, slots=True)
+class WriteJob:
+    """Store a message.
+
+    Attributes:
+        generation: grows whenever messages have failed.
+    """
+
+    generation: int
+    message: NewMessage
+
+
+@dataclass(frozen=True, slots=True)
+class QueryJob:
+    """Do something with the database; pass on the result, or the exception."""
+
+    work: Callable[[MessageDatabase], Any]
+    on_result: Callable[[Any], None]
 
 
 class StoreWriter:
@@ -48,45 +71,38 @@ class StoreWriter:
 
     Args:
         path: of the database.
-        clock: the host's.
-        rules: what may be deleted.
-        kept: called with the numbers of points that are safe now, in order.
-        failed: called with the generation of which no more points will be stored.
-        changed: called with the state of the outbox when it changes.
-        replaced: called with a text when a new database has been begun.
         name: of the thread.
+        clock: the host's.
+        retention: what may be deleted.
+        notify: called on the loop with what has happened, in order.
 
     Attributes:
+        retention: other rules may be set at any time.
         heartbeat: the thread's signs of life.
     """
 
     def __init__(
         self,
         path: Path,
+        name: str,
         clock: HostClock,
-        rules: RetentionRules,
-        *,
-        kept: Callable[[list[int]], None],
-        failed: Callable[[int, StorageError], None],
-        changed: Callable[[StoreStatus], None],
-        replaced: Callable[[str], None],
-        name: str = "outbox",
+        retention: RetentionRules,
+        notify: Callable[[Notification], None],
     ) -> None:
         self._clock = clock
-        self._rules = rules
-        self._kept = kept
-        self._failed = failed
-        self._changed = changed
+        self.retention = retention
+        self._notify = notify
         self._database = ResilientDatabase(
-            path, lambda text: self._tell(replaced, text)
+            path, lambda text: self._post(notify, Replaced(text))
         )
-        self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
+        self._jobs: queue.SimpleQueue[WriteJob | QueryJob | None] = queue.SimpleQueue()
         self._loop = asyncio.get_running_loop()
-        self._told = StoreStatus()
-        self._told_s = -FIGURES_S
+        self._status = StoreStatus()
+        self._status_s = -STATUS_S
         self._failed_generation = -1
-        self._kept_s = -COMMIT_INTERVAL_S
-        self._opened: asyncio.Future[None] = self._loop.create_future()
+        self._committed_s = -COMMIT_INTERVAL_S
+        self._running = ""  # the session of the latest message
+        self._opened: concurrent.futures.Future[None] = concurrent.futures.Future()
         self.heartbeat = Heartbeat(f"thread of the {name}")
         self._thread = threading.Thread(target=self._run, name=name)
 
@@ -98,7 +114,7 @@ class StoreWriter:
         """
         self._thread.start()
         try:
-            await self._opened
+            await asyncio.wrap_future(self._opened)
         except BaseException:
             self._jobs.put(None)
             raise
@@ -108,9 +124,9 @@ class StoreWriter:
         self._jobs.put(None)
         await asyncio.to_thread(self._thread.join)
 
-    def put(self, job: Job) -> None:
-        """Have something done, after all that was put before."""
-        self._jobs.put(job)
+    def write(self, generation: int, message: NewMessage) -> None:
+        """Store a message, after all that was put before."""
+        self._jobs.put(WriteJob(generation, message))
 
     def query(
         self,
@@ -120,26 +136,19 @@ class StoreWriter:
         """Do something with the database; pass on the result, or the exception."""
         self._jobs.put(QueryJob(work, on_result))
 
-    def _begun(self, error: StoreRefusedError | None) -> None:
-        if self._opened.done():  # no requester waits any more
-            return
-        if error is None:
-            self._opened.set_result(None)
-        else:
-            self._opened.set_exception(error)
-
     # -- on the thread --------------------------------------------------------
 
     def _run(self) -> None:
+        self._opened.set_running_or_notify_cancel()  # nobody can cancel it any more
         try:
             self._database.open()
         except StoreRefusedError as error:
-            self._tell(self._begun, error)
+            self._opened.set_exception(error)
             return
-        self._look()
-        self._tell(self._begun, None)
-        waiting: deque[Job | None] = deque()
-        looked_s = time.monotonic()
+        self._report_status()
+        self._opened.set_result(None)
+        waiting: deque[WriteJob | QueryJob | None] = deque()
+        checked_s = time.monotonic()
         while True:
             self.heartbeat.beat(TURN_S)
             self._take_all(waiting)
@@ -150,17 +159,17 @@ class StoreWriter:
                     self.heartbeat.idle()
                     return
                 self._do_next(waiting)
-            if time.monotonic() - looked_s >= LOOK_S:
-                self._database.look()
-                self._forget()
-                looked_s = time.monotonic()
-            self._look()
+            if time.monotonic() - checked_s >= POLL_S:
+                self._database.check()
+                self._delete_old()
+                checked_s = time.monotonic()
+            self._report_status()
 
-    def _take_all(self, waiting: deque[Job | None]) -> None:
+    def _take_all(self, waiting: deque[WriteJob | QueryJob | None]) -> None:
         """Wait for a job, then take all that are there."""
         try:
-            waiting.append(self._jobs.get(timeout=LOOK_S))
-            early_s = self._kept_s + COMMIT_INTERVAL_S - time.monotonic()
+            waiting.append(self._jobs.get(timeout=POLL_S))
+            early_s = self._committed_s + COMMIT_INTERVAL_S - time.monotonic()
             if early_s > 0.0 and isinstance(waiting[0], WriteJob):
                 time.sleep(early_s)
             while True:
@@ -168,82 +177,80 @@ class StoreWriter:
         except queue.Empty:
             return
 
-    def _do_next(self, waiting: deque[Job | None]) -> None:
+    def _do_next(self, waiting: deque[WriteJob | QueryJob | None]) -> None:
         match waiting[0]:
             case WriteJob(generation):
-                entries: list[NewMessage] = []
+                messages: list[NewMessage] = []
                 while (
                     waiting
                     and isinstance(job := waiting[0], WriteJob)
                     and job.generation == generation
-                    and len(entries) < MAX_BATCH
+                    and len(messages) < MAX_BATCH
                 ):
-                    entries.append(job.entry)
+                    messages.append(job.message)
                     waiting.popleft()
-                self._keep(generation, entries)
-            case QueryJob(work, told):
+                self._write(generation, messages)
+            case QueryJob(work, on_result):
                 waiting.popleft()
                 try:
-                    result = self._database.use(work)
+                    result = self._database.run(work)
                 except Exception as error:  # noqa: BLE001 - it reaches the asker
                     result = error
-                self._tell(told, result)
-            case RetentionRules() as rules:
-                waiting.popleft()
-                self._rules = rules
+                self._post(on_result, result)
 
-    def _keep(self, generation: int, entries: list[NewMessage]) -> None:
+    def _write(self, generation: int, messages: list[NewMessage]) -> None:
         if generation <= self._failed_generation:
             return
-        self._kept_s = time.monotonic()
+        self._committed_s = time.monotonic()
         try:
-            numbers = self._database.add(entries)
+            numbers = self._database.add(messages)
         except Exception as error:  # noqa: BLE001 - reported as a trouble
             self._failed_generation = generation
             trouble = self._database.trouble or StorageError(repr(error), "")
-            self._tell(self._failed, generation, trouble)
+            self._post(self._notify, WriteFailed(generation, trouble))
         else:
-            self._tell(self._kept, numbers)
-        self._look()
+            self._running = messages[-1].session
+            self._post(self._notify, Committed(numbers))
+        self._report_status()
 
-    def _forget(self) -> None:
-        """Remove what need not be kept any longer, in small steps between jobs."""
+    def _delete_old(self) -> None:
+        """Delete what need not be kept any longer, in small steps between jobs."""
         if self._database.trouble is not None:
             return
-        section = self._rules.section
+        rules = self.retention
         now_ns = self._clock.to_utc_ns(self._clock.monotonic_ns())
 
         def step(store: MessageDatabase) -> int:
-            n = store.forget(
-                before_ns=now_ns - int(section.keep_days * DAY_NS),
-                keep_bytes=int(section.keep_mb * 1e6),
-                running=self._rules.running,
+            n = store.delete_old(
+                before_ns=now_ns - int(rules.keep_days * DAY_NS),
+                keep_bytes=int(rules.keep_mb * 1e6),
+                running=self._running,
                 at_most=DELETE_BATCH,
             )
             store.trim_file()
             return n
 
         try:
-            end_s = time.monotonic() + FORGET_S
-            while self._database.use(step) and self._jobs.empty():
+            end_s = time.monotonic() + DELETE_S
+            while self._database.run(step) and self._jobs.empty():
                 if time.monotonic() > end_s:
                     return
         except Exception as error:  # noqa: BLE001 - it has been reported
             log.debug("nothing deleted: %s", error)
 
-    def _look(self) -> None:
-        """Report the outbox's state: troubles at once, figures regularly."""
-        trouble, now_s = self._database.trouble, time.monotonic()
-        if trouble == self._told.trouble and now_s - self._told_s < FIGURES_S:
+    def _report_status(self) -> None:
+        """Report troubles at once, statistics regularly."""
+        is_new = self._database.trouble != self._status.trouble
+        now_s = time.monotonic()
+        if not is_new and now_s - self._status_s < STATUS_S:
             return
-        self._database.count()
-        condition, self._told_s = StoreStatus(trouble, self._database.figures), now_s
-        if condition != self._told:
-            self._told = condition
-            self._tell(self._changed, condition)
+        status, self._status_s = self._database.status(), now_s
+        if status != self._status:
+            self._status = status
+            self._post(self._notify, status)
 
-    def _tell(self, told: Callable[..., object], *values: object) -> None:
+    def _post(self, act: Callable[..., object], value: object) -> None:
         try:
-            self._loop.call_soon_threadsafe(told, *values)
+            self._loop.call_soon_threadsafe(act, value)
         except RuntimeError:  # the loop has ended
-            log.debug("nobody to notify: %s", values)
+            log.debug("nobody to notify: %s", value)

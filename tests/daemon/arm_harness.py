@@ -76,7 +76,7 @@ class ArmBench:
             Sinks(
                 EventLog(self.clock, self.events.append),
                 kept_at_once(self.offer),
-                lambda scan: not self.scans.append(scan),
+                lambda scan, _: not self.scans.append(scan),
                 self.live.append,
                 self.actions.append,
                 self.change_status,

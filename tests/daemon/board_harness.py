@@ -32,7 +32,7 @@ class Bench:
             Sinks(
                 EventLog(self.clock, self.events.append),
                 kept_at_once(self.offer),
-                lambda scan: not self.scans.append(scan),
+                lambda scan, _: not self.scans.append(scan),
                 self.live.append,
                 status_changed=self.count_change,
                 latencies=latencies,

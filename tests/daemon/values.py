@@ -16,7 +16,7 @@ from traverse.daemon.config.schema import (
 )
 from traverse.daemon.pose.arm_model import ArmModel, read_model
 from traverse.daemon.pose.poses import PoseBlock
-from traverse.daemon.store.records import PendingWrite
+from traverse.daemon.store.records import PendingPoint
 from traverse.drivers.base.values import CountSamples, LatchedCounts
 from traverse.protocol.messages import Point
 
@@ -88,10 +88,10 @@ class SetClock(HostClock):
 def kept_at_once(take: Callable[[Point], bool]):
     """Keeps points for a capture; those that ``take`` says True to, and at once."""
 
-    def keep(point: Point, begun_ns: int, note: str) -> PendingWrite | None:
+    def keep(point: Point, begun_ns: int, note: str) -> PendingPoint | None:
         if not take(point):
             return None
-        keeping = PendingWrite(point)
+        keeping = PendingPoint(point)
         keeping.settle()
         return keeping
 

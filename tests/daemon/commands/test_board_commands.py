@@ -44,7 +44,7 @@ class Bench:
             Sinks(
                 EventLog(clock, self.events.append),
                 kept_at_once(self.offer),
-                lambda scan: not self.scans.append(scan),
+                lambda scan, _: not self.scans.append(scan),
                 self.live.append,
             ),
             clock,

@@ -21,7 +21,7 @@ from traverse.daemon.config.schema import InputSection
 from traverse.daemon.measurement import Sinks, build_measurement
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.store.database import MessageDatabase
-from traverse.daemon.store.records import NewMessage, PendingWrite, PendingWrites
+from traverse.daemon.store.records import NewMessage, PendingPoint
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import (
     DeviceUp,
@@ -53,14 +53,14 @@ def entry_of(point: Point, begun_ns: int, note: str) -> NewMessage:
     """A point as the outbox keeps it."""
     return NewMessage(
         point.session,
-        begun_ns,
-        note,
         point.seq,
         point.id,
         point.time_ns,
         "traverse/bench-7/point",
         "msgpack",
         encode(point, "msgpack"),
+        begun_ns,
+        note,
     )
 
 
@@ -90,11 +90,10 @@ class CaptureBench(RuleBasedStateMachine):
         self.acknowledged: list[tuple[int, int]] = []  # token, points so far
         self.scan_counts: dict[str, list[int]] = {}
         self.held_scans: set[str] = set()
-        self.in_flight = PendingWrites()
-        self.waiting: list[tuple[Point, NewMessage]] = []
-        self.keepings: dict[int, PendingWrite] = {}
+        self.waiting: list[tuple[PendingPoint, NewMessage]] = []
+        self.keepings: dict[int, PendingPoint] = {}
         self.failures = 0
-        self.attempts: list[PendingWrite | None] = []
+        self.attempts: list[PendingPoint | None] = []
         self.loop.run_until_complete(self._begin())
 
     async def _begin(self) -> None:
@@ -112,7 +111,7 @@ class CaptureBench(RuleBasedStateMachine):
             Sinks(
                 EventLog(self.clock, self.events.append),
                 self._keep,
-                lambda scan: not self.scans.append(scan),
+                lambda scan, _: not self.scans.append(scan),
             ),
             self.clock,
             devices=[self.device],
@@ -134,14 +133,14 @@ class CaptureBench(RuleBasedStateMachine):
 
         return watched
 
-    def _keep(self, point, begun_ns, note) -> PendingWrite | None:
+    def _keep(self, point, begun_ns, note) -> PendingPoint | None:
         is_undo = point.retracts is not None
         if not has_room(point.counts[0], is_undo=is_undo):
             return None
-        keeping = self.in_flight.add(point)
+        keeping = PendingPoint(point)
         if not is_undo:
             self.keepings[point.counts[0]] = keeping
-        self.waiting.append((point, entry_of(point, begun_ns, note)))
+        self.waiting.append((keeping, entry_of(point, begun_ns, note)))
         return keeping
 
     def take(self, *deliveries) -> None:

@@ -153,13 +153,14 @@ async def test_events_replies_and_scans_are_dropped_newest_first(kind, limit):
 
 async def test_what_is_offered_together_is_looked_at_once():
     queue, looked = OutgoingQueue(), []
-    queue.offered = lambda: looked.append(queue.waiting("point"))
-    with queue.together():
-        for name in "abc":
-            assert queue.offer("point", message(name))
-        assert looked == []
-    assert looked == [3]
-    queue.offer("point", message("d"))
+    with queue.notifying(lambda: looked.append(queue.waiting("point"))):
+        with queue.together():
+            for name in "abc":
+                assert queue.offer("point", message(name))
+            assert looked == []
+        assert looked == [3]
+        queue.offer("point", message("d"))
+    queue.offer("point", message("e"))  # nobody wants to hear of it any more
     assert looked == [3, 4]
 
 

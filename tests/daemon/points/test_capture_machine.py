@@ -20,7 +20,7 @@ from tests.daemon.points.expected_points import Asked
 from traverse.daemon.scans.plan import ScanPlan
 from traverse.daemon.store.database import MessageDatabase
 from traverse.daemon.store.queries import read_unsent
-from traverse.daemon.store.records import StorageError
+from traverse.daemon.store.records import StorageError, fail_all
 from traverse.drivers.base.values import CountSamples, StreamStarted
 from traverse.protocol.messages import Label
 
@@ -106,16 +106,17 @@ class CaptureMachine(CaptureBench):
         """Some of what waits, in one transaction; then all hear of it."""
         group, self.waiting = self.waiting[:n], self.waiting[n:]
         self.store.add([entry for _, entry in group])
-        for point, _ in group:
-            self.published.append(point)
-            assert self.in_flight.keep() is point
+        for keeping, _ in group:
+            self.published.append(keeping.point)
+            keeping.settle()
 
     @precondition(lambda self: self.waiting)
     @rule()
     def disk_fails(self):
         self.failures += 1
+        failed = [keeping for keeping, _ in self.waiting]
         self.waiting.clear()
-        self.in_flight.fail(StorageError("the disk is full", "make room"))
+        fail_all(failed, StorageError("the disk is full", "make room"))
 
     @rule()
     def power_goes(self):

@@ -36,7 +36,7 @@ class Bench:
         self.scanner.start(ScanPlan("s1", 1000.0, 1, **plan), model, "session-1")
         self.scanner.follow(1, 1000.0)
 
-    def offer(self, message):
+    def offer(self, message, on_dropped):
         self.messages.append(message)
         return True
 

@@ -22,7 +22,7 @@ class Bench:
         self.scanner.start(ScanPlan("s1", rate_hz, every), model, "session-1")
         self.scanner.follow(1, rate_hz * every)
 
-    def offer(self, message):
+    def offer(self, message, on_dropped):
         if self.room:
             self.messages.append(message)
         return self.room

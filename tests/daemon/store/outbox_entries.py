@@ -12,14 +12,14 @@ def entry(session="s", seq=0, *, time_ns=NOW_NS, payload=b"point", encoding="msg
     """A message of a session; the same arguments give the same."""
     return NewMessage(
         session,
-        NOW_NS,
-        f"note of {session}",
         seq,
         f"{session}-{seq}",
         time_ns,
         "traverse/arm/point",
         encoding,
         payload + b" %d" % seq,
+        NOW_NS,
+        f"note of {session}",
     )
 
 

@@ -1,8 +1,10 @@
 """An outbox on the event loop, and the broker that takes from it."""
 
+from tests.daemon.store.scan_store_harness import Bench
 from tests.daemon.values import SetClock
 from tests.end_to_end.programs import until
 from tests.protocol.message_examples import POINT
+from traverse.daemon.commands.resend import ResendCommands
 from traverse.daemon.config.schema import OutboxSection
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import latencies_by_name
@@ -10,7 +12,7 @@ from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
 from traverse.daemon.points.capture import Session
 from traverse.daemon.store.outbox import Outbox
 from traverse.protocol.encoding import decode
-from traverse.protocol.messages import Point
+from traverse.protocol.messages import Point, ResendArgs
 
 
 class OutboxOnLoop:
@@ -31,11 +33,10 @@ class OutboxOnLoop:
             clock=self.clock,
             section=OutboxSection(**section),
             limit=limit,
-            session=lambda: self.session.id,
             queue=self.queue,
             events=EventLog(self.clock, self.occurrences.append),
             latencies=self.latencies,
-            changed=lambda: self.statuses.append(self.outbox.is_ready),
+            ready_changed=lambda: self.statuses.append(self.outbox.is_ready),
         )
 
     def take(self):
@@ -48,11 +49,17 @@ class OutboxOnLoop:
                 "id": session.next_id,
             }
         )
-        keeping = self.outbox.put(point, session.begun_ns, session.note)
+        keeping = self.outbox.put_point(point, session.begun_ns, session.note)
         if keeping is not None:
             session.add(point)
             keeping.roll_back = lambda: session.roll_back(point)
         return keeping
+
+    async def resend(self, **args):
+        """The command, of a daemon that keeps no scans."""
+        scans = Bench(self.path.parent).spool
+        commands = ResendCommands(self.outbox, scans)
+        return await commands.carry_out(ResendArgs(**args))
 
     async def take_all(self, n):
         keepings = [self.take() for _ in range(n)]

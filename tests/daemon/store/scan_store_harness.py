@@ -56,10 +56,14 @@ class Bench:
             queue=self.queue,
             events=EventLog(self.clock, self.occurrences.append),
         )
-        self.spool.taken_back = lambda scan, n: self.taken_back.append((scan, n))
+
+    def take(self, scan):
+        return self.spool.offer(
+            scan, lambda: self.taken_back.append((scan.scan, len(scan.dtime_ns)))
+        )
 
     async def offer(self, *numbers, **options):
-        taken = [self.spool.offer(block(n, **options)) for n in numbers]
+        taken = [self.take(block(n, **options)) for n in numbers]
         await self.spool.idle()
         return taken
 

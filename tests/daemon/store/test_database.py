@@ -49,7 +49,7 @@ def test_a_number_is_kept_once_and_a_failed_group_leaves_nothing(store, path):
         store.add([entry("a", 2), entry("a", 1)])
     assert rows(path) == [("a", 0, 0), ("a", 1, 0)]
     assert store.add([entry("a", 2)]) == [3]
-    assert store.figures().points == 3
+    assert store.statistics().points == 3
 
 
 def test_marked_ones_are_not_unsent_any_more(store):
@@ -57,11 +57,11 @@ def test_marked_ones_are_not_unsent_any_more(store):
     store.mark_sent([(1, 2), (4, 4), (90, 99)])
     store.mark_sent([(1, 2)])
     assert [m.number for m in read_unsent(store.connection, 0, 10)] == [3, 5, 6]
-    figures = store.figures()
+    figures = store.statistics()
     assert (figures.points, figures.unsent) == (6, 3)
     assert figures.oldest_unsent_ns == NOW_NS
     store.mark_sent([(3, 6)])
-    assert store.figures().oldest_unsent_ns is None
+    assert store.statistics().oldest_unsent_ns is None
 
 
 def test_opened_again_it_counts_what_there_is_and_numbers_go_on(store, path):
@@ -69,7 +69,7 @@ def test_opened_again_it_counts_what_there_is_and_numbers_go_on(store, path):
     store.mark_sent([(1, 1)])
     store.close()
     again = MessageDatabase(path)
-    figures = again.figures()
+    figures = again.statistics()
     assert (figures.points, figures.unsent, again.last_number) == (3, 2, 3)
     assert again.add(entries("b", 1)) == [4]
     again.close()

@@ -111,7 +111,7 @@ def test_a_killed_process_leaves_all_that_was_committed_and_nothing_else(path):
     assert (done.returncode, done.stdout) == (-9, "40\n")
     store = MessageDatabase(path)
     assert [m.seq for m in read_unsent(store.connection, 0, 99)] == [*range(36, 40)]
-    assert store.figures().points == 40
+    assert store.statistics().points == 40
     store.close()
 
 

@@ -9,7 +9,7 @@ from collections import deque
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from tests.daemon.store.outbox_entries import entries, rows
+from tests.daemon.store.outbox_entries import entries, entry, rows
 from tests.daemon.values import SetClock
 from traverse.daemon.monitoring.latencies import Latencies
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
@@ -21,7 +21,6 @@ from traverse.daemon.store.forwarder import (
     UnsentFeeder,
     outgoing,
 )
-from traverse.daemon.store.records import StoredMessage, stored_message_of
 
 ROOM = BATCH + 50
 
@@ -39,7 +38,6 @@ class Steps:
         self.acks = AckBuffer(self)
         self.clock = SetClock()
         self.feed = UnsentFeeder(self.queue, self, self.acks, self.clock, Latencies())
-        self.queue.left = self.feed.refill
         self.sent, self.on_the_way = [], deque()
         self.taken = 0
         self.marks_fail = False
@@ -58,7 +56,7 @@ class Steps:
 
         def kept(numbers):
             for number, e in zip(numbers, group, strict=True):
-                self.feed.kept(stored_message_of(e, number))
+                self.feed.add(number, e)
 
         if n:
             self.query(lambda _: self.store.add(group), kept)
@@ -170,13 +168,10 @@ def test_what_the_broker_refuses_comes_again_after_two_minutes_and_not_before(
 
 
 def test_what_another_run_left_in_another_encoding_says_so():
-    kept = StoredMessage(
-        1, "s", 0, "s-0", 0, "traverse/old/point", "json", b"{}", is_sent=False
-    )
-    message = outgoing(kept)
+    message = outgoing(entry(encoding="json", payload=b"{}"))
     assert (message.topic, message.payload, message.encoding) == (
-        "traverse/old/point",
-        b"{}",
+        "traverse/arm/point",
+        b"{} 0",
         "json",
     )
     assert (message.qos, message.retain) == (1, False)

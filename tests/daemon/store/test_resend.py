@@ -7,7 +7,6 @@ from tests.daemon.store.outbox_harness import OutboxOnLoop, numbers
 from tests.end_to_end.programs import until
 from traverse.daemon.errors import RequestRefusedError
 from traverse.daemon.store.forwarder import MAX_RANGES
-from traverse.protocol.messages import ResendArgs
 
 
 @pytest.fixture
@@ -20,9 +19,7 @@ async def bench(tmp_path):
 async def test_a_range_is_sent_again_with_the_same_bytes_behind_new_ones(bench):
     await bench.take_all(6)
     bench.send()
-    answer = await bench.outbox.again.carry_out(
-        ResendArgs(session=bench.session.id, from_seq=2, to_seq=4)
-    )
+    answer = await bench.resend(session=bench.session.id, from_seq=2, to_seq=4)
     assert answer == {
         "session": bench.session.id,
         "from_seq": 2,
@@ -39,7 +36,7 @@ async def test_a_range_is_sent_again_with_the_same_bytes_behind_new_ones(bench):
 async def test_all_of_a_session_comes_again_a_bounded_number_at_a_time(bench):
     await bench.take_all(700)
     bench.send()
-    answer = await bench.outbox.again.carry_out(ResendArgs(session=bench.session.id))
+    answer = await bench.resend(session=bench.session.id)
     assert (answer["points"], answer["to_seq"], answer["last_seq"]) == (700, None, 699)
     most, sent = 0, []
 
@@ -56,9 +53,7 @@ async def test_all_of_a_session_comes_again_a_bounded_number_at_a_time(bench):
 
 async def test_an_unknown_session_is_answered_with_nothing(bench):
     await bench.take_all(1)
-    answer = await bench.outbox.again.carry_out(
-        ResendArgs(session="nobody", from_seq=3)
-    )
+    answer = await bench.resend(session="nobody", from_seq=3)
     assert (answer["points"], answer["first_seq"], answer["last_seq"]) == (
         0,
         None,
@@ -73,7 +68,7 @@ async def test_without_a_session_it_tells_which_there_are(tmp_path):
         async with bench.outbox.running():
             await bench.take_all(n)
             sessions.append(bench.session.id)
-            answer = await bench.outbox.again.carry_out(ResendArgs())
+            answer = await bench.resend()
     assert answer["sessions"] == [
         {"session": sessions[0], "begun_ns": "1", "first_seq": 0, "last_seq": 1},
         {"session": sessions[1], "begun_ns": "1", "first_seq": 0, "last_seq": 2},
@@ -83,11 +78,10 @@ async def test_without_a_session_it_tells_which_there_are(tmp_path):
 async def test_too_many_ranges_at_once_are_refused_with_what_to_do(bench):
     await bench.take_all(200)
     bench.send()
-    again = ResendArgs(session=bench.session.id)
     for _ in range(MAX_RANGES):
-        await bench.outbox.again.carry_out(again)
+        await bench.resend(session=bench.session.id)
     with pytest.raises(RequestRefusedError, match="ranges are being sent") as caught:
-        await bench.outbox.again.carry_out(again)
+        await bench.resend(session=bench.session.id)
     assert caught.value.code == "resend.busy"
     await bench.send_until(1000)
 
@@ -96,10 +90,8 @@ async def test_old_points_go_by_themselves_and_the_unsent_stay(tmp_path):
     bench = OutboxOnLoop(tmp_path, keep_days=1.0)
     async with bench.outbox.running():
         old = [*entries("old", 3, time_ns=5), *entries("left", 2, time_ns=5)]
-        bench.outbox._forwarder._writer.query(
-            lambda store: store.add(old), lambda _: None
-        )
-        bench.outbox._forwarder._writer.query(
+        bench.outbox._writer.query(lambda store: store.add(old), lambda _: None)
+        bench.outbox._writer.query(
             lambda store: store.mark_sent([(1, 3)]), lambda _: None
         )
         await until(

@@ -12,7 +12,7 @@ from traverse.daemon.store.queries import read_messages, read_sessions
 
 
 def forget(store, *, before_ns=0, keep_bytes=10**12, running="", at_most=1000):
-    return store.forget(
+    return store.delete_old(
         before_ns=before_ns, keep_bytes=keep_bytes, running=running, at_most=at_most
     )
 
@@ -33,7 +33,7 @@ def test_what_the_broker_does_not_have_stays_however_old_and_many(store):
     store.mark_sent([(1, 100)])
     assert forget(store, before_ns=NOW_NS, keep_bytes=0) == 100
     assert forget(store, before_ns=NOW_NS, keep_bytes=0) == 0
-    assert store.figures().points == store.figures().unsent == 200
+    assert store.statistics().points == store.statistics().unsent == 200
     store.mark_sent([(150, 160)])  # behind some that the broker does not have
     assert forget(store, before_ns=NOW_NS, keep_bytes=0) == 0
 
@@ -55,7 +55,7 @@ def test_points_of_a_wrong_clock_do_not_take_those_before_them_along(store):
 def test_beyond_its_size_the_oldest_go_in_small_steps_and_the_file_shrinks(store):
     store.add(entries("a", 400, payload=bytes(4000)))
     store.mark_sent([(1, 400)])
-    full_bytes = store.figures().size_bytes
+    full_bytes = store.statistics().size_bytes
     assert full_bytes > 400 * 4000
     steps = 0
     while forget(store, keep_bytes=800_000, running="a", at_most=50):
@@ -63,8 +63,8 @@ def test_beyond_its_size_the_oldest_go_in_small_steps_and_the_file_shrinks(store
     assert 4 <= steps <= 6
     for _ in range(5):
         store.trim_file()
-    assert store.figures().size_bytes < 0.7 * full_bytes
-    left = store.figures().points
+    assert store.statistics().size_bytes < 0.7 * full_bytes
+    left = store.statistics().points
     assert [m.seq for m in read_messages(store.connection, "a", 0, 999, 999)] == [
         *range(400 - left, 400)
     ]

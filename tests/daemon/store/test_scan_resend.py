@@ -2,6 +2,7 @@
 
 import pytest
 
+from tests.daemon.store.outbox_harness import OutboxOnLoop
 from tests.daemon.store.scan_store_harness import POINTS, Bench
 from tests.protocol.message_examples import SCAN
 from traverse.daemon.commands.resend import ResendCommands
@@ -26,7 +27,7 @@ async def test_a_range_of_points_comes_again_in_whole_blocks(
 ):
     """Block 3, points 15 to 19, has never been: it was dropped."""
     bench = Bench(tmp_path)
-    requests = ResendCommands(None, bench.spool.again)
+    requests = ResendCommands(OutboxOnLoop(tmp_path).outbox, bench.spool)
     async with bench.spool.running():
         await bench.offer(0, 1, 2)
         await bench.offer(4, last=True)
@@ -50,11 +51,7 @@ async def test_a_range_of_points_comes_again_in_whole_blocks(
 
 async def test_scans_are_listed_and_unknown_ones_are_nothing(tmp_path):
     bench = Bench(tmp_path)
-
-    async def points(args):
-        return {"sessions": []}
-
-    requests = ResendCommands(points, bench.spool.again)
+    requests = ResendCommands(OutboxOnLoop(tmp_path).outbox, bench.spool)
     async with bench.spool.running():
         await bench.offer(0, 1, scan="a")
         await bench.offer(0, scan="b")
@@ -67,6 +64,6 @@ async def test_scans_are_listed_and_unknown_ones_are_nothing(tmp_path):
         unknown = await requests.carry_out(ResendArgs(scan="c"))
         assert (unknown["blocks"], unknown["session"]) == (0, None)
         for _ in range(32):
-            bench.spool._forwarder.again.send("a", 0, 9)
+            bench.spool.resender.send("a", 0, 9)
         with pytest.raises(RequestRefusedError, match="32 ranges"):
             await requests.carry_out(ResendArgs(scan="a"))

@@ -52,7 +52,7 @@ async def test_what_the_broker_lacks_comes_in_order_however_much_it_is(tmp_path)
         sent += await bench.send_all(n + 1 - len(sent))
         await bench.all_marked()
     assert sent == [("scan", number) for number in range(n + 1)]
-    assert bench.spool.counted == {"kept": n + 1}
+    assert bench.spool.counters == {"kept": n + 1}
 
 
 async def test_a_next_run_sends_what_is_left_even_where_scans_are_live_now(tmp_path):
@@ -85,7 +85,7 @@ async def test_a_full_spool_drops_the_newest_counts_and_tells_it(tmp_path):
             taken += await bench.offer(len(taken), points=1000)
         await until(lambda: bench.spool.health().unsent, "figures")
         n = len(taken) - 1
-        assert bench.spool.counted == {"kept": n, "dropped": 1}
+        assert bench.spool.counters == {"kept": n, "dropped": 1}
         assert bench.codes() == [("scan.spool_full", True)]
         assert bench.path.stat().st_size < 4e6
         await bench.send_all(n)
@@ -109,7 +109,7 @@ async def test_too_many_blocks_on_their_way_to_the_disk_are_dropped(tmp_path):
         assert taken == [True] * MAX_WAITING + [False] * 3
         await bench.spool.idle()
         assert len(rows(bench.path)) == MAX_WAITING
-        assert bench.spool.counted["dropped"] == 3
+        assert bench.spool.counters["dropped"] == 3
 
 
 async def test_what_the_disk_refuses_is_sent_all_the_same(tmp_path):
@@ -130,7 +130,7 @@ async def test_what_the_disk_refuses_is_sent_all_the_same(tmp_path):
         await until(lambda: len(bench.codes()) == 2, "it is over")
         await bench.offer(4)
         assert await bench.send_all(1) == [("scan", 4)]
-    assert bench.spool.counted == {"kept": 2, "unkept": 3}
+    assert bench.spool.counters == {"kept": 2, "unkept": 3}
     assert bench.taken_back == []
 
 
@@ -142,7 +142,7 @@ async def test_what_neither_disk_nor_queue_takes_is_taken_back(tmp_path):
         execute(bench.path, FULL.format("room").replace("full", "full_too", 1))
         await bench.offer(MAX_SPOOLED)
         assert bench.taken_back == [("scan", POINTS)]
-        assert bench.spool.counted["dropped"] == 1
+        assert bench.spool.counters["dropped"] == 1
 
 
 async def test_a_damaged_file_gives_what_can_be_read_of_it(tmp_path):

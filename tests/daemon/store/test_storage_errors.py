@@ -11,7 +11,6 @@ from tests.daemon.store.outbox_entries import execute, rows
 from tests.daemon.store.outbox_harness import OutboxOnLoop, numbers
 from tests.end_to_end.programs import until
 from traverse.daemon.store.records import StoreRefusedError
-from traverse.protocol.messages import ResendArgs
 
 FULL = (
     "CREATE TRIGGER {0}_full BEFORE INSERT ON {0} "
@@ -51,9 +50,7 @@ async def test_points_behind_a_failed_one_fail_until_the_loop_has_heard(bench):
     await bench.take_all(1)
     execute(bench.path, FULL.format("messages"))
     first, has_failed = bench.take(), threading.Event()
-    bench.outbox._forwarder._writer.query(
-        lambda store: has_failed.set(), lambda _: None
-    )
+    bench.outbox._writer.query(lambda store: has_failed.set(), lambda _: None)
     assert has_failed.wait(20.0)  # and the loop stands: it has not heard of it
     execute(bench.path, "DROP TRIGGER messages_full")
     second = bench.take()
@@ -111,7 +108,7 @@ async def test_unsent_points_of_a_damaged_file_are_taken_over(tmp_path):
         (told,) = second.occurrences
         assert told.code == "outbox.replaced"
         assert "with 40 points that had not been sent" in told.text
-        answer = await second.outbox.again.carry_out(ResendArgs())
+        answer = await second.resend()
         assert [s["begun_ns"] for s in answer["sessions"]] == ["1", "1"]
         assert answer["sessions"][0]["first_seq"] == 20
 
@@ -164,7 +161,7 @@ async def damage_while_open(bench, *, is_cached):
         if not is_cached:
             store.connection.execute("PRAGMA shrink_memory").fetchall()
 
-    bench.outbox._forwarder._writer.query(work, is_done.set_result)
+    bench.outbox._writer.query(work, is_done.set_result)
     assert await is_done is None
 
 

@@ -1,0 +1,300 @@
+"""The durable queue: write, commit, forward, acknowledge, resend, recover.
+
+A message goes from `put` to the disk, then to the broker and to its requester,
+and is marked when the broker has it. What the broker does not have is sent after a
+start, first and in order. Runs on the event loop; what takes time is done by a thread.
+
+The outbox of points and the store of scan blocks are two configurations of it.
+"""
+
+import asyncio
+import contextlib
+from collections import deque
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+from traverse.daemon.clock import HostClock
+from traverse.daemon.errors import RequestRefusedError
+from traverse.daemon.monitoring.events import EventLog
+from traverse.daemon.monitoring.latencies import Latencies
+from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
+from traverse.daemon.store.database import MessageDatabase
+from traverse.daemon.store.forwarder import (
+    BATCH,
+    RESEND_BATCH,
+    AckBuffer,
+    RangeResender,
+    UnsentFeeder,
+)
+from traverse.daemon.store.records import (
+    Committed,
+    NewMessage,
+    Notification,
+    PendingWrite,
+    Replaced,
+    RetentionRules,
+    StorageError,
+    StoreRefusedError,
+    StoreStatus,
+    WriteFailed,
+    fail_all,
+)
+from traverse.daemon.store.writer import StoreWriter
+from traverse.drivers.base.heartbeat import Heartbeat
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class QueueProfile:
+    """What distinguishes one durable queue from another.
+
+    Attributes:
+        thread: its name.
+        kind: under which new messages wait in the outgoing queue.
+        source: of the events.
+        failed, replaced: codes of the events.
+        failed_text: of that event; "{}" is why the disk refuses.
+        restored_text: of that event when it is over.
+        replaced_remedy: of the other.
+        batch: so many messages are read at once, when no more than that wait.
+        resend_batch: the same of those that were requested again.
+    """
+
+    thread: str
+    kind: str
+    source: str
+    failed: str
+    failed_text: str
+    restored_text: str
+    replaced: str
+    replaced_remedy: str = ""
+    batch: int = BATCH
+    resend_batch: int = RESEND_BATCH
+
+
+class DurableQueue:
+    """Store messages and have them sent.
+
+    Args:
+        path: of the database.
+        profile: what distinguishes this queue.
+        clock: the host's.
+        retention: what may be deleted.
+        queue: of what is to be published.
+        events: receives troubles.
+        to_disk: receives how long messages took to the disk.
+        to_broker: receives how long they took from there to the broker.
+        ready_changed: called when messages can be stored again, or cannot any more.
+
+    Attributes:
+        is_open: it has been started, and has not been closed.
+        status: of the database, as its thread saw it last.
+        resender: sends ranges again that the broker has had.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        profile: QueueProfile,
+        *,
+        clock: HostClock,
+        retention: RetentionRules,
+        queue: OutgoingQueue,
+        events: EventLog,
+        to_disk: Latencies,
+        to_broker: Latencies,
+        ready_changed: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.path = path
+        self.is_open = False
+        self.status = StoreStatus()
+        self._profile = profile
+        self._clock = clock
+        self._queue = queue
+        self._events = events
+        self._to_disk = to_disk
+        self._ready_changed = ready_changed
+        self._generation = 0
+        self._in_flight: deque[tuple[int, NewMessage, PendingWrite]] = deque()
+        self._unreported_bytes = 0  # that the status does not count yet
+        self._settled = asyncio.Event()
+        self._starting: asyncio.Task[None] | None = None
+        self._writer = StoreWriter(path, profile.thread, clock, retention, self._notify)
+        self._acks = AckBuffer(self._writer)
+        self._feeder = UnsentFeeder(
+            queue,
+            self._writer,
+            self._acks,
+            clock,
+            to_broker,
+            kind=profile.kind,
+            batch=profile.batch,
+        )
+        self.resender = RangeResender(queue, self._writer, profile.resend_batch)
+
+    @contextlib.asynccontextmanager
+    async def running(self, *, is_needed: bool = True) -> AsyncIterator[None]:
+        """Send what an earlier run has left, and store messages, within the block.
+
+        Args:
+            is_needed: at once; else `start` may be called within the block.
+
+        Raises:
+            StoreRefusedError: the database must be left alone.
+        """
+        if is_needed:
+            await self.start()
+        try:
+            yield
+        finally:
+            self.is_open = False
+            if self._starting is not None:
+                with contextlib.suppress(StoreRefusedError):
+                    await self._starting
+                    self._acks.flush()
+                    await self._writer.close()
+
+    def start(self) -> asyncio.Task[None]:
+        """Begin; where the disk refuses, it is tried again and again."""
+        self.is_open = True
+        self._starting = asyncio.create_task(self._writer.start())
+        self.refill()
+        return self._starting
+
+    @property
+    def heartbeats(self) -> tuple[Heartbeat, ...]:
+        """Signs of life of its thread, while there is one."""
+        return (self._writer.heartbeat,) if self.is_open else ()
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether messages can be stored."""
+        return self.status.trouble is None
+
+    @property
+    def n_in_flight(self) -> int:
+        """How many messages are on their way to the disk."""
+        return len(self._in_flight)
+
+    @property
+    def used_bytes(self) -> int:
+        """What messages take on the disk, or will take."""
+        return self.status.statistics.used_bytes + self._unreported_bytes
+
+    @property
+    def has_backlog(self) -> bool:
+        """Messages wait on the disk, or may."""
+        return self._feeder.has_backlog
+
+    def set_retention(self, rules: RetentionRules) -> None:
+        """Apply other rules of what may be deleted."""
+        self._writer.retention = rules
+
+    def put(self, message: NewMessage, write: PendingWrite) -> None:
+        """Send a message to the disk; settles ``write`` when it is there, or never."""
+        self._unreported_bytes += len(message.payload)
+        self._in_flight.append((self._clock.monotonic_ns(), message, write))
+        self._writer.write(self._generation, message)
+
+    async def idle(self) -> None:
+        """Wait until no message is on its way to the disk."""
+        while self._in_flight:
+            self._settled.clear()
+            await self._settled.wait()
+
+    def poll(self) -> None:
+        """Go on with what has been put off; call it a few times a second."""
+        if self.is_open:
+            self._acks.flush()
+            self.refill()
+
+    def refill(self) -> None:
+        """Read on, where there is something to read and room for it."""
+        self._feeder.refill()
+        self.resender.refill()
+
+    async def query(self, work: Callable[[MessageDatabase], T]) -> T:
+        """The result of a job of the database.
+
+        Raises:
+            RequestRefusedError: it cannot be done.
+        """
+        waiting: asyncio.Future[T] = asyncio.get_running_loop().create_future()
+
+        def on_result(outcome: object) -> None:
+            if waiting.done():
+                return
+            if isinstance(outcome, Exception):
+                waiting.set_exception(outcome)
+            else:
+                waiting.set_result(outcome)  # type: ignore[arg-type]  # what `work` gave
+
+        self._writer.query(work, on_result)
+        try:
+            return await waiting
+        except Exception as error:
+            raise RequestRefusedError(
+                "outbox.failed",
+                f"the outbox cannot be read: {error}",
+                "see `outbox` in health, and the event outbox.failed",
+            ) from error
+
+    # -- reports of the thread ------------------------------------------------
+
+    def _notify(self, what: Notification) -> None:
+        match what:
+            case Committed():
+                self._commit(what)
+            case WriteFailed(generation, trouble):
+                self._generation = generation + 1
+                self._fail(trouble)
+            case StoreStatus():
+                self._set_status(what)
+            case Replaced(text):
+                self._events.report(
+                    "error",
+                    self._profile.replaced,
+                    text,
+                    source=self._profile.source,
+                    remedy=self._profile.replaced_remedy,
+                )
+                self._feeder.has_backlog = True  # messages that were taken over
+                self.refill()
+
+    def _commit(self, committed: Committed) -> None:
+        now_ns, writes = self._clock.monotonic_ns(), []
+        with self._queue.together():
+            for number in committed.numbers:
+                begun_ns, message, write = self._in_flight.popleft()
+                self._to_disk.add(now_ns - begun_ns)
+                self._feeder.add(number, message)
+                writes.append(write)
+        for write in writes:  # when they have been sent: events may wait, points not
+            write.settle()
+        self._settled.set()
+
+    def _fail(self, trouble: StorageError) -> None:
+        failed = [write for _, _, write in self._in_flight]
+        self._in_flight.clear()
+        fail_all(failed, trouble)
+        self._settled.set()
+
+    def _set_status(self, status: StoreStatus) -> None:
+        was_ready, trouble, profile = self.is_ready, status.trouble, self._profile
+        self.status = status
+        self._unreported_bytes = sum(len(m.payload) for _, m, _ in self._in_flight)
+        self._events.change(
+            trouble is not None,
+            "error",
+            profile.failed,
+            profile.failed_text.format(trouble.text)
+            if trouble
+            else profile.restored_text,
+            source=profile.source,
+            remedy=trouble.remedy if trouble else "",
+        )
+        if was_ready != self.is_ready:
+            self._ready_changed()
