@@ -29,6 +29,23 @@ PROFILE = QueueProfile(
 )
 
 
+def message_of(
+    point: Point, topic: str, encoding: Encoding, begun_ns: int, note: str
+) -> NewMessage:
+    """A point as it is stored; the last two are of its session."""
+    return NewMessage(
+        point.session,
+        point.seq,
+        point.id,
+        point.time_ns,
+        topic,
+        encoding,
+        encode(point, encoding),
+        begun_ns,
+        note,
+    )
+
+
 class Outbox(DurableQueue):
     """Store an arm's points and have them sent.
 
@@ -100,19 +117,8 @@ class Outbox(DurableQueue):
         """
         if not self.is_open or self.n_in_flight >= self._limit:
             return None
-        message = NewMessage(
-            point.session,
-            point.seq,
-            point.id,
-            point.time_ns,
-            self._topic,
-            self._encoding,
-            encode(point, self._encoding),
-            begun_ns,
-            note,
-        )
         write = PendingPoint(point)
-        self.put(message, write)
+        self.put(message_of(point, self._topic, self._encoding, begun_ns, note), write)
         return write
 
     def health(self) -> OutboxHealth:

@@ -14,7 +14,7 @@ from tests.client.display.values import point
 from tests.protocol.message_examples import SCAN
 from traverse.cli.__main__ import app
 from traverse.daemon.store.database import MessageDatabase
-from traverse.daemon.store.records import NewMessage
+from traverse.daemon.store.outbox import message_of
 from traverse.lab.campaign.campaign import read_campaign
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Point
@@ -60,15 +60,7 @@ def lines(tmp_path: Path) -> Path:
 def outbox(tmp_path: Path) -> Path:
     """The same in an outbox."""
     store = MessageDatabase(tmp_path / "outbox.db")
-    store.add(
-        [
-            NewMessage(
-                *(p.session, 10**18, "", p.seq, p.id, p.time_ns),
-                *("traverse/a/point", "msgpack", encode(p, "msgpack")),
-            )
-            for p in ALL
-        ]
-    )
+    store.add([message_of(p, "traverse/a/point", "msgpack", 10**18, "") for p in ALL])
     store.close()
     return tmp_path / "outbox.db"
 

@@ -18,7 +18,7 @@ from tests.mosquitto import Mosquitto
 from tests.protocol.message_examples import POINT
 from traverse.cli.__main__ import app
 from traverse.daemon.store.database import MessageDatabase
-from traverse.daemon.store.records import NewMessage
+from traverse.daemon.store.outbox import message_of
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.protocol.encoding import encode
 from traverse.simulator.campaigns import (
@@ -91,8 +91,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "table.csv").write_text(DH)
     (folder / "robot.urdf").write_text(ROBOT)
     store = MessageDatabase(folder / "outbox.db")
-    about = (POINT.session, 10**18, "", POINT.seq, POINT.id, POINT.time_ns)
-    store.add([NewMessage(*about, "traverse/bench-7/point", "json", point)])
+    store.add([message_of(POINT, "traverse/bench-7/point", "json", 10**18, "")])
     store.close()
     return folder
 

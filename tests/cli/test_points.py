@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+from dataclasses import replace
 
 import pytest
 from typer.testing import CliRunner
@@ -10,8 +11,8 @@ from typer.testing import CliRunner
 from tests.protocol.message_examples import POINT, RETRACTION
 from traverse.cli.__main__ import app
 from traverse.daemon.store.database import MessageDatabase
+from traverse.daemon.store.outbox import message_of
 from traverse.daemon.store.records import NewMessage
-from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Point
 
 NOTES = {"monday": "first shift", "tuesday": ""}
@@ -21,17 +22,8 @@ def entry(message: Point, session: str, seq: int, encoding="msgpack") -> NewMess
     point = message.model_copy(
         update={"session": session, "seq": seq, "id": f"{session}-{seq}"}
     )
-    return NewMessage(
-        session,
-        1_795_251_247_000_000_000,
-        NOTES[session],
-        seq,
-        point.id,
-        point.time_ns,
-        "traverse/bench-7/point",
-        encoding,
-        encode(point, encoding),
-    )
+    topic, begun_ns = "traverse/bench-7/point", 1_795_251_247_000_000_000
+    return message_of(point, topic, encoding, begun_ns, NOTES[session])
 
 
 @pytest.fixture
@@ -131,7 +123,7 @@ def test_messages_in_json_are_those_that_were_published(path, tmp_path):
 def test_what_cannot_be_read_is_named_and_the_rest_is_written(path):
     store = MessageDatabase(path)
     good = entry(POINT, "tuesday", 2)
-    store.add([NewMessage(*(*_fields(good)[:-1], b"rubbish"))])
+    store.add([replace(good, payload=b"rubbish")])
     store.close()
     result = points("export", "--db", path, "--session", "tuesday", status=1)
     assert "tuesday-2: cannot be read" in result.stderr
@@ -139,10 +131,6 @@ def test_what_cannot_be_read_is_named_and_the_rest_is_written(path):
     assert (
         "cannot be read" in points("list", "--db", path, "--session", "tuesday").stdout
     )
-
-
-def _fields(one: NewMessage) -> tuple:
-    return tuple(getattr(one, name) for name in NewMessage.__dataclass_fields__)
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,7 @@ from traverse.daemon.config.schema import InputSection
 from traverse.daemon.measurement import Sinks, build_measurement
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.store.database import MessageDatabase
+from traverse.daemon.store.outbox import message_of
 from traverse.daemon.store.records import NewMessage, PendingPoint
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import (
@@ -29,8 +30,6 @@ from traverse.drivers.base.values import (
     LatchedCounts,
     StreamStarted,
 )
-from traverse.protocol.encoding import encode
-from traverse.protocol.messages import Point
 
 MS = 1_000_000
 MEMORY = Path("/dev/shm")
@@ -47,21 +46,6 @@ CONFIGURATION = configuration(
         ),
     },
 )
-
-
-def entry_of(point: Point, begun_ns: int, note: str) -> NewMessage:
-    """A point as the outbox keeps it."""
-    return NewMessage(
-        point.session,
-        point.seq,
-        point.id,
-        point.time_ns,
-        "traverse/bench-7/point",
-        "msgpack",
-        encode(point, "msgpack"),
-        begun_ns,
-        note,
-    )
 
 
 class CaptureBench(RuleBasedStateMachine):
@@ -140,7 +124,12 @@ class CaptureBench(RuleBasedStateMachine):
         keeping = PendingPoint(point)
         if not is_undo:
             self.keepings[point.counts[0]] = keeping
-        self.waiting.append((keeping, entry_of(point, begun_ns, note)))
+        self.waiting.append(
+            (
+                keeping,
+                message_of(point, "traverse/bench-7/point", "msgpack", begun_ns, note),
+            )
+        )
         return keeping
 
     def take(self, *deliveries) -> None:
