@@ -61,7 +61,7 @@ from traverse.drivers.base.values import (
     LatchedCounts,
     StreamStarted,
 )
-from traverse.protocol.messages import Label, Live, Scan
+from traverse.protocol.messages import Label, Live
 
 MAX_TEMPERATURES = 1000  # in a snapshot
 
