@@ -80,7 +80,7 @@ def _options(
 
 
 def main() -> None:
-    """Run the command line; a library that is not installed is said in a sentence."""
+    """Run the command line; report a missing library in a sentence."""
     try:
         app()
     except ModuleNotFoundError as error:

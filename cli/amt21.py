@@ -95,7 +95,7 @@ def reset(
     yes: Yes = False,
     as_json: Json = False,
 ) -> None:
-    """Let an encoder start afresh, as after power-up; the shaft must rest."""
+    """Restart an encoder, as after power-up; the shaft must rest."""
     from traverse.protocol.amt21 import reset_request  # noqa: PLC0415 - keeps --help quick
 
     where = (port, baud_rate, timeout_s)
@@ -111,13 +111,13 @@ def _command(
     yes: bool,
     as_json: bool,
 ) -> None:
-    """Show where an encoder stands, do something to it, and show it again."""
+    """Show an encoder's position, do something to it, and show it again."""
     from traverse.protocol.amt21 import START_UP_S  # noqa: PLC0415
 
     number = _address(name, address)
     with _line(*where) as line:
         before = _present(line, number)
-        # With --json what is asked about goes where the question goes.
+        # With --json this is printed where the question is.
         typer.echo(f"{number:#04x} stands at {before['position']}", err=as_json)
         if not yes:
             typer.confirm(f"{name} this encoder?", abort=True, err=as_json)

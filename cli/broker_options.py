@@ -37,7 +37,7 @@ class BrokerOptions:
     ] = None
 
     def address(self, command: str) -> "BrokerAddress":
-        """What they say; ends the command where they or their files are bad."""
+        """Their values; ends the command where they or their files are bad."""
         from traverse.client.mqtt.address import BrokerAddress  # noqa: PLC0415
 
         try:

@@ -49,7 +49,7 @@ def scan(
 ) -> None:
     """List the nodes that answer: identity, profile, resolution, alarms.
 
-    It asks and changes nothing. Exit status 3 if the bus cannot be opened or nothing
+    It reads and changes nothing. Exit status 3 if the bus cannot be opened or nothing
     answers.
     """
     with _bus(interface, channel, bitrate, timeout_s) as tool:
@@ -92,7 +92,7 @@ def preset(
     """
     with _bus(interface, channel, bitrate, timeout_s) as tool:
         facts = tool.facts(node)
-        # With --json what is asked about goes where the question goes.
+        # With --json this is printed where the question is.
         text = f"node {node} stands at {facts.position} of {facts.modulus}"
         typer.echo(text, err=as_json)
         if value >= facts.modulus:
@@ -142,7 +142,7 @@ def _bus(
 
 
 def _report(found: "FoundNode") -> dict[str, Any]:
-    """A node for JSON; what it does not tell is null."""
+    """A node for JSON; what it does not report is null."""
     from traverse.protocol.canopen.frames import STATES  # noqa: PLC0415
 
     heard, facts, kind = found.heard, found.facts, found.device_type

@@ -21,7 +21,7 @@ def check(
 
     A campaign is given by its folder or its campaign.toml; its poses are checked too,
     and with a configuration the arm file and the probe library that it names.
-    Says everything that is wrong with it, at once. Exit status 2 if anything is.
+    Reports all mistakes at once. Exit status 2 if there are any.
     """
     from traverse.daemon.inputs import StartupError  # noqa: PLC0415 - keeps --help quick
     from traverse.strict_toml.problems import FileError  # noqa: PLC0415

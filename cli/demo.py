@@ -29,7 +29,7 @@ ARM = "demo-7"
 
 
 class DemoError(Exception):
-    """The demonstration cannot go on; text says why."""
+    """The demonstration cannot continue, with the reason."""
 
 
 def demo(
@@ -55,7 +55,7 @@ def demo(
 ) -> None:
     """Watch a simulated arm measure a ball bar, a sphere and a cone.
 
-    Prints the points as they come, then length, form and spread beside the
+    Prints the points as they arrive, then length, form and spread beside the
     certificates; without --once the operator's page shows the arm in a browser. Ends
     on Ctrl-C, after --for seconds, or after one round with --once.
     Exit status 3: the simulated arm or the broker did not start.
@@ -72,7 +72,7 @@ def demo(
 
 
 def _look_for_extra(*, with_broker: bool) -> None:
-    """Say what is not installed before anything is started."""
+    """Report what is not installed before anything is started."""
     for library in ("serial", "cobs", "mcap", *(("amqtt",) if with_broker else ())):
         if find_spec(library) is None:
             raise DemoError(
@@ -138,7 +138,7 @@ async def _demonstrate(
 
 
 def _is_free(port: int) -> bool:
-    """Whether nobody listens on a port of this machine."""
+    """Whether a port of this machine is free."""
     with socket.socket() as probe:
         return probe.connect_ex(("127.0.0.1", port)) != 0
 
@@ -191,7 +191,7 @@ def _said_in(log: Path) -> str:
 async def _follow(
     broker: "BrokerAddress", measured: "Round", once: bool, rate_hz: float
 ) -> None:
-    """Print and note what the arm says, until a round is complete."""
+    """Print and note the arm's messages, until a round is complete."""
     from traverse.cli.message_lines import line  # noqa: PLC0415
     from traverse.client.mqtt.subscription import received, subscribe  # noqa: PLC0415
     from traverse.protocol.encoding import encode  # noqa: PLC0415

@@ -15,7 +15,7 @@ DATA = Path(__file__).parent / "demo_data"
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """What the next point is taken on, and what its certificate says."""
+    """The artefact of the next point, and its certificate."""
 
     kind: str
     artefact: str
@@ -52,7 +52,7 @@ def expected_points() -> list[Expected]:
 
 
 class Round:
-    """Collects points and scan blocks; tells what they amount to."""
+    """Collect points and scan blocks, and summarise them."""
 
     def __init__(self) -> None:
         self._expected = expected_points()
@@ -71,7 +71,7 @@ class Round:
         return len(self._points) // len(self._expected)
 
     def add_point(self, point: Point, received_ns: int) -> Expected:
-        """Note a point; says what it was taken on."""
+        """Note a point; return what it was taken on."""
         if point.seq not in self._points:
             self._points[point.seq] = point
             self._latencies_ms.append((received_ns - point.time_ns) * 1e-6)
@@ -89,7 +89,7 @@ class Round:
         self._scanned += n
 
     def summary(self) -> list[str]:
-        """Lines that say how well the arm has measured."""
+        """Lines about how well the arm has measured."""
         lines = [f"measured {self.rounds} round(s), {len(self._points)} points"]
         if self.rounds:
             lines += self._artefact_lines()

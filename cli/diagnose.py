@@ -100,7 +100,7 @@ def diagnose(
 def _diagnosed(
     folder: Path, arm_file: Path, options: "DiagnosisOptions"
 ) -> "tuple[Diagnosis, StreamDiagnosis | None]":
-    """Read, diagnose, and tell of it on a terminal."""
+    """Read, diagnose, and print the summary."""
     import numpy as np  # noqa: PLC0415
 
     from traverse.lab.diagnosis.diagnose import diagnose as found_by  # noqa: PLC0415
@@ -134,7 +134,7 @@ def _diagnosed(
 def _written(
     result: "Diagnosis", arm_file: Path, out: Path, *, accept: bool
 ) -> list[str]:
-    """Write the results and say what there is."""
+    """Write the results and print the summary."""
     from traverse.lab.diagnosis.report import summary_lines  # noqa: PLC0415
     from traverse.lab.diagnosis.report.adapted_arm import write_adapted  # noqa: PLC0415
     from traverse.lab.diagnosis.report.files import write_diagnosis  # noqa: PLC0415
@@ -149,7 +149,7 @@ def _written(
 
 
 def _with_stream(stream: "StreamDiagnosis", lines: list[str], out: Path) -> list[str]:
-    """Write what is special of a dense scan, and tell of it first."""
+    """Write the results of a dense scan, and print them first."""
     from traverse.lab.diagnosis.scans.figures import stream_json, stream_lines  # noqa: PLC0415
 
     text = json.dumps(stream_json(stream), indent=1, allow_nan=False)
@@ -158,7 +158,7 @@ def _with_stream(stream: "StreamDiagnosis", lines: list[str], out: Path) -> list
 
 
 class _Progress:
-    """Tells of each stage: one line that is written over."""
+    """Print each stage in one line that is overwritten."""
 
     def __init__(self) -> None:
         self._width = 0
@@ -175,7 +175,7 @@ class _Progress:
 
 
 def _plan(folder: Path, arm_file: Path, *, as_json: bool) -> None:
-    """Say what a campaign could see; its measured misclosures are not looked at."""
+    """Print what a campaign could detect, without its measured misclosures."""
     from traverse.lab.diagnosis.advice.planned_campaign import planned  # noqa: PLC0415
     from traverse.lab.diagnosis.report.detectable_table import (  # noqa: PLC0415
         detectable_lines,

@@ -15,7 +15,7 @@ from traverse.protocol.messages import (
 
 
 def line(arm: str, message: Message) -> str:
-    """One line that says what a message says, with units."""
+    """Format a message as one line, with units."""
     return f"{arm}  {_content(message)}"
 
 

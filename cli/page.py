@@ -41,7 +41,7 @@ def page(
     """Show an arm in a browser: read-out, 3D view, points, scans, health.
 
     Knows the arm through MQTT alone, so it runs on any machine. Listens on this machine
-    only; with another --host it wants --token-file, --certificate and --key, and
+    only; with another --host it requires --token-file, --certificate and --key, and
     refuses to start without. Exit status 2: an option was refused; 3: the broker could
     not be reached, or no arm was found there.
     """
@@ -88,7 +88,7 @@ def page(
 
 
 def _only_arm(address: "BrokerAddress") -> str:
-    """The one arm that has said something to a broker."""
+    """The only arm with a status at a broker."""
     from traverse.client.errors import BrokerUnreachableError  # noqa: PLC0415
     from traverse.client.mqtt.discovery import find_arms  # noqa: PLC0415
 

@@ -23,7 +23,7 @@ _EXTRAS = {
     "pymodbus": "modbus",
     "gpiod": "gpio",
 }
-"""Extra of this package that brings a library, by the name that is imported."""
+"""Extra of this package with a library, by the imported name."""
 
 _OF_THE_LAB = (
     "align",
@@ -39,14 +39,14 @@ _OF_THE_LAB = (
 def missing_library(command: str, error: ModuleNotFoundError) -> str | None:
     """A sentence about a library of an extra that is not installed; else None.
 
-    `command` is what stands behind `traverse`.
+    `command` is the words after `traverse`.
     """
     package = (error.name or "").partition(".")[0]
     extra = _EXTRAS.get(package)
     if extra is None:
         return None
     if extra == "daemon" and command.partition(" ")[0] in _OF_THE_LAB:
-        extra = "lab"  # which brings what these need of the other
+        extra = "lab"  # which contains what these need of the other
     return (
         f"traverse {command} needs {package}, which is not installed; install the "
         f"extra `{extra}`: pip install 'traverse-cmm[{extra}]'"

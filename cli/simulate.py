@@ -12,7 +12,7 @@ def simulate(
     """Put virtual devices on ptys and CAN buses, with a virtual arm behind them.
 
     Prints a line "ready <device> <path>" for each. Ends on SIGTERM or Ctrl-C, or at the
-    end of its script where the configuration says so. Exit status 2: the configuration
+    end of its script if configured. Exit status 2: the configuration
     or the arm file was refused.
     """
     from traverse.simulator.run import run_simulator  # noqa: PLC0415 - heavy; not for --help

@@ -50,7 +50,7 @@ class Inbox:
         stream: takes points.
 
     Attributes:
-        topics: what is always asked for, with the quality of service. Answers come
+        topics: subscribed to always, with the quality of service. Answers arrive
             with 0: they must not wait behind points that are held back, and a command
             without an answer is sent again.
         undecodable: messages that could not be understood.
@@ -93,7 +93,7 @@ class Inbox:
         }
 
     def take(self, arrived: IncomingMessage) -> None:
-        """A message has come."""
+        """A message was received."""
         kind = arrived.topic.split("/", 3)[2]
         try:
             self._kinds[kind](arrived)
@@ -114,7 +114,7 @@ class Inbox:
         self._stream.on_disconnected()
 
     def close(self, error: BaseException | None = None) -> None:
-        """Nothing more will come."""
+        """No more messages will follow."""
         self._stream.close(error)
         for one in (self.statuses, self.healths, self.events, self.lives, self.scans):
             one.close(error)
@@ -227,7 +227,7 @@ class Arm(ArmCommands):
     def place(self) -> dict[str, int]:
         """Next numbers by session; give it as ``since`` to go on from here.
 
-        A point counts when the one after it is asked for.
+        A point counts when the one after it is requested.
         """
         return self._stream.place
 
@@ -245,7 +245,7 @@ class Arm(ArmCommands):
 
     @property
     def by_id(self) -> PointIndex:
-        """The latest points that came."""
+        """The latest received points."""
         return self._inbox.by_id
 
     def points(self) -> PointIterator:
@@ -266,7 +266,7 @@ class Arm(ArmCommands):
         return self._inbox.lives.open()
 
     async def scans(self) -> Feed[Scan]:
-        """Blocks of all scans from now on, whoever started them."""
+        """Blocks of all scans from now on, by any client."""
         await self._link.add_topic(*self._inbox.scan_topic)
         return self._inbox.scans.open()
 
@@ -298,10 +298,10 @@ class Arm(ArmCommands):
         )
 
     async def status(self) -> Status:
-        """How the arm is; the latest that it told.
+        """The latest state of the arm.
 
         Raises:
-            TimeoutError: it has never told this broker.
+            TimeoutError: it has never published it at this broker.
         """
         return await self._inbox.statuses.first(self._answer_s)
 
@@ -309,12 +309,12 @@ class Arm(ArmCommands):
         """The daemon's latest figures.
 
         Raises:
-            TimeoutError: it has never told this broker.
+            TimeoutError: it has never published it at this broker.
         """
         return await self._inbox.healths.first(self._answer_s)
 
     async def result(self, args: Args, *, longer_s: float = 0.0) -> Mapping[str, Any]:
-        """Have any command carried out; gives what came of it."""
+        """Execute any command; return its result."""
         return await self._requests.result(args, self._answer_s + longer_s)
 
     async def _save_cursor_periodically(self, path: Path) -> None:

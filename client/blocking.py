@@ -68,7 +68,7 @@ class AsyncSource(Generic[T]):
     """What an asynchronous iterator gives, one after the other.
 
     A wait that was interrupted (Ctrl-C) or took too long loses nothing: the next one
-    goes on with it.
+    continues with it.
 
     Args:
         loop: on which it runs.
@@ -84,8 +84,8 @@ class AsyncSource(Generic[T]):
         """Wait for the next one.
 
         Raises:
-            TimeoutError: none came within this time.
-            StopAsyncIteration: none will come any more.
+            TimeoutError: none arrived within this time.
+            StopAsyncIteration: none will follow.
         """
         waiting = self._waiting = self._waiting or self._loop.submit(self._next())
         try:
@@ -103,7 +103,7 @@ class TimedIterator(Generic[T]):
 
     Args:
         source: of the items.
-        quiet_s: iteration ends when nothing has come for so long; None: never.
+        quiet_s: iteration ends when nothing has arrived for so long; None: never.
     """
 
     def __init__(self, source: AsyncSource[T], quiet_s: float | None) -> None:
@@ -134,7 +134,7 @@ class BlockingArm:
     """An arm behind a broker; use with `with`.
 
     A thread of its own runs the loop that an `Arm` lives on; every method does what
-    that of `Arm` does, and waits for it. Iterators end when nothing has come for
+    that of `Arm` does, and waits for it. Iterators end when nothing has arrived for
     ``quiet_s``, or never.
 
     Args:
@@ -214,7 +214,7 @@ class BlockingArm:
         return self._items(_call_in_loop(self._arm.live), quiet_s)
 
     def scans(self, quiet_s: float | None = None) -> TimedIterator[Scan]:
-        """Blocks of all scans from now on, whoever started them."""
+        """Blocks of all scans from now on, by any client."""
         return self._items(self._arm.scans(), quiet_s)
 
     @contextlib.contextmanager
@@ -246,7 +246,7 @@ class BlockingArm:
             loop.run(blocks.__aexit__(None, None, None))
 
     def status(self) -> Status:
-        """How the arm is; the latest that it told."""
+        """The latest state of the arm."""
         return self._do(self._arm.status())
 
     def health(self) -> Health:
@@ -264,7 +264,7 @@ class BlockingArm:
         return self._do(self._arm.undo(point_id))
 
     def label(self, artefact: str | None = None, feature: str | None = None) -> None:
-        """Say what the next points are taken on; nothing ends it."""
+        """Set the label of the next points; without arguments: none."""
         self._do(self._arm.label(artefact, feature))
 
     def probe(self, name: str) -> str:
@@ -311,7 +311,7 @@ class BlockingArm:
         return self._do(self._arm.resend_scan(scan, from_seq, to_seq))
 
     def result(self, args: Args) -> Mapping[str, Any]:
-        """Have any command carried out; gives what came of it."""
+        """Execute any command; return its result."""
         return self._do(self._arm.result(args))
 
     def _items(

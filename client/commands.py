@@ -34,15 +34,15 @@ MEAN_S = 60.0
 
 
 class ArmCommands(ABC):
-    """What an arm can be told.
+    """Commands of an arm.
 
-    Every command raises CommandRefused where the arm says no, and NoAnswerError where
-    nobody answers in time.
+    Every command raises CommandRefused where the arm refuses, and NoAnswerError where
+    there is no answer in time.
     """
 
     @abstractmethod
     async def result(self, args: Args, *, longer_s: float = 0.0) -> Mapping[str, Any]:
-        """Have a command carried out; gives what came of it.
+        """Execute a command; return its result.
 
         Args:
             args: of the command.
@@ -52,7 +52,7 @@ class ArmCommands(ABC):
     @property
     @abstractmethod
     def by_id(self) -> PointIndex:
-        """The points that came."""
+        """The received points."""
 
     async def capture(
         self, samples: int | None = None, dwell_s: float | None = None
@@ -80,7 +80,7 @@ class ArmCommands(ABC):
     async def label(
         self, artefact: str | None = None, feature: str | None = None
     ) -> None:
-        """Say what the next points are taken on; nothing ends it."""
+        """Set the label of the next points; without arguments: none."""
         await self.result(LabelArgs(artefact=artefact, feature=feature))
 
     async def probe(self, name: str) -> str:
@@ -161,7 +161,7 @@ class ArmCommands(ABC):
     ) -> Resent:
         """Have points sent again, to everybody who follows the arm.
 
-        What was missed is asked for by itself: `points` needs no help.
+        What was missed is requested automatically: `points` needs no help.
         """
         args = ResendArgs(session=session, from_seq=from_seq, to_seq=to_seq)
         return Resent.read(await self.result(args))
@@ -177,7 +177,7 @@ class ArmCommands(ABC):
         return ResentScan.read(await self.result(args))
 
     async def _point(self, result: Mapping[str, Any]) -> Point:
-        """The point that an answer tells of; asked for again where it fails to come."""
+        """The point named in an answer; requested again where it does not arrive."""
         taken = CapturedPoint.read(result)
         for _ in range(3):
             point = await self.by_id.get(taken.id, ARRIVAL_S)

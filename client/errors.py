@@ -1,4 +1,4 @@
-"""What a client of an arm may have to hear."""
+"""Errors of a client."""
 
 from dataclasses import dataclass
 
@@ -6,19 +6,19 @@ from traverse.protocol.messages import ReplyError
 
 
 class ClientError(Exception):
-    """Something went wrong between this program and an arm."""
+    """Base class of failures between this program and an arm."""
 
 
 class BrokerUnreachableError(ClientError):
-    """No connection to the broker came about in the time allowed."""
+    """There was no connection to the broker in the time allowed."""
 
 
 class NoAnswerError(ClientError):
-    """A command was not answered in the time allowed; it may have been carried out."""
+    """A command was not answered in the time allowed; it may have been executed."""
 
 
 class CommandRefused(ClientError):  # noqa: N818 - the answer of a sound arm
-    """The arm did not carry out a command, and says why.
+    """The arm refused a command, with the reason.
 
     Attributes:
         code: for programs, in dotted words: "device.lost".
@@ -34,7 +34,7 @@ class CommandRefused(ClientError):  # noqa: N818 - the answer of a sound arm
 
     @classmethod
     def of(cls, error: ReplyError) -> "CommandRefused":
-        """What an answer says."""
+        """Make it of an answer."""
         return cls(error.code, error.text, error.remedy)
 
 
@@ -43,10 +43,10 @@ class Counters:
     """What a client has met with since it was opened.
 
     Attributes:
-        connections: how often a connection to the broker came about.
-        points: points that came, whatever became of them.
-        duplicates: points that came once more and were left out.
-        asked_again: points that the arm was asked to send again.
+        connections: number of connections to the broker.
+        points: all received points.
+        duplicates: repeated points that were left out.
+        asked_again: points that were requested again.
         lost: points that could not be had any more.
         undecodable: messages that could not be understood.
     """

@@ -14,11 +14,11 @@ T = TypeVar("T")
 
 
 class Feed(Generic[T]):
-    """Messages of one kind as they come, for one reader: use with `async for`.
+    """Messages of one kind as they arrive, for one reader: use with `async for`.
 
     Args:
         limit: so many may wait.
-        keep_newest: what goes where there is no room: the oldest, or else what comes.
+        keep_newest: what is dropped without room: the oldest, or else the newest.
 
     Attributes:
         missed: messages for which there was no room.
@@ -34,7 +34,7 @@ class Feed(Generic[T]):
         self.missed = 0
 
     def put(self, message: T) -> None:
-        """A message has come."""
+        """A message was received."""
         if len(self._waiting) >= self._limit:
             self.missed += 1
             if not self._keep_newest:
@@ -44,7 +44,7 @@ class Feed(Generic[T]):
         self._changed.notify()
 
     def close(self, error: BaseException | None = None) -> None:
-        """Nothing more will come; the reader hears why, if there is a reason."""
+        """No more messages will follow; the reader gets the reason, if there is one."""
         self._is_closed, self._error = True, error
         self._changed.notify()
 
@@ -62,13 +62,13 @@ class Feed(Generic[T]):
 
 
 class Feeds(Generic[T]):
-    """All readers of one kind of message; those that nobody holds any more go away.
+    """All readers of one kind of message; unreferenced ones are removed.
 
     Args:
         limit, keep_newest: as of `Feed`.
 
     Attributes:
-        latest: the last message that came.
+        latest: the last received message.
     """
 
     def __init__(self, limit: int, *, keep_newest: bool) -> None:
@@ -81,11 +81,11 @@ class Feeds(Generic[T]):
 
     @property
     def has_readers(self) -> bool:
-        """Whether somebody wants these messages."""
+        """Whether these messages have a reader."""
         return len(self._feeds) > 0
 
     def open(self) -> Feed[T]:
-        """A reader of what comes from now on."""
+        """A reader of messages from now on."""
         feed = Feed[T](self._limit, keep_newest=self._keep_newest)
         if self._end is not None:
             feed.close(*self._end)
@@ -93,24 +93,24 @@ class Feeds(Generic[T]):
         return feed
 
     def put(self, message: T) -> None:
-        """A message has come."""
+        """A message was received."""
         self.latest = message
         for feed in list(self._feeds):
             feed.put(message)
         self._changed.notify()
 
     def close(self, error: BaseException | None = None) -> None:
-        """Nothing more will come."""
+        """No more messages will follow."""
         self._end = (error,)
         for feed in list(self._feeds):
             feed.close(error)
         self._changed.notify()
 
     async def first(self, seconds: float) -> T:
-        """The latest message, or the first one where none has come yet.
+        """The latest message, or the first one where there is none yet.
 
         Raises:
-            TimeoutError: none came within this time.
+            TimeoutError: none arrived within this time.
         """
         async with asyncio.timeout(seconds):
             while self.latest is None:

@@ -1,7 +1,7 @@
 """Commands on their way: sent, sent again where that does no harm, answered.
 
 A command may be lost on either side of the broker. It is sent again, with the same
-`request`, whenever a connection comes back or the arm says that it is there: the daemon
+`request`, whenever a connection or the arm is there again: the daemon
 gives a repeated request its first answer. A daemon that was started anew remembers no
 requests, so a command that does something each time is not repeated to it.
 """
@@ -22,7 +22,7 @@ from traverse.protocol.messages import Args, Command, Reply, ScanArgs, Status
 from traverse.protocol.topics import command_topic
 
 REPEATABLE = frozenset({"label", "probe", "reload", "align", "resend"})
-"""Commands that may be carried out twice and have the same effect."""
+"""Commands that may be executed twice and have the same effect."""
 
 
 class CommandClient:
@@ -43,13 +43,13 @@ class CommandClient:
         self._news = ChangeSignal()
 
     def take_reply(self, reply: Reply) -> None:
-        """An answer has come, to one of us or to somebody else."""
+        """An answer was received, to one of our requests or to another client's."""
         future = self._waiting.get(reply.request)
         if future is not None and not future.done():
             future.set_result(reply)
 
     def take_status(self, status: Status) -> None:
-        """The arm has said how it is."""
+        """The arm has published its status."""
         self._status = status
         self._news.notify()
 
@@ -58,16 +58,16 @@ class CommandClient:
         self._news.notify()
 
     def on_disconnected(self) -> None:
-        """What the arm said last may be true no more."""
+        """The arm's last status may be out of date."""
         self._status = None
         self._news.notify()
 
     async def result(self, args: Args, answer_s: float) -> Mapping[str, Any]:
-        """Have a command carried out; gives what came of it.
+        """Execute a command; return its result.
 
         Raises:
-            CommandRefused: it was not carried out, and why.
-            NoAnswerError: nobody has answered in time.
+            CommandRefused: it was not executed, with the reason.
+            NoAnswerError: there was no answer in time.
         """
         self._number += 1
         request = f"{self._name}-{self._number}"

@@ -59,7 +59,7 @@ class Resent:
     """What the arm will send again, and what its outbox holds of the session.
 
     Attributes:
-        points: so many will come.
+        points: so many will follow.
         first_seq, last_seq: the numbers held; None where none is.
     """
 
@@ -85,7 +85,7 @@ class ResentScan:
 
     Attributes:
         session: in which it was made; None where the arm holds nothing of it.
-        blocks: so many will come.
+        blocks: so many will follow.
         first_seq, last_seq: points held; None where none is.
         total: points of the scan; None before its end, or where that is not held.
     """

@@ -12,12 +12,12 @@ from traverse.protocol.messages import Scan
 class ScanBlocks:
     """Blocks of a scan that runs while the `async with` does; use with `async for`.
 
-    Iteration ends with the scan: at the end of the block, when somebody else stops it,
-    or when another scan replaces it. A block that comes once more, as may be after an
+    Iteration ends with the scan: at the end of the block, when another client stops it,
+    or when another scan replaces it. A block that is repeated, as may be after an
     outage, is left out.
 
     Args:
-        follow: asks for blocks of scans, and gives them.
+        follow: subscribes to blocks of scans, and yields them.
         start, stop: the commands.
 
     Attributes:

@@ -81,7 +81,7 @@ def align(
     ] = None,
     broker: BrokerOptions,
 ) -> None:
-    """Compute where the part is from common points, and say what that is worth.
+    """Compute where the part is from common points, with the uncertainty.
 
     Exit status 1: a test failed, nothing is sent then; 2: refused, among others where
     the points do not determine it; 3: daemon or broker could not be reached.

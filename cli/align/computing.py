@@ -34,7 +34,7 @@ METHODS = ("best-fit", "3-2-1", "leapfrog")
 
 @dataclass(frozen=True, slots=True)
 class AlignmentOptions:
-    """What was asked for; the names are those of the command's options."""
+    """The request; the names are those of the command's options."""
 
     points: Path
     nominal: Path

@@ -1,4 +1,4 @@
-"""Where the touches of an alignment come from: points, tables, campaigns."""
+"""Sources of the touches of an alignment: points, tables, campaigns."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -59,7 +59,7 @@ def _of_campaign(folder: Path, coordinates: str, arm: Arm | None) -> list[Touch]
 
 
 def arm_of(touches: Sequence[Touch]) -> str | None:
-    """Say which arm took them; None where that is not known.
+    """The arm that took them; None where that is not known.
 
     Raises:
         ValueError: Several arms did.

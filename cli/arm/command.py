@@ -118,7 +118,7 @@ def from_dh(
 ) -> None:
     """Make an arm file of a Denavit-Hartenberg table.
 
-    Columns: a_mm, d_mm, alpha_rad and, if wanted, theta_rad (the offset at a reading of
+    Columns: a_mm, d_mm, alpha_rad and optionally theta_rad (the offset at a reading of
     zero), base_rad, name, counts_per_turn, sign, source; _m and _deg also.
     """
     from traverse.cli.arm.making import ArmOptions, arm_from_dh_file  # noqa: PLC0415

@@ -30,7 +30,7 @@ from traverse.strict_toml.problems import FileError, Problem
 
 @dataclass(frozen=True, slots=True)
 class ArmOptions:
-    """What the options of both commands say; None where nothing is said."""
+    """The options of both commands; None where not given."""
 
     name: str | None
     counts_per_turn: str | None

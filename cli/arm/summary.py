@@ -1,4 +1,4 @@
-"""What an arm file says, as numbers that a person asks for."""
+"""Summary of an arm file in numbers."""
 
 import math
 from collections.abc import Mapping

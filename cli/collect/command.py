@@ -40,7 +40,7 @@ def collect(
 
     Points that the daemon captures count for the artefact that is shown, or for the
     one in their label. Each is on the disk before it counts, and a collection that
-    was ended goes on where it was. Keys, or lines on standard input: n (next),
+    was ended continues where it was. Keys, or lines on standard input: n (next),
     p (previous), u (undo), q (quit).
 
     Exit status 1: ended before everything was touched; 2: a file was refused; 3: the

@@ -32,7 +32,7 @@ LINES_SHOWN = 6
 async def collected(
     collection: Collection, arm: str, broker: BrokerAddress, allowed: frozenset[str]
 ) -> bool:
-    """Collect until the operator quits, or all is done and nobody is at a terminal.
+    """Collect until the operator quits, or all is done and there is no terminal.
 
     Returns:
         False where the broker could not be reached at the start.
@@ -82,7 +82,7 @@ class _Session:
         self._live = None
 
     async def listen(self, arm: str, broker: BrokerAddress) -> None:
-        """Take the arm's points; comes back when the broker has been away."""
+        """Receive the arm's points; reconnects after an outage of the broker."""
         while not self._ended.is_set():
             try:
                 async with connection(broker) as client:
@@ -119,7 +119,7 @@ class _Session:
                     return
                 case _:
                     self._say(f"{key!r} is none of n, p, u, q")
-        await self._ended.wait()  # nobody there: until all is done
+        await self._ended.wait()  # no terminal: until all is done
 
     def _follow(self, live: Live) -> None:
         if len(live.angles_rad) == len(self._collection.joint_names):
@@ -225,7 +225,7 @@ async def _keys() -> AsyncIterator[str]:
         # what is written to it too.
         loop.add_reader(descriptor, ready.set)
     except PermissionError:
-        return  # a file, not somebody
+        return  # a file, not a terminal
     if at_terminal:
         tty.setcbreak(descriptor)
     waiting = b""

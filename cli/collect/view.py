@@ -77,7 +77,7 @@ def summary(collection: Collection) -> list[str]:
     """What there is, in lines, at the end and in a pipe."""
     lines = []
     for artefact in collection.file.artefacts:
-        # Of a feature that comes again the last target counts all.
+        # Of a repeated feature the last target counts all.
         by_feature = {
             t.feature: t for t in collection.targets if t.artefact == artefact.id
         }
@@ -100,7 +100,7 @@ def summary(collection: Collection) -> list[str]:
 
 
 def volume_lines(collection: Collection) -> list[tuple[str, str]]:
-    """Where in the working volume was touched, if a plan tells what that is."""
+    """Touched parts of the working volume, if a plan states it."""
     if collection.plan is None:
         return []
     places_mm = [touch.xyz_mm for touch in collection.touches.values()]

@@ -10,7 +10,7 @@ CHECKS_A_YEAR = 250
 
 
 def report_lines(report: DailyCheckReport) -> Iterator[str]:
-    """Say a report."""
+    """Print a report."""
     check = report.checks[-1]
     warm = check.figures.temperature_c
     yield (

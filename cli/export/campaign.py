@@ -16,7 +16,7 @@ from traverse.strict_toml.writing import write_atomically
 def export_campaign(
     source: Path, arm: Path, campaign: Path, folder: Path, session: str | None
 ) -> dict[str, Any]:
-    """Write a campaign's folder; gives what is to be said about it.
+    """Write a campaign's folder; return its summary.
 
     Args:
         source: of points with labels.

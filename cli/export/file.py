@@ -41,7 +41,7 @@ class Wanted:
 
 
 def write_file(source: Path, path: Path, wanted: Wanted) -> dict[str, Any]:
-    """Write a file; gives what is to be said about it.
+    """Write a file; return its summary.
 
     Raises:
         ValueError: source, filters or options do not go together.
@@ -99,7 +99,7 @@ def file_words(source: Path, report: dict[str, Any]) -> list[str]:
 def selected_points(
     source: Path, session: str | None, *, retracted: bool
 ) -> Iterator[Point]:
-    """Points of a source; without those that were taken back, unless wanted."""
+    """Points of a source; without retracted ones, unless requested."""
     gone: set[str] = set()
     if not retracted:
         # They are known only when all has been read: once for them, once for points.
@@ -178,7 +178,7 @@ def _filtered(table: PointTable, chain: FilterChain) -> PointTable:
 
 @contextlib.contextmanager
 def _whole(path: Path) -> Iterator[Path]:
-    """A file beside the wanted one, which takes its place when all went well."""
+    """A file beside the target, which it replaces on success."""
     partial = path.with_name(f".{path.name}.partial")
     try:
         yield partial

@@ -1,4 +1,4 @@
-"""Where points and scans come from: outboxes, recordings, lines of JSON."""
+"""Sources of points and scans: outboxes, recordings, lines of JSON."""
 
 from collections.abc import Iterator
 from pathlib import Path

@@ -100,7 +100,7 @@ def _options(hold: list[str], free: list[str], masks: Path | None) -> "Options":
 
 
 def _identified(folder: Path, arm_file: Path, options: "Options") -> "Identification":
-    """Read, adjust, and tell of it on a terminal."""
+    """Read, adjust, and print the summary."""
     import numpy as np  # noqa: PLC0415
 
     from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
@@ -126,7 +126,7 @@ def _identified(folder: Path, arm_file: Path, options: "Options") -> "Identifica
 
 
 def _written(result: "Identification", out: Path) -> list[str]:
-    """Write the results and say what there is."""
+    """Write the results and print the summary."""
     from traverse.lab.identification.report import (  # noqa: PLC0415
         summary_lines,
         write_report,
@@ -154,7 +154,7 @@ def _written(result: "Identification", out: Path) -> list[str]:
 
 
 class _Progress:
-    """Tells of every iteration, a line each."""
+    """Print a line for every iteration."""
 
     def __init__(self, campaign: "Campaign") -> None:
         rows = [artefact.rows_per_pose for artefact in campaign.artefacts]

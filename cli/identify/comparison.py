@@ -1,4 +1,4 @@
-"""What `traverse identify --compare` says: plain values, and lines of them."""
+"""Results of `traverse identify --compare`: plain values, and lines of them."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -34,7 +34,7 @@ def comparison_values(
 
 
 def comparison_lines(values: dict[str, Any]) -> list[str]:
-    """Say in words how two arms differ."""
+    """Describe in words how two arms differ."""
     lines = []
     for letter, one in zip("AB", values["arms"], strict=True):
         quality = (

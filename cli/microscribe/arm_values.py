@@ -1,8 +1,8 @@
-"""An arm file out of what a MicroScribe says of itself.
+"""Make an arm file of the properties that a MicroScribe reports.
 
 Its table has six of Craig's rows, without offsets: theta is the reading. Rows behind
 the last joint with an encoder do not turn and carry the stylus. The base posture is
-the home position, where the arm has to stand while it is switched on.
+the home position, where the arm must be while it is switched on.
 """
 
 from dataclasses import dataclass, replace
@@ -28,7 +28,7 @@ _BETA_JOINT = 3
 
 @dataclass(frozen=True, slots=True)
 class MicroscribeDescription:
-    """What the arm says.
+    """The arm's report.
 
     Attributes:
         name: of the arm, for people.
@@ -48,7 +48,7 @@ class MicroscribeDescription:
 def arm_from_microscribe(
     told: MicroscribeDescription, device: str, radius_mm: float
 ) -> Arm:
-    """Make an arm of what a MicroScribe says.
+    """Make an arm of a MicroScribe's report.
 
     Args:
         told: by the arm.
@@ -124,7 +124,7 @@ def _table(kinematics: Kinematics, start: int, end: int) -> DHTable:
 
 
 def _stylus(rows: DHTable) -> Floats:
-    """What stands behind the last joint, (4, 4)."""
+    """The part behind the last joint, (4, 4)."""
     if not rows.n_joints:
         return np.eye(4)
     stylus: Floats = probe_transforms(rows, np.zeros((1, rows.n_joints)))[0]

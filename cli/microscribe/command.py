@@ -72,8 +72,8 @@ def arm_file(
 ) -> None:
     """Write an arm file and, beside it, `traverse.toml` to measure with at once.
 
-    The arm stands in its home position while it is switched on. Exit status 2 if what
-    it says makes no arm file, or a file exists already; 3 if it does not answer.
+    The arm must be in its home position while it is switched on. Exit status 2 if what
+    it reports makes no arm file, or a file exists already; 3 if it does not answer.
     """
     from traverse.cli.microscribe.arm_values import arm_from_microscribe  # noqa: PLC0415
     from traverse.cli.microscribe.inquiry import query_microscribe  # noqa: PLC0415
@@ -129,7 +129,7 @@ def arm_file(
 def _check_names(
     out: Path, config: Path, baud_rate: int | None, device: str, *, force: bool
 ) -> None:
-    """Refuse what could only fail later, before the arm is asked."""
+    """Refuse what could only fail later, before a request to the arm."""
     from traverse.drivers.microscribe.session import BAUD_RATES  # noqa: PLC0415
 
     command = "microscribe arm-file"

@@ -1,4 +1,4 @@
-"""Asks a MicroScribe for what an arm file needs."""
+"""Read from a MicroScribe what an arm file needs."""
 
 import os
 import re
@@ -21,15 +21,15 @@ from traverse.strict_toml.problems import FileError, Problem
 def query_microscribe(
     port: str, baud_rate: int | None, name: str | None
 ) -> tuple[MicroscribeIdentification, MicroscribeDescription]:
-    """What an arm says of itself, and its geometry with it.
+    """The properties that an arm reports, with its geometry.
 
     Args:
         port: of the arm.
         baud_rate: to try; None for all.
-        name: that it is to have; None for what it says.
+        name: for the arm; None for the reported one.
 
     Raises:
-        DeviceError: nobody answers there as a MicroScribe.
+        DeviceError: no MicroScribe answers.
         FileError: its geometry is not one that can be read.
     """
     rates = BAUD_RATES if baud_rate is None else (baud_rate,)

@@ -52,7 +52,7 @@ def pivot(
 ) -> None:
     """Find a probe's vector from poses with its ball in a cone, and compare it.
 
-    Exit status 1 where it is beyond the limit and nobody has confirmed it.
+    Exit status 1 where it is beyond the limit and not confirmed.
     """
     with refusals(COMMAND):
         from traverse.cli.probe.pivot import pivoted, write_vector  # noqa: PLC0415
@@ -96,7 +96,7 @@ def _chosen(
 
 
 def _confirmed(limit_mm: float, write: bool) -> bool:
-    """Ask at a terminal; elsewhere nobody can answer."""
+    """Ask for confirmation at a terminal; elsewhere refuse."""
     text = f"the vector has changed by more than {limit_mm:g} mm"
     if write and sys.stdin.isatty():
         return typer.confirm(f"{text}; write it all the same?", err=True)

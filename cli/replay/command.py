@@ -91,7 +91,7 @@ async def _replayed(
 
     log = logging.getLogger("traverse.daemon")
     level = log.level
-    log.setLevel(logging.CRITICAL)  # what happened then is not told as if it were now
+    log.setLevel(logging.CRITICAL)  # recorded events are not logged as new ones
     try:
         return Replay(reader, block, take_point=take).run()
     finally:

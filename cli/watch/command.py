@@ -1,4 +1,4 @@
-"""`traverse watch`: what an arm says, as a display or line by line."""
+"""`traverse watch`: an arm's messages, as a display or line by line."""
 
 import asyncio
 import contextlib
@@ -35,7 +35,7 @@ def watch(
     """Follow an arm: a live display on a terminal, else a line a message.
 
     The display is of one arm: the one of --arm, or the only one on the broker; of
-    several there are lines. Comes back by itself when the broker has been away. Ends
+    several there are lines. Reconnects after an outage of the broker. Ends
     on Ctrl-C. Exit status 3: the broker could not be reached at the start.
     """
     wanted = [kind.strip() for kind in kinds.split(",") if kind.strip()]
@@ -110,7 +110,7 @@ async def _follow(
                     else:
                         typer.echo(line(item.arm, item.message))
         except BrokenPipeError:
-            raise  # nobody reads our lines any more; typer ends without a word
+            raise  # the reader of our lines has closed; typer ends silently
         except (aiomqtt.MqttError, OSError) as error:
             typer.echo(f"broker {broker}: {error}", err=True)
             if not reached:

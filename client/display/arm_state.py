@@ -21,8 +21,8 @@ class Change:
 
     Attributes:
         kind: "point", "retraction", "refused", "alarm", "cleared", "link", "status".
-        text: for people; empty where nothing is to be said.
-        point: that came.
+        text: for the user; empty where there is none.
+        point: received.
     """
 
     kind: str
@@ -38,7 +38,7 @@ class ArmSight:
         now_s: a monotonic clock.
 
     Attributes:
-        points: that stand, by id, in the order in which they came.
+        points: not retracted, by id, in the order of arrival.
         alarms: conditions that last, by code and source.
         events: the latest ones.
         coverage: samples seen in each of 36 sectors of a joint's reading,
@@ -64,12 +64,12 @@ class ArmSight:
 
     @property
     def age_s(self) -> float:
-        """Time since the latest pose came."""
+        """Time since the latest pose was received."""
         return self.now_s() - self._live_s
 
     @property
     def health_age_s(self) -> float:
-        """Time since the latest figures came."""
+        """Time since the latest figures were received."""
         return self.now_s() - self._health_s
 
     @property
@@ -80,11 +80,11 @@ class ArmSight:
 
     @property
     def last_point(self) -> Point | None:
-        """The last point that stands."""
+        """The last point that is not retracted."""
         return next(reversed(self.points.values()), None)
 
     def take_live(self, live: Live) -> None:
-        """A pose has come."""
+        """A pose was received."""
         self.live, self._live_s = live, self.now_s()
         angles_rad = np.array(live.angles_rad)
         if self.coverage is None or len(self.coverage) != len(angles_rad):
@@ -94,7 +94,7 @@ class ArmSight:
         self.coverage[np.arange(len(sectors)), sectors] += 1
 
     def take_point(self, point: Point) -> None:
-        """A point or a retraction has come."""
+        """A point or a retraction was received."""
         if point.retracts is not None:
             self.points.pop(point.retracts, None)
             self._tell(Change("retraction", f"Point {point.seq} undoes one", point))
@@ -106,7 +106,7 @@ class ArmSight:
         self._tell(Change("point", f"Point {point.seq}{doubt}", point))
 
     def take_event(self, event: Event) -> None:
-        """An event has come."""
+        """An event was received."""
         self.events.append(event)
         key = (event.code, event.source)
         if event.active is True:
@@ -120,10 +120,10 @@ class ArmSight:
             self._tell(Change("refused", event.text))
 
     def take_status(self, status: Status) -> None:
-        """The arm's state has come."""
+        """The arm's state was received."""
         was, self.status = self.status, status
         if was is None or was.session != status.session or not status.online:
-            # What lasted then is told anew by those who tell it now.
+            # Lasting conditions are published again by the new session.
             if was is not None and was.session != status.session:
                 self.points.clear()
             if not status.online:
@@ -131,11 +131,11 @@ class ArmSight:
         self._tell(Change("status"))
 
     def take_health(self, health: Health) -> None:
-        """Figures have come."""
+        """Figures were received."""
         self.health, self._health_s = health, self.now_s()
 
     def take_link(self, is_linked: bool, reason: str) -> None:
-        """The connection to the broker came or went."""
+        """The connection to the broker was made or lost."""
         if (is_linked, reason) != (self.is_linked, self.link_reason):
             changed = is_linked != self.is_linked
             self.is_linked, self.link_reason = is_linked, reason

@@ -11,7 +11,7 @@ UNSENT_WARNING = 100
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What the banner says.
+    """The banner's text.
 
     Attributes:
         level: "bad" where measuring is not possible or what is shown is not of now.
@@ -26,7 +26,7 @@ class Verdict:
 
 
 def verdict(sight: ArmSight) -> Verdict:
-    """The worst that is to be said now."""
+    """The worst current condition."""
     found = list(_conditions(sight))
     if not found:
         return Verdict("good", "Ready to measure.")

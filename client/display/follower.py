@@ -42,7 +42,7 @@ class Follower:
         self._scan = ""
 
     async def run(self) -> None:
-        """Follow until cancelled; comes back by itself, whatever happens."""
+        """Follow until cancelled; reconnects after every failure."""
         while True:
             try:
                 async with (

@@ -1,4 +1,4 @@
-"""Guided checks at the page: what to do, how far one is, what came out so far."""
+"""Guided checks at the page: what to do, progress, results so far."""
 
 from dataclasses import dataclass, field
 
@@ -14,7 +14,7 @@ class GuidedCheck:
 
     Attributes:
         kind: "articulation": one point, a cone, from many postures; "sphere".
-        wanted: so many points are asked for.
+        wanted: number of points to take.
         points: taken so far.
     """
 
@@ -40,7 +40,7 @@ class GuidedCheck:
         return f"Touch the sphere at {where}, another side each time: {left} more."
 
     def take(self, point: Point) -> None:
-        """A point came while the check was on."""
+        """A point was received during the check."""
         if not self.is_done:
             self.points.append(point)
 

@@ -8,7 +8,7 @@ BUDGET = 1_000_000
 
 
 class Cloud:
-    """Keeps every k-th point of all that come; k doubles when the budget is full.
+    """Keep every k-th point; k doubles when the budget is full.
 
     Args:
         budget: so many points at most are kept and drawn; even.
@@ -16,7 +16,7 @@ class Cloud:
     Attributes:
         version: changes when what was handed out before no longer holds.
         n_kept: points to be drawn.
-        n_seen: points that came.
+        n_seen: received points.
         every: one in so many is kept.
     """
 
@@ -34,7 +34,7 @@ class Cloud:
         self.every = 1
 
     def add(self, xyz_mm: Floats) -> None:
-        """Points have come, (n, 3)."""
+        """Points were received, (n, 3)."""
         while len(xyz_mm):
             # Those whose number is a multiple of `every` are kept.
             first = -self.n_seen % self.every

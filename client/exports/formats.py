@@ -23,7 +23,7 @@ FORMATS: dict[str, type[Sink]] = {
 def points_as(
     kind: str, points: Sequence[Point], coordinates: Coordinates = "centre"
 ) -> tuple[str, bytes]:
-    """Points that stand as a file in memory: its name and content."""
+    """Points that are not retracted as a file in memory: its name and content."""
     file = io.BytesIO()
     with FORMATS[kind](file, coordinates) as sink:
         sink.points(standing(points))

@@ -42,7 +42,7 @@ class PointTable:
 
 
 def standing(points: Sequence[Point]) -> list[Point]:
-    """Points that nobody has taken back, without the retractions."""
+    """Points that are not retracted, without the retractions."""
     gone = {point.retracts for point in points}
     return [p for p in points if p.retracts is None and p.id not in gone]
 

@@ -26,7 +26,7 @@ class Sink(ABC):
         """Write points.
 
         Raises:
-            ValueError: they lack what the format wants.
+            ValueError: they lack what the format requires.
         """
         self.table(table_of(points, self._coordinates))
 
@@ -35,7 +35,7 @@ class Sink(ABC):
         """Write rows of a scan."""
 
     def end(self) -> None:  # noqa: B027 - most formats need no end
-        """Write what stands at the end, or at the front when the end is known."""
+        """Write the trailer, or the header when the end is known."""
 
     def __enter__(self) -> Self:
         return self

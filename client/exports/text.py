@@ -25,7 +25,7 @@ COLUMNS = (
     *("temperature_c", "probe_radius_mm", "samples", "spread_mm"),
     *("artefact", "feature", "ok", "flags", "model", "angles_rad", "counts"),
 )
-"""Of a point in CSV, and the names that a template knows."""
+"""Of a point in CSV, and the names of a template."""
 SCAN_COLUMNS = (
     *("seq", "time_ns", "x_mm", "y_mm", "z_mm", "i", "j", "k"),
     *("std_x_mm", "std_y_mm", "std_z_mm", "ok", "flags"),
@@ -131,7 +131,7 @@ class Template(Sink):
         template: text with `{name}` or `{name:.3f}`; `\n` and `\t` are understood.
 
     Raises:
-        ValueError: it names what a point does not have, or asks for more than that.
+        ValueError: it names what a point does not have, or contains more than names.
     """
 
     def __init__(
@@ -144,7 +144,7 @@ class Template(Sink):
                 f"{MAX_TEMPLATE}, such as '{{seq}};{{x_mm:.3f}}\\n'"
             )
         text = template.replace("\\n", "\n").replace("\\t", "\t")
-        # Parsed by hand: str.format would let a template reach into our objects.
+        # Parsed by hand: str.format would give a template access to our objects.
         self._parts = list(Formatter().parse(text))
         for _, name, spec, conversion in self._parts:
             if name is None:

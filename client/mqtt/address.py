@@ -17,7 +17,7 @@ SCHEMES = {"mqtt": False, "mqtts": True}
 
 @dataclass(frozen=True, slots=True)
 class BrokerAddress:
-    """A broker and what it wants to see of its visitors.
+    """A broker and the credentials that it requires.
 
     The names are those of the table [broker] in the daemon's configuration.
 
@@ -25,8 +25,8 @@ class BrokerAddress:
         port: None takes 1883, or 8883 with TLS.
         password, password_file: at most one of the two.
         tls: the connection is encrypted and the broker's certificate verified.
-        ca_file: certificates that the broker's must come from; None: the system's.
-        certificate_file, key_file: of this client, where the broker asks for them.
+        ca_file: CA certificates that signed the broker's; None: the system's.
+        certificate_file, key_file: of this client, where the broker requires them.
         keepalive_s: a silent connection is looked at so often.
     """
 
@@ -102,14 +102,14 @@ class BrokerAddress:
             key = self.key_file or self.certificate_file
             wanted = f"a certificate, PEM, and {key} its key without a passphrase"
             with _told("certificate_file", self.certificate_file, wanted):
-                # Without the function OpenSSL would ask at the terminal.
+                # Without the function OpenSSL would prompt at the terminal.
                 context.load_cert_chain(self.certificate_file, self.key_file, str)
         return context
 
 
 @contextmanager
 def _told(name: str, file: Path | None, wanted: str) -> Iterator[None]:
-    """Say of which file an error is."""
+    """Name the file of an error."""
     try:
         yield
     except (OSError, UnicodeDecodeError) as error:

@@ -1,8 +1,8 @@
 """One connection to a broker: messages are handed over as they are read.
 
 aiomqtt's own queue of messages loses what it has no room for, and takes a task for each
-message. Here every message goes to a function at once, and those of quality of service
-1 are acknowledged only when that function, or somebody later, says so: a broker stops
+message. Here every message is passed to a function at once, and those of quality of
+service 1 are acknowledged only by that function, or by a later caller: a broker stops
 sending when too many wait for that.
 """
 
@@ -38,11 +38,11 @@ WORDING = Wording(
 
 
 class AccessRefusedError(aiomqtt.MqttError):
-    """The broker does not let us in, and waiting will not change that."""
+    """The broker refuses access, and waiting will not change that."""
 
 
 class ConfiguredClient(DiagnosingClient):
-    """A connection to a broker that says why it did not come about.
+    """A connection to a broker that reports why it failed.
 
     Args:
         address: of the broker.
@@ -68,8 +68,8 @@ class ConfiguredClient(DiagnosingClient):
         """Connect.
 
         Raises:
-            AccessRefusedError: the broker does not want us, or we do not trust it.
-            aiomqtt.MqttError: it is not there. Both say what to do.
+            AccessRefusedError: the broker refuses access, or is not trusted.
+            aiomqtt.MqttError: it is not there. Both state a remedy.
         """
         try:
             return await super().__aenter__()
@@ -81,7 +81,7 @@ class ConfiguredClient(DiagnosingClient):
 
 @dataclass(frozen=True, slots=True)
 class IncomingMessage:
-    """A message as it came.
+    """A received message.
 
     Attributes:
         number: to acknowledge it by; 0 where there is nothing to acknowledge.
@@ -109,14 +109,14 @@ class ManualAckConnection(ConfiguredClient):
         self._client.manual_ack_set(True)
 
     def acknowledge(self, number: int) -> None:
-        """Tell the broker that a message has been taken."""
+        """Acknowledge a message to the broker."""
         self._client.ack(number, 1)
 
     async def subscribe_checked(self, topic: str, qos: int) -> None:
         """Subscribe.
 
         Raises:
-            aiomqtt.MqttError: the connection is gone, or the broker does not allow it.
+            aiomqtt.MqttError: the connection is lost, or the broker does not allow it.
         """
         granted = await self._while_connected(self.subscribe(topic, qos=qos))
         refused = [
@@ -132,15 +132,15 @@ class ManualAckConnection(ConfiguredClient):
         """Publish with quality of service 1; returns when the broker has it.
 
         Raises:
-            aiomqtt.MqttError: the connection is gone.
+            aiomqtt.MqttError: the connection is lost.
         """
         await self._while_connected(self.publish(topic, payload, qos=1))
 
     async def wait_closed(self) -> None:
-        """Wait until the connection is gone.
+        """Wait until the connection is lost.
 
         Raises:
-            aiomqtt.MqttError: always; why it went.
+            aiomqtt.MqttError: always, with the reason.
         """
         await asyncio.wait({self._disconnected})
         error = self._disconnected.exception()
@@ -163,7 +163,7 @@ class ManualAckConnection(ConfiguredClient):
                 self._disconnected.exception()  # mark it as retrieved
 
     async def _while_connected(self, work: Coroutine[Any, Any, T]) -> T:
-        """Do this, or stop at once when the connection goes: aiomqtt waits on."""
+        """Await this, or stop at once when the connection is lost: aiomqtt waits on."""
         working = asyncio.ensure_future(work)
         both: set[asyncio.Future[Any]] = {working, self._disconnected}
         try:
@@ -194,7 +194,7 @@ class ConnectionHandler(Protocol):
         """There is a connection with all its subscriptions."""
 
     def on_disconnected(self) -> None:
-        """It is gone."""
+        """The connection is lost."""
 
 
 class ReconnectingConnection:
@@ -205,7 +205,7 @@ class ReconnectingConnection:
 
     Attributes:
         topics: topic filters to their quality of service.
-        connections: how often a connection came about.
+        connections: number of connections.
         reason: why there is none, for people.
     """
 
@@ -244,7 +244,7 @@ class ReconnectingConnection:
                     self._settled.set()
             finally:
                 self._connection = None
-            # Jitter keeps a fleet's consumers from coming back all at once.
+            # Jitter prevents a fleet's consumers from reconnecting all at once.
             await asyncio.sleep(wait_s * random.uniform(0.5, 1.0))
             wait_s = min(2 * wait_s, LAST_WAIT_S)
 
@@ -275,12 +275,12 @@ class ReconnectingConnection:
         await self._connection.send(topic, payload)
 
     def acknowledge(self, number: int) -> None:
-        """Tell the broker that a message of the present connection has been taken."""
+        """Acknowledge a message of the present connection to the broker."""
         if self._connection is not None:
             self._connection.acknowledge(number)
 
     async def add_topic(self, topic: str, qos: int) -> None:
-        """Subscribe, now and at every connection to come."""
+        """Subscribe, now and at every later connection."""
         self.topics[topic] = qos
         if self._connection is not None:
             await self._connection.subscribe_checked(topic, qos)

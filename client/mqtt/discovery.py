@@ -15,7 +15,7 @@ QUIET_S = 0.3
 
 
 async def find_arms(address: BrokerAddress, patience_s: float) -> list[str]:
-    """Names of all arms that have ever told the broker their state, sorted.
+    """Names of all arms with a status at the broker, sorted.
 
     Args:
         address: of the broker.
@@ -34,7 +34,7 @@ async def find_arms(address: BrokerAddress, patience_s: float) -> list[str]:
                 while True:
                     async with asyncio.timeout(wait_s):
                         message = await anext(messages)
-                    wait_s = QUIET_S  # retained ones come all at once
+                    wait_s = QUIET_S  # retained ones arrive all at once
                     with contextlib.suppress(MessageError):
                         found.add(topics.parse_topic(str(message.topic)).arm)
     except (aiomqtt.MqttError, OSError) as error:

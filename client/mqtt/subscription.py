@@ -1,6 +1,6 @@
 """Messages of arms as they arrive, decoded: for displays of one arm or of all.
 
-Nothing is asked for again and nothing is put into order; `traverse.client.Arm` does
+Nothing is requested again and nothing is put into order; `traverse.client.Arm` does
 that. Speaks MQTT 3.1.1, which every broker does; nothing in the messages needs more.
 """
 
@@ -69,14 +69,14 @@ def connection(address: BrokerAddress) -> aiomqtt.Client:
 async def subscribe(
     client: aiomqtt.Client, arm: str = "+", kinds: Iterable[str] = KINDS
 ) -> None:
-    """Ask for messages of some kinds, from one arm or from all ("+")."""
+    """Subscribe to messages of some kinds, from one arm or from all ("+")."""
     for kind in kinds:
         pattern = topics.kind_filter(kind).replace("/+/", f"/{arm}/", 1)
         await client.subscribe(pattern, qos=topics.CHANNELS[kind].qos)
 
 
 async def received(client: aiomqtt.Client) -> AsyncIterator[ReceivedMessage]:
-    """Messages as they come, those that cannot be decoded included."""
+    """Messages as they arrive, including those that cannot be decoded."""
     async for message in client.messages:
         received_ns = time.time_ns()
         payload = message.payload if isinstance(message.payload, bytes) else b""

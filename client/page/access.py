@@ -1,4 +1,4 @@
-"""Who may see the page: the same machine, or whoever has the token, over TLS."""
+"""Access to the page: from the same machine, or with the token, over TLS."""
 
 import hmac
 import secrets
@@ -45,16 +45,16 @@ def read_token(path: Path) -> str:
 
 
 class Guard:
-    """Lets requests through that may see the page, and no others.
+    """Pass only requests that may see the page.
 
     On the own machine names of hosts are checked, so that no page of the web can
     speak to this one by a name of its own that leads here. Elsewhere the token is
-    asked for once and kept as a cookie.
+    requested once and stored as a cookie.
 
     Args:
         app: what is guarded.
         token: None on the own machine.
-        hosts: names under which the page may be asked for, without ports.
+        hosts: names under which the page may be requested, without ports.
     """
 
     def __init__(

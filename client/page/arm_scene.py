@@ -7,7 +7,7 @@ from nicegui.element import Element
 from traverse.arrays import Floats
 from traverse.protocol.messages import Live, Point
 
-# Its module is where three.js comes from.
+# Its module contains three.js.
 assert ui.scene is not None  # noqa: S101 - imported for its registration
 
 SEEN_MM = 0.02  # less than a pixel, however near one looks
@@ -28,7 +28,7 @@ class ArmScene(Element, component="arm_scene.js", default_classes="arm-scene-box
     def show_pose(self, live: Live) -> None:
         """The arm is now like this.
 
-        An arm at rest is not drawn again: a point that comes need not wait for that.
+        An arm at rest is not drawn again: a new point need not wait for that.
         """
         if live.skeleton_mm is None:
             return
@@ -44,11 +44,11 @@ class ArmScene(Element, component="arm_scene.js", default_classes="arm-scene-box
         self.run_method("pose", places_mm.tolist(), live.probe_radius_mm)
 
     def forget_pose(self) -> None:
-        """The browser has been opened anew: whatever pose comes is drawn."""
+        """The browser has been opened anew: draw the next pose in any case."""
         self._shown = None
 
     def add_points(self, points: list[Point]) -> None:
-        """Points have come."""
+        """Points were received."""
         rows = [[p.id, *p.xyz_mm, p.quality.ok] for p in points]
         if rows:
             self.run_method("add_points", rows)

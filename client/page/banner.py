@@ -1,4 +1,4 @@
-"""The sentence at the top that says how the arm is, and the switches beside it."""
+"""The sentence at the top with the arm's condition, and the switches beside it."""
 
 from collections.abc import Callable
 
@@ -30,7 +30,7 @@ class Banner:
             self._light.props('flat dense aria-keyshortcuts="D"')
 
     def show(self, said: Verdict) -> None:
-        """Say how the arm is."""
+        """Show the arm's condition."""
         others = {"good", "warning", "bad"} - {said.level}
         self._banner.classes(add=said.level, remove=" ".join(others))
         more = f" (and {said.others} more)" if said.others else ""

@@ -34,7 +34,7 @@ class CheckPanel:
                 self._bars = ui.html("", sanitize=False)
 
     def take(self, point: Point) -> None:
-        """A point has come, or takes one back."""
+        """A point or a retraction was received."""
         if self._check is not None:
             if point.retracts is None:
                 self._check.take(point)

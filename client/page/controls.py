@@ -62,7 +62,7 @@ class Controls:
         )
 
     def name(self, key: str, name: str, *, is_on: bool) -> None:
-        """Say anew what a button does, and whether that goes on now."""
+        """Update what a button does, and whether it is active."""
         button = self._buttons[key]
         button.traverse_label.set_text(name)  # type: ignore[attr-defined]  # as above
         button.classes(add="on" if is_on else "", remove="" if is_on else "on")

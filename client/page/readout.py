@@ -68,7 +68,7 @@ class Figures:
 
 
 def _expanded_mm(live: Live, point: Point | None) -> list[float] | None:
-    """Twice the standard deviation of each coordinate, k = 2; of the pose if told."""
+    """Twice the standard deviation of each coordinate, k = 2; of the pose if known."""
     covariance = live.covariance_mm2
     if covariance is None and point is not None:
         covariance = point.covariance_mm2

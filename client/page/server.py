@@ -33,7 +33,7 @@ def serve(
     key: Path | None = None,
     show: bool = False,
 ) -> None:
-    """Serve the page until the process is told to end.
+    """Serve the page until the process is requested to end.
 
     Args:
         follower: of the arm.

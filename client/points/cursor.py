@@ -1,4 +1,4 @@
-"""A consumer's place, kept in a file: it goes on there when it is started again."""
+"""A consumer's place, stored in a file: it continues there after a restart."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Asks an arm's outbox for points that are missing, one question at a time."""
+"""Request missing points from an arm's outbox, one request at a time."""
 
 import asyncio
 import logging
@@ -31,8 +31,8 @@ class GapFiller:
         order: knows what is missing.
         link: the connection.
         requests: the way to the outbox.
-        room: how many points may be asked for now.
-        arrived: beats when points have come.
+        room: how many points may be requested now.
+        arrived: signals when points have arrived.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class GapFiller:
         self._questions.notify()
 
     async def run(self) -> None:
-        """Ask for what is missing, until cancelled."""
+        """Request what is missing, until cancelled."""
         wait_s = FIRST_WAIT_S
         while True:
             ask = await self._next_ask()
@@ -85,7 +85,7 @@ class GapFiller:
             wait_s = min(2 * wait_s, LAST_WAIT_S)
 
     def _count_unanswered(self, before: tuple[int, int], reason: str) -> None:
-        """Points that come while nobody answers: this client may read, not command."""
+        """Points arrive without answers: this client may read, not command."""
         n_taken, connections = before
         is_speaking = self._order.n_taken > n_taken
         if (
@@ -102,7 +102,7 @@ class GapFiller:
             self._arrived.notify()
 
     async def _next_ask(self) -> ResendRequest:
-        """Wait until something is missing, or nothing has come for long."""
+        """Wait until something is missing, or nothing has arrived for long."""
         while True:
             ask = self._order.next_request(self._room())
             if ask is not None:
@@ -127,7 +127,7 @@ class GapFiller:
             await self._arrival(ask.session, last, arrival_s)
 
     async def _arrival(self, session: str, last: int, seconds: float) -> None:
-        """Wait until points up to a number are here, or for so long none came."""
+        """Wait until points up to a number are here, or until a silence that long."""
         loop = asyncio.get_running_loop()
         until_s, next_seq = loop.time() + seconds, self._order.next_seq_of(session)
         while (

@@ -9,14 +9,14 @@ MAX_REMEMBERED = 256
 
 
 class PointIndex:
-    """The latest points that came, to be found by their names."""
+    """The latest received points, by their names."""
 
     def __init__(self) -> None:
         self._latest: OrderedDict[str, Point] = OrderedDict()
         self._waiting: dict[str, asyncio.Future[Point]] = {}
 
     def take(self, point: Point) -> None:
-        """A point has come."""
+        """A point was received."""
         self._latest[point.id] = point
         if len(self._latest) > MAX_REMEMBERED:
             self._latest.popitem(last=False)
@@ -25,7 +25,7 @@ class PointIndex:
             waiting.set_result(point)
 
     async def get(self, point_id: str, seconds: float) -> Point | None:
-        """A point that has come, or comes within this time."""
+        """A point that has arrived, or arrives within this time."""
         if point_id in self._latest:
             return self._latest[point_id]
         future: asyncio.Future[Point] = asyncio.get_running_loop().create_future()

@@ -1,13 +1,13 @@
-"""Points brought into order, without gap and without repeat, from what a broker brings.
+"""Put a broker's points into order, without gap and without repeat.
 
-A broker brings points late, twice, or not at all (mosquitto forgets when it is killed).
-What is missing in (session, seq) is asked for again from the arm's outbox; what that
-holds no more is told as `Lost`. Sessions follow one another in the order in which they
-began. No clock and no connection here: `traverse.client.points.stream` has them.
+A broker delivers points late, twice, or not at all (mosquitto, when it is killed).
+What is missing in (session, seq) is requested again from the arm's outbox; what that
+holds no more is reported as `Lost`. Sessions follow one another in the order of their
+begin. No clock and no connection here: `traverse.client.points.stream` has them.
 
 Law: what is handed on is in order of (session, seq), each number of a followed session
 once, as a point or within a `Lost`. Only points of a session that was taken for
-complete may come late, since that is better than never.
+complete may be delivered late, since that is better than never.
 """
 
 from collections import deque
@@ -24,19 +24,19 @@ from traverse.client.results import HeldSession, Resent
 from traverse.protocol.messages import Point
 
 BATCH = 500
-"""Points asked for at once; brokers keep 1000 for a client that is slow."""
+"""Points requested at once; brokers keep 1000 for a client that is slow."""
 MAX_HELD = 2000
 UNKNOWN = "the arm's outbox does not know this session any more"
 
 
 @dataclass(frozen=True, slots=True)
 class ResendRequest:
-    """What is to be asked of the outbox.
+    """A request to the outbox.
 
     Attributes:
-        session: None asks which sessions there are.
+        session: None requests the list of sessions.
         from_seq, to_seq: the range.
-        is_tail: nobody knows whether there are such points.
+        is_tail: it is not known whether there are such points.
     """
 
     session: str | None
@@ -46,19 +46,19 @@ class ResendRequest:
 
 
 class ReorderBuffer:
-    """Takes points as they come; `ready` holds those whose turn it is.
+    """Takes points as they arrive; `ready` holds those whose turn it is.
 
     Args:
         since: next numbers of sessions that were followed before; None begins with the
             points of from now on, an empty map with everything that the outbox holds.
 
     Attributes:
-        needs_session_list: whether it has to be asked which sessions there are.
+        needs_session_list: whether the list of sessions has to be requested.
         ready: points and losses in their order, to be taken from the left.
-        n_taken: points that came, whatever became of them.
-        duplicates: points that came once more.
-        put_back: points for which there was no room; they are asked for again.
-        asked: points that were asked for again.
+        n_taken: all received points.
+        duplicates: repeated points.
+        put_back: points for which there was no room; they are requested again.
+        asked: points that were requested again.
     """
 
     def __init__(self, since: Mapping[str, int] | None) -> None:
@@ -89,7 +89,7 @@ class ReorderBuffer:
 
     @property
     def needs_request(self) -> bool:
-        """Whether something may have to be asked for."""
+        """Whether a request may be necessary."""
         head = self._sessions.head
         return self.can_request and (
             self.needs_session_list
@@ -101,12 +101,12 @@ class ReorderBuffer:
 
     @property
     def n_held(self) -> int:
-        """Points that came before their turn."""
+        """Points that arrived before their turn."""
         followed = sum(len(one.held) for one in self._sessions)
         return followed + sum(map(len, self._unknown_sessions.values()))
 
     def take(self, point: Point, *, room: bool = True) -> None:
-        """A point has come; without room it only counts as seen."""
+        """A point was received; without room it only counts as seen."""
         self.n_taken += 1
         followed = self._sessions.get(point.session)
         if followed is None:
@@ -125,7 +125,7 @@ class ReorderBuffer:
             self._hand_on()
 
     def notice(self, session: str) -> None:
-        """The arm says that this is its session."""
+        """The arm reports that this is its session."""
         self._sessions.anchor = self._sessions.anchor or session
         if self._sessions.get(session) is None and self._sessions.past(session) is None:
             self.needs_session_list = True
@@ -136,15 +136,15 @@ class ReorderBuffer:
         self.needs_session_list = True
 
     def next_request(self, room: int) -> ResendRequest | None:
-        """What is to be asked for now; None: nothing is known to be missing.
+        """The next request; None: nothing is known to be missing.
 
-        It counts as asked; say so with `unanswered` where no answer came.
+        It counts as sent; call `unanswered` where no answer arrived.
         """
         if self._refusal is not None:
             return None
         if self.needs_session_list:
             self.needs_session_list = (
-                False  # unless something new comes before the answer
+                False  # unless something new arrives before the answer
             )
             return ResendRequest(None)
         head = self._sessions.head
@@ -159,7 +159,7 @@ class ReorderBuffer:
         return self.tail_request() if head.needs_confirmation else None
 
     def tail_request(self) -> ResendRequest:
-        """Asks for what may have come after the last point that is known of."""
+        """Request what may follow the last known point."""
         head = self._sessions.head
         if head is None:
             return ResendRequest(None)
@@ -172,7 +172,7 @@ class ReorderBuffer:
         return None if followed is None else followed.next_seq
 
     def unanswered(self, ask: ResendRequest) -> None:
-        """No answer came."""
+        """No answer arrived."""
         self.needs_session_list = self.needs_session_list or ask.session is None
 
     def resent(self, ask: ResendRequest, answer: Resent) -> int | None:
@@ -201,7 +201,7 @@ class ReorderBuffer:
         return min(last, ask.to_seq)
 
     def refuse(self, reason: str) -> None:
-        """The arm cannot send points again: go on with what comes, and tell gaps."""
+        """The arm cannot send points again: continue with new ones, and report gaps."""
         self._refusal = reason
         self.needs_session_list = False
         first_time = not self.has_begun
@@ -213,7 +213,7 @@ class ReorderBuffer:
         self._hand_on()
 
     def listed(self, sessions: Sequence[HeldSession]) -> None:
-        """The outbox has told which sessions it holds, oldest first."""
+        """The outbox has reported which sessions it holds, oldest first."""
         lowest = {name: min(held) for name, held in self._unknown_sessions.items()}
         self._sessions.list(sessions, lowest, is_old=self.needs_session_list)
         self._adopt_unknown_sessions()

@@ -1,4 +1,4 @@
-"""Sessions one after the other: which is followed now, which are past, which come."""
+"""Sessions one after the other: the current one, past ones, later ones."""
 
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,7 +13,7 @@ class Lost:
     """Points that cannot be had any more.
 
     Attributes:
-        from_seq, to_seq: the first and the last of them; ``to_seq`` None: nobody knows
+        from_seq, to_seq: the first and the last of them; ``to_seq`` None: unknown
             how many there were, if any.
         reason: why, for people.
     """
@@ -32,10 +32,10 @@ class SessionPoints:
         begun_ns: when it began [UTC].
         next_seq: the number that is handed on next.
         known: the highest number that is known to exist; -1 before the first.
-        has_ended: whether no number above `known` will come.
-        needs_confirmation: whether the outbox has to be asked if it knows this session.
-        cut: why nobody can tell what came after `known`; empty where one can.
-        held: points that came before their turn, by number.
+        has_ended: whether no number above `known` will follow.
+        needs_confirmation: whether the outbox has to confirm this session.
+        cut: why it is unknown what followed `known`; empty where it is known.
+        held: points that arrived before their turn, by number.
     """
 
     def __init__(self, session: str, begun_ns: int, next_seq: int = 0) -> None:
@@ -144,12 +144,12 @@ class SessionSequence:
     def list(
         self, held: Sequence[HeldSession], lowest: Mapping[str, int], *, is_old: bool
     ) -> None:
-        """The outbox has told which sessions it holds, oldest first.
+        """The outbox has reported which sessions it holds, oldest first.
 
         Args:
             held: those.
-            lowest: the lowest numbers that have come already, by session.
-            is_old: others may have begun since it was asked.
+            lowest: the lowest numbers received so far, by session.
+            is_old: others may have begun since the request.
         """
         if not self.has_begun:
             self.has_begun = True
@@ -164,7 +164,7 @@ class SessionSequence:
             elif is_old:
                 continue
             elif followed.known < 0:
-                del self._sessions[name]  # it had no points, and says nothing
+                del self._sessions[name]  # it had no points, and is not listed
             elif not followed.has_ended:
                 followed.needs_confirmation = True
 
@@ -185,7 +185,7 @@ class SessionSequence:
         del self._sessions[head.session]
 
     def _begin(self, held: Sequence[HeldSession], lowest: Mapping[str, int]) -> None:
-        """Say where following begins: what is before that is past."""
+        """Set where following begins: earlier points are past."""
         names = [one.session for one in held]
         if self._since is None:
             start = names.index(self.anchor) if self.anchor in names else len(names) - 1

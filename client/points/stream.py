@@ -1,9 +1,9 @@
-"""An arm's points, followed: asks again for what is missing, holds the broker back.
+"""Follow an arm's points: request missing ones again, hold the broker back.
 
 At most `limit` points wait for the reader. From then on nothing is acknowledged, so
-that the broker sends no more; what it then drops, and what comes nevertheless, is asked
-for again when there is room. Where nobody reads, all is acknowledged and what there is
-no room for is left in the arm's outbox, so that events and answers go on.
+that the broker sends no more; what it then drops, and what arrives nevertheless, is
+requested again when there is room. Without a reader, all is acknowledged and what there
+is no room for is left in the arm's outbox, so that events and answers continue.
 """
 
 import asyncio
@@ -74,12 +74,12 @@ class PointStream:
     def place(self) -> dict[str, int]:
         """Next numbers of the sessions: what the reader is done with does not count.
 
-        A reader is done with a point when it asks for the next one.
+        A reader is done with a point when it requests the next one.
         """
         return dict(self._next_seqs or self._order.start)
 
     def take(self, point: Point, number: int) -> None:
-        """A point has come, with the number that it is acknowledged by."""
+        """A point was received, with the number for its acknowledgement."""
         room = self.room
         self._order.take(point, room=room > 0)
         if room > 0 or not self._has_reader:
@@ -89,7 +89,7 @@ class PointStream:
         self._tell_all()
 
     def notice(self, session: str) -> None:
-        """The arm says that this is its session."""
+        """The arm reports that this is its session."""
         self._order.notice(session)
         self._tell_all()
 
@@ -103,7 +103,7 @@ class PointStream:
         self._unacknowledged.clear()
 
     def close(self, error: BaseException | None = None) -> None:
-        """Nothing more will come."""
+        """No more messages will follow."""
         self._is_closed, self._error = True, error
         self._unacknowledged.clear()
         self._arrived.notify()
@@ -146,11 +146,11 @@ class PointStream:
             await self._arrived.wait()
 
     async def follow(self) -> None:
-        """Ask for what is missing, until cancelled."""
+        """Request what is missing, until cancelled."""
         await self._gap_filler.run()
 
     def _room_for_more(self) -> int:
-        """So many points may be asked for: none while many wait."""
+        """So many points may be requested: none while many wait."""
         return self.room if self.room >= self._limit // 2 else 0
 
     def _tell_all(self) -> None:
@@ -159,7 +159,7 @@ class PointStream:
             self._gap_filler.wake()
 
     def _defer_ack(self, number: int) -> None:
-        """Let the broker wait, but not for ever for a reader that has gone away."""
+        """Make the broker wait, but not for ever for a reader that has left."""
         if not self._unacknowledged:
             loop = asyncio.get_running_loop()
             loop.call_later(READER_S, self._check_reader)
