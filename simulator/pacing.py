@@ -1,4 +1,4 @@
-"""Lets devices live: in real time, or as fast as the host reads."""
+"""Run devices in real time, or as fast as the host reads."""
 
 import select
 import time
@@ -51,7 +51,7 @@ def live_real(
         clock: Time of the simulation.
         script: When the script began.
         end_s: End of the script, None to go on.
-        stopped: Asked whether to end.
+        stopped: Whether to end.
     """
     while not stopped():
         now_s = clock.now_s()
@@ -70,7 +70,7 @@ def live_fast(
     end_s: float | None,
     stopped: Callable[[], bool],
 ) -> None:
-    """Let time run as the host reads while a stream runs, else follow the clock.
+    """Advance time as the host reads during a stream, else follow the clock.
 
     Arguments are those of `live_real`.
     """

@@ -1,4 +1,4 @@
-"""The program: reads its configuration, makes the devices, lives until told to end."""
+"""The program: read the configuration, make the devices, run until the end."""
 
 import ctypes
 import signal
@@ -30,7 +30,7 @@ PR_SET_TIMERSLACK = 29  # of linux/prctl.h
 
 
 def run_simulator(config_path: str | Path) -> int:
-    """Run until the script ends or a signal comes; the exit status.
+    """Run until the script ends or a signal arrives; the exit status.
 
     0 done, 2 a file was refused.
     """
@@ -96,7 +96,7 @@ def _run(path: Path) -> int:
 
 
 def _wake_promptly() -> None:
-    """Let the kernel end waits to the microsecond; it may take 50 of them otherwise.
+    """Make the kernel end waits to the microsecond; it may take 50 of them otherwise.
 
     An answer that is late by as much as it takes would shift the middle of an exchange,
     which is when a host believes to have read.

@@ -17,7 +17,7 @@ READINGS_TOGETHER = 64  # that are worked out and written at a time
 
 
 class TruthLog:
-    """Writes what really was; edges are flushed as they come.
+    """Write what really was; edges are flushed as they occur.
 
     Args:
         path: Of the file, None to write nothing.
@@ -25,7 +25,7 @@ class TruthLog:
         clock: When the script began.
         origin_ns: The host's monotonic clock at time 0 of the simulation; None where
             that has a time of its own.
-        readings: Write each reading of an encoder that is asked by itself.
+        readings: Write each reading of an encoder that is polled by itself.
     """
 
     def __init__(

@@ -150,7 +150,7 @@ def build_script(
 
 
 def build_course(config: SimulatorConfig, arm: VirtualArm, script: Script) -> Course:
-    """Let the arm follow the script, from now on where nobody says from when."""
+    """Make the arm follow the script, by default from now on."""
     start_utc = config.start_utc or datetime.now(tz=UTC)
     return Course(script, arm.faulty, config.climate, start_utc.timestamp())
 
@@ -158,7 +158,7 @@ def build_course(config: SimulatorConfig, arm: VirtualArm, script: Script) -> Co
 def build_sources(
     config: SimulatorConfig, arm: VirtualArm, course: Course | None, folder: Path
 ) -> list[CountSource]:
-    """Say where the counts of each device come from; without a course a replay.
+    """Set the source of each device's counts; without a course a replay.
 
     Raises:
         FileError: A recording that has not what the devices have.

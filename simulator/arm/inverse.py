@@ -5,7 +5,7 @@ the ball's centre by the turns,
 
     step = J' (J J' + damping^2)^-1 e + (1 - J+ J) g
 
-where g turns the shank towards a wanted direction without moving the ball. See
+where g turns the shank towards a given direction without moving the ball. See
 Nakamura and Hanafusa (1986), J. Dyn. Sys. Meas. Control 108.
 """
 
@@ -47,7 +47,7 @@ class Reach:
 
         Args:
             targets_mm: (n, 3) for the ball's centre.
-            shanks: (n, 3) wanted directions of the shank, unit vectors.
+            shanks: (n, 3) directions of the shank, unit vectors.
             tilt_rad: How far the shank may be off.
 
         Returns:
@@ -116,7 +116,7 @@ class Reach:
         return postures
 
     def exact(self, turns_rad: Floats, targets_mm: Floats) -> Floats:
-        """Bring the ball (n, 3) exactly to targets that are near."""
+        """Move the ball (n, 3) exactly to targets that are near."""
         for _ in range(N_EXACT_STEPS):
             centres, _, rates, _ = probe_rates(self.mechanism, turns_rad)
             misses = targets_mm - centres
@@ -133,7 +133,7 @@ class Reach:
         Args:
             turns: (n, n_joints) starts.
             targets_mm: (n, 3)
-            shanks: (n, 3) wanted.
+            shanks: (n, 3) required.
             leans: (n,) cosines of the angles at which that is good enough.
         """
         low, high = self.limits_rad[:, 0], self.limits_rad[:, 1]

@@ -28,7 +28,7 @@ class Trajectory:
 
     @property
     def duration_s(self) -> float:
-        """Until the arm comes to rest."""
+        """Until the arm is at rest."""
         return float(self.breaks_s[-1])
 
     def turns(self, times_s: Floats) -> Floats:
@@ -51,13 +51,13 @@ class Trajectory:
         piece, u, lengths_s = self._places(times_s)
         speeds = self._rates(piece, u) / lengths_s
         moving = np.abs(speeds) > STANDING_RAD_S
-        # Who stands late in a piece has come to rest in it.
+        # A pause late in a piece counts as rest in it.
         left = self._senses[piece + (u[:, 0] > 0.5)]
         return np.where(moving, np.sign(speeds), left)
 
     @property
     def last_senses(self) -> Floats:
-        """In which sense the joints (n_joints,) come to rest at the end."""
+        """The sense of the joints' (n_joints,) last motion."""
         last: Floats = self._senses[-1]
         return last
 

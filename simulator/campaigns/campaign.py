@@ -20,7 +20,7 @@ FIRST_LINE = 2  # of poses.csv with a pose; the header is line 1
 
 @dataclass(frozen=True, slots=True)
 class StatedArtefact:
-    """What a campaign says of an artefact.
+    """An artefact as a campaign states it.
 
     Attributes:
         id: Its name.
@@ -39,8 +39,8 @@ class Campaign:
 
     Attributes:
         joints: Names, from the base outwards.
-        artefacts: What is said of them.
-        encoder_rad: A-priori standard deviation; None if the campaign says none.
+        artefacts: As stated.
+        encoder_rad: A-priori standard deviation; None if the campaign states none.
         contact_mm: Likewise.
         start_utc: ISO 8601, or None.
         time_s: (n,)
@@ -117,11 +117,11 @@ class Blunder:
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """What the campaign does not say; arrays are read-only.
+    """What the campaign does not state; arrays are read-only.
 
     Attributes:
         arm: The true arm.
-        artefacts: Where they truly stand.
+        artefacts: Their true places.
         turns_rad: (n, n_joints) true turns from the base posture at the contact.
         contacts_mm: (n, 3) where the centre of a ball of the arm file's radius was, or
             would have been, on a stiff stylus: what corrected readings should give.

@@ -36,7 +36,7 @@ def draw_noise(
     """Draw the errors of readings, contacts and certificates.
 
     The true lengths of standards are those of the specification, and what the
-    campaign says of them is off by their standard deviations: so the same poses serve
+    campaign states is off by their standard deviations: so the same poses serve
     for any number of draws.
 
     Args:
@@ -106,7 +106,7 @@ def _whole_counts(readings_rad: Floats, arm: Arm) -> Floats:
 
 
 def _stated_stds(noise: NoiseTable, n_joints: int) -> tuple[float | None, float | None]:
-    """What the campaign says of its noise; one number for all encoders."""
+    """The stated noise; one number for all encoders."""
     if not noise.stated:
         return None, None
     mean_rad = noise.encoder_rad
@@ -116,7 +116,7 @@ def _stated_stds(noise: NoiseTable, n_joints: int) -> tuple[float | None, float 
 
 
 def _stated_artefacts(poses: PoseSet, seed: int) -> tuple[StatedArtefact, ...]:
-    """What the campaign says of its artefacts."""
+    """The stated artefacts."""
     rng = stream(seed, "certificates")
     stated = []
     for placed in poses.artefacts:
@@ -130,7 +130,7 @@ def _stated_artefacts(poses: PoseSet, seed: int) -> tuple[StatedArtefact, ...]:
 
 
 def _divided(table: Table, factor: float) -> Table:
-    """What is said of a standard that is longer than is said."""
+    """The statement of a standard that is longer than stated."""
     divided = dict(table)
     if "distance_mm" in table:
         divided["distance_mm"] = table["distance_mm"] / factor

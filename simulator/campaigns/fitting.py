@@ -14,7 +14,7 @@ from traverse.simulator.campaigns.spec import CampaignSpec, spec_problems
 from traverse.simulator.campaigns.streams import stream
 from traverse.strict_toml.problems import Problem
 
-N_LOOKS = 1000  # postures that tell how wide the working volume is
+N_LOOKS = 1000  # postures that determine the width of the working volume
 
 
 def spec_artefacts(

@@ -17,7 +17,7 @@ from traverse.simulator.effects import Fault, FaultyArm, Surroundings
 
 @dataclass(frozen=True, slots=True)
 class PlacedArtefact:
-    """An artefact where it stands."""
+    """An artefact and its place."""
 
     artefact: Artefact
     placement: Placement
@@ -33,11 +33,11 @@ class PoseSet:
     """Contacts in the order of time; any number of noises can be drawn for them.
 
     Attributes:
-        spec: What was asked for.
-        arm: What the arm file says.
+        spec: The specification.
+        arm: The arm file.
         truth: The geometry as it is.
         limits_rad: (n_joints, 2) of the turns.
-        artefacts: Where they stand.
+        artefacts: With their places.
         artefact_index: (n,) which of them is touched.
         feature_index: (n,) which part of it.
         contacts_mm: (n, 3) centre of a ball of the arm file's radius that touches.

@@ -33,8 +33,8 @@ def make_poses(
     """Draw the true arm, place the artefacts, touch them.
 
     Args:
-        arm: What the arm file says. Its effects are played: they are part of the truth.
-        spec: What is asked for.
+        arm: The arm file. Its effects are played: they are part of the truth.
+        spec: The specification.
         seed: Equal seeds give equal poses.
         truth: Instead of drawing it.
 
@@ -95,7 +95,7 @@ def make_poses(
 
 
 def _touched(artefacts: tuple[Artefact, ...], n_visits: int) -> tuple[Indices, Indices]:
-    """Which artefact and feature (n,) is touched when: the round is gone n times."""
+    """The order of artefacts and features (n,): the round is made n times."""
     counts = np.array([artefact.n_poses for artefact in artefacts])
     visits = []
     for visit in range(n_visits):
@@ -156,7 +156,7 @@ class _Touching:
         return Contacts(centres_mm, towards)
 
     def _missed(self, rows: Indices) -> str:
-        """Say what could not be touched."""
+        """Report what could not be touched."""
         lines = []
         for number, placed in enumerate(self.artefacts):
             count = int(np.sum(self.artefact_index[rows] == number))

@@ -1,4 +1,4 @@
-"""Finds where artefacts can stand so that the arm reaches all of them."""
+"""Find places of artefacts so that the arm reaches all of them."""
 
 from collections.abc import Sequence
 
@@ -32,7 +32,7 @@ def place_artefacts(
     """Place artefacts, one after the other.
 
     Of the sites that can be touched in varied postures, one far from the artefacts
-    that already stand is taken, so that they spread over the working volume.
+    that are placed already is taken, so that they spread over the working volume.
 
     Raises:
         UnreachableError: One that fits nowhere, with the best that was found.

@@ -27,7 +27,7 @@ BlunderKind = Literal["contact", "encoder", "label"]
 
 
 class NoiseTable(StrictModel):
-    """What comes between the truth and the file.
+    """Errors between the truth and the file.
 
     Attributes:
         encoder_rad: Standard deviation of every reading.
@@ -40,10 +40,10 @@ class NoiseTable(StrictModel):
         direction_rad: Error of a stated direction, in each of two directions across.
         blunder_share: Part of the poses that are spoilt.
         blunder_sigma: Size of a blunder, in standard deviations of the misclosure.
-        blunder_kinds: Those that may come: the contact is displaced, an encoder has
+        blunder_kinds: Those that may occur: the contact is displaced, an encoder has
             jumped, the label is that of another feature.
-        stated: The campaign says the standard deviations.
-        stated_factor: What it says over what is true.
+        stated: The campaign states the standard deviations.
+        stated_factor: Stated over true noise.
     """
 
     encoder_rad: float = Field(default=5e-6, ge=0.0)
@@ -79,7 +79,7 @@ class ConditionTable(StrictModel):
 
     Attributes:
         interval_s: From pose to pose, on average.
-        visits: How often the operator comes back to every artefact.
+        visits: How often the operator returns to every artefact.
         temperature_c: In the middle.
         swing_c: Largest departure of the temperature from that, in a slow wave.
         drift_c: By how much it also rises, evenly, from the first pose to the last.

@@ -27,7 +27,7 @@ def travel_limits(mechanism: Mechanism, travel: str) -> Floats:
 
 
 def _rolls(mechanism: Mechanism) -> Booleans:
-    """Which joints (n_joints,) are rolls; an element of no length does not tell."""
+    """Which joints (n_joints,) are rolls; one without length does not show it."""
     ends_mm = np.vstack([mechanism.origins_mm[1:], mechanism.probe_mm])
     rolls = np.zeros(mechanism.n_joints, dtype=bool)
     for k, axis in enumerate(mechanism.axes):

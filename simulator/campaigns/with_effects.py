@@ -27,7 +27,7 @@ def with_effects(
 
     Raises:
         FileError: Naming all effects that cannot be played.
-        MissedContactError: Effects so large that the ball does not come to its spots.
+        MissedContactError: Effects so large that the ball does not reach its spots.
     """
     _refuse_without_time(poses, effects)
     truth, around = poses.truth, poses.around

@@ -28,7 +28,7 @@ def write_campaign(folder: Path, simulated: SimulatedCampaign, arm: Arm) -> None
     Args:
         folder: Made if it is not there.
         simulated: What to write.
-        arm: What the arm file says; written too, to start an identification from,
+        arm: The arm file; written too, to start an identification from,
             but without effects: those of the truth are for others to find.
     """
     folder.mkdir(parents=True, exist_ok=True)
@@ -113,7 +113,7 @@ def true_arm_file(arm: Arm, truth: TrueArm) -> Arm:
     """An arm file with the true geometry in the place of the design's.
 
     Effects stay; their vectors are turned onto the true axes. The shank's direction
-    is said, since the true last link does not tell it.
+    is stated, since the true last link does not determine it.
     """
     mechanism = truth.mechanism
     vector_mm = np.array(arm.probe.vector_mm)
@@ -139,7 +139,7 @@ def true_arm_file(arm: Arm, truth: TrueArm) -> Arm:
 
 
 def _write_truth(folder: Path, truth: Truth, arm: Arm) -> None:
-    """Write what the campaign does not say."""
+    """Write what the campaign does not state."""
     folder.mkdir(exist_ok=True)
     true = true_arm_file(arm, truth.arm)
     if truth.effects or arm.effects:

@@ -2,6 +2,6 @@
 
 To add one: a child of `DeviceTable` (its keys), a class made as `Class(table,
 mounting)` that is a `SimulatedDevice`, a line in `kinds.py`. For a device on serial
-lines take `SerialTable` and `SerialDevice` and say what a byte means. Bytes are
+lines take `SerialTable` and `SerialDevice` and define what a byte means. Bytes are
 written from the protocol's facts and never with the code that will decode them.
 """

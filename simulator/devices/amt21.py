@@ -49,7 +49,7 @@ class Amt21Table(SerialTable):
     def channel_problems(
         self, counts_per_turn: Sequence[int]
     ) -> Iterator[tuple[str, str]]:
-        """Say what does not fit the encoders that the arm file has on this line."""
+        """Report what does not match the arm file's encoders on this line."""
         n_joints = len(counts_per_turn)
         if n_joints != len(self.addresses):
             text = f"{len(self.addresses)} given for the {n_joints} joints on this line"

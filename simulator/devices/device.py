@@ -1,9 +1,9 @@
-"""What the simulator's loop knows of a device, and what a device is given.
+"""The interface between the simulator's loop and a device.
 
-Devices are made as `Class(table, mounting)`; an `OSError` from there is told as a
+Devices are made as `Class(table, mounting)`; an `OSError` from there is reported as a
 mistake of the device's table. Everything happens in one thread: the loop waits until
-a descriptor is ready or `next_due_s` has come and then calls `live` of every device
-with the time of the simulation, which never goes back.
+a descriptor is ready or `next_due_s` is reached and then calls `live` of every device
+with the time of the simulation, which never runs backwards.
 """
 
 from collections.abc import Sequence
@@ -53,7 +53,7 @@ class SimulatedDevice(Protocol):
         """Descriptors to wait for until they can be written."""
 
     def totals(self) -> dict[str, Any]:
-        """What came of it all, for the last line of the truth log."""
+        """Final counters, for the last line of the truth log."""
 
     def close(self) -> None:
         """Take away what hosts find; may be called again."""
@@ -75,7 +75,7 @@ class DeviceObserver(Protocol):
     def dropped(
         self, device: str, n_samples: int, time_s: float, stood_s: float
     ) -> None:
-        """Samples found no room; the simulator itself had stood still for so long."""
+        """Samples found no room; the simulator itself had not run for so long."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +137,7 @@ class DeviceContext:
         )
 
     def away(self, now_s: float) -> bool:
-        """Whether a fault "gone" has taken the device away."""
+        """Whether a fault "gone" has removed the device."""
         if self.clock.begin_s is None:
             return False
         script_s = self.clock.script_s(now_s)
@@ -145,10 +145,10 @@ class DeviceContext:
 
 
 def make_device(table: DeviceTable, mounting: DeviceContext) -> SimulatedDevice:
-    """Make a device of the kind that its table says.
+    """Make a device of the kind of its table.
 
     Raises:
-        OSError: Hosts cannot find it where the table says.
+        OSError: Its port cannot be made.
     """
     device: SimulatedDevice = class_named(KINDS[table.kind].device)(table, mounting)
     return device

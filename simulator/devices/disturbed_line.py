@@ -1,4 +1,4 @@
-"""A line on which frames are lost, corrupted, late, and so on, as faults say."""
+"""A line on which frames are lost, corrupted, late, and so on, by faults."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -64,7 +64,7 @@ class DisturbedLine:
         return frame
 
     def delay_s(self, script_s: float, channel: int | None = None) -> float:
-        """By how much an answer comes late."""
+        """The delay of an answer."""
         late_s = 0.0
         for number, fault in self._lasting(script_s, channel):
             if isinstance(fault, LateFault) and self._draw(number):

@@ -1,7 +1,7 @@
-"""The kinds of devices: what `kind` of a `[[device]]` table stands for.
+"""The kinds of devices: `kind` of a `[[device]]` table.
 
 A new kind is one file in this folder and one line here. Names instead of classes, so
-that a kind which needs an optional package is imported only where it is asked for.
+that a kind which needs an optional package is imported only on demand.
 """
 
 from dataclasses import dataclass

@@ -2,7 +2,7 @@
 
 Written from the specification: address, function, data, and a check sum of 16 bits, low
 byte first (polynomial A001, reflected, begun with FFFF). A frame ends where its
-function says; 3.5 characters of silence begin a new one. Registers are big-endian. A
+function; 3.5 characters of silence begin a new one. Registers are big-endian. A
 refusal is the function with its highest bit set and a code.
 
 An encoder shows its position from `position_register` on, among holding and input
@@ -39,7 +39,7 @@ CRC_TABLE = _crc_table()
 
 
 def crc(data: bytes) -> bytes:
-    """Check sum of a frame as it stands at its end."""
+    """Check sum at the end of a frame."""
     value = 0xFFFF
     for byte in data:
         value = value >> 8 ^ CRC_TABLE[(value ^ byte) & 0xFF]
@@ -81,7 +81,7 @@ class ModbusTable(SerialTable):
     def channel_problems(
         self, counts_per_turn: Sequence[int]
     ) -> Iterator[tuple[str, str]]:
-        """Say what does not fit the encoders that the arm file has on this line."""
+        """Report what does not match the arm file's encoders on this line."""
         if len(counts_per_turn) != len(self.addresses):
             text = f"{len(self.addresses)} given for {len(counts_per_turn)} joints"
             yield "addresses", text
@@ -113,7 +113,7 @@ class SimulatedModbusLine(SerialDevice):
         super().__init__(table, mounting, [table.port], bits_per_byte=bits)
 
     def power_up(self, now_s: float) -> None:
-        """Forget a frame that had begun."""
+        """Drop a frame that had begun."""
         self._frame = b""
         self._heard_s = now_s
 

@@ -44,7 +44,7 @@ class PtyPort:
             os.close(other)
         self._poll = select.poll()
         self._poll.register(self.descriptor, select.POLLIN)
-        # While no host holds the other end the descriptor is always ready, to tell of
+        # While no host holds the other end the descriptor is always ready, to report
         # the hang-up; this one becomes ready when a new host writes.
         self._changes = select.epoll()
         self._changes.register(self.descriptor, select.EPOLLIN | select.EPOLLET)
@@ -72,7 +72,7 @@ class PtyPort:
 
     @property
     def wake_descriptor(self) -> int:
-        """What to wait for until the host writes, goes, or comes and writes."""
+        """Descriptors to wait for until the host writes, leaves, or arrives."""
         return self.descriptor if self._held else self._changes.fileno()
 
     @property
@@ -81,7 +81,7 @@ class PtyPort:
         return int(termios.tcgetattr(self.descriptor)[4])
 
     def host_changed(self) -> bool:
-        """Look whether a host took or let go of the other end."""
+        """Check whether a host took or released the other end."""
         self._changes.poll(0)
         state = self._poll.poll(0)
         held = not any(flags & select.POLLHUP for _, flags in state)
@@ -90,15 +90,15 @@ class PtyPort:
             self._waiting.clear()
             self._n_waiting_bytes = 0
             if not held:
-                self._received()  # of a host that has gone
+                self._received()  # of a host that has left
                 self._open_to_all()
         return changed
 
     def _open_to_all(self) -> None:
-        """Let anybody have the other end, also if the last host kept it for itself.
+        """Make the other end available, also if the last host locked it.
 
         A pty stays exclusive (TIOCEXCL) when its host is killed, until both ends are
-        closed; a USB line does not. Whoever may not open such a pty cannot change that
+        closed; a USB line does not. Who may not open such a pty cannot change that
         either, and gets a new one, which the symlink then leads to.
         """
         try:
@@ -112,7 +112,7 @@ class PtyPort:
         with contextlib.suppress(OSError):
             fcntl.ioctl(other, termios.TIOCNXCL)
         os.close(other)
-        self._changes.poll(0)  # of our own coming and going
+        self._changes.poll(0)  # of our own opening and closing
 
     def read(self) -> bytes:
         """Take what the host has sent; of one not yet seen it is kept until it is."""
@@ -122,7 +122,7 @@ class PtyPort:
         try:
             return os.read(self.descriptor, 65536)
         except OSError:
-            return b""  # nothing there, or nobody: `host_changed` tells
+            return b""  # nothing there, or no host: `host_changed` finds out
 
     def write(self, frames: list[OutgoingFrame]) -> int:
         """Send frames as far as the line takes them.
@@ -159,7 +159,7 @@ class PtyPort:
             try:
                 n_sent = os.write(self.descriptor, chunk)
             except OSError:
-                return  # full, or the host has just gone
+                return  # full, or the host has just left
             self._waiting.clear()
             if n_sent < len(chunk):
                 self._waiting.append(chunk[n_sent:])

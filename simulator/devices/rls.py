@@ -1,13 +1,13 @@
 """RLS Orbis and AksIM encoders, each on a serial line of its own.
 
 Written from the makers' protocol as data sheets quote it. A request is one byte; the
-answer repeats it ("3" apart), then come two bytes of turns where they are counted, then
+answer repeats it (but for "3"), then two bytes of turns where they are counted, then
 position and status bits left-aligned in two or three bytes, error and warning lowest
 and 0 when they apply. "d" adds a byte of conditions, "t" tenths of a degree.
 
-After CD EF 89 AB one setting follows; all these bytes are echoed and want 1 ms between
+After CD EF 89 AB one setting follows; all these bytes are echoed and need 1 ms between
 them. "T" sets up the continuous mode, "S" starts it, "P" stops it. No other setting is
-played. Positions are latched when the request has come, or when an answer is due.
+played. Positions are latched when the request has arrived, or when an answer is due.
 """
 
 from collections.abc import Iterator, Sequence
@@ -46,7 +46,7 @@ class RlsTable(SerialTable):
     def channel_problems(
         self, counts_per_turn: Sequence[int]
     ) -> Iterator[tuple[str, str]]:
-        """Say what does not fit the encoders that the arm file has on these ports."""
+        """Report what does not match the arm file's encoders on these ports."""
         if len(counts_per_turn) != len(self.ports):
             text = f"{len(self.ports)} given for {len(counts_per_turn)} joints"
             yield "ports", text
@@ -149,7 +149,7 @@ class SimulatedRls(SerialDevice):
                 head + f"{self.mounting.seed[0] % 10_000:04d}".encode() + b"%02d" % line
             )
         elif head == b"i":
-            data = head + b"\x02"  # calibrated twice, nothing to tell
+            data = head + b"\x02"  # calibrated twice, nothing to report
         elif head in {b"1", b"3", b"d", b"t"}:
             data = self._position(line, at_s)
             data = data if head == b"3" else head + data

@@ -1,7 +1,7 @@
 """Devices on ptys that answer requests byte by byte.
 
-A child says what a byte means (`hear`), what it does by itself (`advance`,
-`own_due_s`), and what it forgets without power (`power_up`). It reads its encoders
+A subclass defines what a byte means (`hear`), what it does by itself (`advance`,
+`own_due_s`), and what it loses without power (`power_up`). It reads its encoders
 with `latch` and answers with `say`; faults of the line, of the power and of single
 encoders are played here.
 """
@@ -29,7 +29,7 @@ class SerialTable(DeviceTable):
         request_delay_s: What an adapter adds to what the host sends.
         reply_delay_s: What it adds to what the host gets.
         turnaround_s: From the end of a request to the begin of its answer.
-        echo: The host hears what it sends.
+        echo: The host receives what it sends.
     """
 
     FAULTS: ClassVar[frozenset[str]] = frozenset(
@@ -102,11 +102,11 @@ class SerialDevice(ABC):
 
     @abstractmethod
     def power_up(self, now_s: float) -> None:
-        """Be as after power has come."""
+        """Reset as after power-up."""
 
     @abstractmethod
     def hear(self, line: int, byte: int, at_s: float) -> None:
-        """Take a byte of a line, whose last bit came at an instant."""
+        """Process a byte of a line, whose last bit arrived at an instant."""
 
     def advance(self, to_s: float) -> None:
         """Do what is due by itself until an instant, in order of time."""
@@ -117,8 +117,8 @@ class SerialDevice(ABC):
         return float("inf")
 
     def lose_host(self, line: int) -> None:
-        """The host of a line came or let go: what was begun there ends."""
-        del line  # most devices have nothing to forget
+        """The host of a line opened or closed it: what was begun there ends."""
+        del line  # most devices have nothing to drop
 
     @property
     def streaming(self) -> bool:
@@ -137,7 +137,7 @@ class SerialDevice(ABC):
     def say(
         self, line: int, data: bytes, at_s: float, channel: int | None = None
     ) -> None:
-        """Answer what was heard at an instant, as faults let it.
+        """Answer what was received at an instant, as faults allow.
 
         Args:
             line: To answer on.
@@ -166,7 +166,7 @@ class SerialDevice(ABC):
         return [number for number in writers if number is not None]
 
     def live(self, now_s: float) -> None:
-        """Hear, do and answer all that is due, in order of time."""
+        """Receive, do and answer all that is due, in order of time."""
         away = self.mounting.away(now_s)
         if away and self._lines:
             self.close()
@@ -194,7 +194,7 @@ class SerialDevice(ABC):
         return min(due_s, self.own_due_s())
 
     def totals(self) -> dict[str, Any]:
-        """What came of it all, over all power-ups."""
+        """Final counters, over all power-ups."""
         n_dropped = self._n_dropped + sum(line.n_dropped for line in self._lines)
         return {
             "samples": self.n_readings,

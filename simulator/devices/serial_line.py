@@ -5,7 +5,7 @@ looking at the host's bytes before their time and by holding answers back: a byt
 takes `bits_per_byte / baud_rate`, an adapter adds its delays on the way there and
 back. Instants are kept as numbers, so what is latched at them is exact however late
 the program is woken; an answer is written as soon after its instant as the operating
-system lets us, some tens of microseconds.
+system allows, some tens of microseconds.
 """
 
 from collections import deque
@@ -27,7 +27,7 @@ class LineTiming:
         baud_rate: 0: bytes take no time.
         request_delay_s: What an adapter adds to what the host sends.
         reply_delay_s: What it adds to what the host gets.
-        echo: The host hears what it sends, as on many two-wire adapters.
+        echo: The host receives what it sends, as on many two-wire adapters.
         bits_per_byte: On the wire; 11 with a parity bit.
     """
 
@@ -79,7 +79,7 @@ class SerialLine:
         return self._port.host_speed
 
     def listen(self, now_s: float) -> bool:
-        """Take what the host has sent, now; True if the host came or let go."""
+        """Read what the host has sent; True if the host opened or closed the line."""
         changed = self._port.host_changed()
         if changed:
             self._coming.clear()
@@ -95,7 +95,7 @@ class SerialLine:
         return changed
 
     def heard_by(self, now_s: float) -> Iterator[tuple[float, int]]:
-        """The bytes that have come by now, each with the instant of its last bit."""
+        """The bytes that have arrived by now, each with the instant of its last bit."""
         while self._coming and self._coming[0][0] <= now_s:
             yield self._coming.popleft()
 
@@ -106,7 +106,7 @@ class SerialLine:
         self._going.append((ends_s + self.timing.reply_delay_s, data))
 
     def release(self, now_s: float) -> None:
-        """Hand the host what has come to its end of the line by now."""
+        """Pass to the host what has arrived at its end of the line by now."""
         frames = []
         while self._going and self._going[0][0] <= now_s:
             frames.append(OutgoingFrame(True, self._going.popleft()[1]))
@@ -116,7 +116,7 @@ class SerialLine:
             self._port.flush()
 
     def next_due_s(self) -> float:
-        """When a byte has come or an answer is to be handed out."""
+        """When a byte has arrived or an answer is to be passed on."""
         return min(
             self._coming[0][0] if self._coming else float("inf"),
             self._going[0][0] if self._going else float("inf"),

@@ -20,7 +20,7 @@ class DeviceTable(StrictModel):
 
     Attributes:
         FAULTS: Kinds of `[[fault]]` that this kind of device plays.
-        BY_CHANNEL: Each encoder is asked by itself, so that a fault of the line may be
+        BY_CHANNEL: Each encoder is polled by itself, so that a fault of the line may be
             of one channel alone.
         MOST_CHANNELS: Encoders that it can have.
         id: Of the device; the arm file's sources are "<id>/<channel>".
@@ -37,7 +37,7 @@ class DeviceTable(StrictModel):
 
     @classmethod
     def variant(cls, table: object) -> "type[DeviceTable]":
-        """Say the class of a table by its kind."""
+        """Select the class of a table by its kind."""
         name = table.get("kind", DEFAULT) if isinstance(table, Mapping) else None
         kind = KINDS.get(str(name))
         return UnknownDevice if kind is None else class_named(kind.table)
@@ -45,7 +45,7 @@ class DeviceTable(StrictModel):
     def channel_problems(
         self, counts_per_turn: Sequence[int]
     ) -> Iterator[tuple[str, str]]:
-        """Say what does not fit the encoders that the arm file has on this device.
+        """Report what does not match the arm file's encoders on this device.
 
         Args:
             counts_per_turn: By channel.
@@ -70,7 +70,7 @@ class UnknownDevice(DeviceTable):
 
 
 def device_from_table(table: object) -> DeviceTable:
-    """Make a table of the class that its kind asks for."""
+    """Make a table of the class of its kind."""
     return (
         table
         if isinstance(table, DeviceTable)

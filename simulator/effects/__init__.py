@@ -1,8 +1,8 @@
 """What makes a real arm differ from its geometry, played forwards.
 
-True turns of the hinges go in; what encoders show and where the ball really is come
-out. The corrections of an arm file go the other way and live elsewhere; nothing is
-shared with them but the table of an `[[effects]]` entry.
+Inputs are true turns of the hinges; outputs are what encoders show and where the ball
+really is. The corrections of an arm file go the other way; nothing is shared with them
+but the table of an `[[effects]]` entry.
 """
 
 from traverse.simulator.effects.extra import (

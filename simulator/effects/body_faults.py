@@ -88,7 +88,7 @@ class WanderingAxis(BodyFault):
     sin: Floats
 
     def move(self, posture: Posture, yielding: Deflection) -> None:
-        """Follow the true turn; the bearing's raceway stands on the carrier."""
+        """Follow the true turn; the bearing's raceway is fixed to the carrier."""
         phases = self.order * posture.turns_rad[:, self.joint, None]
         wander = self.cos * np.cos(phases) + self.sin * np.sin(phases)
         whole = yielding.tilts_rad if self.tilts else yielding.shifts_mm
@@ -97,7 +97,7 @@ class WanderingAxis(BodyFault):
 
 @dataclass(frozen=True, slots=True)
 class CreepingBase(BodyFault):
-    """The base creeps, and goes on creeping."""
+    """The base creeps continuously."""
 
     rate_mm_s: Floats
     epoch_utc_s: float

@@ -1,7 +1,7 @@
 """Encoders that show the wrong angle.
 
 A disc's error belongs to the line under the head, so to what is shown, not to the
-true turn: who asks for a reading has to look where both agree.
+true turn: a reading is where both agree.
 """
 
 from dataclasses import dataclass
@@ -79,7 +79,7 @@ class WarmHead(ReadingFault):
 
 @dataclass(frozen=True, slots=True)
 class CreepingZero(ReadingFault):
-    """The zero creeps, and goes on creeping."""
+    """The zero creeps continuously."""
 
     joints: slice
     rate_rad_s: float

@@ -1,4 +1,4 @@
-"""Faults that no arm file can name; a diagnosis should say that it knows no name.
+"""Faults that no arm file can name; a diagnosis should report them as unknown.
 
 All spoil one encoder; angles are true ones: reading minus errors.
 """
@@ -77,7 +77,7 @@ class Sawtooth(ReadingFault):
 
 @dataclass(frozen=True, slots=True)
 class CrossCoupling(ReadingFault):
-    """One joint's reading follows another joint's angle, say by a cable that pulls.
+    """One joint's reading follows another joint's angle, for example by a cable.
 
     Attributes:
         joints: Of the encoder that is spoilt.

@@ -61,7 +61,7 @@ class ReadingFault(ABC):
 
 
 class BodyFault(ABC):
-    """The arm is not where its hinges say."""
+    """The arm is not where its hinges indicate."""
 
     @abstractmethod
     def move(self, posture: Posture, yielding: Deflection) -> None:

@@ -26,7 +26,7 @@ N_STEPS = 12
 TOLERANCE_MM = 1e-10
 DAMPING_MM = 1e-6
 N_LED_STEPS = 3
-LED_DAMPING_MM = 1.0  # a stretched arm goes on without being exact
+LED_DAMPING_MM = 1.0  # a stretched arm continues without being exact
 
 
 class MissedContactError(ValueError):
@@ -95,7 +95,7 @@ class FaultyArm:
     def touching_turns(
         self, turns_rad: Floats, balls_mm: Floats, around: Surroundings
     ) -> Floats:
-        """Bring the ball to places (n, 3) that the rigid arm reaches at some turns.
+        """Move the ball to places (n, 3) that the rigid arm reaches at some turns.
 
         The joints move least. The rigid arm's derivatives serve for all steps, since
         faults are small.
@@ -121,7 +121,7 @@ class FaultyArm:
     def led_turns(
         self, turns_rad: Floats, balls_mm: Floats, around: Surroundings
     ) -> Floats:
-        """Bring the ball nearly there, in as many steps wherever it is.
+        """Move the ball nearly there, in as many steps wherever it is.
 
         Samples do not depend on each other, and postures from which the rigid arm
         cannot move its ball everywhere are no matter.

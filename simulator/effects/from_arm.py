@@ -70,7 +70,7 @@ def faults_from_effects(
 
 
 def effect_problems(arm: Arm, where: str) -> list[Problem]:
-    """Say which effects of an arm file cannot be played, its key path before them."""
+    """Report which effects of an arm file cannot be played, with their key paths."""
     try:
         faults_from_effects(arm, arm.effects)
     except FileError as error:

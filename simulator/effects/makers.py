@@ -1,4 +1,4 @@
-"""Makes the fault that each kind of effect tells."""
+"""Make the fault of each kind of effect."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

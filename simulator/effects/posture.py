@@ -22,7 +22,7 @@ class Build:
         zeros_rad: (n_joints,) readings in the base posture.
         links_mm: (n_joints, 3) from each joint's origin to the next one's.
         masses_kg: (n_joints + 1,) of the elements and, last, of the probe; 0 where
-            the arm file tells none.
+            the arm file states none.
         centres_mm: (n_joints + 1, 3) where those masses are; the probe's at the ball.
         gravity_m_s2: (3,)
     """
@@ -57,7 +57,7 @@ def build_of(arm: Arm, mechanism: Mechanism, zeros_rad: Floats) -> Build:
 
 @dataclass(frozen=True)
 class Posture:
-    """The rigid arm at some turns; what is asked for twice is computed once.
+    """The rigid arm at some turns; values are computed once.
 
     Attributes:
         build: The arm.

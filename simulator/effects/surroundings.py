@@ -13,7 +13,7 @@ class Surroundings:
 
     Attributes:
         time_s: (n,) since the campaign or the script began.
-        utc_s: (n,) since 1970, or None if nobody says when that was.
+        utc_s: (n,) since 1970, or None if unknown.
         temperature_c: (n,) of the whole arm.
         speed_rad_s: (n, n_joints) of the turns.
         approach: (n, n_joints) -1, 0, +1: sense of the last motion.
@@ -39,7 +39,7 @@ class Surroundings:
         """Seconds (n,) since a moment.
 
         Raises:
-            ValueError: Nobody says when this is.
+            ValueError: The time is unknown.
         """
         if self.utc_s is None:
             raise ValueError(

@@ -14,7 +14,7 @@ from traverse.simulator.effects.fault import Touch, TouchFault
 
 @dataclass(frozen=True, slots=True)
 class LargerBall(TouchFault):
-    """The ball is larger than its certificate says."""
+    """The ball is larger than its certificate states."""
 
     radius_error_mm: float
 
@@ -34,7 +34,7 @@ class ThreeSeats(TouchFault):
     phase_rad: float
 
     def offsets_mm(self, touch: Touch) -> Floats:
-        """The arm goes on towards the material until the switch opens."""
+        """The arm moves on towards the material until the switch opens."""
         own = np.einsum("nij,ni->nj", touch.motion[:, :3, :3], touch.towards)
         first, second = azimuth_axes(touch.build.mechanism.shank)
         azimuths = np.arctan2(own @ second, own @ first)
@@ -50,7 +50,7 @@ class SoftStylus(TouchFault):
     compliance_mm_n: float
 
     def offsets_mm(self, touch: Touch) -> Floats:
-        """The material holds the ball back, so the arm's end goes further."""
+        """The material holds the ball back, so the arm's end moves farther."""
         shanks = touch.motion[:, :3, :3] @ touch.build.mechanism.shank
         along = np.einsum("ni,ni->n", touch.towards, shanks)
         across = touch.towards - along[:, None] * shanks

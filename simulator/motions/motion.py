@@ -36,7 +36,7 @@ class Motion(StrictModel):
 
     @classmethod
     def variant(cls, table: object) -> "type[Motion]":
-        """Say the class of a table by its kind."""
+        """Select the class of a table by its kind."""
         kind = table.get("kind") if isinstance(table, Mapping) else None
         return KINDS.get(str(kind), UnknownMotion)
 
@@ -58,7 +58,7 @@ class UnknownMotion(Motion):
 
 
 def motion_from_table(table: object) -> Motion:
-    """Make a motion of the class that its kind asks for."""
+    """Make a motion of the class of its kind."""
     if isinstance(table, Motion):
         return table
     return Motion.variant(table).model_validate(table)

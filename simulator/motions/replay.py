@@ -7,7 +7,7 @@ from traverse.simulator.scenario.script import ScriptEvent
 
 
 class ReplayMotion(Motion):
-    """Play the counts of a CSV file; the inputs change as its columns say."""
+    """Play the counts of a CSV file; the inputs change as in its columns."""
 
     file: str
 

@@ -114,7 +114,7 @@ def _touch_with_switch(
 
 
 def hard_approach(stage: CourseBuilder) -> Approach:
-    """Come to rest exactly in contact, with least jerk."""
+    """Stop exactly in contact, with least jerk."""
     u = np.linspace(0.0, 1.0, N_APPROACH_KNOTS)
     come = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
     return Approach(

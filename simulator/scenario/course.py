@@ -1,9 +1,9 @@
 """What the arm with its faults really does while it is led along a script.
 
 Who leads it sees where the ball is: a joint that yields is made up for, so that the
-ball goes where the script wants it. These corrections of the turns are small and
-smooth: they are found every 10 ms and interpolated in between. What is told as true is
-computed from the turns that come out, so it is true whatever the interpolation leaves.
+ball moves as in the script. These corrections of the turns are small and
+smooth: they are found every 10 ms and interpolated. What is logged as true is
+computed from the resulting turns, so it is true whatever the interpolation leaves.
 """
 
 from collections import OrderedDict
@@ -18,7 +18,7 @@ from traverse.simulator.effects import FaultyArm, Surroundings
 from traverse.simulator.scenario.script import Script, ScriptEvent
 from traverse.strict_toml.reader import StrictModel
 
-HOLD_S = 0.1  # before and after a change of an input the direction stands
+HOLD_S = 0.1  # before and after a change of an input the direction is constant
 SHARE = 0.25  # of the time to the next change, at most
 STEP_S = 0.01
 CHUNK_STEPS = 256
@@ -52,7 +52,7 @@ class ContactDirections:
     """Directions from the ball towards the material that it touches or is led to.
 
     Between two contacts they shrink to nothing and grow again, so that what depends
-    on them comes and goes without a jump.
+    on them changes without a jump.
 
     Attributes:
         knots_s: (m,) rising, within the script.

@@ -28,7 +28,7 @@ class Fault(StrictModel):
 
     @classmethod
     def variant(cls, table: object) -> "type[Fault]":
-        """Say the class of a table by its kind."""
+        """Select the class of a table by its kind."""
         kind = table.get("kind") if isinstance(table, Mapping) else None
         return FAULTS.get(str(kind), UnknownFault)
 
@@ -52,7 +52,7 @@ class UnknownFault(Fault):
 class LineFault(Fault):
     """Frames that are lost, corrupted, repeated, lack a byte, or follow on garbage.
 
-    With `channel` only what one encoder says, where each speaks for itself.
+    With `channel` only what one encoder sends, where each answers by itself.
     """
 
     probability: float = Field(gt=0.0, le=1.0)
@@ -61,13 +61,13 @@ class LineFault(Fault):
 
 
 class LateFault(LineFault):
-    """Answers that come late."""
+    """Answers that are late."""
 
     delay_s: float = Field(gt=0.0)
 
 
 class EncoderFault(Fault):
-    """An encoder whose count stands still."""
+    """An encoder whose count is constant."""
 
     channel: int = Field(ge=0)
 
@@ -79,7 +79,7 @@ class JumpFault(EncoderFault):
 
 
 class StatusFault(EncoderFault):
-    """An encoder that says that its count is not valid, or not good.
+    """An encoder that reports its count as invalid or doubtful.
 
     `bits` are those of the board's status: 1 error, 2 warning.
     """
@@ -90,16 +90,16 @@ class StatusFault(EncoderFault):
 
 
 class BoardFault(Fault):
-    """A device that goes away for a time."""
+    """A device that disappears for a time."""
 
     duration_s: float = Field(gt=0.0)
 
 
 class SpeakerFault(BoardFault):
-    """A device, or one encoder where each speaks for itself, that says nothing.
+    """A device, or one encoder where each answers by itself, that sends nothing.
 
-    After `silent` it goes on as before, after `reset` it has lost power; `duplicate`
-    is the contrary: it says everything twice, as two encoders with one number do.
+    After `silent` it continues as before, after `reset` it has lost power; `duplicate`
+    is the contrary: it sends everything twice, as two encoders with one number do.
     """
 
     channel: int | None = Field(default=None, ge=0)
@@ -143,7 +143,7 @@ FAULTS: dict[str, type[Fault]] = {
 
 
 def fault_from_table(table: object) -> Fault:
-    """Make a fault of the class that its kind asks for."""
+    """Make a fault of the class of its kind."""
     return (
         table
         if isinstance(table, Fault)

@@ -57,7 +57,7 @@ class LatchSource(Protocol):
         """Counts and status (n, n_channels) at times (n,)."""
 
     def peek_change(self) -> InputChange | AlarmChange | None:
-        """The change that comes next, if any is known yet."""
+        """The next change, if any is known yet."""
 
     def take_change(self) -> None:
         """Go on to the one after it."""

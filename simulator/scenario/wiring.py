@@ -16,7 +16,7 @@ from traverse.simulator.scenario.signals import AlarmChange, InputChange
 
 
 class CountSource(Protocol):
-    """Where counts come from."""
+    """Source of counts."""
 
     def counts(self, script_s: Floats, noise: np.random.Generator) -> Integers:
         """Counts (n, n_channels) at times (n,) of the script."""
@@ -39,13 +39,13 @@ class ScriptClock:
     """When the script begins; the arm rests at its start before.
 
     Attributes:
-        begin_s: Time of the simulation, None as long as nobody has said.
+        begin_s: Time of the simulation, None until the script begins.
     """
 
     begin_s: float | None = None
 
     def begin(self, time_s: float) -> None:
-        """Let the script begin, unless it has."""
+        """Start the script, unless it has begun."""
         if self.begin_s is None:
             self.begin_s = time_s
 
@@ -116,7 +116,7 @@ class Wiring:
         return counts.astype(np.uint32), status
 
     def peek_change(self) -> InputChange | AlarmChange | None:
-        """The change that comes next, if any is known yet."""
+        """The next change, if any is known yet."""
         begin_s = self._clock.begin_s
         if begin_s is None:
             return None

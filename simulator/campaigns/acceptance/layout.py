@@ -1,4 +1,4 @@
-"""Where standards stand in acceptance tests, and which spots of them are touched.
+"""Places of standards in acceptance tests, and the touched spots.
 
 Written from the standards' descriptions, not from the code that evaluates the tests.
 """
@@ -31,7 +31,7 @@ DIRECTIONS = np.array(
     ]
 )
 UP = np.array([0.0, 0.0, 1.0])
-# Distances from the shoulder as parts of the reach, well within what is asked for.
+# Distances from the shoulder as parts of the reach, well within what is required.
 ZONES = {"near": (0.12, 0.19), "middle": (0.4, 0.6), "far": (0.82, 0.92)}
 # Of the probe in the five groups of the test of location.
 SHANKS = {
@@ -55,7 +55,7 @@ class PlacedStandard:
         features: Of every touch, in order.
         own_mm: Centres of the ball in the standard's coordinates, (n, 3).
         towards: Towards the material, NaN in seats, (n, 3).
-        shanks: Wanted direction of the probe, NaN where any will do, (n, 3).
+        shanks: Required direction of the probe, NaN where any will do, (n, 3).
     """
 
     artefact: Artefact
@@ -70,7 +70,7 @@ class PlacedStandard:
 def layout_of(
     standard: str, reach_mm: float, ball_mm: float, *, std_mm: float = 0.0005
 ) -> Iterator[PlacedStandard]:
-    """Say what stands where.
+    """Place the standards.
 
     Args:
         standard: `iso10360-12`, `asme-b89.4.22` or `vdi2617-9`.
@@ -169,7 +169,7 @@ def _sphere(
     shanks = np.full(outwards.shape, np.nan)
     if name == "articulated":
         shanks = np.array([SHANKS[feature] for feature in features])
-        # Each group is touched around the direction from which the probe comes.
+        # Each group is touched around the direction of the probe.
         outwards = np.concatenate(
             [_about(-np.array(SHANKS[group]), groups[group]) for group in groups]
         )

@@ -1,6 +1,6 @@
 """Simulated acceptance tests: the standards' artefacts, touched by an arm.
 
-`acceptance_poses` finds places and postures once; `touched_by` lets another arm touch
+`acceptance_poses` finds places and postures once; `touched_by` makes another arm touch
 the same spots, and `drawn_acceptance` draws noise and certificates: so any number of
 arms can be tested.
 """
@@ -40,10 +40,10 @@ def acceptance_poses(
     conditions: ConditionTable | None = None,
     std_mm: float = 0.0005,
 ) -> PoseSet:
-    """Place what a standard asks for, and touch it, by the arm of the file.
+    """Place what a standard requires, and touch it, by the arm of the file.
 
     Args:
-        arm: What the arm file says; without its effects.
+        arm: The arm file; without its effects.
         standard: Its name.
         seed: Equal seeds give equal poses.
         noise: Between the truth and the file.
@@ -106,7 +106,7 @@ def acceptance_poses(
 
 
 def touched_by(poses: PoseSet, truth: TrueArm) -> PoseSet:
-    """Let another arm touch the same spots, with the least motion of its joints."""
+    """Touch the same spots with another arm, with the least motion of its joints."""
     centres_mm, _ = probe_pose(truth.mechanism, poses.rigid_turns_rad)
     turns_rad = shifted_postures(
         truth.mechanism, poses.rigid_turns_rad, poses.contacts_mm - centres_mm
@@ -136,7 +136,7 @@ def drawn_acceptance(poses: PoseSet, seed: int) -> SimulatedCampaign:
 
 
 def _standard_of(name: str) -> str:
-    """Say which physical standard it is: `uni-3-2` and `uni-5-2` are one."""
+    """Name the physical standard: `uni-3-2` and `uni-5-2` are one."""
     kind, _, rest = name.partition("-")
     if kind == "uni":
         return f"uni-{rest.rpartition('-')[2]}"
@@ -196,7 +196,7 @@ def _aligned(
     centres_mm: Floats,
     rng: np.random.Generator,
 ) -> Floats:
-    """Choose, of many postures a touch, the one whose probe points as wanted."""
+    """Choose, of many postures a touch, the one whose probe points as required."""
     n = len(centres_mm)
     many = np.repeat(centres_mm, N_POSTURES, axis=0)
     turns_rad, reached = reaching_postures(mechanism, limits_rad, many, rng)

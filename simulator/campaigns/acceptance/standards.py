@@ -43,7 +43,7 @@ class SeatBar(Points):
 
     Attributes:
         length_mm: True distance of the seats.
-        length_std_mm: Of the distance that the campaign says.
+        length_std_mm: Of the distance that the campaign states.
     """
 
     kind: Literal["points"] = "points"

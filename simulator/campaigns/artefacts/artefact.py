@@ -17,7 +17,7 @@ from traverse.arrays import Floats, Indices
 from traverse.simulator.campaigns.artefacts.placement import Placement
 from traverse.strict_toml.reader import StrictModel
 
-Table = dict[str, Any]  # what a campaign.toml or truth.json says of an artefact
+Table = dict[str, Any]  # an artefact in campaign.toml or truth.json
 
 REFERENCE_C = 20.0  # where the standards have their lengths
 KINDS: dict[
@@ -56,7 +56,7 @@ class Artefact(StrictModel):
 
     @classmethod
     def variant(cls, table: object) -> "type[Artefact]":
-        """Say the class of a table by its kind."""
+        """Select the class of a table by its kind."""
         kind = table.get("kind") if isinstance(table, Mapping) else None
         return KINDS.get(str(kind), UnknownArtefact)
 
@@ -76,7 +76,7 @@ class Artefact(StrictModel):
         return 0.0
 
     def size_problem(self, ball_mm: float) -> str | None:
-        """Say why a ball of this radius does not fit."""
+        """State why a ball of this radius does not fit."""
         return None
 
     def contacts(
@@ -97,7 +97,7 @@ class Artefact(StrictModel):
         raise NotImplementedError(self.kind)
 
     def stated(self, rng: np.random.Generator, placement: Placement) -> Table:
-        """What a campaign says of it; the errors of standards are drawn."""
+        """Its statement in a campaign; the errors of standards are drawn."""
         raise NotImplementedError(self.kind)
 
     def true_table(self, placement: Placement) -> Table:
@@ -118,7 +118,7 @@ class UnknownArtefact(Artefact):
 
 
 def artefact_from_table(table: object) -> Artefact:
-    """Make an artefact of the class that its kind asks for."""
+    """Make an artefact of the class of its kind."""
     if isinstance(table, Artefact):
         return table
     return Artefact.variant(table).model_validate(table)

@@ -25,8 +25,8 @@ class BallBar(Artefact):
         radius_mm: Of the first sphere, and of the second where that has none.
         second_radius_mm: Of the second sphere.
         distance_mm: True distance of the centres.
-        distance_std_mm: Of the distance that the campaign says.
-        radius_std_mm: Of the radii that it says.
+        distance_std_mm: Of the distance that the campaign states.
+        radius_std_mm: Of the radii that it states.
         expansion_per_c: Of all its lengths.
     """
 

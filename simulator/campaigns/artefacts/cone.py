@@ -31,7 +31,7 @@ class Cone(Artefact):
         ball_mm: float,
         growths: Floats,
     ) -> Contacts:
-        """The seat, as often as asked."""
+        """The seat, as often as requested."""
         return Contacts(np.zeros((len(features), 3)), no_directions(len(features)))
 
     def stated(self, rng: np.random.Generator, placement: Placement) -> Table:

@@ -23,7 +23,7 @@ class ParallelPlanes(Artefact):
 
     Attributes:
         distance_mm: True distance of the faces.
-        distance_std_mm: Of the distance that the campaign says.
+        distance_std_mm: Of the distance that the campaign states.
         size_mm: Side of the squares.
         side: Outside of a block or inside of a gap.
         expansion_per_c: Of the distance.

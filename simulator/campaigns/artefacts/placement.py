@@ -1,4 +1,4 @@
-"""Where an artefact stands: its own coordinates into the arm's system."""
+"""The placement of an artefact: its own coordinates into the arm's system."""
 
 from dataclasses import dataclass
 

@@ -26,7 +26,7 @@ class Points(Artefact):
         size_mm: Side of the cube.
         frame: In which system their coordinates are known.
         scale: Length in the arm's system over length in their own.
-        points_std_mm: Of each coordinate that the campaign says.
+        points_std_mm: Of each coordinate that the campaign states.
         expansion_per_c: Of all distances.
     """
 

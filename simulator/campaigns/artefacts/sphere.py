@@ -23,8 +23,8 @@ class Sphere(Artefact):
 
     Attributes:
         radius_mm: True radius.
-        known: The campaign says the radius.
-        radius_std_mm: Of what it says.
+        known: The campaign states the radius.
+        radius_std_mm: Of the stated radius.
         side: Where the ball is.
         opening_rad: From the pole, which is opposite the stem, to the last contact.
         expansion_per_c: Of the radius.

@@ -18,7 +18,7 @@ Size = float | tuple[float, ...]
 
 @dataclass(frozen=True, slots=True)
 class HiddenEffect:
-    """One thing that is wrong with the arm, as an entry of an arm file would tell it.
+    """One fault of the arm, as an entry of an arm file would state it.
 
     Attributes:
         kind: Of the arm file's effects.
@@ -45,13 +45,13 @@ class HiddenEffect:
 
     @property
     def told(self) -> dict[str, Size]:
-        """Keys that whoever finds the effect should find too."""
+        """Keys that a diagnosis of the effect should find too."""
         phase = {key: self.fixed[key] for key in ("phase_rad",) if key in self.fixed}
         return {**self.sizes, **phase}
 
     @property
     def entry(self) -> Effect:
-        """As it would stand in an arm file."""
+        """As an entry of an arm file."""
         joint = {} if self.joint is None else {"joint": self.joint}
         return effect_from_table({"kind": self.kind, **joint, **self.keys})
 
@@ -77,7 +77,7 @@ class _Draw:
         return float(self.rng.choice((-1.0, 1.0)))
 
     def moment(self) -> dict[str, Any]:
-        """When a step comes: not so near the ends that hardly any pose is beyond."""
+        """The time of a step: not so near the ends that hardly any pose is beyond."""
         at_s = self.span_s * float(self.rng.uniform(0.15, 0.85))
         return {"at_s": at_s, **self.epoch()}
 

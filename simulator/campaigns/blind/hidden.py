@@ -1,4 +1,4 @@
-"""What is hidden in a blind test: drawn from a seed, played, told only afterwards."""
+"""What is hidden in a blind test: drawn from a seed, played, revealed afterwards."""
 
 from dataclasses import dataclass
 
@@ -47,7 +47,7 @@ def drawn_round(
 
     Args:
         rng: Draws.
-        arm: What the arm file says.
+        arm: The arm file.
         n_effects: To hide; 0 on clean data.
         outside: From outside the library of effects.
     """

@@ -1,6 +1,6 @@
 """Campaigns in which effects are hidden: arm, artefacts, conditions.
 
-Everything that the columns of a campaign can tell is told: times, temperature, senses
+All columns of a campaign are written: times, temperature, senses
 of approach, speeds, directions and forces; else some effects could not be seen at all.
 """
 
@@ -25,7 +25,7 @@ _PROBE_KG = 0.15
 
 
 def weighed(arm: Arm) -> Arm:
-    """Give an arm masses where its file tells none, so that gravity does something."""
+    """Give an arm masses where its file states none, so that gravity has an effect."""
     joints = tuple(
         joint
         if joint.mass_kg is not None
@@ -41,7 +41,7 @@ def weighed(arm: Arm) -> Arm:
 
 
 def campaign_spec(n_lengths: int = 1) -> CampaignSpec:
-    """Say what is measured: 480 poses at three cones, a sphere and a bar or two.
+    """Specify what is measured: 480 poses at three cones, a sphere and a bar or two.
 
     Args:
         n_lengths: Bars, 1 or 2. A wrong length shows only beside another one.
@@ -74,7 +74,7 @@ def pose_set(arm: Arm, seed: int, n_lengths: int = 1) -> PoseSet:
     """Make a set of contacts once; any number of noises and effects is drawn on it.
 
     Args:
-        arm: What the arm file says; it gets masses where it tells none.
+        arm: The arm file; it gets masses where it states none.
         seed: Of the true arm, the artefacts' places and the postures.
         n_lengths: As of `campaign_spec`.
     """

@@ -1,7 +1,7 @@
 """Drags: the ball stays on an artefact while all joints move in slow waves.
 
 A posture is wished for (a start and waves), and the joints move as little from it as
-brings the ball to the path: first at knots, one after the other, then in between.
+moves the ball to the path: first at knots, one after the other, then in between.
 """
 
 from dataclasses import dataclass

@@ -43,9 +43,9 @@ class DenseScan:
     """A stream and what is true of it.
 
     Attributes:
-        arm: What the arm file says.
-        artefacts: What the campaign says of them.
-        file: What was asked for.
+        arm: The arm file.
+        artefacts: As the campaign states them.
+        file: The specification.
         start_utc: Of the first sample.
         time_s: (n,) since then.
         counts: (n, n_joints) raw.

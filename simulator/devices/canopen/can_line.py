@@ -13,10 +13,10 @@ class CanLine(Protocol):
 
     Attributes:
         where: Where hosts find it.
-        poll_s: How often it must be looked at; None where a descriptor tells.
-        bus_off: No frame comes or goes.
+        poll_s: How often it must be polled; None where a descriptor shows it.
+        bus_off: No frame is received or sent.
         n_dropped: Frames that the host did not take.
-        n_rejected: What came and was not understood.
+        n_rejected: Received but not understood.
     """
 
     where: str
@@ -26,19 +26,19 @@ class CanLine(Protocol):
     n_rejected: int
 
     def receive(self) -> list[tuple[int, bytes]]:
-        """Frames that have come: identifier and data."""
+        """Received frames: identifier and data."""
 
     def send(self, can_id: int, data: bytes) -> None:
         """Put a frame on the bus."""
 
     def send_error(self, classes: int) -> None:
-        """Tell the hosts of an error, as their own controllers would."""
+        """Report an error to the hosts, as their own controllers would."""
 
     def flush(self) -> None:
         """Send what waits."""
 
     def readers(self) -> list[int]:
-        """Descriptors to wait for until frames come."""
+        """Descriptors to wait for until frames arrive."""
 
     def writers(self) -> list[int]:
         """Descriptors to wait for until frames can go."""
@@ -73,7 +73,7 @@ class LibraryLine:
             self._descriptors, self.poll_s = [], BLIND_POLL_S
 
     def receive(self) -> list[tuple[int, bytes]]:
-        """Frames that have come: identifier and data."""
+        """Received frames: identifier and data."""
         frames = []
         with contextlib.suppress(can.CanError):
             while (message := self._bus.recv(0)) is not None:
@@ -94,7 +94,7 @@ class LibraryLine:
             )
 
     def send_error(self, classes: int) -> None:
-        """Tell the hosts of an error, as their own controllers would."""
+        """Report an error to the hosts, as their own controllers would."""
         self._put(
             can.Message(
                 arbitration_id=classes,

@@ -110,7 +110,7 @@ class CanOpenBus:
         return [] if self._line is None else self._line.writers()
 
     def totals(self) -> dict[str, Any]:
-        """What came of it all."""
+        """Final counters."""
         line = self._line
         return {
             "samples": self._n_syncs,
@@ -128,7 +128,7 @@ class CanOpenBus:
             self._line.close()
             self._line = None
 
-    # -- what the encoders hear --------------------------------------------------
+    # -- received by the encoders ------------------------------------------------
 
     def _take(self, can_id: int, data: bytes) -> None:
         if can_id == SYNC:
@@ -179,7 +179,7 @@ class CanOpenBus:
                     encoder.warnings |= fault.warnings
 
     def _say(self, can_id: int, data: bytes) -> None:
-        """Put a frame of an encoder on the bus, as faults let it."""
+        """Put a frame of an encoder on the bus, as faults allow."""
         line, channel = self._line, self._channels.get(can_id & 0x7F)
         if line is None:
             return

@@ -23,9 +23,9 @@ class LssSlave:
 
     Attributes:
         node: The number that it has from the next reset on.
-        bit_rate: Code of the bit rate that it was told.
+        bit_rate: Code of the commanded bit rate.
         stored: What was stored last: number and bit rate.
-        configures: It is in the state in which it can be told something.
+        configures: It is in the state in which it accepts settings.
     """
 
     def __init__(
@@ -89,7 +89,7 @@ class LssSlave:
             self._say(SELECTED)
 
     def _scan(self, word: int, bit: int, sub: int, following: int) -> None:
-        """Answer if the bits from ``bit`` up are those of the word asked for."""
+        """Answer if the bits from ``bit`` up are those of the requested word."""
         if self.configures or self.node != WITHOUT_NUMBER:
             return
         if bit == UNCONFIGURED:
@@ -102,7 +102,7 @@ class LssSlave:
         ):
             self._scanned = following
             self._say(IDENTIFIED)
-            # The last bit of the last word, and the scan goes back to the first.
+            # The last bit of the last word, and the scan returns to the first.
             self.configures = bit == 0 and sub == 3 and following == 0
 
     def _say(self, *content: int) -> None:

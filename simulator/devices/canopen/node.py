@@ -28,8 +28,8 @@ class EncoderData:
     Attributes:
         number: Of the node.
         serial: Its serial number.
-        counts_per_turn: That it says it has.
-        turns: That it tells apart.
+        counts_per_turn: As it reports.
+        turns: That it distinguishes.
         modulus: Where its counts wrap.
         heartbeat_ms: As it was delivered; 0 for none.
     """
@@ -55,7 +55,7 @@ class CanOpenEncoder:
         network: On which its frames go out.
 
     Attributes:
-        count: What its disc shows, below its modulus; set before it is asked.
+        count: What its disc shows, below its modulus; set before a request.
         alarms: Object 6503.
         warnings: Object 6505.
     """
@@ -74,7 +74,7 @@ class CanOpenEncoder:
         self.node: LocalNode | None = None
 
     def power_up(self) -> None:
-        """Begin as delivered, with what was stored; say so."""
+        """Begin as delivered, with what was stored, and send boot-up."""
         self.power_down()
         node = self.node = LocalNode(self.data.number, _objects(self.data))
         for (index, sub), content in self._stored.items():
@@ -116,7 +116,7 @@ class CanOpenEncoder:
         return self.pdo() if self._syncs % kind == 0 else None
 
     def timer_due_s(self, now_s: float) -> float:
-        """When its timer lets it send next; infinity where it does not."""
+        """When its timer sends next; infinity where it does not."""
         period_s = 1e-3 * (self._number(0x1800, 5) or self._number(0x6200, 0))
         if not (self._sends() and self._number(0x1800, 2) >= 254 and period_s):
             self._timer_due_s = float("inf")
@@ -141,7 +141,7 @@ class CanOpenEncoder:
         return content[:8]
 
     def position(self) -> int:
-        """Object 6004: turned round, scaled and preset as it was told."""
+        """Object 6004: reversed, scaled and preset as commanded."""
         parameters, modulus = self._number(0x6000, 0), self.data.modulus
         count = -self.count % modulus if parameters & 1 else self.count
         if parameters & 4:

@@ -29,10 +29,10 @@ class SlcanAdapter:
 
     Attributes:
         where: Where hosts find it.
-        poll_s: How often it must be looked at; None, its descriptor tells.
+        poll_s: How often it must be polled; None, its descriptor shows it.
         n_rejected: Commands that were answered with a bell.
         n_dropped: Frames that the host did not take.
-        bus_off: No frame comes or goes.
+        bus_off: No frame is received or sent.
     """
 
     poll_s: float | None = None
@@ -62,13 +62,13 @@ class SlcanAdapter:
         return frames
 
     def send(self, can_id: int, data: bytes) -> None:
-        """Let the host hear a frame of the bus."""
+        """Send a frame of the bus to the host."""
         if self._open and not self.bus_off:
             text = f"t{can_id:03X}{len(data)}{data.hex().upper()}\r"
             self.n_dropped += self._port.write([OutgoingFrame(True, text.encode())])
 
     def send_error(self, classes: int) -> None:
-        """Such adapters tell of errors only when they are asked."""
+        """Such adapters report errors only on request."""
         del classes
 
     def flush(self) -> None:

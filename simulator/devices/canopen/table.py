@@ -19,7 +19,7 @@ class CanOpenTable(DeviceTable):
         channel: Of the other interfaces.
         nodes: Numbers of the encoders, by channel; default 1, 2, 3, ...
         heartbeat_ms: As they were delivered.
-        told_counts_per_turn: What they say they have; default what they have.
+        told_counts_per_turn: What they report; default what they have.
     """
 
     FAULTS: ClassVar[frozenset[str]] = frozenset(
@@ -60,7 +60,7 @@ class CanOpenTable(DeviceTable):
     def channel_problems(
         self, counts_per_turn: Sequence[int]
     ) -> Iterator[tuple[str, str]]:
-        """Say what does not fit the encoders of the arm file."""
+        """Report what does not match the encoders of the arm file."""
         n = len(counts_per_turn)
         if self.nodes and len(self.nodes) != n:
             yield "nodes", f"{len(self.nodes)} given, the arm file has {n} encoders"

@@ -49,7 +49,7 @@ class Alarms:
         return [self._of_frames(0, now_s)]
 
     def lose_edge(self, n_lost: int, now_s: float) -> bytes:
-        """Say that there was no room for an edge."""
+        """Report that there was no room for an edge."""
         self._losing_edges = True
         return self._write(now_s, BOARD_ITSELF, 1, EDGES_LOST, n_lost)
 

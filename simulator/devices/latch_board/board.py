@@ -36,13 +36,13 @@ class Board:
     """One board from power-up on.
 
     Args:
-        identity: What it says in HELLO.
+        identity: Its answer to HELLO.
         ticks: Its counter.
         latched: Its encoders and inputs.
         temperatures_c: What its sensors show at first, None for a missing one.
         warming_c: By how much they show more at a time.
         power_up_s: Time of power-up.
-        on_edge: Told of every edge with its sequence number when it is reported.
+        on_edge: Called with every edge and its sequence number when it is reported.
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class Board:
         return min(time_s for time_s, _ in self._agenda())
 
     def advance(self, to_s: float) -> list[OutgoingFrame]:
-        """Let the board live until a time, in order of events."""
+        """Advance the board to a time, in order of events."""
         frames: list[OutgoingFrame] = []
         while True:
             due_s, act = min(self._agenda(), key=lambda entry: entry[0])
@@ -115,7 +115,7 @@ class Board:
         return frames
 
     def lose_host(self) -> None:
-        """The host let go of the line: a begun frame and the stream end."""
+        """The host released the line: a begun frame and the stream end."""
         self._segments.forget()
         self.sampler.stop()
 
@@ -125,7 +125,7 @@ class Board:
         return [OutgoingFrame(False, data) for data in alarms]
 
     def _agenda(self) -> list[tuple[float, Callable[[float], list[bytes]]]]:
-        """What comes next of everything but samples: when, and what to do then."""
+        """The next event but samples: when, and what to do then."""
         agenda: list[tuple[float, Callable[[float], list[bytes]]]] = [
             (self._heartbeat_s, self._beat),
             (self._temperature_s, self._show_temperatures),
@@ -230,7 +230,7 @@ class Board:
         return [OutgoingFrame(False, data) for data in cleared]
 
     def _set(self, kind: int, values: tuple[int, ...]) -> tuple[int, int]:
-        """Set what CONFIGURE, START or STOP ask for; result and value of the REPLY."""
+        """Apply CONFIGURE, START or STOP; result and value of the REPLY."""
         if kind == wire.CONFIGURE:
             settings = Settings(*values[1:])
             if settings.debounce_us > LONGEST_DEBOUNCE_US:

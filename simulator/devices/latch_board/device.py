@@ -108,8 +108,8 @@ class SimulatedLatchBoard:
         late_s, self._lived_s = self._lived_s, now_s
         if self._switch_power(now_s) or self.port is None:
             return
-        # A board does not stand still where its program does: what it would have sent
-        # meanwhile goes out piece by piece, so that the host can take it.
+        # A board does not stop where its program does: what it would have sent
+        # meanwhile is sent piece by piece, so that the host can receive it.
         while self.board.streaming and (late_s := late_s + PIECE_S) < now_s:
             self._send(self.board.advance(late_s), late_s)
             self.port.drain(PIECE_WAIT_S)
@@ -134,7 +134,7 @@ class SimulatedLatchBoard:
         return min(self.board.next_due_s(), sample_s + block_s)
 
     def totals(self) -> dict[str, Any]:
-        """What came of it all, over all power-ups."""
+        """Final counters, over all power-ups."""
         here = self._counted()
         self._drops.finish()
         totals = {key: here[key] + self._sent_before[key] for key in here}
@@ -168,7 +168,7 @@ class SimulatedLatchBoard:
             self.port.write(self.board.count_dropped(n_dropped))
 
     def _switch_power(self, now_s: float) -> bool:
-        """Go away and come back as the faults say; True while away."""
+        """Disappear and return by the faults; True while away."""
         away = self._mounting.away(now_s)
         if away and self.port is not None:
             self.port.close()

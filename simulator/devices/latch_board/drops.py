@@ -18,7 +18,7 @@ class DropCounter:
         self._n = 0
 
     def live(self, now_s: float) -> None:
-        """The program has come round to the board."""
+        """The program has reached the board."""
         self._stood_s, self._lived_s = now_s - self._lived_s, now_s
 
     def count(self, n_dropped: int) -> None:

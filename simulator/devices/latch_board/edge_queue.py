@@ -57,7 +57,7 @@ class EdgeQueue:
         return data
 
     def acknowledge(self, seq_shown: int) -> None:
-        """Forget every edge up to and including the one with these 32 bits."""
+        """Drop every edge up to and including the one with these 32 bits."""
         while self._waiting:
             age = (seq_shown - self._waiting[0].seq) & 0xFFFFFFFF
             if age >= 0x80000000:
@@ -65,7 +65,7 @@ class EdgeQueue:
             self._waiting.popleft()
 
     def forget(self) -> None:
-        """Forget all of them."""
+        """Drop all of them."""
         self._waiting.clear()
 
     def next_due_s(self) -> float:

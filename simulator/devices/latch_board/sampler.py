@@ -62,7 +62,7 @@ class Sampler:
         return self._ticks.time_s(self._stream.next_tick())
 
     def until(self, to_s: float) -> list[OutgoingFrame]:
-        """Latch what the stream asks for up to a time."""
+        """Latch the stream's samples up to a time."""
         if self._stream is None:
             return []
         seqs, ticks = self._stream.take_until(self._ticks.at(to_s))

@@ -13,10 +13,10 @@ class Stream:
 
     Attributes:
         request: Of its START.
-        rate_millihz: Asked for.
+        rate_millihz: Requested.
         tick_rate_hz: Of the board.
         first_tick: Of sample 0.
-        next_seq: Of the sample that comes next, without wrap.
+        next_seq: Of the next sample, without wrap.
     """
 
     request: int

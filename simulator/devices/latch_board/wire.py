@@ -30,7 +30,7 @@ NO_SENSOR = -32768
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """What a board says about itself in HELLO.
+    """What a board reports about itself in HELLO.
 
     Attributes:
         bits: Width of each channel's word.
@@ -56,7 +56,7 @@ def frame(body: bytes) -> bytes:
 
 
 def body_of(segment: bytes) -> bytes | None:
-    """Take the body out of what stood between two delimiters; None if it is broken."""
+    """The body of the bytes between two delimiters; None if it is broken."""
     body = bytearray()
     at = 0
     while at < len(segment):
@@ -112,7 +112,7 @@ class Segments:
 
 
 def hello(request: int, identity: Identity) -> bytes:
-    """Say who the board is."""
+    """Encode the board's identity."""
     head = struct.pack(
         "<BBBB12s3BBBBIII",
         0x81,

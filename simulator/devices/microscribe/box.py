@@ -1,9 +1,9 @@
 """The box inside a MicroScribe: what it makes of each byte that a host sends.
 
 Written from the published protocol. It waits for "IMMC", gives it back, and after
-"BEGIN" tells what it is; from then on a byte below 80 asks for a packet and one above
+"BEGIN" reports what it is; from then on a byte below 80 requests a packet and one above
 is a command, given back before its answer. C5 ends the session, and then it follows the
-baud rate of whoever calls it next.
+baud rate of the next caller.
 """
 
 from collections.abc import Callable, Sequence
@@ -49,7 +49,7 @@ class Nameplate:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """A report of motion that was asked for."""
+    """A report of motion that was requested."""
 
     delay_s: float
     command: int
@@ -72,12 +72,12 @@ class HciBox:
     Args:
         plate: What is written into it.
         state_at: Latches buttons, timer and encoders at an instant, for a command.
-        go_home: Lets the encoders stand at the home position from an instant on.
+        go_home: Puts the encoders at the home position from an instant on.
 
     Attributes:
         baud_rate: Of the session, None while it waits for one.
         report: That runs, None for none.
-        n_rejected: Bytes that meant nothing, or wanted a password.
+        n_rejected: Bytes that meant nothing, or required a password.
     """
 
     def __init__(
@@ -100,7 +100,7 @@ class HciBox:
         self.n_rejected = 0
         self._called = False
         self._coming = b""
-        self._wanted = 0  # bytes of the command that is coming
+        self._wanted = 0  # bytes of the command being received
 
     def hear(self, byte: int, at_s: float, baud_rate: int) -> bytes:
         """Take a byte; gives what is answered."""
@@ -118,7 +118,7 @@ class HciBox:
         return self._begin_command(byte, at_s)
 
     def packet(self, command: int, state: State) -> bytes:
-        """A packet as a command asks for it."""
+        """A packet as a command requests it."""
         packet = bytearray((command | 0x80, state.buttons & 0x7F))
         if command & 0x20:
             packet += _halves(state.ticks)
@@ -129,7 +129,7 @@ class HciBox:
         return bytes(packet)
 
     def asked_counts(self, command: int, state: State) -> Sequence[int]:
-        """Counts of the encoders that a command asks for, 0 where there is none."""
+        """Counts of the encoders that a command requests, 0 where there is none."""
         counts = (*state.counts, *[0] * self._plate.n_encoders)
         return counts[: ENCODERS[self._plate.hci][command & 3]]
 
@@ -160,7 +160,7 @@ class HciBox:
             most = 12 + 2 * self._plate.n_encoders
             self._coming, self._wanted = echo, ARGUMENTS.get(byte, most) + 1
             if byte == MOTION:
-                return b""  # it is given back when all of it has come
+                return b""  # it is returned when all of it has arrived
         elif byte not in self._answers:
             self.n_rejected += 1
             return b""

@@ -1,7 +1,7 @@
 """A MicroScribe on a serial line: the box, its encoders on the virtual arm, its pedals.
 
-Buttons, timer and all encoders are latched at one instant: when the request has come,
-or at the looks of a report of motion. Its own table is what the configuration says; it
+Buttons, timer and all encoders are latched at one instant: on arrival of the request,
+or at the polls of a report of motion. Its own table is that of the configuration; it
 is the user's business that it describes the arm of the arm file.
 """
 
@@ -38,7 +38,7 @@ class GeometryTable(StrictModel):
         a: In 1/1000 inch.
         d: In 1/1000 inch.
         beta: Rotation about y at joint 3, in the units of `alpha`; an arm that has
-            one says "Beta" in its comment.
+            one has "Beta" in its comment.
     """
 
     alpha: Six
@@ -115,7 +115,7 @@ class MicroscribeTable(SerialTable):
     def channel_problems(
         self, counts_per_turn: Sequence[int]
     ) -> Iterator[tuple[str, str]]:
-        """Say what does not fit the encoders that the arm file has on this arm."""
+        """Report what does not match the arm file's encoders on this arm."""
         most = wire.ENCODERS[self.hci][3]
         if len(counts_per_turn) > most:
             text = f"{self.hci} has {most} encoders at most; the arm file has "
@@ -167,7 +167,7 @@ class SimulatedMicroscribe(SerialDevice):
         return self._box.report is not None
 
     def hear(self, line: int, byte: int, at_s: float) -> None:
-        """Let the box answer, unless it is just losing power."""
+        """Answer, unless it is just losing power."""
         if self._is_reset(at_s):
             return
         before = self._box.report
@@ -195,7 +195,7 @@ class SimulatedMicroscribe(SerialDevice):
         return self._next_look_s
 
     def totals(self) -> dict[str, Any]:
-        """What came of it all, over all power-ups."""
+        """Final counters, over all power-ups."""
         return {**super().totals(), "edges": self._n_edges}
 
     def _host_baud_rate(self) -> int:
