@@ -66,7 +66,8 @@ RULES = f"""\
   in JSON.
 - An **array** is an [extension type](#arrays) in MessagePack, nested lists in JSON.
   Without points, its free dimensions are 0.
-- A **name** has 1 to 64 characters.
+- A **name** has 1 to 64 characters, a text at most 2000 where nothing else is stated. A
+  **map** has names as keys, and any values.
 - Our reader refuses more than {MAX_BYTES} bytes, {MAX_DEPTH} levels of nesting, and
   MessagePack lists or maps of more than {MAX_ELEMENTS} elements.
 """

@@ -4,6 +4,8 @@ import json
 from typing import Any
 
 Schema = dict[str, Any]
+USUAL_LENGTH = 2000
+"""Most characters of a text; stated where it is another."""
 
 
 def field_table(schema: Schema) -> list[str]:
@@ -44,11 +46,7 @@ def _structure_text(schema: Schema) -> str:
         return _list_text(schema)
     if kind == "object":
         values = schema.get("additionalProperties")
-        return (
-            f"map of names to {type_text(values)}"
-            if values
-            else "map of names to any value"
-        )
+        return f"map of names to {type_text(values)}" if values else "map"
     if schema.get("format") == "time-ns":
         return "time"
     if schema.get("minLength") == 1 and schema["maxLength"] == 64:
@@ -83,6 +81,6 @@ def _limits(schema: Schema) -> str:
         texts.append(f"from {schema['minimum']}")
     if "maximum" in schema:
         texts.append(f"to {schema['maximum']}")
-    if "maxLength" in schema:
+    if schema.get("maxLength", USUAL_LENGTH) != USUAL_LENGTH:
         texts.append(f"up to {schema['maxLength']} characters")
     return " " + " ".join(texts) if texts else ""

@@ -12,7 +12,7 @@ The content of the extension, byte by byte, all integers little-endian:
 
 A bool is 00 or 01. The length is exact: 3 + 4 d + size * product of dimensions.
 
-Example: the unsigned 16-bit array [[1, 2, 515]] of shape (1, 3), as it stands in a
+Example: the unsigned 16-bit array [[1, 2, 515]] of shape (1, 3), as it is in a
 message, with MessagePack's own header `C7 11 01` (ext 8, 17 bytes, code 1):
 
     C7 11 01  75 02 02  01 00 00 00  03 00 00 00  01 00  02 00  03 02

@@ -30,30 +30,30 @@ COUNTERS = {
     "points_refused": "triggers that made no point; see the event",
     "points_published": "points acknowledged by the broker, retractions included",
     "points_resent": "points acknowledged that were requested again",
-    "scan_points_published": "points of scans handed to the broker",
+    "scan_points_published": "points of scans sent to the broker",
     "scan_points_dropped": "points of scans dropped because a queue was full",
     "scan_blocks_kept": "blocks of scans stored on the disk before they were sent",
     "scan_blocks_unkept": "blocks of scans sent without that, as the disk failed",
     "scan_blocks_dropped": "blocks of scans dropped because a queue or the spool was "
     "full",
     "scan_filter_n_kind": "points of scans held back by filter n of that kind",
-    "live_published": "live poses handed to the broker",
+    "live_published": "live poses sent to the broker",
     "live_thinned": "live poses left out to keep to the display rate",
-    "events_published": "events handed to the broker",
+    "events_published": "events sent to the broker",
     "events_dropped": "events dropped because a queue was full",
     "commands_received": "commands received, valid or not",
     "commands_refused": "commands answered with an error",
     "samples_late": "sets of counts completed with a device's last readings",
     "samples_incomplete": "sets of counts that lack readings of a device",
     "samples_held_back": "sets of counts not used: readings of a device lacked",
-    "reconnects": "times that a device or the broker came back",
+    "reconnects": "reconnections of a device or the broker",
 }
 """Names of counters since the daemon's start, or a device's opening."""
 
 LATENCIES = {
-    "capture_to_publish": "from a trigger's receipt to handing the point over",
-    "point_to_disk": "from a point's number to its being safe on the disk",
-    "publish_to_ack": "from handing a point over to the broker's acknowledgement",
+    "capture_to_publish": "from a trigger's receipt to sending the point",
+    "point_to_disk": "from a point's number to its commit on the disk",
+    "publish_to_ack": "from sending a point to the broker's acknowledgement",
     "sample_to_pose": "from a sample's receipt to its coordinates",
     "queue_wait": "time of a block of samples between reader thread and pipeline",
     "handling": "time that the event loop needs for one delivery of a device",
@@ -108,7 +108,7 @@ class BrokerHealth(Value):
     port: Annotated[int, Field(ge=1, le=65535)]
     """TCP port."""
     reconnects: Count
-    """Times that the connection came back."""
+    """Number of reconnections."""
     queued: Count
     """Messages waiting to be published."""
     queue_limit: Count

@@ -47,9 +47,9 @@ class Reply(Message):
     ok: bool
     """True: done."""
     result: PlainMap | None = None
-    """What came of it; the key is there only if ok is true."""
+    """Result of the command; present only if ok is true."""
     error: ReplyError | None = None
-    """Why not; the key is there only if ok is false."""
+    """Reason; present only if ok is false."""
 
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> Self:
