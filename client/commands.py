@@ -20,6 +20,7 @@ from traverse.protocol.messages import (
     Point,
     PointArgs,
     ProbeArgs,
+    ReferenceArgs,
     ReloadArgs,
     ResendArgs,
     ScanArgs,
@@ -86,6 +87,24 @@ class ArmCommands(ABC):
     async def probe(self, name: str) -> str:
         """Change the probe; gives the digest of the arm with it."""
         return str((await self.result(ProbeArgs(name=name)))["model"])
+
+    async def confirm_reference(
+        self, at_xyz_mm: Vector | None = None, tolerance_mm: float = 1.0
+    ) -> list[str]:
+        """Accept the positions of the encoders as right, after a loss of power.
+
+        Args:
+            at_xyz_mm: where the probe is known to be, in the arm's system; refused if
+                it is farther away than
+            tolerance_mm: this.
+
+        Returns:
+            The devices that were in doubt.
+        """
+        args = ReferenceArgs(
+            action="confirm", at_xyz_mm=at_xyz_mm, tolerance_mm=tolerance_mm
+        )
+        return list((await self.result(args))["confirmed"])
 
     async def reload(self) -> str:
         """Have arm file and configuration read again; gives the arm's digest."""

@@ -11,6 +11,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
+import numpy as np
+
 from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.measurement import Measurement
 from traverse.daemon.points.averaging import AverageLimits, SampleAverage
@@ -19,10 +21,11 @@ from traverse.daemon.pose.alignment import requested_alignment
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.probe_library import LibraryProbe
 from traverse.daemon.scans.plan import ScanPlan
-from traverse.protocol.messages import AlignArgs, Label, Point
+from traverse.protocol.messages import AlignArgs, Label, Point, ReferenceArgs
 
 T = TypeVar("T")
 T_co = TypeVar("T_co", covariant=True)
+REFERENCE_REFUSED = "reference.refused"
 
 
 class MeasurementCommand(ABC, Generic[T_co]):
@@ -292,3 +295,51 @@ class SetProbe(MeasurementCommand["asyncio.Future[ArmModel]"], recorded_name="pr
             return measurement.model
 
         return measurement.points.in_order(set_probe)
+
+
+@dataclass(frozen=True)
+class ConfirmReference(
+    MeasurementCommand["asyncio.Future[list[str]]"], recorded_name="reference"
+):
+    """Accept the positions of the encoders; gives the devices that were in doubt."""
+
+    args: ReferenceArgs
+
+    def to_record(self) -> dict[str, Any]:
+        """The arguments of the command."""
+        return self.args.model_dump()
+
+    @classmethod
+    def from_record(cls, values: Mapping[str, Any]) -> Self:
+        """The command of recorded values."""
+        return cls(ReferenceArgs(**values))
+
+    def apply(
+        self, measurement: Measurement, now_ns: int
+    ) -> "asyncio.Future[list[str]]":
+        """See the class."""
+        args = self.args
+
+        def confirm() -> list[str]:
+            if args.at_xyz_mm is not None:
+                probe_mm = measurement.trajectory.position_mm(now_ns)
+                if probe_mm is None:
+                    raise CaptureRefusedError(
+                        "nothing is known of where the probe is",
+                        "wait until the arm reports its position",
+                        REFERENCE_REFUSED,
+                    )
+                off_mm = float(np.linalg.norm(probe_mm - args.at_xyz_mm))
+                if off_mm > args.tolerance_mm:
+                    raise CaptureRefusedError(
+                        f"the probe is {off_mm:.3f} mm from the known point; "
+                        f"{args.tolerance_mm:g} mm are allowed",
+                        "bring the arm to its reference as its maker says, touch the "
+                        "point again, and confirm again",
+                        REFERENCE_REFUSED,
+                    )
+            confirmed = measurement.quality.references.confirm()
+            measurement.sinks.status_changed()
+            return confirmed
+
+        return measurement.points.in_order(confirm)

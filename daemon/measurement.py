@@ -40,6 +40,7 @@ from traverse.daemon.pose.pipeline import Pipeline
 from traverse.daemon.pose.poses import PoseBlock
 from traverse.daemon.pose.probe_library import LibraryProbe
 from traverse.daemon.pose.quality_monitor import QualityMonitor
+from traverse.daemon.pose.references import ReferenceMemory, ReferenceMonitor
 from traverse.daemon.pose.trajectory import TrajectoryBuffer
 from traverse.daemon.pose.uncertainty import (
     CovarianceEvaluator,
@@ -78,6 +79,7 @@ class Sinks:
         on_action: called with actions of buttons that are not about points.
         status_changed: called after a change of what a status message contains.
         latencies: by name, see `LATENCIES`.
+        references: what has to be known of them after a restart.
     """
 
     events: EventLog
@@ -87,6 +89,7 @@ class Sinks:
     on_action: Callable[[Action], object] = lambda action: None
     status_changed: Callable[[], None] = lambda: None
     latencies: Mapping[str, Latencies] = field(default_factory=latencies_by_name)
+    references: ReferenceMemory = field(default_factory=ReferenceMemory)
 
 
 @dataclass(slots=True, eq=False)
@@ -234,6 +237,7 @@ class Measurement:
             "air_mm": None if air_mm is None else air_mm.tolist(),
             "temperatures": self.quality.persistent.temperatures[-MAX_TEMPERATURES:],
             "pipeline": self.pipeline.state,
+            "references": self.quality.references.state,
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
@@ -263,6 +267,9 @@ class Measurement:
         if state["air_mm"] is not None:
             self.points.tip.set_air_point(np.array(state["air_mm"]))
         self.quality.persistent.resume(state["temperatures"])
+        # Recordings of earlier versions know nothing of references.
+        nothing: dict[str, Any] = {"doubts": {}, "confirmed": {}}
+        self.quality.references.resume(state.get("references", nothing))
 
     # -- deliveries and time --------------------------------------------------
 
@@ -302,6 +309,7 @@ class Measurement:
             case DeviceUp():
                 self.states.on_up(device, delivery)
                 self.quality.persistent.on_device_up(device.section.id)
+                self.quality.references.on_up(delivery)
                 if delivery.restarted:
                     self.trajectory.forget()
                 # What cannot latch gives its points out of the stream.
@@ -443,6 +451,9 @@ def build_measurement(
     alignment = ActiveAlignment()
     capture = Capture(clock, sinks.write_point, alignment, session)
     triggers = triggers_of(capture_settings)
+    references = ReferenceMonitor(
+        configuration.quality, model, clock, events, sinks.references
+    )
     stage = MeasurementContext(
         clock,
         joint_devices,
@@ -451,7 +462,7 @@ def build_measurement(
         SkewMonitor(settings.skew_limit_mm),
         TrajectoryBuffer(),
         CovarianceEvaluator(configuration.uncertainty),
-        QualityMonitor(configuration.quality, model, clock, events),
+        QualityMonitor(configuration.quality, model, clock, events, references),
         int(settings.point_wait_s * 1e9),
     )
     scanner = Scanner(

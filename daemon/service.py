@@ -42,6 +42,7 @@ from traverse.daemon.mqtt.message_publisher import MessagePublisher
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
 from traverse.daemon.points.capture import ActiveSession
 from traverse.daemon.pose.arm_model import log_model
+from traverse.daemon.pose.reference_file import ReferenceFile
 from traverse.daemon.recorder.recorded_inputs import recorded_files
 from traverse.daemon.recorder.recorder import Recorder, StepRecorder
 from traverse.daemon.reports import (
@@ -51,7 +52,13 @@ from traverse.daemon.reports import (
     status_message,
 )
 from traverse.daemon.startup_check import check_startup, run_unless, startup_limit_s
-from traverse.daemon.state_dir import OUTBOX, RECORDINGS, SCANS, state_path
+from traverse.daemon.state_dir import (
+    OUTBOX,
+    RECORDINGS,
+    REFERENCES,
+    SCANS,
+    state_path,
+)
 from traverse.daemon.store.outbox import Outbox
 from traverse.daemon.store.scan_store import ScanStore
 from traverse.daemon.system.memory import trim_memory_periodically
@@ -220,6 +227,7 @@ def compose(
         on_action,
         status_due.set,
         latencies,
+        ReferenceFile(state_path(path) / REFERENCES),
     )
     measurement = build_measurement(
         configuration, model, sinks, step_clock, steps, devices=devices, session=active
@@ -296,6 +304,7 @@ def compose(
             "label": points.label,
             "session": points.begin_session,
             "probe": points.change_probe,
+            "reference": points.confirm_reference,
             "scan": scans.change_scan,
             "align": points.align,
             "reload": reloader.carry_out,

@@ -9,6 +9,7 @@ from pathlib import Path
 OUTBOX = "outbox.db"
 SCANS = "scans.db"
 RECORDINGS = "recordings"
+REFERENCES = "references.json"
 OWNER_ONLY = 0o700
 
 

@@ -8,6 +8,7 @@ from traverse.daemon.acquisition.joint_devices import JointDevices
 from traverse.daemon.errors import CaptureRefusedError, RequestRefusedError, Result
 from traverse.daemon.executor import (
     AwaitLatch,
+    ConfirmReference,
     GiveUpLatch,
     NewSession,
     SetAlignment,
@@ -28,6 +29,7 @@ from traverse.protocol.messages import (
     Point,
     PointArgs,
     ProbeArgs,
+    ReferenceArgs,
     SessionArgs,
     UndoArgs,
 )
@@ -97,6 +99,11 @@ class PointCommands:
         """
         await execute(self._measurement, SetAlignment(args))
         return {"aligned": args.action != "clear", "name": args.name}
+
+    async def confirm_reference(self, args: ReferenceArgs) -> Result:
+        """Accept the present positions; gives the devices that were in doubt."""
+        check_ready(self._devices)
+        return {"confirmed": await execute(self._measurement, ConfirmReference(args))}
 
     async def change_probe(self, args: ProbeArgs) -> Result:
         """Measure with a probe of the library; gives its name and the new model."""

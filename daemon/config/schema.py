@@ -163,7 +163,7 @@ class QualitySection(StrictModel):
     temperature_change_c: float | None = Field(default=3.0, gt=0.0)
     temperature_time_s: float = Field(default=300.0, ge=1.0, le=86_400.0)
     identification_days: float | None = Field(default=None, gt=0.0)
-    refuse: Annotated[tuple[str, ...], Field(max_length=32)] = ()
+    refuse: Annotated[tuple[str, ...], Field(max_length=32)] = ("encoder_error",)
 
     @field_validator("refuse")
     @classmethod

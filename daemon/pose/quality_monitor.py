@@ -15,6 +15,7 @@ from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.limits import PoseLimits, SpeedTracker
 from traverse.daemon.pose.poses import LatchedPose, PoseBlock
+from traverse.daemon.pose.references import ReferenceMonitor
 from traverse.protocol.messages import FLAG_MEANINGS, QualityFlag
 from traverse.protocol.messages.quality import flag_names
 
@@ -33,6 +34,7 @@ LASTING = {
 }
 """Limits that are passed for long; reported when it begins and when it ends."""
 REMEDIES = {
+    QualityFlag.ENCODER_ERROR: "take the point again; if it stays, check the encoder",
     QualityFlag.END_STOP: "turn the joint back, or take the part from another side",
     QualityFlag.SINGULAR: "bend the arm",
     QualityFlag.OVERSPEED: "move slower",
@@ -142,6 +144,7 @@ class QualityMonitor:
         model: the arm.
         clock: the host's.
         events: where passed limits are reported.
+        references: knows which positions are only assumed.
     """
 
     def __init__(
@@ -150,15 +153,21 @@ class QualityMonitor:
         model: ArmModel,
         clock: HostClock,
         events: EventLog,
+        references: ReferenceMonitor,
     ) -> None:
         self._events = events
+        self.references = references
         self.persistent = PersistentFlags(section, model, clock)
         self._speeds = SpeedTracker()
         self._last_flags = 0
-        self.use(section, model)
+        self._follow(section, model)
 
     def use(self, section: QualitySection, model: ArmModel) -> None:
         """Follow other limits, for another arm."""
+        self._follow(section, model)
+        self.references.use(section, model)
+
+    def _follow(self, section: QualitySection, model: ArmModel) -> None:
         self._section, self._model = section, model
         self._limits = PoseLimits(section, model)
         self._has_pose_limits = bool(
@@ -178,7 +187,7 @@ class QualityMonitor:
         """Flag the poses of a block, in place."""
         if model is not self._model:
             self.use_model(model)
-        persistent = self.persistent.bits(temperature_c)
+        persistent = self.persistent.bits(temperature_c) | self.references.bits
         flags = persistent
         if self._has_pose_limits:
             found = self._limits.flags_of_angles(poses.angles_rad)
@@ -200,7 +209,7 @@ class QualityMonitor:
         temperature_c: float | None,
     ) -> LatchedPose:
         """A pose beside the stream, flagged; speeds are (n_joints,), None: unknown."""
-        found = self.persistent.bits(temperature_c)
+        found = self.persistent.bits(temperature_c) | self.references.bits
         if self._has_pose_limits:
             limits, angles_rad = self._limits, pose.angles_rad
             found |= int(limits.flags_of_angles(angles_rad[np.newaxis])[0])

@@ -31,6 +31,9 @@ class Identity:
         counts_per_turn: per channel, as the device reports; None or left out
             where it does not. It must agree with the arm file.
         jitter_ns: how far the instant of a reading may be off, as the driver states.
+        absolute: whether its counts are right again after a loss of power; None: it
+            depends on the encoders, which it does not know.
+        boot: another text after each loss of power; empty where it cannot tell.
     """
 
     name: str
@@ -41,6 +44,8 @@ class Identity:
     latches: bool = True
     counts_per_turn: tuple[int | None, ...] = ()
     jitter_ns: int = 0
+    absolute: bool | None = None
+    boot: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

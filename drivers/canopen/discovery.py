@@ -176,6 +176,7 @@ def bus_identity(
         latches=False,
         counts_per_turn=tuple(fact.counts_per_turn for fact in facts),
         jitter_ns=JITTER_NS.get(options.interface, ADAPTER_JITTER_NS),
+        absolute=True,
     )
 
 

@@ -51,6 +51,7 @@ def board_identity(hello: wire.Hello) -> Identity:
         hello.max_rate_hz if hello.channels else 0.0,
         latches=bool(hello.channels),
         jitter_ns=JITTER_NS,
+        boot=f"{hello.boot_id:x}",
     )
 
 

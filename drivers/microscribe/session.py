@@ -177,6 +177,7 @@ class MicroscribeSession:
             latches=False,
             counts_per_turn=self.arm.moduli,
             jitter_ns=self._jitter_ns,
+            absolute=False,
         )
 
     @property

@@ -130,6 +130,7 @@ class PolledDriver(Driver):
             latches=False,
             counts_per_turn=tuple(c.counts_per_turn for c in self._channels),
             jitter_ns=self._jitter_ns(),
+            absolute=True,
         )
         self._deliver_state(DeviceUp(self.device, identity, restarted=False))
         self._streams_begun = 0  # the requested stream is to be started again

@@ -39,6 +39,7 @@ class Encoder(StrictModel):
     counts_per_turn: int = Field(ge=1, le=2**32)
     sign: int
     source: str
+    absolute: bool | None = None
 
     @field_validator("sign")
     @classmethod

@@ -105,6 +105,21 @@ class ProbeArgs(Args):
     """Name in the probe library."""
 
 
+class ReferenceArgs(Args):
+    """Accept the present positions of the encoders as right, after a loss of power.
+
+    The result is `{confirmed: [...]}`, the ids of the devices that were in doubt.
+    """
+
+    command = "reference"
+    action: Literal["confirm"]
+    """The only one."""
+    at_xyz_mm: Vector | None = None
+    """Where the probe is known to be, in the arm's system; refused if it is not."""
+    tolerance_mm: Positive = 1.0
+    """How far from there it may be."""
+
+
 class ReloadArgs(Args):
     """Read arm file and configuration again, between two samples."""
 
@@ -232,6 +247,7 @@ COMMANDS: dict[str, type[Args]] = {
         UndoArgs,
         LabelArgs,
         ProbeArgs,
+        ReferenceArgs,
         ReloadArgs,
         AlignArgs,
         SessionArgs,

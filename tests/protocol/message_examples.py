@@ -30,6 +30,7 @@ from traverse.protocol.messages import (
     Quality,
     RecordArgs,
     RecordingHealth,
+    ReferenceArgs,
     ReloadArgs,
     Reply,
     ReplyError,
@@ -245,6 +246,7 @@ ARGS = (
     UndoArgs(id="4f1a-17"),
     LabelArgs(artefact="bar", feature="1"),
     ProbeArgs(name="ruby-6"),
+    ReferenceArgs(action="confirm", at_xyz_mm=(1.0, 2.0, 3.0)),
     ReloadArgs(),
     AlignArgs(
         action="set",

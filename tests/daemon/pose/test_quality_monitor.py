@@ -10,6 +10,7 @@ from traverse.daemon.config.schema import EndStopSection, QualitySection
 from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.pose.quality_monitor import QualityMonitor
+from traverse.daemon.pose.references import ReferenceMemory, ReferenceMonitor
 from traverse.protocol.messages import QualityFlag
 
 STOP = EndStopSection(joint="J1", low_rad=-1.0, high_rad=1.0, margin_rad=0.0)
@@ -21,12 +22,14 @@ class Bench:
 
     def __init__(self, model, **keys) -> None:
         self.clock, self.events, self.model = SetClock(), [], model
-        self.watch = QualityMonitor(
+        section, events = (
             QualitySection(**keys),
-            model,
-            self.clock,
             EventLog(self.clock, self.events.append),
         )
+        references = ReferenceMonitor(
+            section, model, self.clock, events, ReferenceMemory()
+        )
+        self.watch = QualityMonitor(section, model, self.clock, events, references)
         self.poses = PoseMaker(model, 1_000_000)
 
     def block(self, first_rad=0.0, temperature_c=None):

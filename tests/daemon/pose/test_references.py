@@ -1,0 +1,215 @@
+"""Positions that are only assumed are flagged until the operator confirms them."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.daemon.board_harness import BOARD, Bench
+from tests.daemon.values import ARM, SetClock, arm_model, count_samples, latch
+from traverse.daemon.config.schema import EndStopSection, QualitySection
+from traverse.daemon.errors import CaptureRefusedError
+from traverse.daemon.executor import ConfirmReference, execute
+from traverse.daemon.monitoring.events import EventLog
+from traverse.daemon.pose.reference_file import ReferenceFile
+from traverse.daemon.pose.references import (
+    CODE,
+    ReferenceMemory,
+    ReferenceMonitor,
+    turn_dependent_joints,
+)
+from traverse.drivers.base.values import DeviceUp
+from traverse.protocol.messages import ReferenceArgs
+
+SCALED = ARM + '\n[[effects]]\nkind = "encoder_scale"\njoint = "J2"\nscale_ppm = 40.0\n'
+HARMONIC = (
+    ARM + '\n[[effects]]\nkind = "encoder_harmonic"\njoint = "J2"\n'
+    "order = 3\ncos_rad = 1e-4\nsin_rad = 2e-4\n"
+)
+
+
+def up(*, restarted=False, boot="a", absolute=None):
+    return DeviceUp("base", replace(BOARD, boot=boot, absolute=absolute), restarted)
+
+
+def rest(first):
+    """Five samples of an arm that rests."""
+    return count_samples(np.full((5, 3), 1000), first=first)
+
+
+def press():
+    return latch((1000, 1000, 1000), now_ns=SetClock().now_ns + 20_000_000)
+
+
+class Rig:
+    """A monitor of one arm, and what it reports."""
+
+    def __init__(self, folder, text=ARM, memory=None, **limits) -> None:
+        self.events, clock = [], SetClock()
+        self.limits = QualitySection(**limits)
+        self.monitor = ReferenceMonitor(
+            self.limits,
+            arm_model(folder, text),
+            clock,
+            EventLog(clock, self.events.append),
+            memory or ReferenceMemory(),
+        )
+
+    @property
+    def is_doubtful(self):
+        alarms = [event.active for event in self.events if event.code == CODE]
+        assert bool(self.monitor.bits) == bool(alarms and alarms[-1])
+        return bool(self.monitor.bits)
+
+
+@pytest.mark.parametrize(
+    ("of_device", "of_arm_file", "is_doubtful"),
+    [
+        (None, None, True),
+        (False, None, True),
+        (True, None, False),
+        (None, "true", False),
+        (True, "false", True),
+    ],
+)
+def test_power_lost_while_measuring(tmp_path, of_device, of_arm_file, is_doubtful):
+    text = ARM
+    if of_arm_file:
+        text = ARM.replace("sign =", f"absolute = {of_arm_file}\nsign =")
+    rig = Rig(tmp_path, text)
+    rig.monitor.on_up(up(absolute=of_device))
+    rig.monitor.confirm()
+    rig.monitor.on_up(up(absolute=of_device, boot="b", restarted=True))
+    assert rig.is_doubtful == is_doubtful
+    rig.monitor.on_up(up(absolute=of_device, boot="b"))  # unplugged for a moment
+    assert rig.is_doubtful == is_doubtful
+    rig.monitor.confirm()
+    assert not rig.is_doubtful
+
+
+def test_power_lost_while_the_daemon_was_away(tmp_path):
+    memory = ReferenceMemory()
+    Rig(tmp_path, memory=memory).monitor.on_up(up(boot="a"))
+    same = Rig(tmp_path, memory=memory)
+    same.monitor.on_up(up(boot="a"))
+    assert not same.is_doubtful
+    other = Rig(tmp_path, memory=memory)
+    other.monitor.on_up(up(boot="b"))
+    assert other.is_doubtful
+    # A daemon that starts again does not forget that nobody has confirmed.
+    again = Rig(tmp_path, memory=memory)
+    again.monitor.on_up(up(boot="b"))
+    assert again.is_doubtful
+    assert again.monitor.confirm() == ["base"]
+    last = Rig(tmp_path, memory=memory)
+    last.monitor.on_up(up(boot="b"))
+    assert not last.is_doubtful
+
+
+def test_an_incremental_device_is_in_doubt_until_it_is_confirmed(tmp_path):
+    rig = Rig(tmp_path)
+    rig.monitor.on_up(up(absolute=False, boot=""))
+    assert rig.is_doubtful
+    (event,) = rig.events
+    assert event.severity == "error"
+    assert "J1, J2, J3 may count from another place" in event.text
+    assert "traverse confirm" in event.remedy
+    assert rig.monitor.confirm() == ["base"]
+    assert not rig.is_doubtful
+
+
+def test_turns_matter_where_the_pose_is_another_one_a_turn_later(tmp_path):
+    clock, nothing = SetClock(), QualitySection()
+    assert turn_dependent_joints(nothing, arm_model(tmp_path, ARM), clock) == ()
+    assert turn_dependent_joints(nothing, arm_model(tmp_path, HARMONIC), clock) == ()
+    scaled = arm_model(tmp_path, SCALED)
+    assert turn_dependent_joints(nothing, scaled, clock) == (1,)
+
+
+@pytest.mark.parametrize(
+    ("low_rad", "high_rad", "is_doubtful"),
+    [(-3.5, 2.5, False), (-0.5, 5.0, True), (-7.0, 7.0, True)],
+)
+def test_end_stops_exclude_other_turns(tmp_path, low_rad, high_rad, is_doubtful):
+    """The joint's zero is at -0.5 rad, so its nearest turn is -3.64 to 2.64 rad."""
+    stop = EndStopSection(joint="J2", low_rad=low_rad, high_rad=high_rad)
+    rig = Rig(tmp_path, SCALED, end_stops=(stop,))
+    rig.monitor.on_up(up(absolute=True))
+    assert rig.is_doubtful == is_doubtful
+    if is_doubtful:
+        assert "the turn of J2 is assumed" in rig.events[0].text
+
+
+def test_a_reload_with_an_effect_that_depends_on_turns_is_in_doubt(tmp_path):
+    rig = Rig(tmp_path, HARMONIC)
+    rig.monitor.on_up(up(absolute=True))
+    assert not rig.is_doubtful
+    scaled = arm_model(tmp_path, SCALED)
+    rig.monitor.use(rig.limits, scaled)
+    assert rig.is_doubtful
+    rig.monitor.confirm()
+    rig.monitor.use(rig.limits, scaled)
+    assert not rig.is_doubtful
+
+
+def test_what_is_confirmed_outlives_the_daemon(tmp_path):
+    path = tmp_path / "references.json"
+    memory = ReferenceFile(path)
+    assert memory.confirmed == {}
+    memory.add({"base": "a"})
+    memory.add({"base": "b", "wrist": "c"})
+    memory.close()
+    assert ReferenceFile(path).confirmed == {"base": "b", "wrist": "c"}
+    assert json.loads(path.read_text()) == {"base": "b", "wrist": "c"}
+
+
+@pytest.mark.parametrize("content", [b"\xff", b"[]", b'{"base": ', b"[" * 3000])
+def test_a_damaged_file_puts_everything_in_doubt(tmp_path, content):
+    path = tmp_path / "references.json"
+    path.write_bytes(content)
+    rig = Rig(tmp_path, memory=ReferenceFile(path))
+    rig.monitor.on_up(up())
+    assert rig.is_doubtful
+
+
+def test_a_full_disk_does_not_stop_measuring(tmp_path, caplog):
+    memory = ReferenceFile(tmp_path / "missing" / "references.json")
+    memory.add({"base": "a"})
+    memory.close()
+    assert "have to be confirmed again" in caplog.text
+
+
+@pytest.fixture
+async def bench(tmp_path):
+    bench = Bench(arm_model(tmp_path))
+    yield bench
+    bench.device.driver.close()
+
+
+async def test_points_and_poses_are_flagged_until_confirmed(bench):
+    bench.take(up(), rest(0))
+    bench.take(up(boot="b", restarted=True), rest(5))
+    bench.take(press())
+    assert bench.points[-1].quality.flags == ("turns_uncertain",)
+    assert not bench.points[-1].quality.ok
+    args = ReferenceArgs(action="confirm")
+    assert await execute(bench.measurement, ConfirmReference(args)) == ["base"]
+    bench.take(rest(10), press())
+    assert bench.points[-1].quality.ok
+    assert [e.active for e in bench.events if e.code == CODE] == [True, False]
+
+
+async def test_a_known_point_is_held_against_the_position(bench):
+    bench.take(up(), rest(0))
+    bench.take(up(boot="b", restarted=True), rest(5))
+    bench.clock.now_ns += 200_000_000
+    here_mm = bench.measurement.trajectory.position_mm(bench.clock.now_ns)
+    off = tuple((here_mm + np.array([0.0, 2.0, 0.0])).tolist())
+    wrong = ReferenceArgs(action="confirm", at_xyz_mm=off)
+    with pytest.raises(CaptureRefusedError, match=r"2\.000 mm from the known point"):
+        await execute(bench.measurement, ConfirmReference(wrong))
+    assert bench.measurement.quality.references.bits
+    right = ReferenceArgs(action="confirm", at_xyz_mm=off, tolerance_mm=2.1)
+    await execute(bench.measurement, ConfirmReference(right))
+    assert not bench.measurement.quality.references.bits
