@@ -18,6 +18,7 @@ from traverse.cli.arm.command import arm
 from traverse.cli.can import can
 from traverse.cli.check import check
 from traverse.cli.collect.command import collect
+from traverse.cli.control import confirm, label, point, reload, scan, session, undo
 from traverse.cli.daily_check.command import daily_check
 from traverse.cli.demo import demo
 from traverse.cli.diagnose import diagnose
@@ -40,11 +41,13 @@ app = typer.Typer(
     help="Measurement daemon of an articulated-arm coordinate measuring machine.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # brackets are units here
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 COMMANDS: tuple[Callable[..., None], ...] = (
     *(demo, run, simulate, watch, page, check, collect, identify, diagnose, verify),
     *(daily_check, align, record, replay, export),
+    *(point, undo, scan, label, session, reload, confirm),
 )
 for command in COMMANDS:
     app.command()(command)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.cli.control import clear_alignment
 from traverse.cli.refusals import refusals, refuse
 
 if TYPE_CHECKING:
@@ -19,12 +20,12 @@ COMMAND = "align"
 @with_broker
 def align(
     points: Annotated[
-        Path,
+        Path | None,
         typer.Argument(
             help="Points (JSON lines, CSV, recording, outbox), a campaign's folder; or "
             "an alignment.json to send."
         ),
-    ],
+    ] = None,
     *,
     nominal: Annotated[
         Path | None,
@@ -76,6 +77,9 @@ def align(
     send: Annotated[
         bool, typer.Option("--send", help="Have the daemon use it from now on.")
     ] = False,
+    clear: Annotated[
+        bool, typer.Option("--clear", help="Have the daemon use none from now on.")
+    ] = False,
     arm_name: Annotated[
         str | None, typer.Option(help="To which arm to send; else that of the points.")
     ] = None,
@@ -86,6 +90,11 @@ def align(
     Exit status 1: a test failed, nothing is sent then; 2: refused, among others where
     the points do not determine it; 3: daemon or broker could not be reached.
     """
+    if clear:
+        clear_alignment(arm_name, broker)
+        return
+    if points is None:
+        refuse(COMMAND, "name the points to be aligned, or give --clear")
     if coordinates not in ("centre", "surface"):
         refuse(COMMAND, f"--coordinates {coordinates}: centre or surface")
     if std is not None and not std > 0.0:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from traverse.cli.control import use_probe
 from traverse.cli.refusals import refusals, refuse
 
 if TYPE_CHECKING:
@@ -15,7 +16,8 @@ if TYPE_CHECKING:
 NO = 1
 COMMAND = "probe pivot"
 
-probe = typer.Typer(help="Probes of the library, checked.", no_args_is_help=True)
+probe = typer.Typer(help="Probes of the library.", no_args_is_help=True)
+probe.command("use")(use_probe)
 
 
 @probe.callback()

@@ -1,0 +1,237 @@
+"""Commands to an arm that measures: point, undo, scan, label, session, confirm ..."""
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.cli.refusals import REFUSED, refuse
+
+if TYPE_CHECKING:
+    from traverse.client.arm import Arm
+    from traverse.protocol.messages import Point
+    from traverse.protocol.messages.scan import ScanMode
+
+UNREACHABLE = 3
+FIND_S = 2.0
+
+ArmName = Annotated[
+    str | None, typer.Option("--arm", help="Name of the arm; else the only one.")
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Report as JSON.")]
+
+
+@with_broker
+def point(
+    *,
+    arm: ArmName = None,
+    samples: Annotated[
+        int | None, typer.Option(min=1, help="Average so many samples.")
+    ] = None,
+    seconds: Annotated[
+        float | None, typer.Option(min=0.001, help="Average all samples of this time.")
+    ] = None,
+    as_json: AsJson = False,
+    broker: BrokerOptions,
+) -> None:
+    """Take a point now.
+
+    Exit status 1: it was taken, and its quality is in doubt; 2: the arm refuses; 3: arm
+    or broker cannot be reached.
+    """
+    if samples is not None and seconds is not None:
+        refuse("point", "--samples or --seconds, not both")
+    taken = _send("point", arm, broker, lambda it: it.capture(samples, seconds))
+    _show_point(taken, as_json=as_json)
+    raise typer.Exit(0 if taken.quality.ok else 1)
+
+
+@with_broker
+def undo(
+    *, arm: ArmName = None, as_json: AsJson = False, broker: BrokerOptions
+) -> None:
+    """Take the last point back.
+
+    Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
+    """
+    _show_point(_send("undo", arm, broker, lambda it: it.undo()), as_json=as_json)
+
+
+@with_broker
+def scan(
+    action: Annotated[str, typer.Argument(help="start or stop.")],
+    *,
+    arm: ArmName = None,
+    rate_hz: Annotated[
+        float | None, typer.Option(min=0.001, help="Points a second [Hz].")
+    ] = None,
+    spacing_mm: Annotated[
+        float | None,
+        typer.Option(min=1e-6, help="A point after each such distance [mm] instead."),
+    ] = None,
+    broker: BrokerOptions,
+) -> None:
+    """Start a scan, or stop the running one.
+
+    Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
+    """
+    if action == "stop":
+        _send("scan", arm, broker, lambda it: it.stop_scan())
+        typer.echo("no scan is running")
+    elif action == "start":
+        mode: ScanMode = "time" if spacing_mm is None else "distance"
+        started = _send(
+            "scan",
+            arm,
+            broker,
+            lambda it: it.start_scan(mode, rate_hz=rate_hz, spacing_mm=spacing_mm),
+        )
+        typer.echo(f"scan {started.scan} is running")
+    else:
+        refuse("scan", f"{action!r} is neither start nor stop")
+
+
+@with_broker
+def label(
+    artefact: Annotated[
+        str | None, typer.Argument(help="What is touched; nothing ends the label.")
+    ] = None,
+    feature: Annotated[str | None, typer.Argument(help="Which part of it.")] = None,
+    *,
+    arm: ArmName = None,
+    broker: BrokerOptions,
+) -> None:
+    """Say what the next points are taken on.
+
+    Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
+    """
+    _send("label", arm, broker, lambda it: it.label(artefact, feature))
+    names = " ".join(filter(None, (artefact, feature)))
+    typer.echo(f"label: {names}" if names else "points have no label")
+
+
+@with_broker
+def session(
+    *,
+    arm: ArmName = None,
+    note: Annotated[str | None, typer.Option(help="Kept with the session.")] = None,
+    broker: BrokerOptions,
+) -> None:
+    """Begin a new session: points are numbered from 0 again.
+
+    Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
+    """
+    typer.echo(_send("session", arm, broker, lambda it: it.new_session(note)))
+
+
+@with_broker
+def use_probe(
+    name: Annotated[str, typer.Argument(help="Name in the arm's probe library.")],
+    *,
+    arm: ArmName = None,
+    broker: BrokerOptions,
+) -> None:
+    """Measure with another probe of the library.
+
+    Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
+    """
+    model = _send("probe use", arm, broker, lambda it: it.probe(name))
+    typer.echo(f"probe {name}, model {model[:12]}")
+
+
+@with_broker
+def reload(*, arm: ArmName = None, broker: BrokerOptions) -> None:
+    """Have the daemon read arm file and configuration again.
+
+    Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
+    """
+    model = _send("reload", arm, broker, lambda it: it.reload())
+    typer.echo(f"model {model[:12]}")
+
+
+@with_broker
+def confirm(
+    *,
+    arm: ArmName = None,
+    at: Annotated[
+        str | None,
+        typer.Option(help="x,y,z [mm] where the probe is now, refused if it is not."),
+    ] = None,
+    tolerance_mm: Annotated[
+        float, typer.Option(min=1e-6, help="How far from there it may be [mm].")
+    ] = 1.0,
+    broker: BrokerOptions,
+) -> None:
+    """Accept the positions of the encoders after a loss of power.
+
+    Before, bring the arm to its reference and touch a point that you know: only you can
+    tell that the encoders count from where they did. With --at the daemon compares.
+
+    Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
+    """
+    known_mm = None if at is None else _place(at)
+    devices = _send(
+        "confirm", arm, broker, lambda it: it.confirm_reference(known_mm, tolerance_mm)
+    )
+    told = ", ".join(devices)
+    typer.echo(f"confirmed: {told}" if told else "nothing was in doubt")
+
+
+def clear_alignment(arm: str | None, broker: BrokerOptions) -> None:
+    """Have points without part coordinates; for `traverse align --clear`."""
+    _send("align", arm, broker, lambda it: it.clear_alignment())
+    typer.echo("points have no part coordinates")
+
+
+def _send(
+    command: str,
+    name: str | None,
+    broker: BrokerOptions,
+    act: Callable[["Arm"], Awaitable[Any]],
+) -> Any:  # noqa: ANN401 - what the command gives
+    """Have an arm do something; ends the program where it does not."""
+    from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
+    from traverse.client.errors import ClientError, CommandRefused  # noqa: PLC0415
+    from traverse.client.mqtt.discovery import find_arms  # noqa: PLC0415
+
+    address = broker.address(command)
+
+    async def run() -> Any:  # noqa: ANN401 - as above
+        arm = name
+        if arm is None:
+            found = await find_arms(address, FIND_S)
+            if len(found) != 1:
+                told = ", ".join(found) or "none"
+                refuse(command, f"the broker knows these arms: {told}; give --arm NAME")
+            (arm,) = found
+        async with Arm(arm, address) as there:
+            return await act(there)
+
+    try:
+        return asyncio.run(run())
+    except CommandRefused as error:
+        typer.echo(f"traverse {command}: {error}", err=True)
+        raise typer.Exit(REFUSED) from error
+    except ClientError as error:
+        typer.echo(f"traverse {command}: {error}", err=True)
+        raise typer.Exit(UNREACHABLE) from error
+
+
+def _place(text: str) -> tuple[float, float, float]:
+    try:
+        x_mm, y_mm, z_mm = (float(part) for part in text.split(","))
+    except ValueError:
+        refuse("confirm", f"--at {text}: expected x,y,z in mm, such as 120.5,-30,75")
+    return x_mm, y_mm, z_mm
+
+
+def _show_point(taken: "Point", *, as_json: bool) -> None:
+    if as_json:
+        typer.echo(json.dumps(taken.model_dump(mode="json", by_alias=True)))
+        return
+    from traverse.cli.message_lines import line  # noqa: PLC0415 - keeps --help quick
+
+    typer.echo(line(taken.arm, taken))
