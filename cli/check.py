@@ -17,7 +17,9 @@ def check(
         bool, typer.Option("--json", help="Report as JSON on standard output.")
     ] = False,
 ) -> None:
-    """Check an arm file, a configuration, a campaign, limits, a plan, a probe library.
+    """Check the files of an arm, a daemon or a campaign.
+
+    Knows arm files, configurations, campaigns, limits, plans and probe libraries.
 
     A campaign is given by its folder or its campaign.toml; its poses are checked too,
     and with a configuration the arm file and the probe library that it names.

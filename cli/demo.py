@@ -53,7 +53,7 @@ def demo(
         bool, typer.Option(help="The page in a browser, too, if its extra is there.")
     ] = True,
 ) -> None:
-    """Watch a simulated arm measure a ball bar, a sphere and a cone.
+    """Watch a simulated arm measure a bar, a sphere and a cone.
 
     Prints the points as they arrive, then length, form and spread beside the
     certificates; without --once the operator's page shows the arm in a browser. Ends

@@ -59,7 +59,7 @@ def diagnose(
         ),
     ] = False,
 ) -> None:
-    """Find what the model of an arm lacks, name it, add it, show the gap shrink.
+    """Find what the model of an arm lacks, and add it.
 
     Writes arm.toml with the effects that were found, diagnosis.json,
     discrepancies.csv, report.html and its pictures. Exit status 1: --strict and

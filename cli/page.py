@@ -38,7 +38,7 @@ def page(
     key: Annotated[Path | None, typer.Option(help="Its key, PEM.")] = None,
     show: Annotated[bool, typer.Option("--show", help="Open a browser.")] = False,
 ) -> None:
-    """Show an arm in a browser: read-out, 3D view, points, scans, health.
+    """Show an arm in a browser, and take points there.
 
     Knows the arm through MQTT alone, so it runs on any machine. Listens on this machine
     only; with another --host it requires --token-file, --certificate and --key, and

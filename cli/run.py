@@ -47,7 +47,7 @@ def run(
         LogLevel, typer.Option("--log-level", help="The least that is logged.")
     ] = LogLevel.INFO,
 ) -> None:
-    """Measure: read the arm's encoders and publish points over MQTT.
+    """Measure: read the encoders, publish points over MQTT.
 
     Ends in order on SIGTERM or Ctrl-C. Exit status 2: the configuration or arm file was
     refused; 3: a device or the broker could not be reached.

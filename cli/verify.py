@@ -50,7 +50,7 @@ def verify(
         bool, typer.Option("--json", help="Report as JSON on standard output.")
     ] = False,
 ) -> None:
-    """Compute the acceptance figures of a standard, and decide on conformity.
+    """Decide on conformity by the figures of a standard.
 
     Writes certificate.json, .html and .pdf with the raw data into --out.
     Exit status 1: something is missing, or not everything is accepted.

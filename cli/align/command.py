@@ -85,7 +85,7 @@ def align(
     ] = None,
     broker: BrokerOptions,
 ) -> None:
-    """Compute where the part is from common points, with the uncertainty.
+    """Compute where the part is, and how well that is known.
 
     Exit status 1: a test failed, nothing is sent then; 2: refused, among others where
     the points do not determine it; 3: daemon or broker could not be reached.
@@ -95,16 +95,13 @@ def align(
         return
     if points is None:
         refuse(COMMAND, "name the points to be aligned, or give --clear")
-    if coordinates not in ("centre", "surface"):
-        refuse(COMMAND, f"--coordinates {coordinates}: centre or surface")
-    if std is not None and not std > 0.0:
-        refuse(COMMAND, f"--std {std:g}: expected a length above zero")
     with refusals(COMMAND):
         from traverse.cli.align.computing import (  # noqa: PLC0415 - keeps --help quick
             METHODS,
             AlignmentOptions,
         )
 
+        _check(coordinates, std)
         if method not in METHODS:
             refuse(COMMAND, f"--method {method}: one of {', '.join(METHODS)}")
         if method == "3-2-1" and (scale or spheres):
@@ -141,6 +138,14 @@ def align(
             refuse(COMMAND, "the points do not tell their arm; give --arm-name")
         address = broker.address(COMMAND)
         _send(values, to, address)
+
+
+def _check(coordinates: str, std_mm: float | None) -> None:
+    """Refuse values that no method can use."""
+    if coordinates not in ("centre", "surface"):
+        refuse(COMMAND, f"--coordinates {coordinates}: centre or surface")
+    if std_mm is not None and not std_mm > 0.0:
+        refuse(COMMAND, f"--std {std_mm:g}: expected a length above zero")
 
 
 def _read(file: Path, *, send: bool) -> dict[str, Any]:

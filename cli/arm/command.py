@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Arm
 
 arm = typer.Typer(
-    help="Arm files: show one, make one of a DH table or a URDF, find its DH table.",
+    help="Arm files: show one, or make one of a DH table or URDF.",
     no_args_is_help=True,
 )
 

@@ -33,7 +33,9 @@ def collect(
         bool, typer.Option("--json", help="Report as JSON at the end.")
     ] = False,
 ) -> None:
-    """Collect the poses of a campaign, guided: what to touch, and how often.
+    """Collect the poses of a campaign, guided.
+
+    Says what to touch, and how often.
 
     Where a plan.toml lies beside the campaign (`traverse verify --plan` writes one) it
     is followed step by step, and --each does not count.

@@ -65,7 +65,7 @@ def daily_check(
         bool, typer.Option("--json", help="Report as JSON on standard output.")
     ] = False,
 ) -> None:
-    """Check the arm with a cone and a calibrated sphere, and look at the trend.
+    """Check the arm with a cone and a sphere; show the trend.
 
     Guided as `traverse collect` is; figures go into a history, and control charts of
     it warn when the arm drifts.

@@ -52,7 +52,7 @@ def pivot(
         bool, typer.Option("--json", help="Report as JSON on standard output.")
     ] = False,
 ) -> None:
-    """Find a probe's vector from poses with its ball in a cone, and compare it.
+    """Find a probe's vector from poses with its ball in a cone.
 
     Exit status 1 where it is beyond the limit and not confirmed.
     """

@@ -42,7 +42,7 @@ def replay(
     broker: BrokerOptions,
     as_json: Annotated[bool, typer.Option("--json", help="Report as JSON.")] = False,
 ) -> None:
-    """Compute the points of a recording again, and compare them with those in it.
+    """Compute the points of a recording again, and compare.
 
     With the kernel of then (environment variable TRAVERSE_KERNEL) every number is the
     same to the last bit; with another one, coordinates are within 4 ulp of the arm's

@@ -32,7 +32,7 @@ def watch(
         bool, typer.Option("--lines", help="Lines on a terminal, too.")
     ] = False,
 ) -> None:
-    """Follow an arm: a live display on a terminal, else a line a message.
+    """Follow an arm: a live display, or a line a message.
 
     The display is of one arm: the one of --arm, or the only one on the broker; of
     several there are lines. Reconnects after an outage of the broker. Ends

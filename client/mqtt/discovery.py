@@ -9,13 +9,15 @@ from traverse.client.errors import BrokerUnreachableError
 from traverse.client.mqtt.address import BrokerAddress
 from traverse.client.mqtt.connection import ConfiguredClient
 from traverse.protocol import topics
+from traverse.protocol.encoding import decode
 from traverse.protocol.message_error import MessageError
+from traverse.protocol.messages import Status
 
 QUIET_S = 0.3
 
 
 async def find_arms(address: BrokerAddress, patience_s: float) -> list[str]:
-    """Names of all arms with a status at the broker, sorted.
+    """Names of the arms that are on line, sorted; of all that were, if none is.
 
     Args:
         address: of the broker.
@@ -24,7 +26,7 @@ async def find_arms(address: BrokerAddress, patience_s: float) -> list[str]:
     Raises:
         BrokerUnreachableError: there is no broker.
     """
-    found: set[str] = set()
+    found: dict[str, bool] = {}
     try:
         async with ConfiguredClient(address) as client:
             await client.subscribe(topics.kind_filter("status"), qos=1)
@@ -36,7 +38,17 @@ async def find_arms(address: BrokerAddress, patience_s: float) -> list[str]:
                         message = await anext(messages)
                     wait_s = QUIET_S  # retained ones arrive all at once
                     with contextlib.suppress(MessageError):
-                        found.add(topics.parse_topic(str(message.topic)).arm)
+                        arm = topics.parse_topic(str(message.topic)).arm
+                        found[arm] = _is_online(message.payload)
     except (aiomqtt.MqttError, OSError) as error:
         raise BrokerUnreachableError(f"broker {address}: {error}") from error
-    return sorted(found)
+    online = [arm for arm, is_online in found.items() if is_online]
+    return sorted(online or found)
+
+
+def _is_online(payload: object) -> bool:
+    """Whether a status says so; one of a later version counts as well."""
+    try:
+        return decode(Status, bytes(payload)).online  # type: ignore[call-overload]  # bytes
+    except MessageError:
+        return True

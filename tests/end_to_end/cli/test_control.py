@@ -1,0 +1,126 @@
+"""Commands from a terminal: points, labels, scans; and doubt after a loss of power."""
+
+import json
+
+import pytest
+
+from tests.end_to_end.measuring import measuring
+from tests.end_to_end.programs import Program, until
+from tests.end_to_end.workbench import Workbench
+from tests.mosquitto import HOST, free_port
+
+pytestmark = pytest.mark.needs("mosquitto")
+DOUBT = "device.turns_uncertain"
+
+
+async def told(
+    bench: Workbench, *command: str, by_name: bool = True
+) -> tuple[int, str, str]:
+    """Exit status, output and errors of `traverse COMMAND` at the bench's broker."""
+    where = ("--broker", f"{bench.host}:{bench.port}")
+    if by_name:
+        where += ("--arm", bench.arm)
+    with Program(bench.folder, command[0], *command, *where) as program:
+        status = await program.ended()
+        return status, program.output.strip(), program.log.strip()
+
+
+async def test_an_arm_is_commanded_from_a_terminal(resting: Workbench) -> None:
+    async with measuring(resting) as (listener, _, _):
+        status, output, _ = await told(resting, "label", "bar", "1")
+        assert (status, output) == (0, "label: bar 1")
+        status, output, _ = await told(resting, "point", "--samples", "5", "--json")
+        assert status == 0
+        point = json.loads(output)
+        assert point["label"] == {"artefact": "bar", "feature": "1"}
+        assert point["samples"] == 5
+        # The only arm that is on line need not be named.
+        assert await told(resting, "label", by_name=False) == (
+            0,
+            "points have no label",
+            "",
+        )
+        status, output, _ = await told(resting, "point")
+        assert status == 0
+        assert "point     1" in output
+        assert output.endswith(" mm")
+        assert (await told(resting, "undo"))[0] == 0
+        assert [p.retracts for p in listener.points] == [
+            None,
+            None,
+            listener.points[1].id,
+        ]
+        status, output, _ = await told(resting, "scan", "start", "--rate-hz", "50")
+        assert output.endswith("is running")
+        assert (await told(resting, "scan", "stop"))[1] == "no scan is running"
+        await listener.scan_ended(output.split()[1])
+        status, output, _ = await told(resting, "session", "--note", "second shift")
+        assert output != listener.points[0].session
+        assert (await told(resting, "align", "--clear", by_name=False))[0] == 0
+        assert (await told(resting, "reload"))[1].startswith("model ")
+        assert (await told(resting, "confirm"))[1] == "nothing was in doubt"
+        status, _, errors = await told(resting, "probe", "use", "ruby")
+        assert status == 2
+        assert "names no probe library" in errors
+
+
+async def test_refusals_say_what_is_wrong(resting: Workbench) -> None:
+    async with measuring(resting):
+        status, _, errors = await told(resting, "undo")
+        assert (status, errors.count("\n")) == (2, 0)
+        assert "Traceback" not in errors
+        status, _, errors = await told(resting, "confirm", "--at", "1,2")
+        assert status == 2
+        assert "expected x,y,z in mm" in errors
+        assert (await told(resting, "scan", "go"))[0] == 2
+        assert (await told(resting, "point", "--samples", "2", "--seconds", "1"))[
+            0
+        ] == 2
+    resting.host, resting.port = HOST, free_port()
+    status, _, errors = await told(resting, "point")
+    assert status == 3
+    assert "broker" in errors
+
+
+async def test_points_are_in_doubt_after_a_loss_of_power_until_confirmed(
+    resting: Workbench,
+) -> None:
+    async with measuring(resting) as (listener, simulator, _):
+        status, _, errors = await told(resting, "point")
+        assert (status, errors) == (0, "")
+        await resting.kill_simulator(simulator)
+        await listener.event("device.lost", active=True)
+        with resting.simulator("simulator-again") as again:
+            doubt = await listener.event(DOUBT, active=True)
+            assert doubt.severity == "error"
+            assert "base has been without power" in doubt.text
+            await listener.ready()
+            status, output, _ = await told(resting, "point")
+            assert status == 1
+            assert "turns_uncertain" in output
+            x_mm, y_mm, z_mm = listener.points[0].xyz_mm
+            status, _, errors = await told(
+                resting, "confirm", "--at", f"{x_mm + 5.0},{y_mm},{z_mm}"
+            )
+            assert status == 2
+            assert "5.000 mm from the known point" in errors
+            here = f"{x_mm},{y_mm},{z_mm}"
+            status, output, _ = await told(resting, "confirm", "--at", here)
+            assert (status, output) == (0, "confirmed: base")
+            await listener.event(DOUBT, active=False)
+            assert (await told(resting, "point"))[0] == 0
+            assert await again.stop() == 0
+    flags = [p.quality.flags for p in listener.points]
+    assert flags == [(), ("turns_uncertain",), ()]
+
+
+async def test_power_lost_while_the_daemon_was_away_is_noticed(
+    resting: Workbench,
+) -> None:
+    async with measuring(resting):
+        pass  # its folder knows the board's power-up now
+    async with measuring(resting) as (listener, _, _):
+        await until(
+            lambda: any(e.code == DOUBT for e in listener.events), "the new power-up"
+        )
+        assert await told(resting, "confirm") == (0, "confirmed: base", "")
