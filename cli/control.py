@@ -72,6 +72,7 @@ def scan(
         float | None,
         typer.Option(min=1e-6, help="A point after each such distance [mm] instead."),
     ] = None,
+    as_json: AsJson = False,
     broker: BrokerOptions,
 ) -> None:
     """Start a scan, or stop the running one.
@@ -80,7 +81,7 @@ def scan(
     """
     if action == "stop":
         _send("scan", arm, broker, lambda it: it.stop_scan())
-        typer.echo("no scan is running")
+        _show({"scan": None}, "no scan is running", as_json=as_json)
     elif action == "start":
         mode: ScanMode = "time" if spacing_mm is None else "distance"
         started = _send(
@@ -89,7 +90,9 @@ def scan(
             broker,
             lambda it: it.start_scan(mode, rate_hz=rate_hz, spacing_mm=spacing_mm),
         )
-        typer.echo(f"scan {started.scan} is running")
+        _show(
+            {"scan": started.scan}, f"scan {started.scan} is running", as_json=as_json
+        )
     else:
         refuse("scan", f"{action!r} is neither start nor stop")
 
@@ -102,6 +105,7 @@ def label(
     feature: Annotated[str | None, typer.Argument(help="Which part of it.")] = None,
     *,
     arm: ArmName = None,
+    as_json: AsJson = False,
     broker: BrokerOptions,
 ) -> None:
     """Say what the next points are taken on.
@@ -110,7 +114,8 @@ def label(
     """
     _send("label", arm, broker, lambda it: it.label(artefact, feature))
     names = " ".join(filter(None, (artefact, feature)))
-    typer.echo(f"label: {names}" if names else "points have no label")
+    told = f"label: {names}" if names else "points have no label"
+    _show({"artefact": artefact, "feature": feature}, told, as_json=as_json)
 
 
 @with_broker
@@ -118,13 +123,15 @@ def session(
     *,
     arm: ArmName = None,
     note: Annotated[str | None, typer.Option(help="Kept with the session.")] = None,
+    as_json: AsJson = False,
     broker: BrokerOptions,
 ) -> None:
     """Begin a new session: points are numbered from 0 again.
 
     Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
     """
-    typer.echo(_send("session", arm, broker, lambda it: it.new_session(note)))
+    begun = _send("session", arm, broker, lambda it: it.new_session(note))
+    _show({"session": begun}, begun, as_json=as_json)
 
 
 @with_broker
@@ -132,6 +139,7 @@ def use_probe(
     name: Annotated[str, typer.Argument(help="Name in the arm's probe library.")],
     *,
     arm: ArmName = None,
+    as_json: AsJson = False,
     broker: BrokerOptions,
 ) -> None:
     """Measure with another probe of the library.
@@ -139,17 +147,20 @@ def use_probe(
     Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
     """
     model = _send("probe use", arm, broker, lambda it: it.probe(name))
-    typer.echo(f"probe {name}, model {model[:12]}")
+    told = f"probe {name}, model {model[:12]}"
+    _show({"probe": name, "model": model}, told, as_json=as_json)
 
 
 @with_broker
-def reload(*, arm: ArmName = None, broker: BrokerOptions) -> None:
+def reload(
+    *, arm: ArmName = None, as_json: AsJson = False, broker: BrokerOptions
+) -> None:
     """Have the daemon read arm file and configuration again.
 
     Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
     """
     model = _send("reload", arm, broker, lambda it: it.reload())
-    typer.echo(f"model {model[:12]}")
+    _show({"model": model}, f"model {model[:12]}", as_json=as_json)
 
 
 @with_broker
@@ -163,6 +174,7 @@ def confirm(
     tolerance_mm: Annotated[
         float, typer.Option(min=1e-6, help="How far from there it may be [mm].")
     ] = 1.0,
+    as_json: AsJson = False,
     broker: BrokerOptions,
 ) -> None:
     """Accept the positions of the encoders after a loss of power.
@@ -176,8 +188,8 @@ def confirm(
     devices = _send(
         "confirm", arm, broker, lambda it: it.confirm_reference(known_mm, tolerance_mm)
     )
-    told = ", ".join(devices)
-    typer.echo(f"confirmed: {told}" if told else "nothing was in doubt")
+    told = f"confirmed: {', '.join(devices)}" if devices else "nothing was in doubt"
+    _show({"confirmed": devices}, told, as_json=as_json)
 
 
 def clear_alignment(arm: str | None, broker: BrokerOptions) -> None:
@@ -229,9 +241,11 @@ def _place(text: str) -> tuple[float, float, float]:
 
 
 def _show_point(taken: "Point", *, as_json: bool) -> None:
-    if as_json:
-        typer.echo(json.dumps(taken.model_dump(mode="json", by_alias=True)))
-        return
     from traverse.cli.message_lines import line  # noqa: PLC0415 - keeps --help quick
 
-    typer.echo(line(taken.arm, taken))
+    values = taken.model_dump(mode="json", by_alias=True)
+    _show(values, line(taken.arm, taken), as_json=as_json)
+
+
+def _show(values: dict[str, Any], told: str, *, as_json: bool) -> None:
+    typer.echo(json.dumps(values) if as_json else told)

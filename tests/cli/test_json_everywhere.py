@@ -43,6 +43,11 @@ ELSEWHERE = {
     "microscribe arm-file": "tests/cli/test_microscribe.py",
     **dict.fromkeys(("can scan", "can preset"), "tests/cli/test_can.py"),
     **dict.fromkeys(
+        ("point", "undo", "scan", "label", "session", "reload", "confirm"),
+        "tests/end_to_end/cli/test_control.py",
+    ),
+    "probe use": "tests/end_to_end/cli/test_control.py",
+    **dict.fromkeys(
         ("amt21 scan", "amt21 zero", "amt21 reset"),
         "tests/cli/test_amt21.py",
     ),
