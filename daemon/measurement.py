@@ -356,7 +356,9 @@ class Measurement:
         poses = self.pipeline.poses(samples, temperature_c)
         if error_bounds_counts is not None:
             self.skew.flag_block(model, poses, error_bounds_counts)
-        self.quality.flag_block(model, poses, temperature_c)
+        self.quality.flag_block(
+            model, poses, temperature_c, is_scanning=self.scanner.is_running
+        )
         taken_ns = self.clock.running.monotonic_ns() - samples.received_ns
         self.sinks.latencies["sample_to_pose"].add(taken_ns)
         self.trajectory.add(poses)

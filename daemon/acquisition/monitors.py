@@ -104,17 +104,19 @@ class DeviceStateTracker:
 
     def on_alarm(self, device: Device, alarm: DeviceAlarm) -> None:
         """A condition of the device begins or ends."""
-        source = device.section.id
+        source, joint = device.section.id, None
         if alarm.channel is not None:
+            joint = self._pipeline.model.joint_of(source, alarm.channel)
             source = f"{source}/{alarm.channel}"
         value = f" (value {alarm.value})" if alarm.value else ""
+        text = f"{alarm.text}{value}" if alarm.raised else f"ended: {alarm.text}"
         self._events.change(
             alarm.raised,
             "error",
             f"alarm.{alarm.code}",
-            f"{alarm.text}{value}",
+            text if joint is None else f"{joint}: {text}",
             source=source,
-            remedy=alarm.remedy,
+            remedy=alarm.remedy if alarm.raised else "",
         )
 
     def on_fault(self, device: Device, fault: DeviceFault) -> None:

@@ -191,6 +191,13 @@ class ArmModel:
         """Ids of the devices that read joints, in the order of the joints."""
         return tuple(dict.fromkeys(self.joint_devices))
 
+    def joint_of(self, device: str, channel: int) -> str | None:
+        """The name of the joint that a channel reads; None where there is none."""
+        for joint, of in enumerate(self.joint_devices):
+            if of == device and self.channels[joint] == channel:
+                return self.effects.joint_names[joint]
+        return None
+
     @property
     def per_count_rad(self) -> Floats:
         """By how much a count changes each reading, (n_joints,)."""

@@ -31,6 +31,7 @@ class PoseLimits:
         self._overspeed_mm_s = section.overspeed_mm_s
         joints = {name: joint for joint, name in enumerate(model.effects.joint_names)}
         stops = [stop for stop in section.end_stops if stop.joint in joints]
+        self._stopped_names = [stop.joint for stop in stops]
         self._stopped = np.array([joints[stop.joint] for stop in stops], np.intp)
         self._low_rad = np.array([stop.low_rad + stop.margin_rad for stop in stops])
         self._high_rad = np.array([stop.high_rad - stop.margin_rad for stop in stops])
@@ -48,15 +49,24 @@ class PoseLimits:
         """Flags by readings (n, n_joints) alone, (n,)."""
         quality = np.zeros(len(angles_rad), np.uint32)
         if len(self._stopped):
-            turned_rad = angles_rad[:, self._stopped]
-            near = (turned_rad < self._low_rad) | (turned_rad > self._high_rad)
-            quality |= near.any(axis=1) * np.uint32(QualityFlag.END_STOP)
+            near = self._near_stops(angles_rad).any(axis=1)
+            quality |= near * np.uint32(QualityFlag.END_STOP)
         if self._singular is not None:
             moves = probe_derivatives(self._geometry, angles_rad).by_angles
             limit_mm = self._singular * self._reach_mm
             singular = _is_below(moves, limit_mm)
             quality |= singular * np.uint32(QualityFlag.SINGULAR)
         return quality
+
+    def joints_near_stops(self, angles_rad: Floats) -> str:
+        """Names of the joints that are, in any of (n, n_joints) readings."""
+        near = self._near_stops(angles_rad).any(axis=0)
+        return ", ".join(np.array(self._stopped_names)[near])
+
+    def _near_stops(self, angles_rad: Floats) -> Booleans:
+        turned_rad = angles_rad[:, self._stopped]
+        near: Booleans = turned_rad < self._low_rad
+        return near | (turned_rad > self._high_rad)
 
     def flags_of_speed(self, speed_mm_s: Floats) -> Bits:
         """Flags by speeds (n,), (n,); an unknown one is NaN."""

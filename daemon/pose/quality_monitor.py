@@ -182,9 +182,17 @@ class QualityMonitor:
         self.use(self._section, model)
 
     def flag_block(
-        self, model: ArmModel, poses: PoseBlock, temperature_c: float | None
+        self,
+        model: ArmModel,
+        poses: PoseBlock,
+        temperature_c: float | None,
+        *,
+        is_scanning: bool = True,
     ) -> None:
-        """Flag the poses of a block, in place."""
+        """Flag the poses of a block, in place.
+
+        An arm that is only moved may be fast: its speed is reported in a scan alone.
+        """
         if model is not self._model:
             self.use_model(model)
         persistent = self.persistent.bits(temperature_c) | self.references.bits
@@ -199,8 +207,10 @@ class QualityMonitor:
             flags |= int(np.bitwise_or.reduce(found))
         if persistent:
             np.bitwise_or(poses.quality, np.uint32(persistent), out=poses.quality)
+        if not is_scanning:
+            flags &= ~QualityFlag.OVERSPEED
         if flags != self._last_flags:
-            self._report(flags)
+            self._report(flags, poses)
 
     def with_flags(
         self,
@@ -221,11 +231,13 @@ class QualityMonitor:
         return replace(pose, quality=pose.quality | found)
 
     def check(self, quality: int) -> None:
-        """Refuse a point with flags that must not be.
+        """Refuse a point with flags that must not be; report one that was too fast.
 
         Raises:
             CaptureRefusedError: saying which.
         """
+        if quality & QualityFlag.OVERSPEED:
+            self._report_momentary(QualityFlag.OVERSPEED)
         refused = quality & self._refused
         if refused:
             names = ", ".join(flag_names(refused))
@@ -237,17 +249,23 @@ class QualityMonitor:
                 "; ".join(remedies) or "see the device's events",
             )
 
-    def _report(self, flags: int) -> None:
+    def _report_momentary(self, flag: QualityFlag, joints: str = "") -> None:
+        self._events.report(
+            "warning",
+            MOMENTARY[flag],
+            f"{joints}: {FLAG_MEANINGS[flag]}" if joints else FLAG_MEANINGS[flag],
+            source="quality",
+            remedy=REMEDIES[flag],
+        )
+
+    def _report(self, flags: int, poses: PoseBlock) -> None:
         changed, self._last_flags = flags ^ self._last_flags, flags
-        for flag, code in MOMENTARY.items():
+        for flag in MOMENTARY:
             if changed & flags & flag:
-                self._events.report(
-                    "warning",
-                    code,
-                    FLAG_MEANINGS[flag],
-                    source="quality",
-                    remedy=REMEDIES[flag],
-                )
+                joints = ""
+                if flag is QualityFlag.END_STOP:
+                    joints = self._limits.joints_near_stops(poses.angles_rad)
+                self._report_momentary(flag, joints)
         for flag, code in LASTING.items():
             if changed & flag:
                 passed = bool(flags & flag)

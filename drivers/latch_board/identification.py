@@ -6,6 +6,18 @@ from traverse.protocol import latch_board as wire
 JITTER_NS = 50_000  # of the mapped time; see benchmarks/drivers/clock.py
 MIN_TICK_RATE_HZ, MAX_TICK_RATE_HZ = 100_000, 100_000_000
 
+REMEDIES = {
+    1: "clean the encoder's scale; check its distance, its plug and its supply",
+    2: "do not measure; clean the encoder's scale, check its plug and its supply",
+    3: "move slower; then touch a known point before you measure on",
+    4: "check the supply of the board and its cable",
+    5: "wait until the board is as warm as it may be; check its cooling",
+    6: "lower the rate, or raise baud_rate of the device",
+    7: "press again: these presses took no points",
+    8: "check the encoder's plug and cable",
+}
+"""What to do about each alarm of the board; texts are in `wire.ALARMS`."""
+
 
 def check_identification(hello: wire.Hello, path: str) -> None:
     """Refuse a board with contradictory properties.
@@ -66,5 +78,5 @@ def device_alarm(device: str, alarm: wire.Alarm) -> DeviceAlarm:
         alarm.code,
         text,
         alarm.value,
-        "see the table of alarms in docs/serial-protocol.md",
+        REMEDIES.get(alarm.code, "look the number up in the manual of the board"),
     )

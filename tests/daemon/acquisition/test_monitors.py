@@ -91,9 +91,11 @@ async def test_alarms_are_raised_and_cleared_with_their_channel(bench):
         ("alarm.1", "base/1", False),
         ("alarm.node_lost", "base/2", True),
     ]
-    assert "350" in bench.events[0].text
+    # The joint is named: channel 1 is J3's, channel 2 is J1's.
+    assert bench.events[0].text == "J3: encoder signal weak (value 350)"
+    assert bench.events[2].text == "J3: ended: encoder signal weak"
     named = bench.events[-1]
-    assert (named.text, named.remedy) == ("node 5 is silent", "look at it")
+    assert (named.text, named.remedy) == ("J1: node 5 is silent", "look at it")
 
 
 WARM = """

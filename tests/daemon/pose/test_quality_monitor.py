@@ -58,6 +58,7 @@ def test_a_passed_limit_is_told_when_it_is_passed(model):
     bench.block(1.5)
     bench.block(0.5)
     assert bench.codes() == [("limit.end_stop", None)]
+    assert bench.events[0].text.startswith("J1: ")
     assert bench.events[0].remedy
 
 
@@ -139,3 +140,16 @@ def test_speed_is_marked_in_a_stream(model):
     unknown, fast = QualityFlag.MOTION_UNKNOWN, QualityFlag.OVERSPEED
     assert block.quality.tolist() == [unknown] * 5 + [fast] * 25
     assert np.unique(block.quality[5:]).tolist() == [fast]
+
+
+def test_an_arm_that_is_only_moved_may_be_fast(model):
+    bench = Bench(model, overspeed_mm_s=100.0)
+    block = bench.poses.block(range(30))
+    bench.watch.flag_block(model, block, None, is_scanning=False)
+    assert block.quality[-1] == QualityFlag.OVERSPEED  # flagged all the same
+    assert bench.codes() == []
+    bench.watch.check(int(QualityFlag.OVERSPEED))  # a point is taken
+    assert bench.codes() == [("limit.overspeed", None)]
+    bench.clock.now_ns += 10**10
+    bench.watch.flag_block(model, bench.poses.block(range(30, 60)), None)
+    assert bench.codes() == [("limit.overspeed", None)] * 2
