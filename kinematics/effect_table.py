@@ -36,6 +36,8 @@ class Family(Enum):
 
 # Families that depend on when, how warm or how fast, rather than on where.
 _NOT_OF_POSES = (Family.WARM, Family.SLOW, Family.MOVING, Family.LENGTH)
+# Keys that are given beforehand, not estimated, in the order in which they are named.
+_FIXED = ("component", "order", "at_s", "artefact", "covariate", "knots")
 # The least order at which an error motion, or a harmonic, is no other kind.
 _FIRST_ORDER = 2
 
@@ -104,6 +106,16 @@ class EffectKind:
     def has_order(self) -> bool:
         """Whether it is one of several orders."""
         return "order" in self.keys
+
+    @property
+    def fixed(self) -> tuple[str, ...]:
+        """Keys that are given beforehand: which order, which moment."""
+        return tuple(key for key in (*_FIXED, *self.most) if key in self.keys)
+
+    @property
+    def sizes(self) -> tuple[str, ...]:
+        """Keys that are estimated."""
+        return tuple(key for key in self.keys if key not in self.fixed)
 
     @property
     def vectors(self) -> tuple[str, ...]:

@@ -72,6 +72,9 @@ def test_nobody_takes_a_kind_to_pieces(part):
 
 def test_rows_are_those_of_the_classes():
     assert list(EFFECT_KINDS) == list(EFFECTS)
+    laws = ROOT / "kinematics" / "effects"
+    files = {path.stem for folder in laws.iterdir() for path in folder.glob("*.py")}
+    assert files >= set(EFFECT_KINDS)
 
 
 @pytest.mark.parametrize("kind", EFFECT_KINDS)

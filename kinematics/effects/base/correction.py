@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 import numpy as np
 
 from traverse.arrays import Booleans, Floats
+from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.covariate import Need
@@ -53,33 +54,51 @@ class Correction(ABC):
     Attributes:
         joints: The affected joints, counted from 0; empty where there are none.
         values: Of the parameters, in the order of `parameters`.
+        variety: What tells it from others of its kind on the same joint.
     """
 
     joints: slice
     values: tuple[float, ...]
+    variety: tuple[str, ...] = ()
 
     kind: ClassVar[str]
     uses_gravity: ClassVar[bool] = False
 
     @classmethod
-    @abstractmethod
     def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
         """Build it from an entry of `[[effects]]`."""
+        row, given = EFFECT_KINDS[cls.kind], effect.values
+        values: list[float] = []
+        for key in row.sizes:
+            values += given[key] if isinstance(given[key], tuple) else [given[key]]
+        return cls(
+            joints=slice(0, 0) if row.joint == "absent" else setting.joints(effect),
+            values=tuple(values),
+            variety=tuple(_shown(k, given[k]) for k in row.fixed if k != "knots"),
+            **cls.surroundings(effect, setting),
+        )
+
+    @classmethod
+    def surroundings(cls, effect: "Effect", setting: EffectContext) -> dict[str, Any]:
+        """Take what a class has besides from the entry and the arm."""
+        del effect, setting
+        return {}
 
     @property
-    @abstractmethod
     def parameters(self) -> tuple[str, ...]:
         """Keys of the arm file, `.x .y .z` or `.1 .2 ...` for parts of arrays."""
+        row = EFFECT_KINDS[self.kind]
+        parts = dict.fromkeys(row.vectors, ("x", "y", "z"))
+        return tuple(
+            f"{key}.{part}" if part else key
+            for key in row.sizes
+            for part in parts.get(key, ("",))
+        )
 
     @property
     def affected(self) -> range:
         """The affected joints one by one."""
         return range(self.joints.start, self.joints.stop)
-
-    @property
-    def variety(self) -> tuple[str, ...]:
-        """What tells it from others of its kind on the same joint."""
-        return ()
 
     @property
     def needs(self) -> tuple[Need, ...]:
@@ -171,6 +190,12 @@ class ContactCorrection(Correction):
     def amount(self, contact: "Contact") -> Floats:
         """The shift of the ball's centre in mm, (3, n_samples)."""
         return weighted_sum(self.values, self.derivatives(contact))
+
+
+def _shown(key: str, value: object) -> str:
+    """Say a key that is given beforehand in the name of an effect."""
+    text = f"{value:g}" if isinstance(value, float) else str(value)
+    return f"{text}s" if key == "at_s" else text
 
 
 def weighted_sum(values: tuple[float, ...], amounts: Floats) -> Floats:

@@ -6,7 +6,7 @@ Off-line only: the arm's points do not depend on it, so it corrects no pose.
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.correction import Correction
@@ -24,26 +24,7 @@ class ArtefactLength(Correction):
     kind: ClassVar[str] = "artefact_length"
 
     @classmethod
-    def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
-        """Build it from an entry of `[[effects]]`."""
+    def surroundings(cls, effect: "Effect", setting: EffectContext) -> dict[str, Any]:
+        """Take the standard."""
         del setting
-        values = effect.values
-        return cls(
-            joints=slice(0, 0),
-            values=(values["error_ppm"],),
-            artefact=values["artefact"],
-        )
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """The one key of the arm file."""
-        return ("error_ppm",)
-
-    @property
-    def variety(self) -> tuple[str, ...]:
-        """The standard."""
-        return (self.artefact,)
-
-    def true_length_mm(self, certified_mm: float) -> float:
-        """Correct a certified length."""
-        return certified_mm * (1.0 + 1e-6 * self.values[0])
+        return {"artefact": effect.values["artefact"]}

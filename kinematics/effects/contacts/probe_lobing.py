@@ -22,7 +22,6 @@ class ProbeLobing(Touching):
     """Three lobes; the one kind whose second value does not enter linearly."""
 
     kind: ClassVar[str] = "probe_lobing"
-    names: ClassVar[tuple[str, ...]] = ("amplitude_mm", "phase_rad")
 
     def derivatives(self, contact: Contact) -> Floats:
         """For the amplitude and for the phase, (2, 3, n_samples)."""

@@ -20,7 +20,6 @@ class ProbeRadius(Touching):
     """The same in all directions."""
 
     kind: ClassVar[str] = "probe_radius"
-    names: ClassVar[tuple[str, ...]] = ("radius_error_mm",)
 
     def derivatives(self, contact: Contact) -> Floats:
         """Towards the material, (1, 3, n_samples)."""

@@ -22,7 +22,6 @@ class StylusBending(Touching):
     """The ball is pushed away from the material."""
 
     kind: ClassVar[str] = "stylus_bending"
-    names: ClassVar[tuple[str, ...]] = ("compliance_mm_n",)
 
     def derivatives(self, contact: Contact) -> Floats:
         """The force across the shank in N, (1, 3, n_samples)."""

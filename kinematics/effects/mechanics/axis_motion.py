@@ -4,17 +4,19 @@ cos (3) cos(order theta) + sin (3) sin(order theta), turned by P_(k-1)
 """
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from traverse.arrays import Floats
+from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.correction import BodyCorrection
 from traverse.kinematics.effects.base.posture import Posture
 from traverse.kinematics.kernel.terms import Form, Term
 from traverse.kinematics.model.geometry import Geometry, across
 
-_COMPONENTS = ("x", "y", "z")
+if TYPE_CHECKING:
+    from traverse.kinematics.arm_file.arm import Effect
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,13 +31,15 @@ class AxisMotion(BodyCorrection):
     order: int
     is_along: bool
 
-    vectors: ClassVar[tuple[str, str]]
     form: ClassVar[Form]
 
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Components of the two keys of the arm file."""
-        return tuple(f"{key}.{xyz}" for key in self.vectors for xyz in _COMPONENTS)
+    @classmethod
+    def surroundings(cls, effect: "Effect", setting: EffectContext) -> dict[str, Any]:
+        """Take the order and the component."""
+        del setting
+        values = effect.values
+        is_along = values.get("component") == "axial"
+        return {"order": values["order"], "is_along": is_along}
 
     def free_directions(self, geometry: Geometry) -> Floats:
         """Across the axis, (6, 4), or along it, (6, 2)."""

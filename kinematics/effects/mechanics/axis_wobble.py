@@ -6,15 +6,11 @@ The body carried by the joint turns additionally by w about the joint's origin.
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import ClassVar
 
-from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.correction import Target
 from traverse.kinematics.effects.mechanics.axis_motion import AxisMotion
 from traverse.kinematics.kernel.terms import Form
-
-if TYPE_CHECKING:
-    from traverse.kinematics.arm_file.arm import Effect
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,21 +19,4 @@ class AxisWobble(AxisMotion):
 
     kind: ClassVar[str] = "axis_wobble"
     target: ClassVar[Target] = Target.TILT
-    vectors: ClassVar[tuple[str, str]] = ("cos_rad", "sin_rad")
     form: ClassVar[Form] = Form.TILT_WAVE
-
-    @classmethod
-    def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
-        """Build it from an entry of `[[effects]]`."""
-        values = effect.values
-        return cls(
-            joints=setting.joints(effect),
-            values=(*values["cos_rad"], *values["sin_rad"]),
-            order=values["order"],
-            is_along=False,
-        )
-
-    @property
-    def variety(self) -> tuple[str, ...]:
-        """The order."""
-        return (str(self.order),)

@@ -1,50 +1,54 @@
 """Motions of x_0 in time: three values, the components of a vector."""
 
-from abc import abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from traverse.arrays import Floats
+from traverse.arrays import Booleans, Floats
 from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.effects.base.correction import BodyCorrection, Target
+from traverse.kinematics.effects.base.context import EffectContext
+from traverse.kinematics.effects.base.correction import BodyCorrection, FlagName, Target
 from traverse.kinematics.effects.base.covariate import Covariate, Need
-from traverse.kinematics.effects.base.epochs import DriftTime, StepTime
+from traverse.kinematics.effects.base.epochs import EffectTime
 from traverse.kinematics.effects.base.posture import Posture
 from traverse.kinematics.kernel.terms import Form, Term
+
+if TYPE_CHECKING:
+    from traverse.kinematics.arm_file.arm import Effect
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BaseMotion(BodyCorrection):
     """x_0 moves by a vector times something of time."""
 
-    time: DriftTime | StepTime
+    time: EffectTime
 
     target: ClassVar[Target] = Target.BASE
-    key: ClassVar[str]
+    clock: ClassVar[type[EffectTime]]
 
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Components of the key of the arm file."""
-        return tuple(f"{self.key}.{xyz}" for xyz in "xyz")
+    @classmethod
+    def surroundings(cls, effect: "Effect", setting: EffectContext) -> dict[str, Any]:
+        """Take the time."""
+        return {"time": cls.clock.from_file(effect, setting)}
 
     @property
     def needs(self) -> tuple[Need, ...]:
         """The time."""
         return (Need(Covariate.UTC),)
 
-    @abstractmethod
-    def course(self, block: Block) -> Floats:
-        """What the vector is multiplied by, (n_samples,)."""
+    def flags(self, block: Block) -> Iterator[tuple[FlagName, Booleans]]:
+        """Those of the time."""
+        return self.time.flags(block)
 
     def unit_amounts(self, posture: Posture) -> Floats:
-        """The course in each component, (3, 3, n_samples)."""
-        return np.eye(3)[:, :, np.newaxis] * self.course(posture.block)
+        """What the time says, in each component, (3, 3, n_samples)."""
+        return np.eye(3)[:, :, np.newaxis] * self.time.amounts(posture.block)
 
     def amount(self, posture: Posture) -> Floats:
         """The same without the zeros between, (3, n_samples)."""
-        return np.array(self.values)[:, np.newaxis] * self.course(posture.block)
+        return np.array(self.values)[:, np.newaxis] * self.time.amounts(posture.block)
 
     @property
     def terms(self) -> tuple[Term, ...]:

@@ -4,41 +4,15 @@ The moment is not a parameter: nothing can be differentiated for it. It is scann
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import ClassVar
 
-from traverse.arrays import Floats
-from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.effects.base.context import EffectContext
-from traverse.kinematics.effects.base.epochs import StepTime
+from traverse.kinematics.effects.base.epochs import EffectTime, StepTime
 from traverse.kinematics.effects.mechanics.base_motion import BaseMotion
-
-if TYPE_CHECKING:
-    from traverse.kinematics.arm_file.arm import Effect
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BaseStep(BaseMotion):
-    """Nothing before the moment, all of it from there on."""
-
-    time: StepTime
+    """Nothing before the moment, all of it from there on; it may be knocked again."""
 
     kind: ClassVar[str] = "base_step"
-    key: ClassVar[str] = "step_mm"
-
-    @classmethod
-    def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
-        """Build it from an entry of `[[effects]]`."""
-        return cls(
-            joints=slice(0, 0),
-            values=effect.values[cls.key],
-            time=StepTime.from_file(effect, setting),
-        )
-
-    @property
-    def variety(self) -> tuple[str, ...]:
-        """The moment: a mount may be knocked more than once."""
-        return (f"{self.time.at_s:g}s",)
-
-    def course(self, block: Block) -> Floats:
-        """0 or 1, (n_samples,)."""
-        return self.time.has_occurred(block)
+    clock: ClassVar[type[EffectTime]] = StepTime

@@ -7,7 +7,7 @@ is no element: it does not grow.
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from traverse.arrays import Floats
 from traverse.kinematics.effects.base.context import EffectContext
@@ -30,18 +30,10 @@ class ThermalExpansion(BodyCorrection):
     target: ClassVar[Target] = Target.GROWTH
 
     @classmethod
-    def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
-        """Build it from an entry of `[[effects]]`."""
-        return cls(
-            joints=setting.joints(effect),
-            values=(effect.values["expansion_per_c"],),
-            reference_c=setting.reference_temperature_c,
-        )
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """The one key of the arm file."""
-        return ("expansion_per_c",)
+    def surroundings(cls, effect: "Effect", setting: EffectContext) -> dict[str, Any]:
+        """Take the reference temperature."""
+        del effect
+        return {"reference_c": setting.reference_temperature_c}
 
     @property
     def needs(self) -> tuple[Need, ...]:

@@ -23,7 +23,6 @@ class Backlash(SingleRate):
     """Half the play, with the sign of the last motion."""
 
     kind: ClassVar[str] = "backlash"
-    key: ClassVar[str] = "half_width_rad"
 
     @property
     def needs(self) -> tuple[Need, ...]:

@@ -6,55 +6,15 @@ The moment is not a parameter: nothing can be differentiated for it. It is scann
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import ClassVar
 
-from traverse.arrays import Floats
-from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.effects.base.context import EffectContext
-from traverse.kinematics.effects.base.covariate import Covariate, Need
-from traverse.kinematics.effects.base.epochs import StepTime
-from traverse.kinematics.effects.readings.single_rate import SingleRate
-from traverse.kinematics.kernel.terms import Quantity
-from traverse.kinematics.model.geometry import Geometry
-
-if TYPE_CHECKING:
-    from traverse.kinematics.arm_file.arm import Effect
+from traverse.kinematics.effects.base.epochs import EffectTime, StepTime
+from traverse.kinematics.effects.readings.single_rate import TimedReading
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CountSlip(SingleRate):
-    """Nothing before the moment, all of it from there on."""
-
-    time: StepTime
+class CountSlip(TimedReading):
+    """Nothing before the moment, all of it from there on; a joint may slip again."""
 
     kind: ClassVar[str] = "count_slip"
-    key: ClassVar[str] = "step_rad"
-
-    @classmethod
-    def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
-        """Build it from an entry of `[[effects]]`."""
-        return cls(
-            joints=setting.joints(effect),
-            values=(effect.values[cls.key],),
-            time=StepTime.from_file(effect, setting),
-        )
-
-    @property
-    def variety(self) -> tuple[str, ...]:
-        """The moment: a joint may slip more than once."""
-        return (f"{self.time.at_s:g}s",)
-
-    @property
-    def needs(self) -> tuple[Need, ...]:
-        """The time."""
-        return (Need(Covariate.UTC),)
-
-    def regressor(self, geometry: Geometry, block: Block) -> Floats:
-        """0 or 1, (1, n_samples)."""
-        del geometry
-        return self.time.has_occurred(block)[None]
-
-    def quantity(self, joint: int) -> Quantity:
-        """0 or 1."""
-        del joint
-        return self.time.quantity
+    clock: ClassVar[type[EffectTime]] = StepTime

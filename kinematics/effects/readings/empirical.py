@@ -8,7 +8,7 @@ the sample flagged `beyond_knots`. Every sample is flagged `empirical`.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -57,13 +57,11 @@ class Empirical(ReadingCorrection):
     """A spline of a covariate.
 
     Attributes:
-        covariate: As the arm file names it.
         knots: In the unit of the covariate.
         source: What the covariate needs; None for a reading.
         source_joint: Whose reading it is; None where `source` says it.
     """
 
-    covariate: str
     knots: tuple[float, ...]
     source: Need | None
     source_joint: int | None
@@ -71,29 +69,20 @@ class Empirical(ReadingCorrection):
     kind: ClassVar[str] = "empirical"
 
     @classmethod
-    def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
-        """Build it from an entry of `[[effects]]`."""
-        values = effect.values
-        covariate = values["covariate"]
+    def surroundings(cls, effect: "Effect", setting: EffectContext) -> dict[str, Any]:
+        """Find the covariate among those of the arm."""
+        covariate = effect.values["covariate"]
         source, source_joint = _source(covariate, setting)
-        return cls(
-            joints=setting.joints(effect),
-            values=values["values_rad"],
-            covariate=covariate,
-            knots=values["knots"],
-            source=source,
-            source_joint=source_joint,
-        )
+        return {
+            "knots": effect.values["knots"],
+            "source": source,
+            "source_joint": source_joint,
+        }
 
     @property
     def parameters(self) -> tuple[str, ...]:
         """The values at the knots, from 1."""
         return tuple(f"values_rad.{n}" for n in range(1, len(self.knots) + 1))
-
-    @property
-    def variety(self) -> tuple[str, ...]:
-        """The covariate."""
-        return (self.covariate,)
 
     @property
     def needs(self) -> tuple[Need, ...]:

@@ -14,8 +14,3 @@ class EncoderEccentricity(EncoderHarmonic):
     """The harmonic of order 1."""
 
     kind: ClassVar[str] = "encoder_eccentricity"
-
-    @property
-    def variety(self) -> tuple[str, ...]:
-        """None: a joint has one eccentricity."""
-        return ()

@@ -4,7 +4,7 @@ d_alpha = cos_rad cos(order alpha) + sin_rad sin(order alpha)
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -29,24 +29,10 @@ class EncoderHarmonic(ReadingCorrection):
     key: ClassVar[str] = "order"
 
     @classmethod
-    def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
-        """Build it from an entry of `[[effects]]`."""
-        values = effect.values
-        return cls(
-            joints=setting.joints(effect),
-            values=(values["cos_rad"], values["sin_rad"]),
-            order=values.get(cls.key, 1),
-        )
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Keys of the arm file."""
-        return "cos_rad", "sin_rad"
-
-    @property
-    def variety(self) -> tuple[str, ...]:
-        """The order."""
-        return (str(self.order),)
+    def surroundings(cls, effect: "Effect", setting: EffectContext) -> dict[str, Any]:
+        """Take the order."""
+        del setting
+        return {"order": effect.values.get(cls.key, 1)}
 
     def unit_amounts(self, geometry: Geometry, block: Block) -> Floats:
         """cos(order alpha) and sin(order alpha), (2, 1, n_samples)."""

@@ -21,7 +21,6 @@ class EncoderLatency(SingleRate):
     """Proportional to the speed, against it."""
 
     kind: ClassVar[str] = "encoder_latency"
-    key: ClassVar[str] = "latency_s"
     per_value: ClassVar[float] = -1.0
 
     @property

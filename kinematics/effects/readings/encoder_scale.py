@@ -20,7 +20,6 @@ class EncoderScale(SingleRate):
     """Proportional to the turn since the base posture."""
 
     kind: ClassVar[str] = "encoder_scale"
-    key: ClassVar[str] = "scale_ppm"
     per_value: ClassVar[float] = 1e-6
 
     def regressor(self, geometry: Geometry, block: Block) -> Floats:

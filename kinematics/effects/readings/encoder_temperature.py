@@ -6,7 +6,7 @@ T is the joint's own temperature where it is known, else the arm's.
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from traverse.arrays import Floats
 from traverse.kinematics.effects.base.block import Block
@@ -27,16 +27,12 @@ class EncoderTemperature(SingleRate):
     reference_c: float
 
     kind: ClassVar[str] = "encoder_temperature"
-    key: ClassVar[str] = "rate_rad_c"
 
     @classmethod
-    def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
-        """Build it from an entry of `[[effects]]`."""
-        return cls(
-            joints=setting.joints(effect),
-            values=(effect.values[cls.key],),
-            reference_c=setting.reference_temperature_c,
-        )
+    def surroundings(cls, effect: "Effect", setting: EffectContext) -> dict[str, Any]:
+        """Take the reference temperature."""
+        del effect
+        return {"reference_c": setting.reference_temperature_c}
 
     @property
     def needs(self) -> tuple[Need, ...]:

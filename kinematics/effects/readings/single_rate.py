@@ -1,15 +1,18 @@
 """Reading corrections of one parameter: d_alpha is it times some regressor."""
 
 from abc import abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from traverse.arrays import Floats
+from traverse.arrays import Booleans, Floats
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.context import EffectContext
-from traverse.kinematics.effects.base.correction import ReadingCorrection
+from traverse.kinematics.effects.base.correction import FlagName, ReadingCorrection
+from traverse.kinematics.effects.base.covariate import Covariate, Need
+from traverse.kinematics.effects.base.epochs import EffectTime
 from traverse.kinematics.kernel.terms import Form, Quantity, Term
 from traverse.kinematics.model.geometry import Geometry
 
@@ -21,18 +24,7 @@ if TYPE_CHECKING:
 class SingleRate(ReadingCorrection):
     """One value, the same for every joint that it belongs to."""
 
-    key: ClassVar[str]
     per_value: ClassVar[float] = 1.0  # regressor over quantity
-
-    @classmethod
-    def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
-        """Build it from an entry of `[[effects]]`."""
-        return cls(joints=setting.joints(effect), values=(effect.values[cls.key],))
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """The one key of the arm file."""
-        return (self.key,)
 
     @abstractmethod
     def regressor(self, geometry: Geometry, block: Block) -> Floats:
@@ -55,3 +47,36 @@ class SingleRate(ReadingCorrection):
             Term(form=form, joint=joint, values=values, of=self.quantity(joint))
             for joint in self.affected
         )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TimedReading(SingleRate):
+    """One reading that changes with time alone."""
+
+    time: EffectTime
+
+    clock: ClassVar[type[EffectTime]]
+
+    @classmethod
+    def surroundings(cls, effect: "Effect", setting: EffectContext) -> dict[str, Any]:
+        """Take the time."""
+        return {"time": cls.clock.from_file(effect, setting)}
+
+    @property
+    def needs(self) -> tuple[Need, ...]:
+        """The time."""
+        return (Need(Covariate.UTC),)
+
+    def flags(self, block: Block) -> Iterator[tuple[FlagName, Booleans]]:
+        """Those of the time."""
+        return self.time.flags(block)
+
+    def regressor(self, geometry: Geometry, block: Block) -> Floats:
+        """What the time says, (1, n_samples)."""
+        del geometry
+        return self.time.amounts(block)[None]
+
+    def quantity(self, joint: int) -> Quantity:
+        """What the time says."""
+        del joint
+        return self.time.quantity

@@ -18,8 +18,3 @@ class TransmissionError(EncoderHarmonic):
 
     kind: ClassVar[str] = "transmission_error"
     key: ClassVar[str] = "cycles"
-
-    @property
-    def variety(self) -> tuple[str, ...]:
-        """The cycles: a joint may have several stages of gears."""
-        return (f"{self.order:g}",)

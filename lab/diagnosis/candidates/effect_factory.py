@@ -6,7 +6,7 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Effect, effect_from_table
-from traverse.kinematics.effect_table import EFFECT_KINDS, EffectKind, Vector
+from traverse.kinematics.effect_table import EFFECT_KINDS, EffectKind
 from traverse.kinematics.model.geometry import across
 from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
@@ -29,13 +29,8 @@ def parameter_names(kind: str, component: str | None = None) -> tuple[str, ...]:
         return tuple(f"{_amplitude(row)}.{part}" for part in ("cos", "sin"))
     about_axis = "u" if component == "axial" else "vw"
     directions = about_axis if row.is_about_axis else "xyz"
-    names: list[str] = []
-    for key, of in row.keys.items():
-        if of is Vector:
-            names += [f"{key}.{direction}" for direction in directions]
-        elif of is float and key != "at_s" and key not in row.most:
-            names.append(key)
-    return tuple(names)
+    parts = {key: [f"{key}.{of}" for of in directions] for key in row.vectors}
+    return tuple(name for key in row.sizes for name in parts.get(key, [key]))
 
 
 def effect_of_candidate(

@@ -23,7 +23,6 @@ from traverse.kinematics.effects.arm_effects import effects_from_arm, effects_of
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.covariate import Covariate, Need
 from traverse.kinematics.effects.columns import columns
-from traverse.kinematics.effects.contacts.artefact_length import ArtefactLength
 from traverse.kinematics.effects.pose import corrected_pose
 from traverse.kinematics.model.forward import probe_pose
 
@@ -225,11 +224,3 @@ def test_parameters_have_names_of_their_own():
 def test_values_of_another_number_are_refused():
     with pytest.raises(ValueError, match=r"one for each of J3\.encoder_ecc"):
         ALL.with_values(np.zeros(3))
-
-
-def test_standard_that_is_off_by_parts_per_million():
-    (bar,) = effects_of(
-        ARM, (effect("artefact_length", artefact="bar", error_ppm=5.0),)
-    ).corrections
-    assert isinstance(bar, ArtefactLength)
-    assert bar.true_length_mm(800.0) == pytest.approx(800.004, abs=1e-12)
